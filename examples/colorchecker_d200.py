@@ -8,7 +8,7 @@ import photosite as ps
 from photosite.develop.color_matrix import fit_color_matrix
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
-from photosite.report.pictures import shrink
+from photosite.report.page import shrink
 from photosite.report.style import BLACK, GRAY, channel_style, styled
 from photosite.validation.charts import chart_xyz_d65
 

@@ -10,7 +10,7 @@ import pytest
 from page_reader import PageReader
 
 if TYPE_CHECKING:
-    from photosite.studies.closed_loop.study import ClosedLoop
+    from photosite.studies.closed_loop import ClosedLoop
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests" / "data"
@@ -56,7 +56,7 @@ def read_page() -> type[PageReader]:
 def loop() -> ClosedLoop:
     """A small virtual D200, measured and compared with its truth."""
     import photosite as ps
-    from photosite.studies.closed_loop.study import closed_loop
+    from photosite.studies.closed_loop import closed_loop
     from photosite.studies.protocol import ShootingProtocol, series
     from photosite.studies.virtual_lab import with_pedestal
 

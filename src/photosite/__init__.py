@@ -23,7 +23,7 @@ _MODULE_OF = {
     "LateralColor": "photosite.optics.distortion",
     "Lens": "photosite.optics.lens",
     "LensDesign": "photosite.optics.lens_design",
-    "Measured": "photosite.values.measured",
+    "Measured": "photosite.values.uncertain",
     "OtfTable": "photosite.optics.tables",
     "Plane": "photosite.scene.planes",
     "Planes": "photosite.scene.planes",
@@ -33,13 +33,13 @@ _MODULE_OF = {
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
     "Spectrum": "photosite.color.spectrum",
-    "VeilingGlare": "photosite.optics.veiling_glare",
+    "VeilingGlare": "photosite.optics.illumination",
     "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
-    "convert": "photosite.scene.io.files",
+    "convert": "photosite.scene.io.formats",
     "load_camera": "photosite.camera.file",
     "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
@@ -48,10 +48,10 @@ _MODULE_OF = {
     "open_spectral": "photosite.calibration.spectral.protocol",
     "read_lens_design": "photosite.optics.io.formats",
     "read_raw": "photosite.frames.io.read",
-    "read_scene": "photosite.scene.io.files",
+    "read_scene": "photosite.scene.io.formats",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
     "validate": "photosite.validation.validate",
-    "write_scene": "photosite.scene.io.files",
+    "write_scene": "photosite.scene.io.formats",
 }
 _MODULES = {
     "charts": "photosite.scene.charts",
@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from photosite.optics.distortion import LateralColor as LateralColor
     from photosite.optics.field_points import FieldPoints as FieldPoints
     from photosite.optics.illumination import IlluminationTable as IlluminationTable
+    from photosite.optics.illumination import VeilingGlare as VeilingGlare
     from photosite.optics.io.formats import load_optics as load_optics
     from photosite.optics.io.formats import read_lens_design as read_lens_design
     from photosite.optics.lens import Lens as Lens
@@ -90,22 +91,21 @@ if TYPE_CHECKING:
     from photosite.optics.pupil import Pupil as Pupil
     from photosite.optics.tables import OtfTable as OtfTable
     from photosite.optics.tables import PsfTable as PsfTable
-    from photosite.optics.veiling_glare import VeilingGlare as VeilingGlare
     from photosite.optics.wavefront import Wavefront as Wavefront
     from photosite.scene import charts as charts
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene import render as render
-    from photosite.scene.io.files import convert as convert
-    from photosite.scene.io.files import read_scene as read_scene
-    from photosite.scene.io.files import write_scene as write_scene
+    from photosite.scene.io.formats import convert as convert
+    from photosite.scene.io.formats import read_scene as read_scene
+    from photosite.scene.io.formats import write_scene as write_scene
     from photosite.scene.planes import Plane as Plane
     from photosite.scene.planes import Planes as Planes
     from photosite.scene.scene import Scene as Scene
     from photosite.sensor.io.sensor_file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor
     from photosite.validation.validate import validate as validate
-    from photosite.values.measured import Measured as Measured
+    from photosite.values.uncertain import Measured as Measured
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.frames.frame_set import frame_set_from_arrays
-from photosite.studies.closed_loop.study import compared_parameters
+from photosite.studies.closed_loop import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab
 

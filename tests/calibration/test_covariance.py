@@ -6,7 +6,7 @@ import pytest
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import InputError
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 
 @pytest.fixture(scope="module")

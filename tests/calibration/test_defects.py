@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.chip_maps.defects import channel_values, deviations, listed, together
-from photosite.sensor.measured_chip import DefectKind
+from photosite.sensor.chip import DefectKind
 
 TILE = np.array([[0, 1], [1, 2]])
 

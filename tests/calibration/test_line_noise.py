@@ -6,8 +6,8 @@ import pytest
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.spatial.line_noise import temporal_parts
-from photosite.engine.frame_statistics import line_sums
 from photosite.engine.frame_sums import FrameSums
+from photosite.engine.map_statistics import line_sums
 from photosite.frames.frame_set import frame_set_from_arrays
 
 MONO = np.zeros((1, 1), np.int64)

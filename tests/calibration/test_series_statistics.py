@@ -17,7 +17,7 @@ from photosite.calibration.gain_series.series_statistics import (
     step_in_gain,
     step_in_read_noise,
 )
-from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import COVERAGE_95
 
 GAIN_U, NOISE_U = 0.005, 0.01
 

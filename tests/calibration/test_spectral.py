@@ -23,7 +23,7 @@ from photosite.frames.frame_set import FrameSource
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.virtual_lab import with_pedestal
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 GAIN_DN_PER_E = 0.25
 

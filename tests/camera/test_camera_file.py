@@ -14,9 +14,8 @@ import photosite as ps
 from photosite.camera.file import SetUp, load_camera
 from photosite.errors import FileError, InputError
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.scene.built_in import BUILT_IN_SCENES
 from photosite.scene.lights import mixed
-from photosite.scene.scene_request import SceneRequest
+from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest
 
 
 def written(folder: Path, text: str) -> Path:

@@ -10,15 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.camera import channel_transfers
-from photosite.camera import distortion as warps
-from photosite.camera import mean_image as mosaic
+from photosite.camera import channel_transfers, mean_image
 from photosite.color.spectrum import integration_weights
 from photosite.errors import PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.mapping import RadialMapping
+from photosite.optics.distortion import RadialMapping
+from photosite.optics.illumination import VeilingGlare
 from photosite.optics.point_spread import FieldPsf, PlanePsf, RadialPsf
-from photosite.optics.veiling_glare import VeilingGlare
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 
@@ -191,7 +189,7 @@ def test_lateral_color_equals_the_sum_over_wavelengths() -> None:
     weights = np.kron(rng.random((3, 30, 40)), np.ones((2, 2))).astype(np.float32)
     scene = Scene(weights, 1e14 * smooth, grid)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
-    assert len(warps.frame_wavelength_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
+    assert len(mean_image.frame_wavelength_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)
     want = by_wavelength(scene, curves, sensor)
     without = ps.Camera(lens(third_order(-0.02, corner_m(sensor))), sensor).mean_electrons(scene, 0.01)
@@ -200,7 +198,7 @@ def test_lateral_color_equals_the_sum_over_wavelengths() -> None:
 
 
 def test_one_node_per_wavelength_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(warps, "_STEP_PIXELS", 1e-3)
+    monkeypatch.setattr(mean_image, "_STEP_PIXELS", 1e-3)
     monkeypatch.setattr(channel_transfers, "_TOLERANCE_WITH_NODES", 5e-6)
     sensor, scene = D200.with_(rows=60, cols=80), random_scene(60, 80)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
@@ -256,7 +254,9 @@ def test_glare_is_applied_after_the_image() -> None:
 
 def test_no_mapping_needs_no_warp(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    plain = mosaic.mosaic_of_layers
-    monkeypatch.setattr(mosaic, "mosaic_of_layers", lambda layers, *rest: seen.extend(layers) or plain(layers, *rest))
+    plain = mean_image.mosaic_of_layers
+    monkeypatch.setattr(
+        mean_image, "mosaic_of_layers", lambda layers, *rest: seen.extend(layers) or plain(layers, *rest)
+    )
     ps.Camera(lens(), mono(30, 40)).mean_electrons(random_scene(60, 80, 1), 0.01)
     assert [view.warp for layer in seen for view in layer.views] == [None]

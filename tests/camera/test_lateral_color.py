@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 import photosite as ps
 from photosite.camera import channel_transfers
 from photosite.camera import mean_image as mosaic
-from photosite.camera.distortion import frame_wavelength_nodes
+from photosite.camera.mean_image import frame_wavelength_nodes
 from photosite.engine.layers import Layer
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.distortion import Distortion, LateralColor
-from photosite.optics.lens import Lens
+from photosite.optics.distortion import Distortion, LateralColor, RadialMapping
+from photosite.optics.lens import Lens, Optics
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.mapping import RadialMapping
 from photosite.optics.point_spread import PointSpread
-from photosite.optics.protocols import Optics
 from photosite.optics.wavefront import Wavefront
 from photosite.scene.scene import Scene
 
@@ -65,7 +63,7 @@ class OneColor:
         return self._lens.point_spread(distance_m)
 
     def mapping(self, distance_m: float) -> RadialMapping | None:
-        from photosite.optics.mapping import heights_at
+        from photosite.optics.distortion import heights_at
 
         whole = self._lens.mapping(distance_m)
         assert whole is not None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.camera.veiling_glare import add_glare
 from photosite.errors import InputError
-from photosite.optics.veiling_glare import VeilingGlare
+from photosite.optics.illumination import VeilingGlare
 from photosite.values.cfa import Cfa, cfa_from, channel_names, channel_sites
 
 MONO = cfa_from("mono")

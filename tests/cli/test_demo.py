@@ -11,7 +11,7 @@ import photosite as ps
 from photosite.errors import FileError
 
 if TYPE_CHECKING:
-    from photosite.studies.closed_loop.study import ClosedLoop
+    from photosite.studies.closed_loop import ClosedLoop
 
 SMALL = ("--rows", 66, "--cols", 98)
 
@@ -24,7 +24,7 @@ def measured_before(monkeypatch: pytest.MonkeyPatch, loop: ClosedLoop) -> None:
         folder.mkdir()
         return loop
 
-    monkeypatch.setattr("photosite.studies.closed_loop.study.closed_loop", made)
+    monkeypatch.setattr("photosite.studies.closed_loop.closed_loop", made)
 
 
 @pytest.mark.usefixtures("measured_before")
@@ -50,7 +50,7 @@ def test_table_again_in_the_same_folder_with_frames_kept(
     def written(result: object, path: Path) -> None:
         path.write_text("of this time", encoding="utf-8")
 
-    monkeypatch.setattr("photosite.studies.closed_loop.page.write_demo_report", written)
+    monkeypatch.setattr("photosite.studies.closed_loop.write_demo_report", written)
     (tmp_path / "report.html").write_text("of last time", encoding="utf-8")
     done = photosite("demo", *SMALL, "-o", tmp_path, "--keep-frames")
     assert done.status == 0
@@ -70,7 +70,7 @@ def test_nothing_new_after_a_failure(photosite: Any, tmp_path: Path, monkeypatch
     def full(result: object, path: Path) -> None:
         raise FileError(path, "cannot be written: No space left on device")
 
-    monkeypatch.setattr("photosite.studies.closed_loop.page.write_demo_report", full)
+    monkeypatch.setattr("photosite.studies.closed_loop.write_demo_report", full)
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "report.html").write_text("of last time", encoding="utf-8")
     for name in ("new", "old"):

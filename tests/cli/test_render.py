@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from photosite.cli.main import run
-from photosite.scene.io.files import read_scene
+from photosite.scene.io.formats import read_scene
 
 pytest.importorskip("mitsuba")
 

@@ -11,8 +11,7 @@ import pytest
 from PIL import Image
 
 import photosite as ps
-from photosite.scene.built_in import BUILT_IN_SCENES
-from photosite.scene.scene_request import SceneRequest
+from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest
 
 SMALL = ("--rows", 66, "--cols", 98)
 

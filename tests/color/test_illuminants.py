@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from photosite.color import illuminants
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science, xyz
 from photosite.color.illuminants import blackbody, illuminant
 from photosite.color.spectrum import LIGHT_SPEED_M_S, PLANCK_J_S, Spectrum, integration_weights, photons_from_energy
-from photosite.color.tristimulus import xyz
 from photosite.errors import FileError, InputError
 
 FINE = np.arange(360.0, 831.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from raising import raises
 
-from photosite.color.difference import delta_e_76, delta_e_94, delta_e_2000
+from photosite.color.colorimetry import delta_e_76, delta_e_94, delta_e_2000
 from photosite.develop.color_matrix import fit_color_matrix
 from photosite.errors import InputError
 

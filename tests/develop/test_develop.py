@@ -1,17 +1,20 @@
 """Developed pictures with known colors, and invalid arguments."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
+from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
+from PIL import Image
 from raising import raises
 
-from photosite.color.colour_science import colour_science
-from photosite.color.srgb import encode_srgb
-from photosite.color.tristimulus import D65_WHITE_XYZ
-from photosite.develop.develop import develop
-from photosite.errors import InputError
+from photosite.color.colorimetry import D65_WHITE_XYZ, colour_science, encode_srgb
+from photosite.develop.develop import develop, save_picture
+from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import NAMED, channel_mask, channel_names
 
@@ -137,3 +140,51 @@ def test_frames_that_cannot_be_developed():
 def test_the_folder_does_not_hide_the_public_function():
     code = "import photosite.develop.demosaic, photosite; raise SystemExit(not hasattr(photosite.develop, '__code__'))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    return np.random.default_rng(4).random((37, 23, 3), dtype=np.float32)
+
+
+def test_8_bits_through_pillow(picture: np.ndarray, tmp_path: Path) -> None:
+    save_picture(picture, tmp_path / "p.png")
+    with Image.open(tmp_path / "p.png") as image:
+        assert image.mode == "RGB"
+        assert image.info["srgb"] == 0
+        np.testing.assert_array_equal(np.asarray(image), np.rint(picture * 255))
+
+
+def test_16_bits(picture: np.ndarray, tmp_path: Path) -> None:
+    """Pillow checks the chunks; it reduces 16-bit color to 8 bits, so imagecodecs decodes the values."""
+    save_picture(picture, tmp_path / "p.png", bits=16)
+    with Image.open(tmp_path / "p.png") as image:
+        image.verify()
+        assert image.info["srgb"] == 0
+    values = imagecodecs.png_decode((tmp_path / "p.png").read_bytes())
+    assert values.dtype == np.uint16
+    np.testing.assert_array_equal(values, np.rint(picture * 65535))
+
+
+@pytest.mark.parametrize(
+    ("shape", "value", "name", "bits"),
+    [
+        ((4, 4), 0.5, "p.png", 8),
+        ((4, 4, 4), 0.5, "p.png", 8),
+        ((0, 4, 3), 0.5, "p.png", 8),
+        ((4, 4, 3), 1.5, "p.png", 8),
+        ((4, 4, 3), -0.1, "p.png", 8),
+        ((4, 4, 3), float("nan"), "p.png", 8),
+        ((4, 4, 3), 0.5, "p.jpg", 8),
+        ((4, 4, 3), 0.5, "p.png", 12),
+    ],
+)
+def test_invalid_pictures_and_paths(shape: tuple[int, ...], value: float, name: str, bits: int, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        save_picture(np.full(shape, value, np.float32), tmp_path / name, bits=bits)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_folder(picture: np.ndarray, tmp_path: Path) -> None:
+    with pytest.raises(FileError):
+        save_picture(picture, tmp_path / "nowhere" / "p.png")

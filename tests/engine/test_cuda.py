@@ -27,7 +27,7 @@ SIZES = {"simulator": "ROWS, COLS = 9, 26\n", "gpu": "ROWS, COLS = 24, 40\n"}
 KERNEL = """
 import numpy as np
 from photosite.engine.cuda import expose_drawn_cuda
-from photosite.engine.philox import key_from_seed
+from photosite.engine.random_numbers import key_from_seed
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn
 
 rng = np.random.default_rng(4)

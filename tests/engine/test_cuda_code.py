@@ -19,8 +19,8 @@ import numba
 import numpy as np
 import pytest
 
-from photosite.engine.philox import key_from_seed
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn
+from photosite.engine.random_numbers import key_from_seed
 
 EXPOSURE = Exposure(0.7, 30000.0, 0.4, 200.0, 16383.0, 70, 333, 5000, np.uint32(9), *key_from_seed(2**40 + 17))
 

@@ -11,8 +11,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from photosite.engine.layers import Field, Grid, Layer, View, term_spectra
 from photosite.engine.mosaic import mosaic_of_layers
+from photosite.engine.resample import Warp
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
-from photosite.engine.warp import Warp
 
 RNG = np.random.default_rng(6)
 GRID = Grid((12, 15), 3, (2, 2), 3)

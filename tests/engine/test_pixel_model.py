@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from photosite.engine import philox
-from photosite.engine.philox import BLINKING, EXPOSURE, key_from_seed, philox4x32
+from photosite.engine import random_numbers
 from photosite.engine.pixel_model import (
     BlinkingPixels,
     DrawnConstants,
@@ -26,7 +25,7 @@ from photosite.engine.pixel_model import (
     line_deviates,
     pixel_number,
 )
-from photosite.engine.variates import normal, poisson, uniform
+from photosite.engine.random_numbers import BLINKING, EXPOSURE, key_from_seed, normal, philox4x32, poisson, uniform
 
 KEY = key_from_seed(2**40 + 17)
 FRAME = np.uint32(9)
@@ -166,5 +165,5 @@ def test_line_deviates_are_normal_and_independent() -> None:
 
 
 def test_uses_of_random_words_are_distinct() -> None:
-    uses = [philox.EXPOSURE, philox.FIXED_PATTERN, philox.BLINKING, philox.LINES]
+    uses = [random_numbers.EXPOSURE, random_numbers.FIXED_PATTERN, random_numbers.BLINKING, random_numbers.LINES]
     assert [int(use) for use in uses] == [0, 1, 2, 3]

@@ -13,7 +13,7 @@ from photosite.errors import FileError
 from photosite.frames.io.dng_noise_profile import read_dng_profile, write_dng_profile
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.noise_profile import NoiseProfile
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 PROFILE = NoiseProfile(
     ("R", "G", "B"),

@@ -13,7 +13,7 @@ from photosite.errors import FileError, InputError
 from photosite.frames.io.darktable import read_darktable, write_darktable
 from photosite.frames.io.libcamera import is_libcamera, read_libcamera, write_libcamera
 from photosite.sensor.noise_profile import NoiseProfile, profile_at_setting
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 
 def profile(iso=100.0, gain=0.25, dark=3.0, channels=("R", "G", "B"), black=64.0, white=4095.0):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from photosite.frames.raw_frame import RawFrame
-from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip
+from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip
 
 
 def _frame(seed: int = 0, shape: tuple[int, int] = (12, 16), **changes: object) -> RawFrame:
@@ -111,7 +111,7 @@ def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
     import OpenEXR
 
     from photosite.scene.charts import reflectance_chart
-    from photosite.scene.io.files import write_scene
+    from photosite.scene.io.formats import write_scene
 
     grid = np.arange(400.0, 701.0, 100.0)
     chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3).under("A")
@@ -237,7 +237,7 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
     """Return scene files and cubes, written by photosite and by others."""
     import tifffile
 
-    from photosite.scene.io.files import write_scene
+    from photosite.scene.io.formats import write_scene
     from photosite.scene.scene import Scene
     from photosite.values.region import Region
 

@@ -187,7 +187,7 @@ def check(found: object, depth: int = 0) -> None:
 def targets(folder: Path) -> dict[str, Target]:
     """Return all readers by name; frames that protocols and descriptors refer to are written to the folder."""
     from photosite.calibration.spectral.protocol import open_spectral
-    from photosite.color.spectrum_file import read_spectrum
+    from photosite.color.spectrum import read_spectrum
     from photosite.frames.io.darktable import read_darktable
     from photosite.frames.io.libcamera import read_libcamera
     from photosite.frames.io.read import read_frame, read_headers
@@ -217,7 +217,7 @@ def targets(folder: Path) -> dict[str, Target]:
         return [(band.exposure_s, band.photons_m2(), band.passband.centre_nm) for band in open_spectral(path).bands]
 
     def scene(path: Path) -> object:
-        from photosite.scene.io.files import read_scene
+        from photosite.scene.io.formats import read_scene
 
         if path.suffix == ".hdr":  # the numbers beside the header
             path.with_suffix(".img").write_bytes(seeds["envi numbers"][0])
@@ -264,7 +264,7 @@ def targets(folder: Path) -> dict[str, Target]:
         return read_ray_trace(folder).distortion()
 
     def chart(path: Path) -> object:
-        from photosite.scene.io.files import read_scene
+        from photosite.scene.io.formats import read_scene
 
         return read_scene(path, illuminant="D65", mean_luminance_cd_m2=100.0)
 

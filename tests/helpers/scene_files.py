@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError
-from photosite.scene.io.files import open_cube, read_scene
+from photosite.scene.io.formats import open_cube, read_scene
 from photosite.scene.scene import Scene
 
 

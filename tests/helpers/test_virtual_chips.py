@@ -7,8 +7,8 @@ import pytest
 from virtual_chips import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 from photosite.errors import InputError
+from photosite.sensor.chip import DefectKind
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
 
 SENSOR = load_sensor("nikon-d200").with_(

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps.defects import channel_values, together
 from photosite.errors import InputError
-from photosite.sensor.chip import draw_chip
-from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
+from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, draw_chip, no_blinking, no_defects
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names
 

@@ -29,7 +29,7 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_mask
 from photosite.values.exposure import format_exposure
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 PROTOCOL_NAME, TRUTH_NAME, NOMINAL_NAME, DIODE_NAME = (
     "spectral.yaml",

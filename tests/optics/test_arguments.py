@@ -14,9 +14,8 @@ from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.field_points import FieldPoints
-from photosite.optics.illumination import IlluminationTable
+from photosite.optics.illumination import IlluminationTable, VeilingGlare
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.veiling_glare import VeilingGlare
 
 BASE = DiffractionLimited(2.8, 50)
 HEIGHTS = FieldPoints(height_mm=[0, 7, 14])  # type: ignore[arg-type]

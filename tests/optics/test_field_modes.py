@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.studies.bench.lenses import BASE, SPACING_UM, WAVELENGTH_NM, comatic_design, comatic_psf
+from photosite.studies.bench.captures import BASE, SPACING_UM, WAVELENGTH_NM, comatic_design, comatic_psf
 
 RANKS = (1, 4, 12)
 ROWS, COLS = 48, 80

@@ -13,13 +13,11 @@ from raising import raises
 import photosite as ps
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
+from photosite.optics.distortion import Distortion, LateralColor, combined_mapping, image_height
 from photosite.optics.field_points import FieldPoints
-from photosite.optics.illumination import IlluminationTable
+from photosite.optics.illumination import IlluminationTable, VeilingGlare
 from photosite.optics.lens import Lens
-from photosite.optics.mapping import image_height
 from photosite.optics.point_spread import PointSpread, RadialPsf
-from photosite.optics.veiling_glare import VeilingGlare
 
 BASE = DiffractionLimited(f_number=4, focal_length_mm=50)
 GRID = np.array([450.0, 550.0, 650.0])

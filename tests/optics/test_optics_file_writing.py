@@ -17,7 +17,7 @@ from photosite.files.yaml import read_yaml
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.field_points import FieldPoints
-from photosite.optics.illumination import IlluminationTable
+from photosite.optics.illumination import IlluminationTable, VeilingGlare
 from photosite.optics.io.formats import load_optics
 from photosite.optics.io.optics_file import write_optics
 from photosite.optics.lens import Lens
@@ -25,7 +25,6 @@ from photosite.optics.lens_design import LensDesign
 from photosite.optics.point_spread import RadialPsf
 from photosite.optics.pupil import Pupil
 from photosite.optics.tables import OtfTable, PsfTable
-from photosite.optics.veiling_glare import VeilingGlare
 from photosite.optics.wavefront import Wavefront
 
 BASE = DiffractionLimited(2.8, 1 / 3 * 100)

@@ -1,6 +1,6 @@
 """Stored hashes of three frames: the same seed gives the same frame on every machine and in every version.
 
-From mean electrons to digital numbers, only IEEE arithmetic is used (`engine/elementary.py`), so that no library
+From mean electrons to digital numbers, only IEEE arithmetic is used (`engine/random_numbers.py`), so that no library
 version may change a frame. Mean electrons of a structured scene use SciPy's transforms and LAPACK, whose rounding
 differs between versions and processors by 1e-7 of full scale. These frames therefore start from given means.
 """

@@ -13,7 +13,7 @@ from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.chip import defect_blocks, outlier_pixel_blocks, temporal_blocks
 from photosite.report.page import Details, Images, Page, Paragraph, Section, Table
 from photosite.report.write import render_page
-from photosite.sensor.measured_chip import no_defects
+from photosite.sensor.chip import no_defects
 
 HOT, DEAD = (7, 11), (20, 3)
 

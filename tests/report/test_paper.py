@@ -7,7 +7,7 @@ from dataclasses import replace
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_uncertain
 from photosite.report.paper import table_1
-from photosite.studies.closed_loop.study import ClosedLoop
+from photosite.studies.closed_loop import ClosedLoop
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Uncertain
 

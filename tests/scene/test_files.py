@@ -18,8 +18,7 @@ import photosite as ps
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.temporary import TemporaryFolder
-from photosite.scene.io.files import convert, open_cube, read_scene, write_scene
-from photosite.scene.io.formats import format_of
+from photosite.scene.io.formats import convert, format_of, open_cube, read_scene, write_scene
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import Place, SceneRequest, merged_options

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scene_files import radiance
 
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import photons_from_energy
-from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.lights import gradient, mixed, spot

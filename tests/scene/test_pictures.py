@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.color.difference import delta_e_2000
+from photosite.color.colorimetry import XYZ_FROM_SRGB, delta_e_2000, encode_srgb, luminance_cd_m2, xyz
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
-from photosite.color.srgb import XYZ_FROM_SRGB, encode_srgb
-from photosite.color.tristimulus import luminance_cd_m2, xyz
 from photosite.errors import InputError
 from photosite.scene.picture_colors import SPACES, display_values, linear_srgb_of
 from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, Method, from_hdr, from_rgb, srgb_reflectance

@@ -11,9 +11,9 @@ from scene_files import radiance
 
 import photosite.scene.reduction as reduction_module
 import photosite.scene.weights as store_module
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import Spectrum, photons_from_energy
-from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
 from photosite.scene.cube import ArrayCube, Block, SpectralCube
 from photosite.scene.options import ReadOptions

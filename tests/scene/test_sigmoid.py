@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import XYZ_FROM_SRGB, color_matching_functions, colour_science
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import integration_weights
-from photosite.color.srgb import XYZ_FROM_SRGB
-from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError
 from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
 

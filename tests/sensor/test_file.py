@@ -14,7 +14,7 @@ from raising import raises
 from photosite.errors import FileError, InputError
 from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor, preset_names
 from photosite.sensor.model import Sensor
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 D200_TABLE_1 = {
     ("pixel", "width_um"): 6.05,

@@ -10,10 +10,10 @@ import pytest
 from raising import raises
 
 from photosite.errors import FileError, InputError
+from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.io import maps_file
 from photosite.sensor.io.maps_file import load_measured_chip
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Maps
 
 ROWS, COLS = 6, 8

@@ -11,7 +11,7 @@ from raising import raises
 import photosite as ps
 from photosite.errors import InputError
 from photosite.sensor.noise_profile import NoiseProfile, sensor_noise_profile
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 
 def sensor(**changes):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photosite.scene.io.files import open_cube, read_scene
+from photosite.scene.io.formats import open_cube, read_scene
 from photosite.studies.bench.convert_cube import BANDS, repeated, work_convert
 from photosite.studies.bench.convert_cube import write_cube as write
 from photosite.studies.bench.timing import peak_mb

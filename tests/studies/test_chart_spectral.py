@@ -14,7 +14,7 @@ from photosite.errors import CalibrationError, FileError, InputError
 from photosite.metrics.patches import patch_statistics
 from photosite.studies.chart_spectral import ChartShot, chart_views, is_chart_protocol, open_chart, unit_electrons
 from photosite.studies.virtual_lab import with_pedestal
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 LENS = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
 LIGHTS = (("A", 0.25), ("D65", 0.25), ("FL11", 0.2))

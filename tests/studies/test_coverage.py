@@ -21,8 +21,7 @@ import pytest
 
 from photosite.calibration.photon_transfer import fit
 from photosite.errors import InputError
-from photosite.studies.coverage.conditions import condition
-from photosite.studies.coverage.study import Coverage, CoverageStudy, Outcome, _row, coverage_study
+from photosite.studies.coverage import Coverage, CoverageStudy, Outcome, _row, condition, coverage_study
 
 LIMITS = {64: (0.82, 0.55, 1.35), 160: (0.875, 0.35, 1.25)}
 """Sensors -> least coverage, largest mean error, largest width."""

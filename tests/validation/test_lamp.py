@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from photosite.color.colorimetry import color_matching_functions
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import Spectrum
-from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth, macbeth_reflectance
 from photosite.validation.lamp import Lamp, load_lamp, read_lamp

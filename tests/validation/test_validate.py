@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from photosite.color.difference import delta_e_76, delta_e_2000
+from photosite.color.colorimetry import delta_e_76, delta_e_2000
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.scene.charts import MACBETH_NAMES

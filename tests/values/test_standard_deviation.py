@@ -6,14 +6,13 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from photosite.values.measured import COVERAGE_95
 from photosite.values.standard_deviation import (
     signed_root,
     standard_deviation,
     standard_deviation_interval_95,
     upper_limit_95,
 )
-from photosite.values.uncertain import Source, Uncertain, weighted_mean
+from photosite.values.uncertain import COVERAGE_95, Source, Uncertain, weighted_mean
 
 
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.0, 3.0, 10.0])

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from photosite.calibration.photon_transfer.linearity import Linearity
     from photosite.calibration.photon_transfer.snr import SnrCurve
     from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
-    from photosite.sensor.measured_chip import MeasuredChip
+    from photosite.sensor.chip import MeasuredChip
     from photosite.sensor.model import Sensor
 
 

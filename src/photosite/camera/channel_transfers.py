@@ -5,7 +5,7 @@ modes of a lens that varies over the field resemble each other. Maps and modes a
 that matter, by singular value decomposition.
 
 With lateral color, the images of a few wavelengths, the *wavelength nodes*, stand for those of all
-(`distortion.frame_wavelength_nodes`). For each node the maps are first reduced to few *node maps*; terms are then
+(`mean_image.frame_wavelength_nodes`). For each node the maps are first reduced to few *node maps*; terms are then
 combinations of the node maps of all nodes. A single channel responds to few wavelengths, so it needs fewer node maps
 and terms; all channels together share them. The alternative with less work is chosen.
 """
@@ -34,7 +34,7 @@ TOLERANCE = 5e-6
 _TOLERANCE_PER_FIELD_ERROR = 0.01
 """The same, relative to the error of the lens's own sum of modes, if that is more."""
 _TOLERANCE_WITH_NODES = 2e-4
-"""The same with wavelength nodes, whose interpolation errs by more (`photosite.optics.mapping.wavelength_nodes`)."""
+"""The same with wavelength nodes, whose interpolation errs by more (`photosite.optics.distortion.wavelength_nodes`)."""
 _STRIDE = 7
 """Frequency stride of the first pass; odd, because real and imaginary parts alternate."""
 _MAP_COST = 0.2

@@ -21,14 +21,23 @@ from pathlib import Path
 from typing import Any
 
 from photosite.camera.camera import Camera
-from photosite.color.spectrum import Rule
-from photosite.errors import FileError, InputError
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import Rule, wavelength_grid
+from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.yaml import check_keys, check_version, line_of, optional_text, read_yaml
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.protocols import Optics
-from photosite.scene.io.section import parse_scene
+from photosite.optics.lens import Optics
 from photosite.scene.scene import DEFAULT_DISTANCE_M
-from photosite.scene.scene_request import PlanesRequest, SceneRequest
+from photosite.scene.scene_request import (
+    BUILT_IN_SCENES,
+    DEFAULT_SCENE,
+    FIELDS,
+    Place,
+    PlaneRequest,
+    PlanesRequest,
+    SceneRequest,
+    merged_options,
+)
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.values.exposure import parse_exposure
@@ -38,9 +47,11 @@ DEFAULT_SENSOR = "nikon-d200"
 DEFAULT_F_NUMBER = 8.0
 DEFAULT_FOCAL_LENGTH_MM = 50.0
 DEFAULT_EXPOSURE_S = 1 / 3
-"""The 2008 paper's set-up; `photosite.scene.built_in` has the defaults of its scene."""
+"""The 2008 paper's set-up; `photosite.scene.scene_request` has the defaults of its scene."""
 
 _KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel")
+
+_SCENE_KEYS = ("source", "options", *FIELDS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,3 +171,83 @@ def _of_file(error: InputError | FileError, key: str, file: Path, data: Mapping[
     if isinstance(error, FileError):
         return FileError(file, str(error), line_of(data, key), where=key)
     return (error if error.what == key else error.within(key)).in_file(file, line_of(data, key))
+
+
+# The section `scene` of a camera file: a scene, or planes in depth, near to far.
+#
+# scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2}
+# scene:
+#   - {source: leaf.png, alpha: leaf-mask.png, illuminant: D65, luminance_cd_m2: 100, distance_m: 1, width_m: 0.2}
+#   - {source: meadow.exr, distance_m: 20}
+
+
+def parse_scene(file: Path, data: Mapping[str, Any]) -> SceneRequest | PlanesRequest:
+    """Return the scene, or the planes, that the section `data["scene"]` asks for.
+
+    Names of files in it are relative to the camera file. Errors have the line.
+    """
+    section, line = data["scene"], line_of(data, "scene")
+    if isinstance(section, list):
+        if not section:
+            raise FileError(file, "scene", line, value=section, expected="a list of one or more planes, near to far")
+        lines = [line_of(section, index) or line for index in range(len(section))]
+        planes = tuple(_plane(file, part, at) for part, at in zip(section, lines, strict=True))
+        return PlanesRequest(planes, Place(file, line))
+    if isinstance(section, str):
+        section = {"source": section}
+    return _scene(file, section, line, _SCENE_KEYS)
+
+
+def _plane(file: Path, section: Any, line: int | None) -> PlaneRequest:
+    request = _scene(file, section, line, (*_SCENE_KEYS, "alpha"))
+    alpha = optional_text(file, section, "alpha")
+    if alpha is not None and not (file.parent / alpha).exists():
+        at = line_of(section, "alpha") or line
+        raise FileError(file, "alpha", at, where="scene", value=alpha, expected="a file, relative to this one")
+    return PlaneRequest(request, None if alpha is None else file.parent / alpha)
+
+
+def _scene(file: Path, section: Any, line: int | None, known: tuple[str, ...]) -> SceneRequest:
+    if not isinstance(section, Mapping):
+        raise FileError(file, "scene", line, value=section, expected="the name of a built-in scene, a file, or fields")
+    check_keys(file, section, known, "scene")
+    source = optional_text(file, section, "source") or DEFAULT_SCENE
+    at = line_of(section, "source") or line
+    place = Place(file, at)
+    if source not in BUILT_IN_SCENES:
+        path = file.parent / source
+        if not path.exists():
+            hint = None if Path(source).suffix else did_you_mean(source, BUILT_IN_SCENES)
+            expected = "a built-in scene, or a file relative to this one"
+            raise FileError(file, "source", at, where="scene", value=source, expected=expected, hint=hint)
+        source = fspath(path)
+    own = section.get("options") or {}
+    if not isinstance(own, Mapping):
+        line = line_of(section, "options") or line
+        raise FileError(file, "options", line, where="scene", value=own, expected="a mapping of options")
+    options: dict[str, Any] = {}
+    # One by one, so that an error has the line of its option.
+    for key, argument in FIELDS.items():
+        if (value := section.get(key)) is not None:
+            with place.errors(line_of(section, key)):
+                options[argument] = _checked(source, argument, value, file)
+    for key, value in own.items():
+        with place.errors(line_of(own, key) or line_of(section, "options")):
+            options = merged_options(options, {str(key): _checked(source, str(key), value, file)})
+    return SceneRequest(source, options, place)
+
+
+def _checked(source: str, argument: str, value: Any, file: Path) -> Any:
+    """The value of an argument, once a request accepts it."""
+    if argument == "illuminant":
+        if isinstance(value, str) and value.strip().lower().endswith(".csv"):
+            value = fspath(file.parent / value.strip())
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise InputError("illuminant", value=value, expected="a name, or a temperature in K")
+        relative_energy(value, [560.0])
+    if isinstance(value, list):
+        value = list(value)
+    SceneRequest(source, {argument: value})
+    if argument == "wavelength_nm":  # those of a file's bands can be in any order
+        wavelength_grid(value if source in BUILT_IN_SCENES else sorted(value))
+    return value

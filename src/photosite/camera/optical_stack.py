@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from photosite.engine.crosstalk import gathered, scale_by_angle
 from photosite.engine.jit import threads_for
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.protocols import Optics
+from photosite.optics.lens import Optics
 from photosite.sensor.model import Sensor
 from photosite.sensor.optical_stack import AngularResponse, Crosstalk, Kernel
 from photosite.values.cfa import Cfa

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.resample import overlap
 from photosite.errors import InputError
-from photosite.optics.veiling_glare import VeilingGlare
+from photosite.optics.illumination import VeilingGlare
 from photosite.values.cfa import Cfa, channel_names, channel_sites
 
 _BLOCKS_PER_SPREAD = 8

@@ -13,7 +13,7 @@ from photosite.cli.command import Command
 from photosite.cli.output import show, table
 
 if TYPE_CHECKING:
-    from photosite.studies.bench.scaling import Memory, Scaling
+    from photosite.studies.bench.cases import Memory, Scaling
     from photosite.studies.bench.timing import Case
 
 
@@ -30,8 +30,7 @@ def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
 
     Example: photosite bench --quick
     """
-    from photosite.studies.bench.cases import run_cases
-    from photosite.studies.bench.scaling import memory, scaling
+    from photosite.studies.bench.cases import memory, run_cases, scaling
 
     measured = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
     whole = not (quick or cases)

@@ -69,7 +69,7 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
 
     Example: photosite compare isetcam.mat --unit dn --variable sensor.data.dv
     """
-    from photosite.validation.set_up import case_of, read_set_up
+    from photosite.validation.set_up import read_set_up
     from photosite.validation.tool_comparison import compare
 
     say_if_compiling()
@@ -82,7 +82,7 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
     result = compare(values, base, **test)
     case, hint = None, None
     if file is not None and set_up is not None:
-        case = case_of(file, settings["case"])
+        case = set_up.case
         if not result.agrees and settings["integration"] == "trapezoid":
             rectangle = read_set_up(file, case, integration="rectangle")[0]
             if compare(values, rectangle, **test).agrees:

@@ -87,7 +87,7 @@ def command(source: Path, output: Path, as_json: bool, **given: Any) -> None:
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """
-    from photosite.scene.io.files import convert
+    from photosite.scene.io.formats import convert
     from photosite.scene.options import ReadOptions
 
     read_options = {name: value for name, value in given.items() if value is not None}

@@ -14,7 +14,7 @@ from photosite.cli.output import Stages, say, say_if_compiling, show, table, ver
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
-    from photosite.studies.closed_loop.study import ClosedLoop
+    from photosite.studies.closed_loop import ClosedLoop
 
 REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml", "frames"
 PROTOCOL_NAME = "protocol.yaml"
@@ -61,8 +61,7 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
 
 
 def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
-    from photosite.studies.closed_loop.page import write_demo_report
-    from photosite.studies.closed_loop.study import closed_loop
+    from photosite.studies.closed_loop import closed_loop, write_demo_report
 
     stages = Stages()
     loop = closed_loop(

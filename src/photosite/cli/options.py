@@ -350,8 +350,8 @@ class SceneOption(NameValueOption):
 
     def carries(self, field: str) -> bool:
         """Return whether it is an option of a scene."""
-        from photosite.scene.built_in import BUILT_IN_SCENES, chart_options
         from photosite.scene.options import ReadOptions
+        from photosite.scene.scene_request import BUILT_IN_SCENES, chart_options
 
         return field in ReadOptions.model_fields or any(field in chart_options(name) for name in BUILT_IN_SCENES)
 

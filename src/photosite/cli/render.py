@@ -43,7 +43,7 @@ def command(
 
     Example: photosite render kitchen.xml -o kitchen.h5 --spp 256
     """
-    from photosite.scene.io.files import write_scene
+    from photosite.scene.io.formats import write_scene
     from photosite.scene.render import EXAMPLE, render_mitsuba
 
     file = EXAMPLE if source is None else source

@@ -12,7 +12,7 @@ from photosite.cli.command import Group
 from photosite.cli.output import Stages, listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
-    from photosite.studies.coverage.study import Coverage, CoverageStudy
+    from photosite.studies.coverage import Coverage, CoverageStudy
     from photosite.studies.farrell2008.fill_factor import Recovery
 
 SENSORS, QUICK_SENSORS = 500, 50
@@ -29,7 +29,7 @@ CONDITION_NAMES = (
     "few-cfa-12",
     "clipped-mono-12",
 )
-"""Names in `photosite.studies.coverage.conditions`, copied so that --help stays fast; a test compares the two."""
+"""Names in `photosite.studies.coverage`, copied so that --help stays fast; a test compares the two."""
 
 
 @click.group("reproduce", cls=Group)
@@ -171,8 +171,7 @@ def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, proc
 
     Example: photosite reproduce coverage --quick --condition few-mono-12
     """
-    from photosite.studies.coverage.conditions import condition
-    from photosite.studies.coverage.study import coverage_study
+    from photosite.studies.coverage import condition, coverage_study
 
     if quick and sensors is not None:
         raise click.UsageError("give one of --quick and --sensors")
@@ -189,8 +188,7 @@ def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, proc
 
 
 def _text(study: CoverageStudy) -> str:
-    from photosite.studies.coverage.conditions import CONDITIONS
-    from photosite.studies.coverage.study import FALSE_ALARM
+    from photosite.studies.coverage import CONDITIONS, FALSE_ALARM
 
     lines = []
     for name in dict.fromkeys([*(row.condition for row in study.rows), *study.refused]):

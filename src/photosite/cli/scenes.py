@@ -40,7 +40,7 @@ def list_(as_json: bool) -> None:
 
     Example: photosite scenes list --json
     """
-    from photosite.scene.built_in import BUILT_IN_SCENES, chart_function, chart_options
+    from photosite.scene.scene_request import BUILT_IN_SCENES, chart_function, chart_options
 
     scenes = {
         name: {
@@ -96,7 +96,7 @@ def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
 
     Example: photosite scenes show cube.hdr --picture cube.png
     """
-    from photosite.develop.picture import save_picture
+    from photosite.develop.develop import save_picture
     from photosite.scene.preview import preview
     from photosite.scene.scene_request import SceneRequest
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from photosite.camera.camera import Camera
     from photosite.camera.file import SetUp
     from photosite.frames.raw_frame import RawFrame
-    from photosite.optics.protocols import Optics
+    from photosite.optics.lens import Optics
     from photosite.scene.planes import Planes
     from photosite.scene.scene import Scene
     from photosite.scene.scene_request import PlanesRequest, SceneRequest
@@ -175,8 +175,7 @@ def _with_white_balance(raw: RawFrame, camera: Camera, light: Scene | None) -> R
 
 def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:
     """Write frame and preview; both are made before either is written."""
-    from photosite.develop.develop import develop
-    from photosite.develop.picture import save_picture
+    from photosite.develop.develop import develop, save_picture
 
     picture = None if preview is None else develop(raw)
     raw.save(output)

@@ -130,7 +130,7 @@ def command(
         raise click.UsageError(
             f"expected two paths, MEASURED and SIMULATED, or --measured and --sensor; paths given: {len(paths)}", ctx
         )
-    shot, simulated = _frames(paths[:1], bits, cfa), _read(_files(paths[1]), bits, cfa)
+    shot, simulated = _frames(paths[:1], bits, cfa), _read(paths[1:], bits, cfa)[1]
     say_if_compiling()
     result = validate(shot, simulated, chart=chart, **test)
     show(as_json, result.to_dict(), lambda: _text(result.agrees, (*result.reasons, *result.notes), result))
@@ -140,28 +140,16 @@ def _frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[Ra
     """Return the frames of files and folders; identical frames are an error that names their files."""
     from photosite.validation.validate import check_repeats
 
-    files = [file for path in paths for file in _files(path)]
-    frames = _read(files, bits, cfa)
+    files, frames = _read(paths, bits, cfa)
     check_repeats(frames, [str(file) for file in files])
     return frames
 
 
-def _read(files: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
-    from photosite.frames.io.read import read_raw
+def _read(paths: Sequence[Path], bits: int | None, cfa: str | None) -> tuple[list[Path], list[RawFrame]]:
+    from photosite.frames.io.read import raw_files, read_raw
 
-    return [read_raw(file, bits=bits, cfa=cfa) for file in files]
-
-
-def _files(path: Path) -> list[Path]:
-    from photosite.errors import FileError
-    from photosite.frames.io.read import SUFFIXES
-
-    if not path.is_dir():
-        return [path]
-    files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
-    if not files:
-        raise FileError(path, "has no raw frames (DNG, camera raw, TIFF, PNG)")
-    return files
+    files = [file for path in paths for file in raw_files(path)]
+    return files, [read_raw(file, bits=bits, cfa=cfa) for file in files]
 
 
 def _validate_measured(
@@ -193,7 +181,7 @@ def _validate_measured(
 def _validated(frames: Sequence[RawFrame], test: Mapping[str, Any], camera: Mapping[str, Any]) -> FrameValidation:
     from photosite.optics.diffraction import DiffractionLimited
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.validation.find_chart import find_chart
+    from photosite.validation.charts import find_chart
     from photosite.validation.frame_validation import CaptureConditions, validate_frames
     from photosite.validation.lamp import load_lamp
 

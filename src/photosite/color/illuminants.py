@@ -12,17 +12,16 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import color_matching_functions, colour_science
 from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     LIGHT_SPEED_M_S,
     PLANCK_J_S,
     Spectrum,
     energy_from_photons,
+    read_spectrum,
     wavelength_grid,
 )
-from photosite.color.spectrum_file import read_spectrum
-from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import FileError, InputError, did_you_mean
 
 Array = NDArray[np.float64]
@@ -333,7 +332,7 @@ def read_illuminant(path: str | PathLike[str]) -> Spectrum:
     Parameters
     ----------
     path
-        As for `photosite.color.spectrum_file.read_spectrum`. The first line must name the columns: `wavelength_nm` and
+        As for `photosite.color.spectrum.read_spectrum`. The first line must name the columns: `wavelength_nm` and
         one of `ENERGY_COLUMNS` or `PHOTON_COLUMNS`. Photons are converted to energy, with a maximum of 1.
 
     Raises

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.difference import delta_e_76, delta_e_94, delta_e_2000
+from photosite.color.colorimetry import delta_e_76, delta_e_94, delta_e_2000
 from photosite.errors import InputError
 
 

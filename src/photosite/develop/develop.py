@@ -1,19 +1,23 @@
-"""Developing a raw frame into a display picture."""
+"""Developing a raw frame into a display picture, and writing it as PNG."""
 
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.srgb import SRGB_FROM_XYZ, encode_srgb
-from photosite.color.tristimulus import D65_WHITE_XYZ
+from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, encode_srgb
 from photosite.develop.color_matrix import ColorMatrix
 from photosite.develop.demosaic import demosaic_bilinear, plane_names
 from photosite.develop.white_balance import gray_world_gains, saturated_neighbourhood
 from photosite.errors import InputError, did_you_mean
+from photosite.files.atomic import atomic_path
 from photosite.frames.raw_frame import RawFrame
 
 WHITE_BALANCES = ("gray-world", "none")
@@ -23,6 +27,13 @@ AUTO_EXPOSURE_PERCENTILE = 99.5
 
 _BLOCK_ROWS = 256
 """Rows processed at a time, to limit memory."""
+
+BITS = (8, 16)
+
+_AFTER_HEADER = 33
+"""Bytes of the signature and the chunk IHDR."""
+_SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
+"""The chunk for sRGB, with perceptual intent."""
 
 
 def develop(
@@ -226,3 +237,53 @@ def _auto_exposure(linear: NDArray[np.float32]) -> float:
         problem = "automatic exposure finds no light: 99.5 % of the pixels are not above black"
         raise InputError(problem, hint="Pass {exposure}", arguments={"exposure": 1.0})
     return 1.0 / level
+
+
+def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: int = 8) -> None:
+    """Write a developed picture as PNG.
+
+    Parameters
+    ----------
+    picture
+        (rows, cols, 3), display sRGB, 0 to 1, from `develop`.
+    path
+        A name with the suffix .png.
+    bits
+        Bits per channel, 8 or 16.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid.
+    FileError
+        If the file cannot be written.
+
+    References
+    ----------
+    ISO/IEC 15948, with an sRGB chunk. Pillow has no 16-bit color.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from PIL import Image
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_picture(np.full((2, 3, 3), 0.5, np.float32), f"{folder}/gray.png")
+    ...     Image.open(f"{folder}/gray.png").getpixel((0, 0))
+    (128, 128, 128)
+    """
+    from imagecodecs import png_encode
+
+    values = np.asarray(picture)
+    if values.ndim != 3 or values.shape[2] != 3 or values.size == 0:
+        raise InputError("picture", value=values.shape, expected="of shape (rows, cols, 3)")
+    if not (values.min() >= 0 and values.max() <= 1):
+        raise InputError("picture", value=(float(values.min()), float(values.max())), expected="within 0 to 1")
+    if bits not in BITS:
+        raise InputError("bits", value=bits, expected="8 or 16")
+    target = Path(path)
+    if target.suffix.lower() != ".png":
+        raise InputError("path", value=target.name, expected="a name with the suffix .png")
+    codes = np.rint(values * ((1 << bits) - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    encoded = png_encode(codes, level=3)
+    with atomic_path(target) as temporary:
+        temporary.write_bytes(encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photosite.engine.arrays import F32, F64, I64
-from photosite.engine.jit import compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled, prange
 
 _BLOCK = 256
 """Columns that are summed at a time; their sums and weights fit the first-level cache."""

@@ -18,7 +18,7 @@ import numba.cuda
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.arrays import F32
+from photosite.engine.jit import F32
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
 
 cuda: Any = numba.cuda  # numba's own, numba-cuda, or the simulator

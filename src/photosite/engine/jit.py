@@ -1,4 +1,4 @@
-"""Configuration of numba, in one place: compiled functions, their cache, threads, and LLVM intrinsics."""
+"""Configuration of numba, in one place: compiled functions, their cache, array types, threads, LLVM intrinsics."""
 
 from __future__ import annotations
 
@@ -14,14 +14,22 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 ITEMS_PER_THREAD = 100_000
 """Pixels that take a thread about a millisecond."""
+
+# Arrays of any shape, by the type of their numbers.
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+I64 = NDArray[np.int64]
 
 
 def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F]:

@@ -18,11 +18,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.engine.arrays import C64, F32, F64, I64
-from photosite.engine.jit import compiled, prange
-from photosite.engine.resample import Overlap, mean_along_rows, mean_of_rows, overlap
+from photosite.engine.jit import C64, F32, F64, I64, compiled, prange
+from photosite.engine.resample import Corners, Overlap, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
 from photosite.engine.transfer import Transfer
-from photosite.engine.warp import Corners, Warp, warped_means
 
 _STRIP = 256
 """Rows of cells that are resampled at a time."""

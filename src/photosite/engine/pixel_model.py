@@ -14,8 +14,8 @@ kernel: CPU and GPU, drawn and measured chips. The kernels differ in where the p
 - `DrawnMaps`: 16-bit deviates of a chip that a serial number stands for, in electrons.
 - `MeasuredMaps`: maps measured from frames, in digital numbers at a gain of their own.
 
-CPU kernels process runs of a row, in straight loops that become vector instructions (`random_runs`). A pixel takes the
-same random words whatever its chip's maps and whatever the device.
+CPU kernels process runs of a row, in straight loops that become vector instructions (`random_numbers`). A pixel takes
+the same random words whatever its chip's maps and whatever the device.
 """
 
 from __future__ import annotations
@@ -26,11 +26,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.arrays import F32, F64, I64
-from photosite.engine.jit import compiled, prange
-from photosite.engine.philox import BLINKING, EXPOSURE, FIXED_PATTERN, LINES, philox4x32
-from photosite.engine.random_runs import new_run, normal_run, poisson_run, random_words
-from photosite.engine.variates import normal, poisson, uniform
+from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.random_numbers import (
+    BLINKING,
+    EXPOSURE,
+    FIXED_PATTERN,
+    LINES,
+    new_run,
+    normal,
+    normal_run,
+    philox4x32,
+    poisson,
+    poisson_run,
+    random_words,
+    uniform,
+)
 
 DEVIATE_STEP = 2.0**-12
 """Standard deviations per unit of a 16-bit deviate: the range is 8 standard deviations, and deviates reach 6.3."""

@@ -12,7 +12,7 @@ samples beside bright ones would become negative. At f = 0 only m = 0 remains: a
 
 H is never stored as a whole. For a rotationally symmetric lens, m = 0 is a table in |f| times two sinc functions; the
 other terms are smooth, and a few products of a function of each axis represent them (`FoldedTerms`). For any other lens
-the kernel is stored on the few cells that it covers, and H is interpolated from its transform (`gridding`).
+the kernel is stored on the few cells that it covers, and H is interpolated from its transform (`mosaic.Gridding`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from photosite.engine.arrays import F32, F64
+from photosite.engine.jit import F32, F64
 
 _FOLD_NODES = 65
 """Nodes per axis at which the folded terms are computed; cubic interpolation between them."""

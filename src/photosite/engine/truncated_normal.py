@@ -11,8 +11,7 @@ import math
 
 import numpy as np
 
-from photosite.engine.arrays import F64
-from photosite.engine.jit import compiled
+from photosite.engine.jit import F64, compiled
 
 _MOST_HITS = 1_000_000
 """Largest number of reflections in one draw."""

@@ -1,4 +1,4 @@
-"""YAML of unknown origin, read with line numbers and limits on size and nesting."""
+"""YAML of unknown origin, read with line numbers and limits on size and nesting, and validated by Pydantic."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from photosite.errors import FileError, did_you_mean, message_of
 from photosite.files.small import read_small
+from photosite.values.validated import input_error
 
 LARGEST_BYTES = 1 << 22
 """Size limit of a file; a protocol that lists 10 000 frames one by one takes an eighth of it."""
@@ -177,3 +180,46 @@ def optional_text(path: str | PathLike[str], data: Mapping[Any, Any], key: str) 
     if value is not None and not isinstance(value, str):
         raise FileError(path, key, line_of(data, key), value=value, expected="text")
     return None if value is None else str(value)
+
+
+def validated(kind: Any, data: Any, path: str | PathLike[str], section: str = "", context: Any = None) -> Any:
+    """Return the value of a type that the fields describe.
+
+    Parameters
+    ----------
+    kind
+        A Pydantic model, or another type that Pydantic validates.
+    data
+        The fields, as `read_yaml` returns them.
+    path
+        The file, for messages.
+    section
+        Section of the file that the fields are in; empty for the top level.
+    context
+        What the validators of the type need, see Pydantic's `ValidationInfo`.
+
+    Raises
+    ------
+    FileError
+        If the fields are invalid; with the line of the deepest part of the location that the file has.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(data, context=context)
+    except ValidationError as error:
+        found, location = input_error(error), error.errors()[0]["loc"]
+    inner = found.where.split(".") if found.where and not location else ()
+    line = line_at(data, (*location, *inner, found.what.partition("[")[0]))
+    if line is None and section:
+        line = data.lc.line + 1 if hasattr(data, "lc") else None
+    where = ".".join(part for part in (section, found.where) if part) or None
+    raise FileError(path, found.what, line, **found.fields | {"where": where}) from None
+
+
+def line_at(data: Any, location: Sequence[str | int]) -> int | None:
+    """Return the line of the deepest part of the location that the file has."""
+    line: int | None = None
+    for part in location:
+        if (found := line_of(data, part)) is None:
+            break
+        line, data = found, data[part]
+    return line

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from photosite.color.spectrum import Spectrum, wavelength_grid
 from photosite.errors import InputError
 from photosite.optics.checks import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM, camera_wavelengths, check_number
-from photosite.optics.mapping import RadialMapping
+from photosite.optics.distortion import RadialMapping
+from photosite.optics.illumination import VeilingGlare
 from photosite.optics.point_spread import RadialPsf
-from photosite.optics.veiling_glare import VeilingGlare
 
 Array = NDArray[np.float64]
 

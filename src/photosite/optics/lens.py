@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from threading import Lock
+from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,13 +16,13 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.optics.checks import check_type
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
-from photosite.optics.illumination import IlluminationTable
-from photosite.optics.mapping import RadialMapping, image_height
+from photosite.optics.distortion import Distortion, LateralColor, RadialMapping, combined_mapping, image_height
+from photosite.optics.illumination import IlluminationTable, VeilingGlare
 from photosite.optics.point_spread import PointSpread
-from photosite.optics.protocols import Blur
-from photosite.optics.veiling_glare import VeilingGlare
 from photosite.optics.wavefront import Wavefront
+
+if TYPE_CHECKING:
+    from photosite.optics.diffraction import DiffractionLimited
 
 Array = NDArray[np.float64]
 
@@ -170,3 +171,43 @@ _cache_lock = Lock()
 _cache: WeakKeyDictionary[Lens, dict[float, PointSpread]] = WeakKeyDictionary()
 """PSFs by distance: a PSF computes its OTFs once, and a series of frames asks for them repeatedly. They are kept
 outside the lens, because a lens can be pickled and their closures cannot."""
+
+
+# The interfaces of optics: what a camera requires of a lens, and what a lens requires of its blur.
+
+
+class Optics(Protocol):
+    """What a camera requires of its lens. Distances are from the lens to the object, in m."""
+
+    def magnification(self, distance_m: float) -> float:
+        """Return |m|, image size over object size."""
+
+    def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:
+        """Return on-axis irradiance over radiance, (wavelengths,) sr, transmittance included."""
+
+    def relative_illumination(self, image_height_m: Array, distance_m: float) -> Array | None:
+        """Return irradiance over on-axis irradiance at image heights; None if it is 1 everywhere."""
+
+    def point_spread(self, distance_m: float) -> PointSpread:
+        """Return the point spread function on the sensor."""
+
+    def mapping(self, distance_m: float) -> RadialMapping | None:
+        """Return distortion and lateral color; None for a lens that has neither."""
+
+    @property
+    def veiling_glare(self) -> VeilingGlare | None:
+        """Light scattered over the sensor; None for a lens that scatters nothing."""
+
+
+class Blur(Protocol):
+    """The point spread function of a lens: a wavefront, a table, lens-design data, or a class of the user's own.
+
+    A blur that blocks light, such as an obstructed pupil, also has the attribute `throughput`: transmitted light
+    relative to an open circular pupil of the same f-number.
+    """
+
+    def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> PointSpread:
+        """Return the point spread function for an object at `distance_m`.
+
+        The plane at `focus_distance_m` is in focus; None: the object. `base` has f-number and focal length.
+        """

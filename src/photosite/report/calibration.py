@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from typing import TypeVar
 
+from photosite.calibration.photon_transfer.general_model import GeneralModel
+from photosite.calibration.photon_transfer.linearity import Linearity
+from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
+from photosite.report.chip import defect_blocks, nonuniformity_blocks, outlier_pixel_blocks, temporal_blocks
 from photosite.report.data_sheet import data_sheet_blocks
+from photosite.report.figures.response import (
+    Residuals,
+    curve_figure,
+    general_model_figure,
+    linearity_figure,
+    snr_figure,
+)
 from photosite.report.page import (
     Block,
     Details,
@@ -19,11 +32,15 @@ from photosite.report.page import (
     Table,
     Terms,
     columns,
+    figure_block,
+    first_reason,
+    missing_channel_blocks,
+    reason_block,
     sentence,
 )
 from photosite.report.paper import paper_blocks
-from photosite.report.plots import plot_sections
-from photosite.report.tables import channel_table, correlation_table, parameter_tables
+from photosite.report.tables import channel_table, correlation_table, linear_range_table, parameter_tables
+from photosite.values.uncertain import Missing
 
 FOOTER = (
     "Values are estimate ± standard uncertainty (GUM). The 95 % intervals follow the distribution of each estimate and "
@@ -33,6 +50,30 @@ FOOTER = (
 _SHOWN_WARNINGS = 12
 
 _DIGESTS = "SHA-256 of a frame's digital numbers as little-endian 16-bit integers, row by row."
+
+_CURVES: dict[str, tuple[Residuals, str]] = {
+    "response": (
+        "percent",
+        "Response: signal against light, with the line fitted to the linear range. Below: deviation from the line. "
+        "Error bars are 95 % intervals from sampling; the band is that of the line.",
+    ),
+    "photon_transfer": (
+        "standard",
+        "Photon transfer: temporal variance against signal, both minus the dark value. The slope of the line is the "
+        "system gain K. Below: residuals in standard uncertainties; 95 % should lie between the dotted lines. The "
+        "band is that of the line.",
+    ),
+    "dark_signal": (
+        "standard",
+        "Dark signal: mean of the dark frames against exposure time. The slope of the line is the dark current. Below: "
+        "residuals in standard uncertainties.",
+    ),
+    "dark_variance": (
+        "standard",
+        "Dark noise: temporal variance of the dark frames against exposure time; without dark current it is constant. "
+        "Below: residuals in standard uncertainties.",
+    ),
+}
 
 
 def calibration_page(calibration: Calibration) -> Page:
@@ -153,3 +194,133 @@ _TERMS = (
         "Deviation of the response from a straight line. Gain and responsivity are fitted within the linear range.",
     ),
 )
+
+
+# The plots of a calibration's report, in the order of the EMVA 1288 data sheet, or the reasons for missing ones.
+
+
+def curve_blocks(calibration: Calibration, kinds: tuple[str, ...] = tuple(_CURVES)) -> tuple[Block, ...]:
+    """Return a figure for each kind of curve that has at least two points in some channel.
+
+    Parameters
+    ----------
+    calibration
+        Result of `calibrate`.
+    kinds
+        Kinds of curves: "response", "photon_transfer", "dark_signal", "dark_variance".
+    """
+    blocks: list[Block] = []
+    for kind in kinds:
+        residuals, caption = _CURVES[kind]
+        curves = {channel: found[kind] for channel, found in calibration.curves.items() if kind in found}
+        if any(len(curve.x) > 1 for curve in curves.values()):
+            title = next(iter(curves.values())).title
+            figure = curve_figure(curves, residuals)
+            blocks.append(figure_block(figure, f"{title}: points and fitted lines with 95 % bands", caption))
+    return tuple(blocks)
+
+
+def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
+    """Return the sections of the data sheet with plots, in the standard's order; a reason replaces a missing plot.
+
+    References
+    ----------
+    EMVA 1288 R4.0 Linear, the plots of a data sheet.
+    """
+    ranges = [linear_range_table(calibration.linear_range)] if calibration.linear_range else []
+    no_light = calibration.system_gain_dn_per_e.reason or "there is only one light level; a curve needs at least two"
+    return (
+        Section("Sensitivity", (*_or_reason(calibration, "response", no_light), *ranges)),
+        Section("Photon transfer", _or_reason(calibration, "photon_transfer", no_light)),
+        Section("Signal-to-noise ratio", _snr_blocks(calibration)),
+        Section("Linearity", _linearity_blocks(calibration)),
+        Section("General model", _general_blocks(calibration)),
+        Section("Dark current", _dark_blocks(calibration)),
+        Section("Noise in the dark", temporal_blocks(calibration)),
+        Section("Nonuniformity", nonuniformity_blocks(calibration)),
+        Section("Defects", (*defect_blocks(calibration), *outlier_pixel_blocks(calibration))),
+    )
+
+
+def _or_reason(calibration: Calibration, kind: str, lacking: str) -> tuple[Block, ...]:
+    """Return the figure of a kind of curve, or the reason why it is missing."""
+    return curve_blocks(calibration, (kind,)) or (reason_block(lacking),)
+
+
+_Content = TypeVar("_Content")
+
+
+def _known(found: Mapping[str, _Content | Missing]) -> dict[str, _Content]:
+    return {channel: entry for channel, entry in found.items() if not isinstance(entry, Missing)}
+
+
+def _snr_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    curves = {channel: curve for channel, curve in _known(calibration.snr).items() if curve.x.size}
+    if not curves:
+        otherwise = calibration.system_gain_dn_per_e.reason or "no level has a ratio"
+        return (first_reason(calibration.snr, otherwise),)
+    ideal = (
+        "which turns every photon into an electron and adds no noise"
+        if next(iter(curves.values())).photons
+        else "which adds no noise to the shot noise of the electrons (the photons are unknown)"
+    )
+    figure = figure_block(
+        snr_figure(curves, _patterns(calibration, curves)),
+        "Signal-to-noise ratio against light: points, linear model with 95 % band, ideal sensor",
+        "Temporal signal-to-noise ratio of a pixel. Points: measured, with 95 % intervals. Lines: from the fitted "
+        f"gain, response and dark noise, with 95 % bands. Dotted: an ideal sensor, {ideal}. Thin line: total ratio, "
+        "with the fixed pattern (DSNU and PRNU) included in the noise.",
+    )
+    return figure, *missing_channel_blocks(calibration.snr, "ratio")
+
+
+def _patterns(calibration: Calibration, curves: Mapping[str, SnrCurve]) -> dict[str, tuple[float, float]]:
+    """Return DSNU1288 in DN and PRNU1288 as a fraction, for the channels that have both."""
+    found = {}
+    for channel, curve in curves.items():
+        parameters = calibration.channels.get(channel, calibration)
+        dsnu_e, prnu_percent = parameters.dsnu1288_e.value, parameters.prnu1288_percent.value
+        if dsnu_e is not None and prnu_percent is not None:
+            found[channel] = (curve.gain_dn_per_e.value * dsnu_e, prnu_percent / 100.0)
+    return found
+
+
+def _linearity_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    found: dict[str, Linearity] = _known(calibration.linearity)
+    if not found:
+        otherwise = calibration.linearity_error_percent.reason or "no light frames"
+        return (first_reason(calibration.linearity, otherwise),)
+    figure = figure_block(
+        linearity_figure(found),
+        "Deviation from linearity against light, by two definitions",
+        "Deviation of the response from a straight line. Above: relative to the line, fitted to the relative "
+        "deviations (EMVA 1288 R3.1 and R4.0), so that small signals have the same weight as large ones. Below: "
+        "relative to full scale (R3.0). Error bars are 95 % intervals from sampling. Dotted lines are the extremes "
+        "of the fitted levels, 5 to 95 % of saturation.",
+    )
+    return figure, *missing_channel_blocks(calibration.linearity, "deviation from linearity")
+
+
+def _general_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the plots of EMVA 1288 R4.0 General, if the photons are unknown."""
+    found: dict[str, GeneralModel] = _known(calibration.general)
+    if calibration.model != "general" or not found:
+        return ()
+    figure = figure_block(
+        general_model_figure(found),
+        "Characteristic curve and signal-to-noise ratio of the input against exposure",
+        "The general model, which assumes neither known photons nor a linear response. Above: the characteristic "
+        "curve. Below: the signal-to-noise ratio of the input, which is the light divided by the input noise: the "
+        "measured noise divided by the local slope of the curve. Error bars are 95 % intervals.",
+    )
+    return figure, *missing_channel_blocks(calibration.general, "figures of the general model")
+
+
+def _dark_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    one = "dark frames at only one exposure time; a slope needs at least two"
+    return (
+        Subheading("From the mean"),
+        *_or_reason(calibration, "dark_signal", one),
+        Subheading("From the variance"),
+        *_or_reason(calibration, "dark_variance", f"{one}, with two frames each"),
+    )

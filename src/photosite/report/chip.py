@@ -27,7 +27,7 @@ from photosite.report.page import (
     reason_block,
 )
 from photosite.report.tables import format_estimate, interval_text
-from photosite.sensor.measured_chip import DefectKind, Defects
+from photosite.sensor.chip import DefectKind, Defects
 from photosite.values.uncertain import Missing
 
 _LISTED = 200  # largest number of pixels in a list

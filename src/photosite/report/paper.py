@@ -14,7 +14,7 @@ from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from PIL import ImageDraw
 from photosite.report.figures.validation import color_difference_figure, patch_means_figure, patch_snr_figure
 from photosite.report.numbers import format_number, format_uncertain
 from photosite.report.page import (
+    WIDEST,
     Block,
     Details,
     Heading,
@@ -25,10 +26,11 @@ from photosite.report.page import (
     Table,
     columns,
     figure_block,
+    jpeg_bytes,
     numeric,
     sentence,
+    shrink,
 )
-from photosite.report.pictures import WIDEST, jpeg_bytes, shrink
 from photosite.validation.agreement import ChiSquare
 from photosite.validation.fill_factor import ChannelFillFactor, FillFactorFit
 from photosite.validation.frame_validation import FrameValidation

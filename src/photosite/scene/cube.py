@@ -1,4 +1,4 @@
-"""Spectral cubes: images of many bands, read a few rows at a time from memory or from a file.
+"""Spectral cubes: images of many bands, their wavelengths, read a few rows at a time from memory or from a file.
 
 A reader fills the header and converts the values to SI. `photosite.scene.scene_cube` makes scenes of cubes.
 """
@@ -6,13 +6,13 @@ A reader fills the header and converts the values to SI. `photosite.scene.scene_
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError
 from photosite.files.temporary import TemporaryFolder
@@ -23,6 +23,17 @@ Block = tuple[int, Array]
 """First row, and (n, cols, bands) values."""
 
 Interleave = Literal["bsq", "bil", "bip"]
+
+_LOWEST_NM, _HIGHEST_NM = 100.0, 30_000.0
+_NANOMETRES_PER = {"nm": 1.0, "um": 1e3, "m": 1e9, "angstrom": 0.1, "mm": 1e6}
+_UNIT_NAMES = {
+    **dict.fromkeys(("nm", "nanometer", "nanometers", "nanometre", "nanometres"), "nm"),
+    **dict.fromkeys(("um", "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"), "um"),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("angstrom", "angstroms", "a"), "angstrom"),
+    **dict.fromkeys(("mm", "millimeter", "millimeters"), "mm"),
+}
+_HINT: dict[str, Any] = {"hint": "Pass them in nm: {wavelength_nm}", "arguments": {"wavelength_nm": [400, 410, 420]}}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -219,3 +230,132 @@ def select_bands(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
         "light": None if cube.light is None else np.asarray(cube.light, np.float64)[wanted],
     }
     return SelectedBands(whole=cube, bands=np.flatnonzero(wanted), **head)
+
+
+# The wavelengths of a spectral file's bands: unit, order and validity.
+
+
+def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wanted: ArrayLike | None) -> Array:
+    """Return the wavelengths of a file's bands, in nm and in the order of the bands.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    values, unit
+        (bands,) as in the file; None where it has none. Values from 200 to 2600 without a unit are nanometers: no other
+        unit puts them into a camera's range.
+    wanted
+        (bands,) nm, given by the caller for a file without them.
+
+    Raises
+    ------
+    FileError
+        If neither gives them, both do and differ, or they are outside any camera's range.
+    """
+    if values is None:
+        if wanted is None:
+            raise FileError(path, "has no wavelengths of its bands", **_HINT)
+        return _checked_nm(path, np.asarray(wanted, np.float64).ravel(), "given")
+    try:
+        grid = np.asarray(values, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise FileError(path, "has wavelengths that are not numbers", **_HINT) from None
+    if wanted is not None:
+        given = _checked_nm(path, np.asarray(wanted, np.float64).ravel(), "given")
+        own = given if unit is None else grid * _factor(path, unit)
+        if given.shape != own.shape or not np.allclose(given, own, rtol=1e-6):
+            arguments = {"wavelength_nm": tuple(given.tolist())}
+            raise FileError(path, "states other wavelengths", hint="Omit {wavelength_nm}", arguments=arguments)
+        return given
+    if unit is None:
+        if not (np.isfinite(grid).all() and grid.size and grid.min() >= 200 and grid.max() <= 2600):
+            raise FileError(path, f"has no unit of its wavelengths, {_ends(grid)}", **_HINT)
+        return grid
+    return _checked_nm(path, grid * _factor(path, unit), f"in {unit}")
+
+
+def _factor(path: Path, unit: str) -> float:
+    name = _UNIT_NAMES.get(unit.strip().lower().replace("µ", "u").replace("μ", "u"))
+    if name is None:
+        raise FileError(path, f"has wavelengths in the unknown unit '{unit[:40]}'", **_HINT)
+    return _NANOMETRES_PER[name]
+
+
+def _checked_nm(path: Path, grid: Array, what: str) -> Array:
+    if grid.size and np.isfinite(grid).all() and grid.min() >= _LOWEST_NM and grid.max() <= _HIGHEST_NM:
+        return grid
+    raise FileError(path, f"has wavelengths of {_ends(grid)} {what}, outside any camera's range", **_HINT)
+
+
+def _ends(grid: Array) -> str:
+    return f"{grid.min():g} to {grid.max():g}" if grid.size and np.isfinite(grid).all() else "not all finite"
+
+
+def within_range(wavelength_nm: Array, band_range_nm: ArrayLike | None) -> NDArray[np.bool_]:
+    """Return whether each band (bands,) is in a range, its ends included; all are where the range is None.
+
+    Examples
+    --------
+    >>> within_range(np.array([390.0, 400, 780, 790]), (400, 780)).tolist()
+    [False, True, True, False]
+    """
+    first, last = (-np.inf, np.inf) if band_range_nm is None else np.asarray(band_range_nm, np.float64)
+    return (wavelength_nm >= first) & (wavelength_nm <= last)
+
+
+def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.intp]:
+    """Return the indices (bands,) that sort bands by wavelength."""
+    order = np.argsort(wavelength_nm, kind="stable")
+    if (np.diff(wavelength_nm[order]) == 0).any():
+        at = int(order[int(np.argmax(np.diff(wavelength_nm[order]) == 0))])
+        raise FileError(name, f"two bands have {wavelength_nm[at]:g} nm", hint="Remove one of them")
+    steps = np.diff(wavelength_nm)
+    if (steps <= 0).any() and not sort:
+        at = int(np.argmax(steps <= 0)) + 1
+        after = f"band {at + 1} has {wavelength_nm[at]:g} nm after {wavelength_nm[at - 1]:g} nm"
+        hint, arguments = "Sort the file's bands, or pass {sort_bands}", {"sort_bands": True}
+        raise FileError(name, f"its wavelengths are not sorted: {after}", hint=hint, arguments=arguments)
+    return order
+
+
+class Stated:
+    """Values that a cube's file states by name: attributes, fields of a header, or JSON; None where one is missing.
+
+    Every method raises `FileError` for a value that is not of its kind; numbers can be text.
+    """
+
+    def __init__(self, path: Path, values: Mapping[str, Any]) -> None:
+        self._path, self._values = path, values
+
+    def numbers(self, name: str, count: int | None = None) -> Array | None:
+        """Return a list of numbers; where a count is given, of so many finite ones."""
+        value = self._values.get(name)
+        if value is None:
+            return None
+        try:
+            numbers = np.empty(0) if isinstance(value, bool) else np.asarray(value, np.float64).ravel()
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty(0)
+        if numbers.size == 0 or (count is not None and not (numbers.size == count and np.isfinite(numbers).all())):
+            several = "a list of numbers" if count is None else f"{count} finite numbers, one for each band"
+            raise FileError(self._path, name, value=value, expected="a finite number" if count == 1 else several)
+        return numbers
+
+    def number(self, name: str, *, above_0: bool = False) -> float | None:
+        """Return a finite number."""
+        values = self.numbers(name, 1)
+        if above_0 and values is not None and values[0] <= 0:
+            raise FileError(self._path, name, value=float(values[0]), expected="above 0")
+        return None if values is None else float(values[0])
+
+    def head(self, bands: int, no_data: str = "no_data") -> dict[str, Any]:
+        """Return the fields of a cube: light (bands,), distance, width, and the mark of missing values."""
+        mark = self.numbers(no_data)
+        return {
+            "light": self.numbers("light", bands),
+            "distance_m": self.number("distance_m", above_0=True),
+            "width_m": self.number("width_m", above_0=True),
+            # NaN is missing in any case.
+            "no_data": None if mark is None or not np.isfinite(mark).all() else self.number(no_data),
+        }

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, photons_from_energy
-from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import Scene

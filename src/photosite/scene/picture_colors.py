@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science
 from photosite.errors import InputError, did_you_mean
 from photosite.values.validated import check_choice
 

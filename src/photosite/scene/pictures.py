@@ -11,10 +11,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science, luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, photons_from_energy, wavelength_grid
-from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.picture_colors import (
     Method,

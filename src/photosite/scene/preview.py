@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.colour_science import colour_science
-from photosite.color.tristimulus import xyz
+from photosite.color.colorimetry import colour_science, xyz
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
 

@@ -9,9 +9,9 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, integration_weights, photons_from_energy, wavelength_grid
-from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
@@ -277,7 +277,7 @@ class Scene:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a file, as `photosite.write_scene`; `.h5` keeps all of it."""
-        from photosite.scene.io.files import write_scene
+        from photosite.scene.io.formats import write_scene
 
         write_scene(self, path)
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import photons_from_energy
-from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
-from photosite.scene.bands import band_order, within_range
-from photosite.scene.cube import Array, Block, SpectralCube
+from photosite.scene.cube import Array, Block, SpectralCube, band_order, within_range
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduction import Progress, reduce_to_components
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene

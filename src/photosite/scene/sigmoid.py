@@ -10,10 +10,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import color_matching_functions, colour_science
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import integration_weights, wavelength_grid
-from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError
 from photosite.scene.reduction import principal_spectra
 

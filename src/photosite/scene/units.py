@@ -1,17 +1,20 @@
-"""Units of spectral images as files and users write them."""
+"""Units of spectral images as files state them and users write them."""
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from dataclasses import dataclass
 from os import PathLike
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.scene.options import ReadOptions
 
 Quantity = Literal["photon radiance", "energy radiance", "reflectance", "relative"]
 """In photons/s/sr/m2/nm; in W/sr/m2/nm; as a fraction of the light; as energy radiance up to an unknown factor."""
@@ -29,6 +32,7 @@ _BRIGHT, _BRIGHT_SHARE, _BRIGHTEST = 2.0, 0.01, 10.0
 _OTHER_SCALE, _NO_REFLECTANCE = 0.25, 1000.0
 """With that share above 2, the values have another scale. No glint reaches 1000, and one would dominate the scene."""
 _LONGEST = 200
+_LONGEST_STATED = 80
 _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
 
 
@@ -167,3 +171,30 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
         what = f"{held}; {bright} of {count} values are above {_BRIGHT:g}: glints, fluorescence or errors"
         hint = "They are used as they are; correct the file if they are errors"
         warnings.warn(PhotositeWarning(what, where=str(name), hint=hint), stacklevel=2)
+
+
+def file_units(path: Path, options: ReadOptions, stated: Any) -> Units:
+    """Return the units of a file's values; the caller's override those that the file states, if any."""
+    if options.units is not None:
+        return override_units(path, options.units, stated)
+    if stated is None:
+        or_else = ", 'photons/s/sr/m2/nm', 'reflectance' or 'relative'"
+        options.require(path, "does not state the units of its values", or_else, units="W/sr/m2/nm")
+    try:
+        return parse_units(str(stated)[:_LONGEST_STATED])
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def override_units(path: Path, given: str, stated: Any, own: Units | None = None) -> Units:
+    """Return the caller's units; warn where the file states others: `own`, or else those of the text `stated`."""
+    units = parse_units(given)
+    if own is None:
+        try:
+            own = None if stated is None else parse_units(str(stated)[:_LONGEST_STATED])
+        except InputError:  # unknown units cannot contradict
+            own = None
+    if own is not None and (own.quantity != units.quantity or not math.isclose(own.scale, units.scale, rel_tol=1e-9)):
+        what = f"the file states the units '{stated!s:.40}'; units='{given}' overrides them"
+        warnings.warn(PhotositeWarning(what, where=str(path)), stacklevel=2)
+    return units

@@ -1,21 +1,31 @@
-"""A drawn chip: the fixed pattern that is drawn from a sensor's serial number."""
+"""The chip: a fixed pattern drawn from a sensor's serial number, or measured maps with defective pixels."""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import IntEnum
 from functools import lru_cache
+from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import threads_for
-from photosite.engine.philox import key_from_seed
 from photosite.engine.pixel_model import DEVIATE_STEP, normal_deviates
+from photosite.engine.random_numbers import key_from_seed
+from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 
+if TYPE_CHECKING:
+    from photosite.sensor.model import Maps
+
 _PRNU, _DSNU, _DARK_CURRENT = range(3)
+
+FloatMap = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +101,198 @@ def _deviates(serial: str, rows: int, cols: int, word: int) -> NDArray[np.int16]
         deviates = normal_deviates(rows, cols, word, *key_from_seed(key))
     deviates.flags.writeable = False
     return deviates
+
+
+# A measured chip: maps of its pixels, defective and blinking pixels, row and column noise.
+
+
+class DefectKind(IntEnum):
+    """Kinds of defective pixels, with their numbers in a file of maps."""
+
+    HOT = 1
+    """Dark current far above that of the channel; the value is in DN/s."""
+    OFFSET = 2
+    """Dark level far from that of the channel; the value is in DN. With dark frames of one exposure time this includes
+    hot pixels."""
+    DEAD = 3
+    """Less than half of the channel's response to light; the value is the relative response."""
+    RESPONSE = 4
+    """Response to light far from that of the channel; the value is the relative response."""
+    BLINKING = 5
+    """Random telegraph noise between two levels; the value is their distance in DN."""
+    NOISY = 6
+    """Noise far above that of the channel, without two levels; the value is in DN."""
+
+
+@dataclass(frozen=True, eq=False)
+class Defects:
+    """Defective pixels, arrays (n,); a pixel can have several entries.
+
+    Parameters
+    ----------
+    row, col
+        Position on the chip.
+    kind, value
+        A `DefectKind`, and the value that it defines.
+    deviation
+        Distance from the channel's median, in standard deviations of the channel's map; for BLINKING the distance
+        between the levels in units of the noise within them, for NOISY the noise in units of the channel's.
+    """
+
+    row: NDArray[np.int64]
+    col: NDArray[np.int64]
+    kind: NDArray[np.uint8]
+    value: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def of(self, kind: DefectKind) -> Defects:
+        """Return the entries of one kind."""
+        return self.where(self.kind == kind)
+
+    def where(self, chosen: NDArray[np.bool_]) -> Defects:
+        """Return the entries for which (n,) `chosen` is true."""
+        return Defects(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
+
+    def counts(self) -> Mapping[str, int]:
+        """Return the number of entries of each kind, by its name in lower case."""
+        return {kind.name.lower(): int(np.count_nonzero(self.kind == kind)) for kind in DefectKind}
+
+
+@dataclass(frozen=True, eq=False)
+class Blinking:
+    """Blinking pixels (random telegraph noise between two levels), arrays (n,).
+
+    Parameters
+    ----------
+    row, col
+        Position on the chip.
+    amplitude_dn, high_fraction
+        Distance between the levels, and fraction of the frames in the upper one.
+    noise_dn
+        Temporal standard deviation within a level, without rounding and shot noise of the dark current.
+    """
+
+    row: NDArray[np.int64]
+    col: NDArray[np.int64]
+    amplitude_dn: NDArray[np.float64]
+    high_fraction: NDArray[np.float64]
+    noise_dn: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def no_defects() -> Defects:
+    """Return an empty list of defects."""
+    none, whole = np.zeros(0), np.zeros(0, np.int64)
+    return Defects(whole, whole, np.zeros(0, np.uint8), none, none)
+
+
+def no_blinking() -> Blinking:
+    """Return an empty list of blinking pixels."""
+    none, whole = np.zeros(0), np.zeros(0, np.int64)
+    return Blinking(whole, whole, none, none, none)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredChip:
+    """The maps of one chip, (rows, cols) float32 each, in digital numbers; `..._uncertainty` is the measurement's.
+
+    They are neither smoothed nor clipped: a map's spread is that of the chip and of its measurement.
+
+    Parameters
+    ----------
+    offset_dn, offset_uncertainty_dn
+        Dark level at an exposure of 0 minus the black level, and its standard uncertainty. With dark frames of one
+        exposure time, the level at `reference_exposure_s`.
+    read_noise_dn
+        Temporal standard deviation without rounding and shot noise of the dark current. A negative variance estimate -v
+        is stored as -sqrt(v).
+    read_noise_freedom
+        Degrees of freedom of each pixel's temporal variance.
+    dark_rate_dn_per_s, dark_rate_uncertainty_dn_per_s
+        Dark current; None with dark frames of one exposure time.
+    prnu, prnu_uncertainty
+        Relative deviation of the response to light from the channel's mean, including the fall-off of lamp and lens.
+        None without light frames.
+    row_noise_dn, column_noise_dn
+        Temporal noise common to a row or a column, part of `read_noise_dn`; negative if its variance estimate is.
+    black_level_dn
+        Reference of `offset_dn`.
+    system_gain_dn_per_e
+        System gain of these maps, or None.
+    reference_exposure_s
+        Exposure time of the dark frames for `read_noise_dn`.
+
+    Raises
+    ------
+    InputError
+        If the maps differ in size or type or have values that are not finite, or another value is invalid.
+    """
+
+    offset_dn: FloatMap
+    offset_uncertainty_dn: FloatMap
+    read_noise_dn: FloatMap
+    read_noise_freedom: int
+    dark_rate_dn_per_s: FloatMap | None = None
+    dark_rate_uncertainty_dn_per_s: FloatMap | None = None
+    prnu: FloatMap | None = None
+    prnu_uncertainty: FloatMap | None = None
+    row_noise_dn: float = 0.0
+    column_noise_dn: float = 0.0
+    black_level_dn: float
+    system_gain_dn_per_e: float | None
+    reference_exposure_s: float
+    defects: Defects
+    blinking: Blinking
+
+    def __post_init__(self) -> None:
+        for name, values in self.maps().items():
+            if values.shape != self.offset_dn.shape or values.ndim != 2 or values.dtype != np.float32:
+                found, expected = f"{values.shape} of {values.dtype}", f"{self.offset_dn.shape} of float32"
+                raise InputError(name, value=found, expected=expected)
+            # The sum is finite if all values are, and needs no temporary array.
+            if not np.isfinite(values.sum(dtype=np.float64)):
+                raise InputError(name, expected="finite everywhere")
+        if self.system_gain_dn_per_e is not None and not 0 < self.system_gain_dn_per_e < np.inf:
+            raise InputError("system_gain_dn_per_e", value=self.system_gain_dn_per_e, expected="finite and above 0")
+        for what, listed in (("defects", self.defects), ("blinking", self.blinking)):
+            for name, places, size in (("row", listed.row, self.shape[0]), ("col", listed.col, self.shape[1])):
+                if len(places) and not (places.min() >= 0 and places.max() < size):
+                    ends = (int(places.min()), int(places.max()))
+                    raise InputError(name, where=what, value=ends, expected=f"from 0 to {size - 1}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        rows, cols = self.offset_dn.shape
+        return rows, cols
+
+    def maps(self) -> dict[str, FloatMap]:
+        """Return the maps that are not None, by name."""
+        found = {name: getattr(self, name) for name in MAP_UNITS}
+        return {name: values for name, values in found.items() if values is not None}
+
+    def save(self, path: str | PathLike[str]) -> Maps:
+        """Write the maps to an HDF5 file; raise `FileError` if it cannot be written.
+
+        The name and SHA-256 that it returns go into a sensor file: `sensor.with_(maps=chip.save("mine.maps.h5"))`.
+        """
+        from photosite.sensor.io.maps_file import write_maps
+
+        return write_maps(self, path)
+
+
+MAP_UNITS = {
+    "offset_dn": "DN",
+    "offset_uncertainty_dn": "DN",
+    "read_noise_dn": "DN",
+    "dark_rate_dn_per_s": "DN/s",
+    "dark_rate_uncertainty_dn_per_s": "DN/s",
+    "prnu": "1",
+    "prnu_uncertainty": "1",
+}
+"""The maps of a `MeasuredChip` and their units in the file."""

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from photosite.errors import InputError, did_you_mean
-from photosite.sensor.covariance import Covariance
 from photosite.sensor.optical_stack import OpticalStack
 from photosite.sensor.quantity import (
+    Covariance,
     Fraction,
     Increasing,
     NotNegative,
@@ -23,7 +23,7 @@ from photosite.sensor.quantity import (
     check_length,
 )
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section, input_error
 
 
@@ -214,7 +214,7 @@ class Sensor(Section):
         Examples
         --------
         >>> import photosite as ps
-        >>> from photosite.values.measured import Measured
+        >>> from photosite.values.uncertain import Measured
         >>> sensor = ps.load_sensor("nikon-d200").with_(read_noise_mv=Measured(0.52, 0.01))
         >>> sensor.covariance_of(["read_noise_mv", "dsnu_mv"]).tolist()
         [[0.0001, 0.0], [0.0, 0.0]]

@@ -13,7 +13,7 @@ from statistics import fmean
 
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 QUANTISATION_DN2 = 1 / 12
 """Variance of rounding to whole numbers."""

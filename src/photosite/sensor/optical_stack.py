@@ -23,7 +23,7 @@ from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.quantity import Increasing, NotNegative, Positive, UnitInterval, check_length, is_number
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
 Kernel = tuple[tuple[float, ...], ...]

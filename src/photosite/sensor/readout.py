@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import threads_for
-from photosite.engine.philox import key_from_seed
 from photosite.engine.pixel_model import (
     BlinkingPixels,
     DrawnConstants,
@@ -22,10 +21,10 @@ from photosite.engine.pixel_model import (
     expose_measured,
     line_deviates,
 )
+from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
-from photosite.sensor.chip import draw_chip
+from photosite.sensor.chip import Blinking, MeasuredChip, draw_chip
 from photosite.sensor.io.maps_file import load_measured_chip
-from photosite.sensor.measured_chip import Blinking, MeasuredChip
 from photosite.sensor.model import Sensor
 from photosite.values.validated import check_choice
 

@@ -32,22 +32,20 @@ from pydantic import Field, PlainValidator, model_validator
 from photosite.calibration.spectral.chart import ChartViews
 from photosite.calibration.spectral.protocol import FrameEntry, SpectralProtocol, read_spectral_protocol
 from photosite.camera.camera import Camera
-from photosite.color.spectrum import Spectrum
-from photosite.color.spectrum_file import read_spectrum
+from photosite.color.spectrum import Spectrum, read_spectrum
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.validation import line_at
-from photosite.files.yaml import line_of, read_yaml
+from photosite.files.yaml import line_at, line_of, read_yaml
 from photosite.frames.io.read import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.protocols import Optics
+from photosite.optics.lens import Optics
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.sensor.quantity import NotNegative, Positive, is_number
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
 _MOST_WAVELENGTHS = 200

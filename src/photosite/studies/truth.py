@@ -9,7 +9,7 @@ import numpy as np
 
 from photosite.camera.optical_stack import channel_mixing
 from photosite.color.spectrum import integration_weights
-from photosite.optics.protocols import Optics
+from photosite.optics.lens import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2

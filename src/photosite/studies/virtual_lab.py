@@ -28,7 +28,7 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.studies.protocol import ShootingProtocol, Step
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 FrameProgress = Callable[[int, int], None]
 """Called with (frames done, frames in total) after each frame."""

@@ -16,7 +16,7 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.protocols import Optics
+from photosite.optics.lens import Optics
 from photosite.scene.charts import macbeth
 from photosite.scene.perspective import check_corners, in_perspective, seen_patches
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene

@@ -10,10 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant
-from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Spectrum, integration_weights, photons_from_energy
-from photosite.color.spectrum_file import read_spectrum
-from photosite.color.tristimulus import luminance_cd_m2
+from photosite.color.spectrum import (
+    DEFAULT_WAVELENGTH_NM,
+    Spectrum,
+    integration_weights,
+    photons_from_energy,
+    read_spectrum,
+)
 from photosite.errors import FileError, did_you_mean
 from photosite.scene.charts import macbeth_reflectance
 

@@ -14,7 +14,7 @@ from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare, RelativeDifference, dict_or_none, largest, relative_difference
 from photosite.validation.color import ColorComparison
-from photosite.validation.noise_diagnosis import describe_noise_difference
+from photosite.validation.diagnosis import describe_noise_difference
 from photosite.validation.regression import Regression
 
 

@@ -50,6 +50,8 @@ class SetUp:
         Distance from the lens to the chart.
     chart
         The chart as a scene that fills the frame; None if only the light of its patches is known.
+    case
+        Name of the case of a file; None for a set-up that is not from a file.
     """
 
     camera: Camera
@@ -59,6 +61,7 @@ class SetUp:
     wavelength_nm: NDArray[np.float64]
     distance_m: float
     chart: Scene | None = None
+    case: str | None = None
 
     @classmethod
     def from_chart(cls, camera: Camera, chart: Scene, exposure_s: float) -> SetUp:
@@ -166,7 +169,7 @@ def read_set_up(
         optics = DiffractionLimited(found.f_number, found.focal_length_m * 1e3)
         camera = Camera(optics, found.sensor(f"{name} of {file.name}"), integration)
         patches = found.names(), found.patch_photon_radiance, found.wavelength_nm
-        set_up = SetUp(camera, found.exposure_s, *patches, found.object_distance_m)
+        set_up = SetUp(camera, found.exposure_s, *patches, found.object_distance_m, case=name)
         if found.result is None:
             return set_up, None
         return set_up, PatchValues.exact(set_up.names, ("R", "G", "B"), "e", found.result.patch_electrons_rgb)
@@ -174,11 +177,6 @@ def read_set_up(
         raise input_error(error).within(name).in_file(file) from None
     except InputError as error:
         raise error.within(name).in_file(file) from None
-
-
-def case_of(path: str | PathLike[str], case: str | None = None) -> str:
-    """Return the name of the case that `read_set_up` selects."""
-    return _chosen(Path(path), _json(Path(path)), case)
 
 
 def _table(dimensions: int, kind: str) -> PlainValidator:

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.mat import load_mat
 from photosite.files.small import read_small
-from photosite.frames.io.read import SUFFIXES, read_raw
+from photosite.frames.io.read import raw_files, read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.validation.patch_values import UNITS, PatchValues, Unit
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS
-from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites
+from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
 from photosite.values.region import Patch
 
 _LARGEST_BYTES = 1 << 22
@@ -61,11 +61,8 @@ class Mosaic:
         rows, cols = self.electrons.shape
         if region.r1 > rows or region.c1 > cols:
             raise InputError(f"patch '{region.name}'", expected=f"inside the mosaic of {rows} x {cols} pixels")
-        inside = np.zeros((region.r1 - region.r0, region.c1 - region.c0), np.bool_)
-        height, width = len(self.cfa), len(self.cfa[0])
-        for r, c in channel_sites(self.cfa, channel):
-            inside[(r - region.r0) % height :: height, (c - region.c0) % width :: width] = True
-        values = self.electrons[region.r0 : region.r1, region.c0 : region.c1][inside & region.inside()]
+        patch = self.electrons[region.r0 : region.r1, region.c0 : region.c1]
+        values = patch[region.inside() & channel_mask(shifted(self.cfa, region.r0, region.c0), channel, patch.shape)]
         if values.size < 2:
             what = f"pixels of channel {channel} in patch '{region.name}'"
             raise InputError(what, value=values.size, expected="two or more")
@@ -281,12 +278,7 @@ def _texts(content: dict[str, Any], name: str) -> tuple[str, ...] | None:
 
 
 def _frames(path: Path, options: ReadOptions) -> Content:
-    files = [path]
-    if path.is_dir():
-        files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
-        if not files:
-            raise FileError(path, "has no raw frames")
-    frames = [_with_options(read_raw(file), file, options) for file in files]
+    frames = [_with_options(read_raw(file), file, options) for file in raw_files(path)]
     if options.unit != "e":
         return frames
     if len(frames) > 1:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from photosite.errors import CalibrationError
-from photosite.values.measured import COVERAGE_95, Measured
 from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
-from photosite.values.uncertain import Missing, Source, Uncertain, Value
+from photosite.values.uncertain import COVERAGE_95, Measured, Missing, Source, Uncertain, Value
 
 Interval = tuple[float, float]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from statistics import NormalDist
 
-from photosite.values.measured import COVERAGE_95
-from photosite.values.uncertain import Uncertain
+from photosite.values.uncertain import COVERAGE_95, Uncertain
 
 
 def signed_root(x: float) -> float:

@@ -16,11 +16,11 @@ from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.distortion import image_height
 from photosite.optics.io.formats import load_optics, read_lens_design
 from photosite.optics.io.iset import read_ray_trace
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.mapping import image_height
 from photosite.optics.sampled_psf import sample_positions
 
 Array = NDArray[np.float64]

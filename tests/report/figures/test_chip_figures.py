@@ -10,7 +10,7 @@ from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
 from photosite.report.figures import chip
 from photosite.report.figures.chip import defect_map_figure, noise_histogram_figure, telegraph_figure
 from photosite.report.style import svg_bytes
-from photosite.sensor.measured_chip import DefectKind, Defects, no_defects
+from photosite.sensor.chip import DefectKind, Defects, no_defects
 from photosite.values.estimate import Estimate
 
 

@@ -18,8 +18,8 @@ from photosite.report.figures.fixed_pattern import (
     spectrogram_figure,
     white_band,
 )
-from photosite.report.figures.marks import thinned
 from photosite.report.figures.response import general_model_figure
+from photosite.report.style import thinned
 from photosite.values.uncertain import Missing, Uncertain
 
 TILE = np.array([[0, 1], [1, 2]])

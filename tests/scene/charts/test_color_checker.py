@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science, luminance_cd_m2, xyz
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, photons_from_energy
-from photosite.color.tristimulus import luminance_cd_m2, xyz
 from photosite.errors import InputError
 from photosite.scene import charts
 

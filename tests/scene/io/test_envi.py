@@ -12,7 +12,7 @@ from scene_files import whole
 
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.scene.io.files import convert, open_cube, read_scene
+from photosite.scene.io.formats import convert, open_cube, read_scene
 
 envi = pytest.importorskip("spectral.io.envi")
 

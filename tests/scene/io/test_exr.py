@@ -19,7 +19,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.cube import Block
 from photosite.scene.io import exr
 from photosite.scene.io.exr import channel_name, spectral_channel
-from photosite.scene.io.files import open_cube, read_scene, write_scene
+from photosite.scene.io.formats import open_cube, read_scene, write_scene
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import SceneCube
 

@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import photosite as ps
-from photosite.color.tristimulus import luminance_cd_m2, xyz
+from photosite.color.colorimetry import luminance_cd_m2, xyz
 from photosite.errors import FileError
-from photosite.scene.io.files import read_scene
+from photosite.scene.io.formats import read_scene
 from photosite.scene.scene import Scene
 
 OpenEXR = pytest.importorskip("OpenEXR")

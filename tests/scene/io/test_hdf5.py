@@ -13,7 +13,7 @@ from scene_files import error_of, whole
 
 from photosite.errors import InputError, PhotositeWarning
 from photosite.scene.cube import RawCube
-from photosite.scene.io.files import open_cube, read_scene, write_scene
+from photosite.scene.io.formats import open_cube, read_scene, write_scene
 from photosite.scene.io.hdf5 import ChunkedCube
 from photosite.scene.scene import Scene
 

@@ -15,7 +15,7 @@ from PIL import Image, ImageCms
 
 from photosite.errors import FileError
 from photosite.scene.io.color_space import RgbSpace, space_of_profile
-from photosite.scene.io.files import read_scene
+from photosite.scene.io.formats import read_scene
 from photosite.scene.picture_colors import display_values, linear_srgb_of
 
 Profile = Callable[..., bytes]

@@ -16,7 +16,7 @@ from scipy.io import loadmat, savemat
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.io import hdf5, matlab
-from photosite.scene.io.files import open_cube, read_scene, write_scene
+from photosite.scene.io.formats import open_cube, read_scene, write_scene
 from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)

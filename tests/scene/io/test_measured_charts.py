@@ -13,7 +13,7 @@ import photosite as ps
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, PhotositeWarning
 from photosite.scene.io import cgats, chart_csv
-from photosite.scene.io.files import read_scene, write_scene
+from photosite.scene.io.formats import read_scene, write_scene
 from photosite.scene.scene import Scene
 
 LIGHT = {"illuminant": "D65", "mean_luminance_cd_m2": 100.0}

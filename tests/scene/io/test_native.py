@@ -13,7 +13,7 @@ import pytest
 import photosite as ps
 from photosite.errors import FileError
 from photosite.scene.io import hdf5
-from photosite.scene.io.files import read_scene
+from photosite.scene.io.formats import read_scene
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights
 

@@ -16,7 +16,7 @@ from PIL import Image
 
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth
-from photosite.scene.io.files import read_scene
+from photosite.scene.io.formats import read_scene
 from photosite.scene.io.picture import TRANSPARENT, check_size
 from photosite.scene.pictures import from_rgb
 

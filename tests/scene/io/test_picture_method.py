@@ -12,7 +12,7 @@ from PIL import Image
 
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth, ramp
-from photosite.scene.io.files import convert, read_scene, write_scene
+from photosite.scene.io.formats import convert, read_scene, write_scene
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import SceneRequest

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
-from photosite.scene.io.files import read_scene
+from photosite.scene.io.formats import read_scene
 from photosite.scene.io.picture import TRANSPARENT, read_alpha
 from photosite.scene.pictures import from_rgb
 

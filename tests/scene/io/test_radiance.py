@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scene_files import error_of
 
-from photosite.color.tristimulus import luminance_cd_m2
-from photosite.scene.io.files import read_scene
+from photosite.color.colorimetry import luminance_cd_m2
+from photosite.scene.io.formats import read_scene
 from photosite.scene.pictures import from_hdr
 
 RNG = np.random.default_rng(8)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scene_files import error_of, whole
 
 from photosite.scene.io import tiff
-from photosite.scene.io.files import open_cube
+from photosite.scene.io.formats import open_cube
 from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)

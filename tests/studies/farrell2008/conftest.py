@@ -9,11 +9,11 @@ import pytest
 
 from photosite.studies.farrell2008 import drawing, fill_factor, patches, table1
 from photosite.studies.farrell2008.cameras import CASES
-from photosite.studies.farrell2008.dim_face import DimFace, dim_face
 from photosite.studies.farrell2008.fill_factor import FillFactors
 from photosite.studies.farrell2008.high_dynamic_range import HighDynamicRange, high_dynamic_range
 from photosite.studies.farrell2008.patches import Patches
 from photosite.studies.farrell2008.pixel_size import PixelSize, pixel_sizes
+from photosite.studies.farrell2008.portrait import DimFace, dim_face
 from photosite.studies.farrell2008.snr import SnrChapter, snr_against_volts
 from photosite.studies.farrell2008.study import Reproduction, reproduce
 

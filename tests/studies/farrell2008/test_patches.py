@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.container import BarContainer
 
-from photosite.color.difference import delta_e_94
+from photosite.color.colorimetry import delta_e_94
 from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import MACBETH_NAMES, macbeth_regions
 from photosite.studies.farrell2008.cameras import MeasuredCamera

@@ -32,9 +32,9 @@ def test_signal_scales_with_the_area(sizes) -> None:
     large, small = sizes.pixel(2.2, False), sizes.pixel(1.4, False)
     assert small.electrons_per_cd_m2 / large.electrons_per_cd_m2 == pytest.approx(AREAS, rel=1e-6)
     # From lens and quantum efficiency, for the green 2.2 um pixel under CIE A.
+    from photosite.color.colorimetry import luminance_cd_m2
     from photosite.color.illuminants import illuminant
     from photosite.color.spectrum import photons_from_energy
-    from photosite.color.tristimulus import luminance_cd_m2
 
     grid = np.arange(380.0, 781.0, 10.0)
     light = photons_from_energy(illuminant("A", grid), grid)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from photosite.studies.farrell2008.cameras import D200, VENDOR
 from photosite.studies.farrell2008.drawing import text
 from photosite.studies.farrell2008.portrait import (
     FACE,
+    dim_face,
     filling,
     portrait_scene,
     portrait_source,
@@ -42,7 +44,7 @@ def test_luminances() -> None:
     scene = portrait_scene(5.0)
     assert scene.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
     # From the spectrum of each sample.
-    from photosite.color.tristimulus import luminance_cd_m2
+    from photosite.color.colorimetry import luminance_cd_m2
 
     radiance = np.einsum("kij,kl->ijl", scene.weights[:, FACE.r0 : FACE.r1 : 9, FACE.c0 : FACE.c1 : 9], scene.basis)
     thinned = luminance_cd_m2(radiance, scene.wavelength_nm).mean()
@@ -86,3 +88,43 @@ def test_a_white_surface_is_developed_white_and_a_gray_one_gray(case) -> None:
         exposure_s = 0.33 * sensor.saturation_capacity_e / white_surface_electrons(camera, scene, 1.0)
         picture = shoot_portrait(camera, scene, exposure_s, 1).picture
         assert np.median(picture) == pytest.approx(wanted, abs=0.01)
+
+
+def test_irradiance_follows_the_f_number(face) -> None:
+    vendor, d200, wide = face.shots
+    assert [shot.case.key for shot in face.shots] == ["vendor", "d200", "d200_f2.8"]
+
+    def opening(shot) -> float:
+        # The portrait's 0.5 m fills 256 pixels.
+        m = 256 * shot.case.sensor().pixel.width_um.value * 1e-6 / 0.5
+        return 1 / (1 + 4 * (shot.case.f_number * (1 + m)) ** 2)
+
+    assert wide.white_e / d200.white_e == pytest.approx(opening(wide) / opening(d200), rel=1e-3)
+    assert face.face_luminance_cd_m2 > 2 * 5.0
+    assert vendor.shot.picture.shape == d200.shot.picture.shape == (300, 256, 3)
+
+
+def test_noise_on_the_face_follows_the_noise_model(face) -> None:
+    # 9 normal deviations; one seed in 1700 exceeds 4 standard errors by chance.
+    for shot in face.shots:
+        for entry in shot.shot.face.values():
+            assert abs(entry.snr_db - entry.expected_db) < 4 * entry.standard_error_db
+    vendor, d200, wide = (shot.shot.face["G"].snr_db for shot in face.shots)
+    assert vendor + 15 < d200 < wide - 5
+
+
+def test_dominant_noise_on_the_face(face) -> None:
+    for shot in face.shots:
+        signal, sensor = shot.shot.face["G"].mean_e, shot.shot.camera.sensor
+        floor = (
+            sensor.electrons(sensor.noise.read_noise_mv.value) ** 2 + sensor.electrons(sensor.noise.dsnu_mv.value) ** 2
+        )
+        light = signal + (sensor.noise.prnu_percent.value / 100 * signal) ** 2
+        assert shot.read_dsnu_dominate_on_the_face == (floor > light)
+    assert [shot.read_dsnu_dominate_on_the_face for shot in face.shots] == [True, True, False]
+
+
+def test_results_are_finite_numbers_that_depend_on_the_seed(face) -> None:
+    text = json.dumps(face.to_dict(), allow_nan=False)
+    assert text == json.dumps(dim_face(2008).to_dict(), allow_nan=False)
+    assert text != json.dumps(dim_face(2009).to_dict(), allow_nan=False)

@@ -27,7 +27,7 @@ from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
-from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
+from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 
 CLIPPED_DARK = 1e-3

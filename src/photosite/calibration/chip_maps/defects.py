@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.sensor.measured_chip import DefectKind, Defects
+from photosite.sensor.chip import DefectKind, Defects
 
 FAR_SIGMA = 4.5
 """Standard deviations of the channel's map beyond which a pixel is listed.

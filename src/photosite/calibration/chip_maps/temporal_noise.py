@@ -14,9 +14,9 @@ from photosite.calibration.chip_maps.noise_shape import BLOCKS, NoiseShape, meas
 from photosite.calibration.chip_maps.periodic_bands import Band, find_bands
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.spatial.line_noise import LineSums, TemporalParts, pool_temporal, temporal_parts
-from photosite.engine.frame_statistics import add_residuals, line_sums
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import threads_for
+from photosite.engine.map_statistics import add_residuals, line_sums
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Uncertain

@@ -7,12 +7,11 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from photosite.errors import CalibrationError
-from photosite.sensor.covariance import Covariance
 from photosite.sensor.io.maps_file import maps_path
 from photosite.sensor.model import Sensor
+from photosite.sensor.quantity import Covariance
 from photosite.values.estimate import Estimate
-from photosite.values.measured import Measured
-from photosite.values.uncertain import JointCovariance, Uncertain, Value, derive
+from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value, derive
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration

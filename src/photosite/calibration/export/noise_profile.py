@@ -7,7 +7,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
 from photosite.values.estimate import Estimate
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 
 def calibration_noise_profile(calibration: Calibration, gain_setting: float | None = None) -> NoiseProfile:

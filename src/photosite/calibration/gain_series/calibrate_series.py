@@ -33,8 +33,7 @@ from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
-from photosite.values.measured import COVERAGE_95, Measured
-from photosite.values.uncertain import Uncertain, correlated
+from photosite.values.uncertain import COVERAGE_95, Measured, Uncertain, correlated
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level
-from photosite.engine.frame_statistics import line_sums
+from photosite.engine.map_statistics import line_sums
 from photosite.values.uncertain import Uncertain, combined, weighted_mean
 
 LINE_FRAMES = 8
@@ -94,7 +94,7 @@ def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], chann
     Examples
     --------
     >>> from photosite.engine.frame_sums import FrameSums
-    >>> from photosite.engine.frame_statistics import line_sums
+    >>> from photosite.engine.map_statistics import line_sums
     >>> rng = np.random.default_rng(1)
     >>> noise = rng.normal(100, 4, (40, 64, 64)) + rng.normal(0, 2, (40, 64, 1))
     >>> stack = noise.round().astype(np.uint16)

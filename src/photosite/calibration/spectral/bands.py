@@ -17,8 +17,8 @@ from photosite.frames.frame_set import FrameSource
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import Cfa
 from photosite.values.exposure import check_exposure
-from photosite.values.measured import Measured
 from photosite.values.region import Region
+from photosite.values.uncertain import Measured
 
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.array([-1.0, 1.0]) / np.sqrt(3.0), np.array([0.5, 0.5])
 """Gauss and Legendre's rule of two points on a step of width 1: exact for cubic polynomials."""

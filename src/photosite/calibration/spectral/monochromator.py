@@ -19,7 +19,7 @@ from photosite.calibration.spectral.signals import SpectralSignals, read_signals
 from photosite.calibration.spectral.smooth_prior import smooth_positive_estimate
 from photosite.errors import CalibrationError, InputError
 from photosite.sensor.model import Sensor
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 MOST_AMPLIFICATION = 5.0
 """Largest factor by which the correction for the bandwidth may raise the noise; above it, a prior is added."""

@@ -29,10 +29,9 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from photosite.calibration.spectral.bands import Band, Passband, Photodiode, SpectralFrames, triangular_passband
-from photosite.color.spectrum_file import read_spectrum
+from photosite.color.spectrum import read_spectrum
 from photosite.errors import FileError, InputError
-from photosite.files.validation import line_at, validated
-from photosite.files.yaml import check_version, line_of, read_yaml
+from photosite.files.yaml import check_version, line_at, line_of, read_yaml, validated
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.frame_settings import FrameSettings, Kind
@@ -42,8 +41,8 @@ from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.quantity import NotNegative, Positive
 from photosite.values.cfa import Cfa, cfa_from
 from photosite.values.exposure import parse_exposure
-from photosite.values.measured import Measured
 from photosite.values.region import Region
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
 Files = Annotated[

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.sensor.model import Channel, Sensor
-from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import COVERAGE_95
 
 Array = NDArray[np.float64]
 

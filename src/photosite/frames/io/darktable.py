@@ -18,7 +18,7 @@ from typing import Any
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.json_file import finite_number, read_json_object, valid_content, write_json_object
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 HAAR_FACTOR = {"mosaic": 1 / 16, "mono": 1 / 4}
 """Part of a raw pixel's noise variance that is in darktable's numbers."""

@@ -25,7 +25,7 @@ from photosite.frames.io.tiff import DESCRIPTION
 from photosite.frames.io.tiff_directory import read_directories
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.cfa import MONOCHROME, channel_names
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 DNG_LOSS = f"the levels are the file's; not in the tag: uncertainties, gain setting (the file's ISO), {NOT_IN_PROFILE}"
 

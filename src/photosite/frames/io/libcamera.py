@@ -18,7 +18,7 @@ import numpy as np
 from photosite.errors import FileError, InputError
 from photosite.files.json_file import finite_number, read_json_object, valid_content, write_json_object
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 _FULL_SCALE_DN16 = 65535
 _NODES = np.linspace(0.0, 1.0, 257)

@@ -35,6 +35,16 @@ _TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _CAMERA_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"\0MRM", b"FOVb")
 
 
+def raw_files(path: Path) -> list[Path]:
+    """Return the raw frames in a folder, by name; a file is returned itself. Raise `FileError` if there are none."""
+    if not path.is_dir():
+        return [path]
+    files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
+    if not files:
+        raise FileError(path, f"has no raw frames ({FORMATS})")
+    return files
+
+
 def read_raw(
     path: str | PathLike[str],
     *,

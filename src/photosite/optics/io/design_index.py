@@ -18,8 +18,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StrictBool, StrictInt
 
 from photosite.errors import FileError, InputError, in_file
-from photosite.files.validation import validated
-from photosite.files.yaml import check_version, line_of, read_yaml
+from photosite.files.yaml import check_version, line_of, read_yaml, validated
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.io import zemax
 from photosite.optics.io.psf_listing import Axes, FirstRow, Layout, PsfListing, lens_design_of, read_grid

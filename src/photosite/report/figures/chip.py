@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
 from photosite.report.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, WIDTH_IN, new_figure, styled
-from photosite.sensor.measured_chip import DefectKind, Defects
+from photosite.sensor.chip import DefectKind, Defects
 
 _PER_POINT = 2  # bins of the histogram per point
 _NORMAL_QUARTILE = 0.6744897501960817

@@ -18,10 +18,8 @@ from photosite.calibration.spatial.spatial_analysis import (
     SpatialAnalysis,
     Spectrogram,
 )
-from photosite.report.figures.marks import thinned
-from photosite.report.style import BAND, BLACK, BLUE, GRAY, GREEN, VERMILION, WIDTH_IN, channel_style, styled
-from photosite.values.measured import COVERAGE_95
-from photosite.values.uncertain import Missing
+from photosite.report.style import BAND, BLACK, BLUE, GRAY, GREEN, VERMILION, WIDTH_IN, channel_style, styled, thinned
+from photosite.values.uncertain import COVERAGE_95, Missing
 
 
 @styled()

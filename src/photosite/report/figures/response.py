@@ -16,10 +16,18 @@ from photosite.calibration.photon_transfer.curves import Curve
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity, LinearityFit
 from photosite.calibration.photon_transfer.snr import SnrCurve
-from photosite.report.figures.marks import channel_handles, draw_band, draw_points
-from photosite.report.style import BLACK, GRAY, channel_style, new_figure, styled, two_panels
-from photosite.values.measured import COVERAGE_95
-from photosite.values.uncertain import Uncertain
+from photosite.report.style import (
+    BLACK,
+    GRAY,
+    channel_handles,
+    channel_style,
+    draw_band,
+    draw_points,
+    new_figure,
+    styled,
+    two_panels,
+)
+from photosite.values.uncertain import COVERAGE_95, Uncertain
 
 _WIDE = 30.0  # ratio of the largest to the smallest value from which on an axis is logarithmic
 _POINTS, _SNR_POINTS = 120, 160  # points of a line and its band

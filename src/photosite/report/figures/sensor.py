@@ -12,7 +12,7 @@ from photosite.calibration.spectral.result import SpectralCalibration
 from photosite.metrics.snr import NoiseBudget, noise_budget
 from photosite.report.style import BLACK, BLUE, GRAY, GREEN, ORANGE, VERMILION, channel_style, new_figure, styled
 from photosite.sensor.model import Sensor
-from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import COVERAGE_95
 
 _PARTS = (
     ("total", "total_db", BLACK, "-"),

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, create_model
 
+from photosite.color.colorimetry import luminance_cd_m2 as luminance_of
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, photons_from_energy, wavelength_grid
-from photosite.color.tristimulus import luminance_cd_m2 as luminance_of
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
 from photosite.values.region import Region

@@ -8,10 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import color_matching_functions, colour_science
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, integration_weights, wavelength_grid
-from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError
 from photosite.scene.charts.chart import Chart, lit
 from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions, reflectance_chart

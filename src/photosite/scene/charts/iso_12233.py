@@ -12,7 +12,7 @@ from pydantic import Field
 from photosite.errors import InputError
 from photosite.scene.charts import coverage
 from photosite.scene.charts.chart import Chart, Contrast, Degrees, Samples, between, grey_chart, lit
-from photosite.scene.charts.gratings import Waveform
+from photosite.scene.charts.patterns import Waveform
 from photosite.values.region import Region
 
 _STRIP = 256

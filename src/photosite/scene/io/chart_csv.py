@@ -17,7 +17,7 @@ import numpy as np
 
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_path
-from photosite.scene.bands import wavelengths_in_nm
+from photosite.scene.cube import wavelengths_in_nm
 from photosite.scene.io.patch_table import (
     PatchTable,
     checked_names,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science
 from photosite.errors import FileError
 from photosite.scene.picture_colors import SPACES, display_values, linear_srgb_of, plain_srgb, primaries_to_xyz
 

@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
-from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, select_bands
-from photosite.scene.io.stated import Stated, file_units, override_units
+from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, Stated, select_bands, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
-from photosite.scene.units import Units, parse_units
+from photosite.scene.units import Units, file_units, override_units, parse_units
 
 _DATA_SUFFIXES = ("", ".img", ".dat", ".raw", ".bin", ".hyspex", ".bsq", ".bil", ".bip", ".sli")
 _UNIT_FIELDS = ("data units", "radiance units", "units")

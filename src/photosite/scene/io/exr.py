@@ -24,20 +24,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science
 from photosite.color.spectrum import energy_from_photons
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.files.quiet import no_stderr
-from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Block, SpectralCube
+from photosite.scene.cube import Block, SpectralCube, wavelengths_in_nm
 from photosite.scene.io.picture import scene_of_light
-from photosite.scene.io.stated import override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import primaries_to_srgb
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
-from photosite.scene.units import Units, parse_units
+from photosite.scene.units import Units, override_units, parse_units
 
 Kind = Literal["emissive", "polarized", "reflective", "reradiated", "plain"]
 """S0; S1 to S3 and most of a Mueller matrix; T or M00; a reflectance from one wavelength to another; a wavelength."""

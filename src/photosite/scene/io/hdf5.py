@@ -40,12 +40,11 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain, read_numbers
 from photosite.files.temporary import Piece, write_bands
-from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Block, Interleave, RawCube, SpectralCube
-from photosite.scene.io.stated import Stated, file_units
+from photosite.scene.cube import Array, Block, Interleave, RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import Reduction, apply_options, cube_of_scene
+from photosite.scene.units import file_units
 from photosite.scene.weights import MappedWeights, WeightStore, all_finite
 from photosite.values.region import Region
 

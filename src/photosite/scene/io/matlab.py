@@ -30,14 +30,12 @@ from photosite.files.atomic import atomic_path
 from photosite.files.hdf5 import SIGNATURE, Hdf5File, open_hdf5, read_numbers
 from photosite.files.mat import ArrayFile, load_mat
 from photosite.files.temporary import TemporaryFolder
-from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Block, RawCube, SpectralCube
+from photosite.scene.cube import Array, Block, RawCube, SpectralCube, wavelengths_in_nm
 from photosite.scene.io.hdf5 import MATLAB_AXES, UNIT_NAMES, WAVELENGTH_NAMES, choose_variable, cube_of_dataset
-from photosite.scene.io.stated import file_units, override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
-from photosite.scene.units import Units
+from photosite.scene.units import Units, file_units, override_units
 
 _PHOTONS = Units("photon radiance")
 _LARGEST_BYTES = 1 << 30

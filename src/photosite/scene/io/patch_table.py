@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small import read_small
-from photosite.scene.bands import band_order, within_range
 from photosite.scene.charts.patches import reflectance_chart
-from photosite.scene.io.stated import override_units
+from photosite.scene.cube import band_order, within_range
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.scene.units import Units, bright_count, check_reflectances
+from photosite.scene.units import Units, bright_count, check_reflectances, override_units
 from photosite.values.region import Region
 
 LARGEST_BYTES = 1 << 24

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.colour_science import colour_science
+from photosite.color.colorimetry import colour_science
 from photosite.errors import FileError
 from photosite.scene.io.picture import scene_of_light
 from photosite.scene.options import ReadOptions

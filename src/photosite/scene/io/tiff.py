@@ -21,15 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.errors import FileError, PhotositeError
 from photosite.files.atomic import atomic_path
 from photosite.files.temporary import Piece, write_bands
-from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import RawCube, SpectralCube
+from photosite.scene.cube import RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.io.color_space import space_of_tiff
 from photosite.scene.io.picture import FLATTEN, ORIENTATION, TRANSPARENT, scene_of_picture, turned
-from photosite.scene.io.stated import Stated, file_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
-from photosite.scene.units import Units
+from photosite.scene.units import Units, file_units
 
 _DESCRIBED = ("wavelength_nm", "units", "light", "distance_m", "width_m", "no_data")
 _STRIP_BYTES = 4 << 20

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_path
-from photosite.sensor.measured_chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
+from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
 from photosite.sensor.model import Maps, Sensor
 
 FORMAT = 1

@@ -10,8 +10,7 @@ from typing import Any
 
 from photosite.errors import InputError
 from photosite.files.atomic import atomic_path
-from photosite.files.validation import validated
-from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_yaml
+from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_yaml, validated
 from photosite.sensor.io.maps_file import copy_maps
 from photosite.sensor.model import Maps, Sensor
 

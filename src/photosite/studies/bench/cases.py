@@ -1,15 +1,33 @@
-"""Benchmark cases by name."""
+"""Benchmark cases by name, and the growth of time and memory with the size of the work."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
 
+import numpy as np
+
+from photosite.engine.jit import ITEMS_PER_THREAD, threads_for
 from photosite.errors import InputError, did_you_mean
-from photosite.studies.bench.captures import capture_d200, cli_simulate, noise_d200, optics_d200
+from photosite.scene import charts
+from photosite.studies.bench.captures import (
+    EXPOSURE_S,
+    camera,
+    capture_d200,
+    cli_simulate,
+    field_varying_d200,
+    lateral_color_d200,
+    lens_d200,
+    noise_d200,
+    optics_d200,
+    plane_d200,
+    scene,
+)
 from photosite.studies.bench.convert_cube import convert_cube
 from photosite.studies.bench.frames import accumulate_against_reading, accumulate_d200, calibrate_protocol
-from photosite.studies.bench.lenses import field_varying_d200, lateral_color_d200, lens_d200, plane_d200
-from photosite.studies.bench.timing import Case
+from photosite.studies.bench.timing import Case, best_seconds, peak_mb
 
 CASES: dict[str, Callable[[bool], Case]] = {
     "capture_d200": capture_d200,
@@ -25,6 +43,8 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "convert_cube": convert_cube,
     "cli_simulate": cli_simulate,
 }
+
+Size = TypeVar("Size", int, float)
 
 
 def run_cases(names: Sequence[str], quick: bool, report: Callable[[str], object]) -> dict[str, Case]:
@@ -52,3 +72,101 @@ def run_cases(names: Sequence[str], quick: bool, report: Callable[[str], object]
         report(name)
         measured[name] = CASES[name](quick)
     return measured
+
+
+# Growth of time with pixels, wavelengths, frames and threads, and of memory with pixels.
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Seconds at several sizes of one quantity.
+
+    Parameters
+    ----------
+    what, unit
+        Title, and unit of the sizes.
+    sizes, seconds
+        Measured points.
+    """
+
+    what: str
+    unit: str
+    sizes: tuple[float, ...]
+    seconds: tuple[float, ...]
+
+    @property
+    def exponent(self) -> float:
+        """Exponent of seconds = c sizes^exponent by least squares on logarithms: 1 is proportional, 0 independent."""
+        return float(np.polyfit(np.log(self.sizes), np.log(self.seconds), 1)[0])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {"unit": self.unit, "sizes": self.sizes, "seconds": self.seconds, "exponent": self.exponent}
+
+
+def scaling() -> tuple[Scaling, ...]:
+    """Measure captures of a ColorChecker by pixels, wavelengths, frames of a stream, and threads."""
+    shapes = {rows * cols / 1e6: (rows, cols) for rows, cols in ((648, 968), (1296, 1936), (2592, 3872), (5184, 7744))}
+    return (
+        _measured(
+            "capture, by pixels", "megapixels", shapes, lambda size: camera(*shapes[size]).capture(scene(), EXPOSURE_S)
+        ),
+        _measured(
+            "mean electrons of a D200, by wavelengths",
+            "wavelengths",
+            (31, 61, 151, 301),
+            lambda count: camera().mean_electrons(scene(count), EXPOSURE_S),
+        ),
+        _measured("stream of a D200, by frames", "frames", (1, 4, 16), _stream),
+        _measured("capture of a D200, by threads", "threads", (1, 2), _capture_with_threads),
+    )
+
+
+def _measured(what: str, unit: str, sizes: Iterable[Size], work: Callable[[Size], object]) -> Scaling:
+    sizes = tuple(sizes)
+    for size in sizes:
+        work(size)
+    return Scaling(what, unit, sizes, tuple(best_seconds(partial(work, size)) for size in sizes))
+
+
+def _stream(count: int) -> None:
+    for _ in camera().stream(scene(), EXPOSURE_S, frames=count):
+        pass
+
+
+def _capture_with_threads(count: int) -> None:
+    with threads_for(count * ITEMS_PER_THREAD):
+        camera().capture(scene(), EXPOSURE_S)
+
+
+_MEMORY_SHAPES = ((2592, 3872), (5184, 7744), (10_320, 14_536))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Peak memory of a stream of captures in fresh processes.
+
+    Parameters
+    ----------
+    megapixels
+        Sizes.
+    bytes_per_pixel
+        Peak memory beyond that of a capture of 100 x 150 pixels, which holds libraries and compiled code.
+    """
+
+    megapixels: tuple[float, ...]
+    bytes_per_pixel: tuple[float, ...]
+
+
+def work_stream(rows: int, cols: int) -> None:
+    """Capture two frames of a ColorChecker."""
+    for _ in camera(rows, cols).stream(charts.macbeth("A", 40), EXPOSURE_S, frames=2):
+        pass
+
+
+def memory() -> Memory:
+    """Measure the peak memory of all sizes."""
+    least = peak_mb(work_stream, rows=100, cols=150)
+    sizes = tuple(rows * cols / 1e6 for rows, cols in _MEMORY_SHAPES)
+    peaks = (peak_mb(work_stream, rows=rows, cols=cols) for rows, cols in _MEMORY_SHAPES)
+    return Memory(sizes, tuple((peak - least) / size for peak, size in zip(peaks, sizes, strict=True)))

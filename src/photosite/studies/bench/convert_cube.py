@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from photosite.scene.cube import Block, SpectralCube
-from photosite.scene.io.files import convert, open_cube
+from photosite.scene.io.formats import convert, open_cube
 from photosite.scene.io.hdf5 import reduce_to_own
 from photosite.scene.scene_cube import Reduction, reduce_cube
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
@@ -151,7 +151,7 @@ def work_and_note(path: str, output: str, times: int, note: str) -> None:
 
 def work_open(path: str) -> None:
     """Open the scene file and compute its mean luminance."""
-    from photosite.scene.io.files import read_scene
+    from photosite.scene.io.formats import read_scene
 
     read_scene(path).mean_luminance_cd_m2()
 

@@ -36,7 +36,7 @@ from photosite.studies.farrell2008.cameras import (
 )
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, bare, paragraph, text
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
-from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import COVERAGE_95
 
 _CHART = (4, 6)
 """Rows and columns of patches."""

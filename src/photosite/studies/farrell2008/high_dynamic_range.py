@@ -37,8 +37,8 @@ from photosite.studies.farrell2008.portrait import (
 )
 from photosite.studies.farrell2008.snr import uniform_snr
 from photosite.values.cfa import channel_mask
-from photosite.values.measured import COVERAGE_95
 from photosite.values.region import Region
+from photosite.values.uncertain import COVERAGE_95
 
 SHADE = 1 / 64
 """Light on the right portrait relative to the left one."""

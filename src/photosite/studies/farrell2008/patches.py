@@ -18,12 +18,10 @@ from photosite.develop.color_matrix import ColorMatrix, fit_color_matrix
 from photosite.develop.develop import develop_pair
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics
-from photosite.report.figures.marks import channel_handles
 from photosite.report.figures.sensor import draw_spectral_sensitivity
 from photosite.report.figures.validation import FillStyle, draw_identity, draw_patch_means, draw_patch_snr
-from photosite.report.page import Column, Listing, Table
-from photosite.report.pictures import magnified, shrink
-from photosite.report.style import BLACK, GRAY, ORANGE, SKY, styled
+from photosite.report.page import Column, Listing, Table, magnified, shrink
+from photosite.report.style import BLACK, GRAY, ORANGE, SKY, channel_handles, styled
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, bare, paragraph, text

@@ -26,8 +26,8 @@ from photosite.report.style import BLACK, GRAY, styled
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera, frame_key
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, paragraph, text
-from photosite.values.measured import COVERAGE_95
 from photosite.values.region import Region
+from photosite.values.uncertain import COVERAGE_95
 
 PARTS = MappingProxyType({"shot": "shot noise", "read": "read noise", "dsnu": "DSNU", "prnu": "PRNU"})
 """Noise sources: name of the curve in `NoiseBudget`, and label."""

@@ -16,16 +16,16 @@ from photosite.report.page import Column, Notice, Page, Section, Table
 from photosite.report.write import write_report
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.studies.farrell2008.cameras import CASES, ILLUMINANT, HiddenTruth
-from photosite.studies.farrell2008.dim_face import dim_face
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, text
 from photosite.studies.farrell2008.fill_factor import fit_fill_factors
 from photosite.studies.farrell2008.high_dynamic_range import high_dynamic_range
 from photosite.studies.farrell2008.patches import compare_charts
 from photosite.studies.farrell2008.pixel_size import pixel_sizes
+from photosite.studies.farrell2008.portrait import dim_face
 from photosite.studies.farrell2008.snr import snr_against_volts
 from photosite.studies.farrell2008.table1 import measure_table1
 from photosite.studies.progress import NoProgress, Progress
-from photosite.values.measured import Measured
+from photosite.values.uncertain import Measured
 
 PAGE_NAME, RESULTS_NAME, FIGURES_NAME = "farrell2008.html", "results.json", "figures"
 

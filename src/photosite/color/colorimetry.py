@@ -1,0 +1,213 @@
+"""Colorimetry: color-matching functions, luminance, XYZ, Lab, sRGB and color differences.
+
+Spectral radiance is in photons/s/sr/m2/nm unless a name says energy.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.color.spectrum import Rule, energy_from_photons, integration_weights, wavelength_grid
+from photosite.errors import InputError
+
+LUMINOUS_EFFICACY_LM_W = 683.0
+"""K_m of photopic vision, rounded as CIE 015:2018 allows."""
+
+D65_XY = (0.3127, 0.3290)
+"""Chromaticity of D65 for the 2 degree observer, to the four digits of IEC 61966-2-1."""
+
+D65_WHITE_XYZ: NDArray[np.float64] = np.array([D65_XY[0] / D65_XY[1], 1.0, (1.0 - D65_XY[0] - D65_XY[1]) / D65_XY[1]])
+"""XYZ of the perfect white under D65, Y = 1."""
+D65_WHITE_XYZ.flags.writeable = False
+
+_PRIMARIES_XY = np.array([[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]])
+"""Chromaticities of red, green and blue (IEC 61966-2-1, ITU-R BT.709)."""
+
+
+def color_matching_functions(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+    """Return the CIE 1931 2 degree observer, (3, wavelengths): x, y and z bar.
+
+    Linear between the 1 nm entries, 0 outside 360 to 830 nm.
+
+    Examples
+    --------
+    >>> color_matching_functions([555.0])[1]
+    array([1.])
+    """
+    grid, values = _observer()
+    requested = np.asarray(wavelength_nm, dtype=np.float64)
+    return np.stack([np.interp(requested, grid, row, left=0.0, right=0.0) for row in values])
+
+
+@lru_cache(maxsize=1)
+def _observer() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    observer = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    return np.asarray(observer.wavelengths, np.float64), np.asarray(observer.values, np.float64).T
+
+
+def luminance_cd_m2(
+    photon_radiance: ArrayLike, wavelength_nm: ArrayLike, rule: Rule = "trapezoid"
+) -> NDArray[np.float64]:
+    """Return the luminance, in cd/m2, of (..., wavelengths) photons/s/sr/m2/nm.
+
+    683 lm/W times the integral of energy radiance times y bar (CIE 015:2018).
+
+    Examples
+    --------
+    >>> from photosite.color.spectrum import photons_from_energy
+    >>> grid = np.arange(380.0, 781.0)
+    >>> one_watt_at_555 = photons_from_energy(np.where(grid == 555, 1.0, 0.0), grid)
+    >>> float(luminance_cd_m2(one_watt_at_555, grid).round(3))
+    683.0
+    """
+    grid = wavelength_grid(wavelength_nm)
+    weights = color_matching_functions(grid)[1] * integration_weights(grid, rule)
+    return np.asarray(LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights))
+
+
+def xyz(photon_radiance: ArrayLike, wavelength_nm: ArrayLike, rule: Rule = "trapezoid") -> NDArray[np.float64]:
+    """Return CIE 1931 tristimulus values, (..., 3), of (..., wavelengths) photons/s/sr/m2/nm; Y in cd/m2.
+
+    Examples
+    --------
+    >>> from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, photons_from_energy
+    >>> white = photons_from_energy(np.ones(41), DEFAULT_WAVELENGTH_NM)   # equal energy
+    >>> X, Y, Z = xyz(white, DEFAULT_WAVELENGTH_NM)
+    >>> bool(abs(X / Y - 1) < 2e-3 and abs(Z / Y - 1) < 2e-3)
+    True
+    """
+    grid = wavelength_grid(wavelength_nm)
+    weights = color_matching_functions(grid) * integration_weights(grid, rule)
+    return np.asarray(LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights.T))
+
+
+def lab(xyz: ArrayLike) -> NDArray[np.float64]:
+    """Return CIE 1976 L*a*b*, (..., 3), of tristimulus values under D65.
+
+    Parameters
+    ----------
+    xyz
+        (..., 3), Y = 1 for the perfect white under D65. Slightly negative values, as a fitted matrix can produce, use
+        the linear part of the formula.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not have length 3 or a value is not finite.
+
+    Examples
+    --------
+    >>> lab(D65_WHITE_XYZ).round(6) + 0.0
+    array([100.,   0.,   0.])
+    """
+    values = np.asarray(xyz, dtype=np.float64)
+    if values.ndim == 0 or values.shape[-1] != 3 or not np.isfinite(values).all():
+        raise InputError("xyz", value=xyz, expected="an array (..., 3) of finite numbers")
+    return np.asarray(colour_science().XYZ_to_Lab(values, illuminant=np.array(D65_XY)), dtype=np.float64)
+
+
+# The sRGB display (IEC 61966-2-1): its primaries and its encoding.
+
+
+def _xyz_from_srgb() -> NDArray[np.float64]:
+    """Return the primaries' XYZ as columns, scaled so that (1, 1, 1) is the white."""
+    primaries = np.column_stack([_PRIMARIES_XY, 1.0 - _PRIMARIES_XY.sum(axis=1)]).T
+    return np.asarray(primaries * np.linalg.solve(primaries, D65_WHITE_XYZ))
+
+
+XYZ_FROM_SRGB: NDArray[np.float64] = _xyz_from_srgb()
+"""(3, 3), linear sRGB to XYZ (Y = 1 for white), from the primaries; the standard prints it rounded."""
+XYZ_FROM_SRGB.flags.writeable = False
+
+SRGB_FROM_XYZ: NDArray[np.float64] = np.asarray(np.linalg.inv(XYZ_FROM_SRGB), dtype=np.float64)
+"""(3, 3), XYZ to linear sRGB."""
+SRGB_FROM_XYZ.flags.writeable = False
+
+
+def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Encode linear sRGB of any shape for the display, clipped to 0..1.
+
+    References
+    ----------
+    IEC 61966-2-1:1999, 5.2: 12.92 x up to 0.0031308, 1.055 x^(1/2.4) - 0.055 above.
+
+    Examples
+    --------
+    >>> encode_srgb(np.array([-0.1, 0.0, 0.002, 0.5, 1.0, 3.0], np.float32)).round(4)
+    array([0.    , 0.    , 0.0258, 0.7354, 1.    , 1.    ], dtype=float32)
+    """
+    clipped = np.clip(linear, 0.0, 1.0, dtype=np.float32)
+    # 1.055 p - 0.055, written so that white is 1 exactly.
+    curve = 1 - np.float32(1.055) * (1 - clipped ** np.float32(1 / 2.4))
+    return np.asarray(np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve))
+
+
+# Color differences between tristimulus values under D65 (CIE 015:2018), computed by colour-science.
+#
+# All functions take (..., 3) XYZ with Y = 1 for the perfect white under D65, return (...,) differences, and raise
+# `InputError` for other shapes and values that are not finite.
+
+
+def delta_e_76(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
+    """Return the CIE 1976 color difference: the distance in L*a*b*.
+
+    Examples
+    --------
+    >>> from photosite.color.colorimetry import D65_WHITE_XYZ
+    >>> float(delta_e_76(D65_WHITE_XYZ, 0.184186519 * D65_WHITE_XYZ).round(3))    # L* 100 and L* 50
+    50.0
+    """
+    return np.asarray(np.linalg.norm(lab(xyz) - lab(other_xyz), axis=-1), dtype=np.float64)
+
+
+def delta_e_94(reference_xyz: ArrayLike, xyz: ArrayLike) -> NDArray[np.float64]:
+    """Return the CIE 1994 color difference with kL = kC = kH = 1 and the constants 0.045 and 0.015.
+
+    The formula is not symmetric: chroma and hue are weighted by the chroma of the reference.
+
+    References
+    ----------
+    CIE 116-1995, "Industrial color-difference evaluation".
+
+    Examples
+    --------
+    >>> from photosite.color.colorimetry import D65_WHITE_XYZ
+    >>> float(delta_e_94(D65_WHITE_XYZ, 0.184186519 * D65_WHITE_XYZ).round(3))    # no chroma: as CIE 1976
+    50.0
+    """
+    return np.asarray(colour_science().delta_E(lab(reference_xyz), lab(xyz), method="CIE 1994"), dtype=np.float64)
+
+
+def delta_e_2000(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
+    """Return the CIEDE2000 color difference with kL = kC = kH = 1 (ISO/CIE 11664-6:2014).
+
+    Examples
+    --------
+    >>> from photosite.color.colorimetry import D65_WHITE_XYZ
+    >>> float(delta_e_2000(D65_WHITE_XYZ, D65_WHITE_XYZ))
+    0.0
+    """
+    return np.asarray(colour_science().delta_E(lab(xyz), lab(other_xyz), method="CIE 2000"), dtype=np.float64)
+
+
+def colour_science() -> Any:
+    """Return the `colour` package.
+
+    Importing it takes about a second, so that happens when a CIE table is first needed. The import switches NumPy to
+    legacy printing; this function restores the print options.
+
+    Examples
+    --------
+    >>> float(colour_science().SDS_ILLUMINANTS["A"].shape.interval)
+    5.0
+    """
+    options = np.get_printoptions()
+    try:
+        import colour
+    finally:
+        np.set_printoptions(**options)
+    return colour

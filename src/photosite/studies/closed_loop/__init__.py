@@ -1,1 +1,0 @@
-"""Closed loop: measure a virtual sensor, simulate it from the result, and compare with the truth."""

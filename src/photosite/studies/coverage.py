@@ -1,0 +1,476 @@
+"""Coverage of the 95 % intervals: many virtual sensors are drawn, shot and calibrated, and compared with the truth."""
+
+from __future__ import annotations
+
+import math
+import re
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from typing import Any, Literal
+
+import numpy as np
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.result import Calibration
+from photosite.engine.jit import threads_for
+from photosite.errors import CalibrationError, InputError, did_you_mean
+from photosite.sensor.model import Sensor
+from photosite.studies.protocol import ShootingProtocol, Step, series
+from photosite.studies.truth import measured_truth
+from photosite.studies.virtual_lab import VirtualLab, virtual_lab
+from photosite.values.cfa import cfa_from, channel_names
+
+NOMINAL_COVERAGE = 0.95
+"""Share of the intervals that should contain the truth."""
+
+LARGEST_BIAS = 0.1
+"""Largest acceptable mean error, relative to the standard uncertainty."""
+
+FALSE_ALARM = 1e-3
+"""Probability that correct intervals are flagged for their coverage, and again for their mean error."""
+
+_BATCH = 10
+_ROUNDING = 1e-9
+"""Relative tolerance for exact values, such as the full scale of an ideal converter."""
+
+Progress = Callable[[int, int], None]
+"""Called with (sensors done, sensors in total)."""
+
+Range = tuple[float, float]
+"""Lowest and highest value; the logarithm is drawn uniformly between them."""
+
+SHORTEST_S, LONGEST_FLAT_S = 1e-4, 0.05
+_EFFICIENCY = {"M": 0.5, "R": 0.35, "G": 0.5, "B": 0.3}
+"""Quantum efficiency of each channel; sensors vary by 10 %."""
+
+_GOLDEN_RATIO = 0.6180339887498949
+"""Its multiples modulo 1 fill the unit interval evenly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Estimate of one parameter of one virtual sensor, compared with the truth.
+
+    `error` is estimate minus truth, `scale` the size of the truth, 1 for a truth of 0: error and uncertainty are
+    divided by it when sensors are combined. `covered` is whether the 95 % interval contains the truth.
+    """
+
+    error: float
+    standard_uncertainty: float
+    scale: float
+    covered: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Coverage of one parameter under one condition.
+
+    Exact estimates (uncertainty 0) count neither in bias nor in width.
+    """
+
+    condition: str
+    parameter: str
+    sensors: int
+    estimated: int  # sensors with an estimate
+    covered: float  # share of the uncertain estimates whose 95 % interval contains the truth
+    bias: float  # mean error over mean standard uncertainty
+    width: float  # root mean square of error over uncertainty: 1 for correct uncertainties
+    exact: int
+    wrong: int  # exact estimates that miss the truth
+    reason: str | None = None  # why the first sensor without an estimate has none
+    bias_error: float = 0.0  # standard error of the bias, from the scatter over sensors
+
+    @property
+    def share_probability(self) -> float:
+        """Probability of a coverage at least as far from 95 % if the intervals are correct: exact binomial test."""
+        from scipy.stats import binomtest
+
+        known = self.estimated - self.exact
+        return float(binomtest(round(self.covered * known), known, NOMINAL_COVERAGE).pvalue) if known else 1.0
+
+    @property
+    def bias_probability(self) -> float:
+        """Probability of a mean error at least this large if the true one is a tenth of the uncertainty.
+
+        From Student's t distribution; 1 with too few sensors for a standard error.
+        """
+        from scipy.stats import t
+
+        known = self.estimated - self.exact
+        beyond = abs(self.bias) - LARGEST_BIAS
+        if known < 2 or beyond <= 0.0:
+            return 1.0
+        return float(2.0 * t.sf(beyond / self.bias_error, known - 1)) if self.bias_error > 0.0 else 0.0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Significant deviations from correct intervals, in words."""
+        found = []
+        if self.wrong:
+            found.append(f"{self.wrong} of {self.exact} exact values wrong")
+        if self.share_probability < FALSE_ALARM:
+            found.append(f"coverage too {'low' if self.covered < NOMINAL_COVERAGE else 'high'}")
+        if self.bias_probability < FALSE_ALARM:
+            found.append("biased")
+        return tuple(found)
+
+    @property
+    def passes(self) -> bool:
+        """Whether there is no significant deviation."""
+        return not self.remarks
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers for JSON."""
+        return {
+            "estimated": self.estimated,
+            "covered": self.covered,
+            "share_probability": self.share_probability,
+            "bias": self.bias,
+            "bias_standard_error": self.bias_error,
+            "bias_probability": self.bias_probability,
+            "width": self.width,
+            "exact": self.exact,
+            "wrong": self.wrong,
+            "passes": self.passes,
+            "remarks": list(self.remarks),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Number of sensors of one condition whose calibration failed for the same reason, and one of the messages."""
+
+    sensors: int
+    example: str
+
+
+@dataclass(frozen=True)
+class CoverageStudy:
+    """Coverage by condition and parameter, where at least one sensor has an estimate; failed calibrations by condition,
+    grouped by reason; and the number of virtual sensors per condition."""
+
+    rows: tuple[Coverage, ...]
+    refused: Mapping[str, tuple[Refusal, ...]]
+    sensors: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content that `photosite reproduce coverage --json` prints."""
+        return {
+            "sensors_per_condition": self.sensors,
+            "false_alarm_probability": FALSE_ALARM,
+            "parameters_outside": sum(not row.passes for row in self.rows),
+            "conditions": {
+                name: {
+                    "summary": CONDITIONS[name].summary,
+                    "parameters": {row.parameter: row.to_dict() for row in self.rows if row.condition == name},
+                    "refused": sum(entry.sensors for entry in self.refused.get(name, ())),
+                    "why_refused": [asdict(entry) for entry in self.refused.get(name, ())],
+                }
+                for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
+            },
+        }
+
+
+def coverage_study(
+    names: Sequence[str] = (), *, sensors: int = 500, processes: int = 2, progress: Progress | None = None
+) -> CoverageStudy:
+    """Measure many virtual sensors under each condition and count the intervals that contain the truth.
+
+    Parameters
+    ----------
+    names
+        Conditions; all of `CONDITIONS` by default.
+    sensors
+        Virtual sensors per condition. The standard error of a coverage of 95 % is 1 % with 500 sensors.
+    processes
+        Number of worker processes; the result does not depend on it.
+    progress
+        Called as sensors are done.
+
+    Raises
+    ------
+    InputError
+        If a condition is unknown, or a number is below 1.
+    """
+    chosen = [condition(name).name for name in names or CONDITIONS]
+    for what, number in (("sensors", sensors), ("processes", processes)):
+        if number < 1:
+            raise InputError(what, value=number, expected="1 or more")
+    batches = [range(first, min(first + _BATCH, sensors)) for first in range(0, sensors, _BATCH)]
+    tasks = [(name, batch) for name in chosen for batch in batches]
+    found: dict[str, dict[str, list[Outcome | str]]] = {name: {} for name in chosen}
+    refused: dict[str, list[str]] = {name: [] for name in chosen}
+    done = 0
+    for (name, batch), results in zip(tasks, _work(tasks, processes), strict=True):
+        for result in results:
+            if isinstance(result, str):
+                refused[name].append(result)
+                continue
+            for parameter, outcome in result.items():
+                found[name].setdefault(parameter, []).append(outcome)
+        done += len(batch)
+        if progress is not None:
+            progress(done, len(chosen) * sensors)
+    rows = []
+    for name, parameters in found.items():
+        for parameter, entries in parameters.items():
+            outcomes = [entry for entry in entries if isinstance(entry, Outcome)]
+            reasons = [entry for entry in entries if isinstance(entry, str)]
+            if outcomes:
+                rows.append(_row(name, parameter, outcomes, reasons))
+    return CoverageStudy(tuple(rows), {name: _refusals(why) for name, why in refused.items() if why}, sensors)
+
+
+def _refusals(reasons: Sequence[str]) -> tuple[Refusal, ...]:
+    """Group messages that differ in numbers and sensor names only, the most frequent first."""
+    kinds: dict[str, list[str]] = {}
+    for reason in reasons:
+        kind = re.sub(r"[\d.e+-]*\d", "#", reason.partition("clipped at 0 DN: ")[2] or reason)
+        kinds.setdefault(kind, []).append(reason)
+    groups = sorted(kinds.values(), key=len, reverse=True)
+    return tuple(Refusal(len(group), group[0]) for group in groups)
+
+
+_Result = dict[str, Outcome | str] | str
+"""Of one sensor: its outcome, or the reason for a missing estimate, by parameter; or why the calibration failed."""
+
+
+def _work(tasks: Sequence[tuple[str, Sequence[int]]], processes: int) -> Iterator[list[_Result]]:
+    if processes == 1:
+        yield from map(_measure_batch, tasks)
+        return
+    # Spawned, because the threads of compiled kernels do not survive a fork.
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        try:
+            yield from pool.map(_measure_batch, tasks)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
+    name, numbers = task
+    with threads_for(1):  # a second thread does not pay for itself on small chips
+        return [measure_sensor(CONDITIONS[name].lab(number)) for number in numbers]
+
+
+def measure_sensor(lab: VirtualLab) -> _Result:
+    """Shoot and calibrate one virtual sensor and compare with the truth."""
+    try:
+        calibration = calibrate(lab.frame_set())
+    except CalibrationError as error:
+        return str(error)
+    return compare(calibration, measured_truth(lab, calibration))
+
+
+def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
+    """Compare each estimate with its truth; parameters without a true value are left out."""
+    result: dict[str, Outcome | str] = {}
+    for name, entry in calibration.estimates().items():
+        if name not in truth:
+            continue
+        if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
+            result[name] = entry.reason or ""
+            continue
+        low, high = entry.interval_95
+        slack = _ROUNDING * abs(truth[name])
+        result[name] = Outcome(
+            entry.value - truth[name],
+            entry.standard_uncertainty,
+            abs(truth[name]) or 1.0,
+            low - slack <= truth[name] <= high + slack,
+        )
+    return result
+
+
+def _row(name: str, parameter: str, outcomes: Sequence[Outcome], reasons: Sequence[str]) -> Coverage:
+    exact = [entry for entry in outcomes if entry.standard_uncertainty == 0.0]
+    known = [entry for entry in outcomes if entry.standard_uncertainty > 0.0]
+    n = max(len(known), 1)
+    uncertainty = math.fsum(entry.standard_uncertainty / entry.scale for entry in known)
+    bias = math.fsum(entry.error / entry.scale for entry in known) / uncertainty if known else 0.0
+    # Standard error of a ratio of two means: its residuals are error - bias * uncertainty.
+    residuals = [(entry.error - bias * entry.standard_uncertainty) / entry.scale for entry in known]
+    scatter = math.fsum(x**2 for x in residuals) * n / max(n - 1, 1)
+    return Coverage(
+        condition=name,
+        parameter=parameter,
+        sensors=len(outcomes) + len(reasons),
+        estimated=len(outcomes),
+        covered=sum(entry.covered for entry in known) / n,
+        bias=bias,
+        width=math.sqrt(math.fsum((entry.error / entry.standard_uncertainty) ** 2 for entry in known) / n),
+        exact=len(exact),
+        wrong=sum(not entry.covered for entry in exact),
+        reason=reasons[0] if reasons else None,
+        bias_error=math.sqrt(scatter) / uncertainty if known else 0.0,
+    )
+
+
+# Conditions of the coverage study: families of virtual sensors, and the protocol that measures them.
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A family of virtual sensors and the protocol that measures each of them."""
+
+    name: str
+    summary: str
+    cfa: Literal["mono", "rggb"]
+    bits: int
+    rows: int
+    cols: int
+    gain_dn_per_e: Range
+    read_noise_dn: Range
+    level: float  # signal of the brightest flat field, relative to saturation of the brightest channel; varies by 8 %
+    protocol: ShootingProtocol
+    black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
+    photons_known: bool = False  # whether the light is metered
+
+    def sensor(self, number: int) -> Sensor:
+        """Return a sensor with all parameters drawn from its number.
+
+        Saturation of even numbers is limited by the converter, of odd numbers by the well.
+        """
+        rng = np.random.default_rng([zlib.crc32(self.name.encode()), number])
+
+        def between(low: float, high: float) -> float:
+            return float(low * (high / low) ** rng.random())
+
+        gain, read_dn = between(*self.gain_dn_per_e), between(*self.read_noise_dn)
+        swing_v, analog_gain = 1.0, between(1.0, 3.0)
+        mv_per_dn = 1e3 * swing_v / (analog_gain * 2**self.bits)
+        dsnu_dn = read_dn * between(0.3, 1.5)
+        black = self.black_sigma * float(np.hypot(read_dn, dsnu_dn))
+        range_e = (2**self.bits - 1 - black) / gain
+        well_e = float(round(range_e * (0.8 if number % 2 else 1.5)))
+        tile = cfa_from(self.cfa)
+        return Sensor.model_validate(
+            {
+                "name": f"{self.name}, sensor {number}",
+                "serial": f"{self.name}, chip {number}",
+                "array": {"rows": self.rows, "cols": self.cols, "cfa": tile},
+                "pixel": {
+                    "width_um": 5.0,
+                    "height_um": 5.0,
+                    "fill_factor": 0.8,
+                    "conversion_gain_uv_per_e": gain * mv_per_dn * 1e3,
+                    "voltage_swing_v": swing_v,
+                    "well_capacity_e": well_e,
+                },
+                "channels": {
+                    name: {
+                        "wavelength_nm": (380.0, 780.0),
+                        "quantum_efficiency": (_EFFICIENCY[name] * between(0.9, 1.1),) * 2,
+                    }
+                    for name in channel_names(tile)
+                },
+                "noise": {
+                    "read_noise_mv": read_dn * mv_per_dn,
+                    "dsnu_mv": dsnu_dn * mv_per_dn,
+                    "prnu_percent": between(0.5, 2.0),
+                    "dark_voltage_mv_per_s": between(10.0, 100.0) * gain * mv_per_dn,
+                    "dcnu_percent": between(10.0, 50.0),
+                },
+                "readout": {"bits": self.bits, "analog_gain": analog_gain, "black_level_dn": black},
+            }
+        )
+
+    def lab(self, number: int) -> VirtualLab:
+        """Return the laboratory that measures a sensor."""
+        # The light level varies, so that saturation falls anywhere between two exposures.
+        level = self.level * (0.92 + 0.16 * ((number * _GOLDEN_RATIO) % 1.0))
+        return virtual_lab(
+            self.sensor(number), self.protocol, level=level, seed=number, photons_known=self.photons_known
+        )
+
+
+def _protocol(name: str, *, darks: int, repeats: int, levels: int, flats: int, stack: int) -> ShootingProtocol:
+    """Dark frames at the shortest exposure and in a series to 5 s, flat fields in equal steps, and a stack at 40 %."""
+    times = [LONGEST_FLAT_S * (k + 1) / levels for k in range(levels)]
+    half = 0.4 * LONGEST_FLAT_S
+    return ShootingProtocol(
+        name,
+        (
+            Step("dark", SHORTEST_S, darks),
+            *series("dark", 0.01, 5.0, exposures=5, count=repeats),
+            *(Step("light", t, flats) for t in times),
+            *((Step("light", half, stack),) if stack else ()),
+        ),
+    )
+
+
+FULL = _protocol("full", darks=24, repeats=4, levels=16, flats=4, stack=16)
+FEW = _protocol("few frames", darks=4, repeats=2, levels=8, flats=2, stack=0)
+
+_MONO, _BAYER = (48, 64), (72, 88)
+_PEDESTAL = "black level at 10 standard deviations of a dark frame"
+
+CONDITIONS: dict[str, Condition] = {
+    entry.name: entry
+    for entry in (
+        Condition(
+            "bright-mono-12", f"metered flat fields to 1.25 times saturation, {_PEDESTAL}", "mono", 12, *_MONO,
+            (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
+        ),
+        Condition(
+            "bright-cfa-12", "flat fields to 2.5 times saturation of the green pixels", "rggb", 12, *_BAYER,
+            (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
+        ),
+        Condition(
+            "bright-mono-8", "8 bits: 4000 to 12 000 electrons in 255 steps", "mono", 8, *_MONO,
+            (0.02, 0.06), (0.6, 1.5), 1.25, FULL, photons_known=True,
+        ),
+        Condition(
+            "bright-cfa-10", "10 bits", "rggb", 10, *_BAYER,
+            (0.05, 0.2), (0.6, 2.0), 2.5, FULL,
+        ),
+        Condition(
+            "bright-mono-16", "16 bits", "mono", 16, *_MONO,
+            (1.0, 4.0), (3.0, 20.0), 1.25, FULL, photons_known=True,
+        ),
+        Condition(
+            "dim-mono-12", "brightest flat field at 2 % of saturation", "mono", 12, *_MONO,
+            (0.15, 1.2), (0.8, 4.0), 0.02, FULL, photons_known=True,
+        ),
+        Condition(
+            "dim-cfa-14", "brightest flat field at 2 % of saturation of the green pixels", "rggb", 14, *_BAYER,
+            (0.5, 2.0), (2.0, 8.0), 0.02, FULL,
+        ),
+        Condition(
+            "few-mono-12", "two frames per setting, four dark frames: 30 frames in total", "mono", 12, *_MONO,
+            (0.15, 1.2), (0.8, 4.0), 1.25, FEW, photons_known=True,
+        ),
+        Condition(
+            "few-cfa-12", "two frames per setting, four dark frames: 30 frames in total", "rggb", 12, *_BAYER,
+            (0.15, 1.2), (0.8, 4.0), 2.5, FEW,
+        ),
+        Condition(
+            "clipped-mono-12", "black level at one standard deviation of a dark frame: a fifth of the dark pixels at "
+            "0", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, black_sigma=1.0, photons_known=True,
+        ),
+    )
+}  # fmt: skip
+"""All conditions by name."""
+
+
+def condition(name: str) -> Condition:
+    """Return a condition by name.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown.
+
+    Examples
+    --------
+    >>> condition("few-mono-12").protocol.frame_count, condition("bright-mono-8").sensor(3).readout.bits
+    (30, 8)
+    """
+    if name not in CONDITIONS:
+        raise InputError("condition", value=name, expected="a known name", hint=did_you_mean(name, CONDITIONS))
+    return CONDITIONS[name]

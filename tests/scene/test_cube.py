@@ -1,0 +1,72 @@
+"""Wavelengths of bands: units, order, and invalid values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photosite.errors import FileError
+from photosite.scene.cube import band_order, wavelengths_in_nm
+
+FILE = Path("cube.hdr")
+
+
+@pytest.mark.parametrize(
+    ("values", "unit"),
+    [
+        ([400, 500, 700], "Nanometers"),
+        ([0.4, 0.5, 0.7], "Micrometers"),
+        ([0.4, 0.5, 0.7], "µm"),
+        ([4e-7, 5e-7, 7e-7], "m"),
+        ([4000, 5000, 7000], "Angstroms"),
+        ([400, 500, 700], None),
+    ],
+)
+def test_units_of_wavelengths(values: list[float], unit: str | None) -> None:
+    assert wavelengths_in_nm(FILE, values, unit, None) == pytest.approx([400, 500, 700])
+
+
+def test_the_callers_wavelengths() -> None:
+    assert wavelengths_in_nm(FILE, None, None, [400, 500]).tolist() == [400, 500]
+    assert wavelengths_in_nm(FILE, [0.4, 0.5], None, [400, 500]).tolist() == [400, 500]  # the file's have no unit
+    assert wavelengths_in_nm(FILE, [0.4, 0.5], "um", [400, 500]).tolist() == [400, 500]
+    with pytest.raises(FileError, match="states other wavelengths"):
+        wavelengths_in_nm(FILE, [0.4, 0.6], "um", [400, 500])
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "why"),
+    [
+        (None, None, "has no wavelengths of its bands"),
+        ([0.4, 0.5], None, "has no unit of its wavelengths, 0.4 to 0.5"),
+        ([4000, 7000], None, "has no unit of"),
+        ([0.4, 0.5], "nm", "0.4 to 0.5 in nm, outside any camera's range"),
+        ([400, 500], "um", "400000 to 500000 in um, outside"),
+        ([400, 500], "furlongs", "the unknown unit 'furlongs'"),
+        ([400, np.nan], "nm", "not all finite"),
+        (["red", "green"], "nm", "that are not numbers"),
+        ([-400, 500], "nm", "outside any camera"),
+    ],
+)
+def test_invalid_wavelengths(values: object, unit: str | None, why: str) -> None:
+    with pytest.raises(FileError, match=why) as caught:
+        wavelengths_in_nm(FILE, values, unit, None)  # type: ignore[arg-type]
+    assert list(caught.value.arguments) == ["wavelength_nm"]
+    assert "\n" not in str(caught.value)
+
+
+def test_bands_out_of_order_are_named() -> None:
+    grid = np.array([400.0, 420, 410, 430])
+    with pytest.raises(FileError, match="not sorted: band 3 has 410 nm after 420 nm") as caught:
+        band_order("cube.hdr", grid, sort=False)
+    assert caught.value.arguments == {"sort_bands": True}
+    assert band_order("cube.hdr", grid, sort=True).tolist() == [0, 2, 1, 3]
+    assert band_order("cube.hdr", grid[::-1], sort=True).tolist() == [3, 1, 2, 0]
+
+
+def test_two_bands_of_one_wavelength() -> None:
+    for sort in (False, True):
+        with pytest.raises(FileError, match="two bands have 500 nm"):
+            band_order("a.h5", np.array([400.0, 500, 500, 600]), sort=sort)
