@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from photosite.calibration.checks.dark_pattern import missing_pattern_warning
+from photosite.calibration.checks.digital_gain import digital_gain_warnings
 from photosite.calibration.checks.first_frames import find_first_frames
 from photosite.calibration.checks.level_checks import level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
@@ -13,7 +15,7 @@ from photosite.calibration.dark import DarkResult
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
-from photosite.calibration.parameter_estimates import LEAST_DARK_VARIANCE, estimate_parameters
+from photosite.calibration.parameter_estimates import estimate_parameters, least_dark_variance
 from photosite.calibration.photon_transfer.channel import Channel, curvature_warnings
 from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
 from photosite.calibration.photon_transfer.general_model import general_model
@@ -46,6 +48,9 @@ def assemble(
     together = pool_channels(names, measured, dark.together, light.gain, dark.reference_exposure_s)
     if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
         measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
+    if light.tone is not None:
+        why = Missing(str(light.tone))
+        measured, together = [m.without_light(why) for m in measured], together.without_light(why)
     scale, mv_per_dn = _electrical_scale(sensor)
     estimates = estimate_parameters(together, mv_per_dn).estimates()
     per_channel = {name: estimate_parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)}
@@ -127,6 +132,15 @@ def _warnings(
     yield from level_warnings(reduction, dark.groups, channels)
     if (first := find_first_frames(reduction)) is not None:
         yield str(first)
+    yield from digital_gain_warnings(reduction)
+    yield from dict.fromkeys(str(entry) for entry in reduction.sums if entry is not None)
+    if (missing := missing_pattern_warning(together)) is not None:
+        yield missing
+    if light.tone is not None:
+        yield str(light.tone)
+        return
+    if light.processed is not None:
+        yield light.processed.reason
     yield from light.noise.warnings()
     if structure is not None:
         yield str(structure)
@@ -138,7 +152,7 @@ def _warnings(
         yield f"{len(rejected)} repeated or broken frames were left out, first: {rejected[0]}"
     if channels:
         yield from _range_warnings(names, dark, channels)
-        yield from _noise_warnings(light.gain_fit, together)
+        yield from _noise_warnings(None if isinstance(light.gain, Missing) else light.gain_fit, together)
     else:
         yield "no light frames: gain, electrons, PRNU and saturation could not be estimated"
     negative = [
@@ -194,11 +208,11 @@ def _noise_warnings(fit: GainFit | None, m: Measurements) -> Iterator[str]:
             yield (
                 f"the dark current from the mean, {of_mean.value:.3g} e-/s, and from the variance, "
                 f"{of_variance.value:.3g} e-/s, differ by {apart:.2g} standard uncertainties: a camera with black "
-                f"level clamping shows its dark current in the variance only; a drift of the black level shows in the "
-                f"mean only"
+                f"level clamping, or one that subtracts dark frames, shows its dark current in the variance only; a "
+                f"drift of the black level shows in the mean only"
             )
-    if isinstance(m.dark_variance, Uncertain) and m.dark_variance.value < LEAST_DARK_VARIANCE:
+    if isinstance(m.dark_variance, Uncertain) and m.dark_variance.value < (least := least_dark_variance(m)):
         yield (
-            f"the dark temporal variance, {m.dark_variance.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: "
+            f"the dark temporal variance, {m.dark_variance.value:.3g} DN², is below {least:.3g} DN²: "
             f"quantization hides the read noise; use its upper limit"
         )

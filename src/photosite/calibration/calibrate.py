@@ -95,7 +95,8 @@ def calibrate(
             dark = measure_dark_frames(reduction, reader)
             noise = measure_noise_structure(reduction, reader)
             light = measure_light_frames(reduction, dark, noise, reader)
-            check_channels(reduction, light.channels)
+            if light.tone is None:
+                check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
         calibration = assemble(reduction, dark, light, patterns, sensor)
         if maps:

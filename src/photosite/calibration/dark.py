@@ -101,9 +101,14 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     for k, moments in enumerate(label_moments(mean.mean, mean.tile)):
         level = reference.levels[k]
         plain, filtered = mean.parts(k) if clipped is None else clipped.parts(k, *mean.parts(k))
+        if level.scale_uncertainty > 0.0:
+            scale = Uncertain.of(1.0, level.scale_uncertainty)
+            plain, filtered = (
+                parts if isinstance(parts, Missing) else parts.scaled(scale) for parts in (plain, filtered)
+            )
         measured = replace(
             measure_dark_level(lines[k], level, reference.label),
-            dsnu_variance=_dsnu_variance(moments, level, scatter, plain),
+            dsnu_variance=_of_digital_gain(_dsnu_variance(moments, level, scatter, plain), level),
             dsnu1288=plain,
             dsnu1288_filtered=filtered,
         )
@@ -136,6 +141,7 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
         dark_variance=lines.variance.at_zero,
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
+        step=level.step,
     )
 
 
@@ -175,6 +181,13 @@ def _dsnu_variance(moments: Moments, level: Level, scatter: float, parts: Parts 
         return dsnu
     # With a row or column pattern there are fewer independent samples than pixels.
     return Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
+
+
+def _of_digital_gain(value: Value, level: Level) -> Value:
+    """Return a spatial variance with the uncertainty from a digital gain."""
+    if isinstance(value, Missing) or level.scale_uncertainty == 0.0:
+        return value
+    return value * Uncertain.of(1.0, level.scale_uncertainty)
 
 
 def _with_censored_fit(

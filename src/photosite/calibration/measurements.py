@@ -31,6 +31,7 @@ class Measurements:
     dark_variance: Value  # temporal, at exposure zero, quantization included
     dark_variance_slope: Value  # against exposure
     read_method: str
+    step: float = 1.0  # distance of the converter's codes in the dark frames, DN
     dsnu_variance: Value = NO_LIGHT  # of the mean reference dark frame
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
     gain: Value = NO_LIGHT  # DN/e-
@@ -57,6 +58,11 @@ class Measurements:
     def without_noise(self, why: Missing) -> Measurements:
         """Return the measurements without gain and without all noise and fixed pattern."""
         withheld: dict[str, Any] = dict.fromkeys(_NOISE, why)
+        return replace(self, **withheld)
+
+    def without_light(self, why: Missing) -> Measurements:
+        """Return the measurements without what the flats show, except for saturation in DN and linearity."""
+        withheld: dict[str, Any] = dict.fromkeys(_OF_LIGHT, why)
         return replace(self, **withheld)
 
     def with_channel(self, channel: Channel, responsivity: Value, **others: Any) -> Measurements:
@@ -127,6 +133,11 @@ _NOISE = (
     "dsnu1288_filtered",
     "prnu1288",
     "prnu1288_unfiltered",
+)
+
+_OF_LIGHT = (
+    *("gain", "response_variance", "saturation_photons", "responsivity", "saturation_responsivity"),
+    *("prnu1288", "prnu1288_unfiltered"),
 )
 
 _MEANS_OVER_CHANNELS = (

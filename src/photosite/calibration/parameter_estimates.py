@@ -23,6 +23,11 @@ LEAST_DARK_VARIANCE = 0.24
 """DN^2; EMVA 1288: below it quantization hides the temporal dark noise, and this is its upper limit."""
 
 
+def least_dark_variance(m: Measurements) -> float:
+    """Return `LEAST_DARK_VARIANCE` for the step of the converter's codes, with the quantization noise of 1 DN."""
+    return (LEAST_DARK_VARIANCE - QUANTISATION_DN2) * m.step**2 + QUANTISATION_DN2
+
+
 def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
     """Return all parameters with their uncertainties, in every unit that is known."""
     per_e = derive(lambda k: 1.0 / k, m.gain)
@@ -88,12 +93,13 @@ def _percent_of_dark(slope: Value) -> Value:
 def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
     """Return the read noise, multiplied by a scale; only its upper limit where quantization hides it."""
     dark, found = m.dark_variance, _deviation(m.read_variance, scale, method)
-    if not isinstance(dark, Uncertain) or dark.value >= LEAST_DARK_VARIANCE or found.value is None:
+    least = least_dark_variance(m)
+    if not isinstance(dark, Uncertain) or dark.value >= least or found.value is None:
         return found
     assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
-    limit = max(math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION_DN2) * scale.value, found.interval_95[1])
+    limit = max(math.sqrt(least - QUANTISATION_DN2) * scale.value, found.interval_95[1])
     return Estimate(
-        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: quantization "
+        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization "
         f"hides the read noise; its 95 % upper limit is {limit:.3g}",
         upper_limit_95=limit,
         method=method,
@@ -105,9 +111,9 @@ def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
     result = _deviation(derive(lambda v: v - QUANTISATION_DN2, m.dark_variance), per_e, method)
     if isinstance(m.dark_variance, Missing) or isinstance(per_e, Missing):
         return result
-    if m.dark_variance.value >= LEAST_DARK_VARIANCE:
+    if m.dark_variance.value >= (least := least_dark_variance(m)):
         return result
-    limit = math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION_DN2) * per_e.value
+    limit = math.sqrt(least - QUANTISATION_DN2) * per_e.value
     return replace(result, upper_limit_95=max(limit, result.upper_limit_95 or 0.0))
 
 

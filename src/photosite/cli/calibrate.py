@@ -34,6 +34,13 @@ if TYPE_CHECKING:
     help="Checkpoint folder; an interrupted run resumes from it.",
 )
 @options.reading_options()
+@click.option(
+    "--linearize",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Table that undoes a tone curve (text or CSV): a linear value per line, or code and value, for each code "
+    "from 0 on. Values that are not whole numbers are scaled to 16 bits. Default: none.",
+)
 @click.option("--dark", multiple=True, metavar="PATTERN", help="Dark frames of the folder, by file name: 'IMG_00*'.")
 @click.option("--light", multiple=True, metavar="PATTERN", help="Light frames of the folder, by file name.")
 @options.quantity(
@@ -60,6 +67,7 @@ def command(
     output: Path | None,
     report: Path | None,
     checkpoint: Path | None,
+    linearize: Path | None,
     outlier_dark: float | None,
     outlier_light: float | None,
     maps: bool,
@@ -99,10 +107,14 @@ def command(
     from photosite.calibration.calibrate import calibrate
     from photosite.calibration.gain_series.calibrate_series import calibrate_series
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
+    from photosite.frames.linearization import linearize as linearized
+    from photosite.frames.linearization import read_linearization
     from photosite.frames.open import open_frames
     from photosite.sensor.io.maps_file import maps_path
 
     frames = open_frames(path, **reading)
+    if linearize is not None:
+        frames = linearized(frames, read_linearization(linearize))
     sensor = options.sensor_or(frames.sensor, sensor_name)
     is_series = len(frames.gain_settings) > 1
     if output is not None and sensor is None:

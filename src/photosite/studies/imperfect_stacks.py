@@ -54,6 +54,8 @@ class StackKind:
         Color filter array that is stated for the frames.
     prnu
         PRNU of the frames: crosstalk lowers it, readout channels raise it.
+    gain
+        System gain of the frames, which a digital gain changes.
     """
 
     name: str
@@ -65,6 +67,7 @@ class StackKind:
     blend: float = 0.0
     cfa: tuple[tuple[str, ...], ...] = (("mono",),)
     prnu: float = PRNU
+    gain: float = GAIN
 
     def frames(self, seed: int) -> FrameSet:
         """Return a stack: dark frames at three exposure times, flat fields at eight levels up to saturation."""
@@ -109,6 +112,14 @@ def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
     return filtered
 
 
+def _digital_gain(gain: float | Frame) -> Callable[[Frame, np.random.Generator], Frame]:
+    return lambda values, rng: np.floor(np.clip(np.rint(values), 0, WHITE_DN) * gain + 0.5)
+
+
+def _tone_curve(curve: Callable[[Frame], Frame]) -> Callable[[Frame, np.random.Generator], Frame]:
+    return lambda values, rng: WHITE_DN * curve(np.clip(np.rint(values), 0, WHITE_DN) / WHITE_DN)
+
+
 def _even_columns(values: Frame, rng: np.random.Generator) -> Frame:
     brighter: Frame = values * (1.0 + 0.01 * (np.arange(values.shape[1]) % 2 == 0))
     return brighter
@@ -139,6 +150,15 @@ KINDS = (
     StackKind("drift of the light", "2 % from frame to frame", light=lambda v, rng: v * (1 + 0.02 * rng.normal())),
     StackKind("mosaic not stated", "RGGB stated as monochrome", light=_mosaic),
     StackKind("wrong phase", "RGGB stated as GRBG", light=_mosaic, cfa=(("G", "R"), ("B", "G"))),
+    StackKind("digital gain", "1.37", numbers=_digital_gain(1.37), gain=1.37 * GAIN),
+    StackKind("digital gain below 1", "0.8", numbers=_digital_gain(0.8), gain=0.8 * GAIN),
+    StackKind(
+        "prescaled colors", "R 2.1, B 1.5", light=_mosaic, cfa=_RGGB,
+        numbers=_digital_gain(np.tile([[2.1, 1.0], [1.0, 1.5]], (SHAPE[0] // 2, SHAPE[1] // 2))),
+    ),
+    StackKind("gamma", "1 / 2.2", numbers=_tone_curve(lambda x: x ** (1 / 2.2))),
+    StackKind("square-root companding", "12 bits", numbers=_tone_curve(np.sqrt)),
+    StackKind("clipping below full scale", "at 2800 DN", numbers=lambda v, rng: np.minimum(np.rint(v), 2800.0)),
     StackKind("readout channels", "even columns 1 % brighter", light=_even_columns, prnu=math.hypot(PRNU, 0.005)),
 )  # fmt: skip
 """The kinds of stacks."""
@@ -166,7 +186,7 @@ class Answer:
     @property
     def right(self) -> bool:
         """Whether every interval that is given contains the truth."""
-        pairs = ((self.gain, GAIN), (self.prnu, 100.0 * self.kind.prnu))
+        pairs = ((self.gain, self.kind.gain), (self.prnu, 100.0 * self.kind.prnu))
         return all(isinstance(given, str) or given[0] <= truth <= given[1] for given, truth in pairs)
 
     def to_dict(self) -> dict[str, Any]:

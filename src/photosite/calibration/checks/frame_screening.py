@@ -156,21 +156,3 @@ def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> floa
     heights, widths = (_block_lengths(length) for length in deviation.shape)
     inside = deviation - np.repeat(np.repeat(blocks, heights, axis=0), widths, axis=1)
     return _NORMAL * float(np.median(np.abs(inside)))
-
-
-def top_value_shares(
-    samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64], bits: int
-) -> tuple[tuple[float, float], ...]:
-    """Return per label the highest number, and the share of pixels at it if it may be a smaller converter's full scale.
-
-    The share is 0 where the number is not 2^k - 1 with k from 6 to `bits` - 1. `labels` are those of the pixels of a
-    sample, (rows, cols).
-    """
-    stack = np.stack(samples)
-    result = []
-    for label in range(int(labels.max()) + 1):
-        values = stack[:, labels == label]
-        top = int(values.max(initial=0))
-        smaller = 6 <= top.bit_length() < bits and top & (top + 1) == 0
-        result.append((float(top), float((values == top).mean()) if smaller else 0.0))
-    return tuple(result)

@@ -37,8 +37,9 @@ LEAST_SIGNAL = 0.02
 SHORTEST_S = 1e-6
 """Exposure time below which few image sensors have a shutter."""
 
-AT_THE_TOP = 0.98
-"""Share of a light level's pixels at the full scale of a smaller converter that shows that converter's bit depth."""
+AT_THE_TOP, LEAST_BITS = 0.98, 6
+"""Share of a light level's pixels at the full scale of a smaller converter that shows that converter's bit depth, and
+the smallest bit depth that is searched."""
 
 LEAK_SHARE = 0.3
 """Share of the flat fields' slope above which the dark frames' slope is as likely a light leak as dark current."""
@@ -69,12 +70,12 @@ def check_channels(reduction: Reduction, channels: Sequence[Channel]) -> None:
 def _check_step(reduction: Reduction) -> None:
     """Check that the numbers are not all multiples of a power of two: shifted numbers of fewer bits."""
     group, bits = reduction.reference_group, reduction.frames.bits
-    bits_used = int(np.bitwise_or.reduce(reduction.reference_mean.sum, axis=None))
+    bits_used = int(np.bitwise_or.reduce(reduction.reference_mean.sum, axis=None)) | reduction.bits_used
     step = bits_used & -bits_used
     if step > 1 and any(level.spatial_variance > 0.0 for level in group.levels):
         shift = step.bit_length() - 1
         raise reduction.error(
-            f"all numbers add up to multiples of {step}: they have {bits - shift} bits shifted by {shift} bits, not "
+            f"all numbers are multiples of {step}: they have {bits - shift} bits shifted by {shift} bits, not "
             f"{bits} bits",
             f"Divide them by {step} and state {bits - shift} bits",
             group,
@@ -124,10 +125,12 @@ def _check_full_scale(reduction: Reduction) -> None:
     pixels may respond less.
     """
     bits = reduction.frames.bits
+    if any(steps is not None for steps in reduction.steps):  # numbers after a digital gain
+        return
     for k, name in enumerate(reduction.names):
-        highest, share = max(level[k] for level in reduction.top_shares)
-        top = int(highest)
-        if share >= AT_THE_TOP and 0 < top < (1 << bits) - 1:
+        top = reduction.whites[k]
+        share = max(group.levels[k].high_fraction for group in reduction.lights)
+        if share >= AT_THE_TOP and top & (top + 1) == 0 and LEAST_BITS <= top.bit_length() < bits:
             pixels = "every pixel" if share == 1.0 else f"{100 * share:.3g} % of the pixels"
             raise reduction.error(
                 f"the brightest flat fields{reduction.of_channel(name, ' of channel {}')} have {top} DN in {pixels}, "

@@ -171,7 +171,7 @@ class DarkLines:
         )
         noise = DarkLine.through(
             t[repeated],
-            temporal[repeated],
+            np.array([level.noise.value for level in levels if level.repeated]),
             uncertainty[repeated] ** 2,
             of_variance[repeated],
             [level.noise for level in levels if level.repeated],

@@ -113,7 +113,8 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         return np.array([getattr(level, name) for level in levels])
 
     take_mean, take_variance = dark.mean.weights_at(exposure), dark.variance.weights_at(exposure)
-    mean, variance, spread = each("mean"), each("variance"), each("variance_uncertainty")
+    mean, spread = each("mean"), each("variance_uncertainty")
+    variance = np.array([level.noise.value for level in levels])
     over_pixels = each("spatial_variance") / each("pixels")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
@@ -132,7 +133,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         dark_noise=dark.variance.points,
         dark_share=take_variance,
         mean=mean,
-        spread=np.sqrt(each("spatial_variance") + np.nan_to_num(variance)),
+        spread=np.sqrt(each("spatial_variance") + np.nan_to_num(each("variance"))),
         mean_variance=over_pixels,
         clipped=np.array([level.clipped for level in levels]),
         white_share=each("high_fraction"),

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.groups import group_label
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
@@ -23,7 +24,7 @@ from photosite.files.atomic import atomic_path
 from photosite.files.lock import FolderLock
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
-_VERSION = 4
+_VERSION = 5
 SAVE_EVERY_S = 20.0
 """Seconds of work that an interruption may lose; a finished group is saved at once."""
 
@@ -71,7 +72,7 @@ class FirstPass:
     digests: list[str] = field(default_factory=list)  # of the sampled rows of each used frame
     rejected: list[str] = field(default_factory=list)  # reasons for the others
     screened: bool = False  # whether all frames were read, and outlier frames left out
-    tops: tuple[tuple[float, float], ...] = ()  # `top_value_shares` of the channels, once screened
+    counts: Counts = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # `count_codes`, once screened
     samples: list[NDArray[np.uint16]] = field(default_factory=list)  # `sample_grid` of each used frame, until screened
 
 
@@ -118,13 +119,14 @@ class Checkpoint:
         """Save a group's sums, completely or not at all."""
         import h5py
 
-        note = {name: value for name, value in vars(progress).items() if name != "samples"}
+        note = {name: value for name, value in vars(progress).items() if name not in ("counts", "samples")}
         note |= {"version": _VERSION, "group": self._identity(group)}
         with atomic_path(self._files[id(group)]) as temporary, h5py.File(temporary, "w") as file:
             file.attrs["progress"] = json.dumps(note)
             for name, array in sums.state().items():
                 file.create_dataset(name, data=array)
             file.create_dataset("samples", data=np.array(progress.samples, np.uint16))
+            file.create_dataset("counts", data=progress.counts)
         self._saved_s = time.monotonic()
 
     def load(self, group: FrameGroup, sums: FrameSums | None = None) -> FirstPass | None:
@@ -141,12 +143,12 @@ class Checkpoint:
                 if same and sums is not None:
                     sums.restore({name: np.asarray(file[name]) for name in file})
                 if same:
-                    tops, samples = tuple((a, b) for a, b in note["tops"]), list(np.asarray(file["samples"]))
+                    samples, counts = list(np.asarray(file["samples"])), np.asarray(file["counts"])
                     identities = [
                         FrameIdentity(None if stamp is None else tuple(stamp), sha256)
                         for stamp, sha256 in note["identities"]
                     ]
-                    found = FirstPass(**note | {"tops": tops, "samples": samples, "identities": identities})
+                    found = FirstPass(**note | {"samples": samples, "counts": counts, "identities": identities})
         except (OSError, KeyError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise FileError(path, f"the file holds no checkpoint, or is damaged ({reason})", hint="Remove it") from None

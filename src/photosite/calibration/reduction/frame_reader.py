@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.frame_screening import find_outlier_frames, sample_grid, top_value_shares
+from photosite.calibration.checks.frame_screening import find_outlier_frames, sample_grid
 from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, file_stamp, identity
+from photosite.calibration.reduction.codes import Counts, count_codes
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
@@ -65,8 +66,8 @@ class FrameReader:
         self.white = (1 << frames.bits) - 1
         self.used_frames: list[UsedFrame] = []
         self.rejected: list[str] = []
-        self.tops: dict[int, tuple[tuple[float, float], ...]] = {}
-        """`top_value_shares` of each group's channels, by the `id` of the group."""
+        self.counts: dict[int, Counts] = {}
+        """`count_codes` of each group's samples, by the `id` of the group."""
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
@@ -123,7 +124,7 @@ class FrameReader:
             if self._checkpoint is not None:
                 self._checkpoint.save(group, result, first)
         self._used[id(group)] = first.used
-        self.tops[id(group)] = first.tops
+        self.counts[id(group)] = first.counts
         totals = result.frame_totals()
         if self._dark_dn is None and group.kind == "dark":
             self._dark_dn = sum(totals) / (len(totals) * result.sum.size)
@@ -194,7 +195,7 @@ class FrameReader:
             self._add(sums.clear(), self._read_ahead(group.frames[i] for i in first.used))
         rows, cols = sample_grid(self._shape, len(group))
         labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
-        first.tops = top_value_shares(first.samples, labels, self.frames.bits)
+        first.counts = count_codes(first.samples, labels)
         first.screened, first.samples = True, []
 
     def _reject(self, first: FirstPass, *reasons: str) -> None:

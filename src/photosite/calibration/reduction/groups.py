@@ -10,9 +10,10 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.reduction.quantisation import rounding_uncertainty
+from photosite.calibration.reduction.quantisation import rounding_uncertainty, second_rounding
 from photosite.engine.frame_sums import LabelTotals
 from photosite.frames.frame_set import FrameGroup
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.cfa import Cfa, channel_names
 from photosite.values.uncertain import Source, Uncertain
 
@@ -67,6 +68,9 @@ class Level:
     shared_variance: float = 0.0
     rounding_mean: float = 0.0
     rounding_variance: float = 0.0
+    # Distance of the converter's codes, DN, and the quantization noise that it causes, DN^2 (`codes.Steps`)
+    step: float = 1.0
+    quantisation: float = QUANTISATION_DN2
     # Squared shares of `variance_uncertainty` by source: results computed from this level are correlated through them.
     sources: Mapping[Source, float] = field(default_factory=lambda: {Source(): 1.0}, repr=False, compare=False)
 
@@ -96,14 +100,28 @@ class Level:
     def with_rounding(self) -> Level:
         """Return the level with the uncertainties from rounding."""
         spatial = self.spatial_variance - self.variance / self.frames
-        of_mean, of_variance = rounding_uncertainty(self.variance, self.variance_uncertainty, spatial)
-        return replace(self, rounding_mean=of_mean, rounding_variance=of_variance)
+        square = self.step**2
+        of_mean, of_variance = rounding_uncertainty(
+            self.variance / square, self.variance_uncertainty / square, spatial / square
+        )
+        again = second_rounding(self.step, self.variance)
+        return replace(
+            self,
+            rounding_mean=math.hypot(self.step * of_mean, again[0]),
+            rounding_variance=math.hypot(square * of_variance, again[1] * self.variance, again[2]),
+        )
+
+    @property
+    def scale_uncertainty(self) -> float:
+        """Relative standard uncertainty of a small variance, temporal or spatial, from a digital gain."""
+        return second_rounding(self.step, self.variance)[1]
 
     @property
     def noise(self) -> Uncertain:
-        """`variance` with its sources, DN^2."""
+        """`variance` with its sources, DN^2, with the quantization noise of steps of 1 DN."""
         u = self.variance_uncertainty
-        return Uncertain(self.variance, {source: u * math.sqrt(share) for source, share in self.sources.items()})
+        value = self.variance - (self.quantisation - QUANTISATION_DN2)
+        return Uncertain(value, {source: u * math.sqrt(share) for source, share in self.sources.items()})
 
     @property
     def clipping_uncertainty(self) -> float:
@@ -156,13 +174,14 @@ def pooled_level(levels: Sequence[Level]) -> Level:
         for source, part in level.sources.items()
         if whole > 0.0
     }
-    means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift")
+    means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift", "quantisation")
     return Level(
         pixels=pixels,
         frames=levels[0].frames,
         mean_variance=mean("mean_variance", 2),
         variance_uncertainty=whole,
         sources=sources,
+        step=max(level.step for level in levels),
         **{name: mean(name) for name in (*means, "rounding_mean", "rounding_variance")},
         **{name: independent(name) for name in ("shared_mean", "shared_variance")},
     )

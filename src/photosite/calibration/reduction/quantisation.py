@@ -69,6 +69,30 @@ def remaining_share(spatial_variance: float) -> float:
     return min(max(math.exp(-2.0 * math.pi**2 * spatial_variance), uniform), 1.0)
 
 
+def second_rounding(step: float, variance: float) -> tuple[float, float, float]:
+    """Return standard uncertainties from rounding multiples of a step again, to whole digital numbers.
+
+    The error of the second rounding repeats every 1 DN, but the numbers come at multiples of the step, so that its k-th
+    term has the frequency f = |k - m / step| nearest to 0. The uncertainties are those of a mean, DN, of a variance
+    relative to it, 4 f/k exp(-2 pi^2 f^2 s^2), and of a variance, DN^2, each as for a sine at any phase.
+
+    Examples
+    --------
+    >>> second_rounding(3.0, 9.0)
+    (0.0, 0.0, 0.0)
+    >>> [round(value, 3) for value in second_rounding(1.37, 6.0)]
+    [0.052, 0.043, 0.007]
+    """
+    if step == round(step):
+        return 0.0, 0.0, 0.0
+    k = np.arange(1, _TERMS + 1)
+    f = np.abs(k - np.rint(k * step) / step)
+    left = np.exp(-2.0 * math.pi**2 * f**2 * max(variance, 0.0))
+    root = math.sqrt(2.0)
+    of_mean, relative = (float(np.linalg.norm(terms)) / root for terms in (left / (math.pi * k), 4.0 * f / k * left))
+    return of_mean, relative, float((left / (math.pi * k) ** 2).sum()) / root
+
+
 def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: float) -> tuple[float, float]:
     """Return standard uncertainties of a level's mean, DN, and temporal variance, DN^2, from rounding.
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.reduction.codes import Counts, Steps, find_steps
 from photosite.calibration.reduction.frame_reader import FrameReader
-from photosite.calibration.reduction.groups import GroupStatistics, Level, reference_dark
+from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
+from photosite.calibration.reduction.sums import Sums, find_sums
+from photosite.calibration.reduction.white_level import find_white_level, share_above
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError
@@ -28,7 +32,10 @@ class Reduction:
     reference: int  # index of the dark group for read noise and DSNU (`reference_dark`)
     reference_mean: MeanFrame
     dark_slopes: PixelSlopes | None  # map of per-pixel dark slopes, DN/s; None with one dark exposure
-    top_shares: tuple[tuple[tuple[float, float], ...], ...]  # `top_value_shares` per light group and channel
+    whites: tuple[int, ...]  # number at which each channel's flats are clipped
+    steps: tuple[Steps | None, ...]  # of the converter's codes in each channel; None where they are 1 DN
+    sums: tuple[Sums | None, ...]  # whether each channel's numbers are sums of several codes
+    bits_used: int  # bits that occur in the sampled numbers
     rejected: tuple[str, ...]  # frames left out, each with the reason
     used: tuple[UsedFrame, ...]
 
@@ -86,9 +93,71 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         lights.append(statistics)
         if not all(level.clipped for level in statistics.levels):
             reader.keep(group, sums)
-    top_shares = tuple(reader.tops[id(entry.group)] for entry in lights)
+    channels = range(len(channel_names(reader.frames.cfa)))
+    counts = [reader.counts[id(entry.group)] for entry in lights]
+    whites = tuple(find_white_level(counts, k, reader.white) for k in channels)
+    lights = [_with_white_level(*pair, whites, reader.white) for pair in zip(lights, counts, strict=True)]
+    steps = tuple(_steps(reader, (*darks, *lights), k, white) for k, white in zip(channels, whites, strict=True))
+    sums_of = tuple(
+        find_sums(white, 1.0 if found is None else found.step, reader.frames.bits)
+        for white, found in zip(whites, steps, strict=True)
+    )
+    groups = [_with_steps(entry, i, steps, sums_of) for i, entry in enumerate((*darks, *lights))]
     rejected, used = tuple(reader.rejected), tuple(reader.used_frames)
-    return Reduction(reader.frames, tuple(darks), tuple(lights), reference, mean, slopes, top_shares, rejected, used)
+    first = len(darks)
+    codes = np.concatenate([found[:, 1] for found in reader.counts.values()])
+    return Reduction(
+        reader.frames,
+        tuple(groups[:first]),
+        tuple(groups[first:]),
+        reference,
+        mean,
+        slopes,
+        whites,
+        steps,
+        sums_of,
+        int(np.bitwise_or.reduce(codes)),
+        rejected,
+        used,
+    )
+
+
+def _with_white_level(
+    entry: GroupStatistics, counts: Counts, whites: Sequence[int], full_scale: int
+) -> GroupStatistics:
+    """Return a light group with the share of samples at the white levels below full scale."""
+    levels = tuple(
+        replace(level, high_fraction=share_above(counts, k, white - 1)) if white < full_scale else level
+        for k, (level, white) in enumerate(zip(entry.levels, whites, strict=True))
+    )
+    return replace(entry, levels=levels)
+
+
+def _steps(reader: FrameReader, groups: Sequence[GroupStatistics], channel: int, white: int) -> Steps | None:
+    counts = [reader.counts[id(entry.group)] for entry in groups]
+    noise = [math.sqrt(entry.levels[channel].variance) for entry in groups]
+    return find_steps(counts, noise, channel, len(groups[0].levels), (0, white))
+
+
+def _with_steps(
+    entry: GroupStatistics, index: int, steps: Sequence[Steps | None], sums: Sequence[Sums | None]
+) -> GroupStatistics:
+    """Return a group with the quantization noise of its steps, and of the codes that make one number."""
+    levels = list(entry.levels)
+    for k, found in enumerate(steps):
+        if found is None or levels[k].high_fraction > CLIPPED_SHARE:
+            continue
+        level = replace(levels[k], step=found.of_groups[index], quantisation=found.quantisation(index)).with_rounding()
+        if not found.uniform:
+            # Decoded numbers are rounded each by itself, which displaces them by sqrt(1/12) DN, and so bends the
+            # response over the few numbers within a standard deviation.
+            displaced = math.sqrt(level.variance / 12.0)
+            level = replace(level, rounding_variance=math.hypot(level.rounding_variance, displaced))
+        levels[k] = level
+    for k, summed in enumerate(sums):
+        if summed is not None and levels[k].high_fraction <= CLIPPED_SHARE:
+            levels[k] = replace(levels[k], quantisation=summed.number * levels[k].quantisation)
+    return replace(entry, levels=tuple(levels))
 
 
 def dark_slope_coefficients(darks: Sequence[FrameGroup]) -> NDArray[np.float64] | None:

@@ -1,0 +1,223 @@
+"""Codes of the converter among the digital numbers: missing and doubled ones show a digital gain, and its size.
+
+A gain g that is applied after the converter makes round(g c) of the code c. Above 1 it leaves numbers out, at a mean
+distance of g; below 1 it maps two codes to one number at regular places. The quantization noise is then that of the
+converter's step, g^2/12 DN^2, and of the second rounding, 1/12 DN^2 where g is not an integer.
+
+Numbers left out are found as gaps between numbers that both occur often. Doubled numbers are found in the Fourier
+transform of the counts. Without a gain, the counts of noise have no amplitude above a frequency of 0.7 / (standard
+deviation), apart from chance. A digital gain has peaks at the fractional parts of k/g, of height |sinc(k/g)|.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Counts = NDArray[np.int64]
+"""(n, 3): channel, digital number, and how often it occurs among the sampled pixels of a group."""
+
+OFTEN = 20
+"""Counts of two numbers between which the others must occur. By chance a number between them is missing in fewer than
+1 of 10^8 cases (Poisson counts, a density without a dip)."""
+
+LEAST_GAPS = 8
+"""Distances of numbers that a step is computed from."""
+
+STRETCHED = 1e-3
+"""Relative difference within which a gain is that between the full scales of two bit depths."""
+
+BY_CHANCE = 5e-4
+"""Share of clean calibrations in which doubled numbers may be reported."""
+
+SMOOTH = 0.7
+"""Frequency times standard deviation above which a density of normal noise has no amplitude (exp(-9.7))."""
+
+LEAST_NOISE_DN = 3.0
+"""Least temporal noise of the levels in which doubled numbers are searched."""
+
+LEAST_STEP, PEAKS, ORDERS, MISFIT = 0.55, 4, 12, 0.1
+"""Smallest step that is searched; peaks that it is searched from, and their orders k; largest squared misfit of the
+heights, relative."""
+
+_LENGTH = 1 << 17
+_APART = _LENGTH // 100
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Distance of the converter's codes in one channel, DN.
+
+    Parameters
+    ----------
+    of_groups
+        (groups,) step at each group's level, in the order of the groups.
+    uniform
+        Whether the step is the same at all levels, as with a digital gain; else it grows, as with decoded square-root
+        companding.
+    """
+
+    of_groups: tuple[float, ...]
+    uniform: bool = True
+
+    @property
+    def step(self) -> float:
+        """The largest step."""
+        return max(self.of_groups)
+
+    def quantisation(self, group: int) -> float:
+        """Return the quantization noise at a group's level, DN^2."""
+        step = self.of_groups[group]
+        again = self.uniform and step != round(step)
+        return (step**2 + again) / 12.0
+
+    def __str__(self) -> str:
+        if not self.uniform:
+            low, high = min(self.of_groups), self.step
+            return f"neighboring numbers are {low:.3g} DN apart at low levels and {high:.3g} DN at high ones"
+        if self.step < 1.0:
+            return f"some numbers stand for two codes of the converter, as after a digital gain of {self.step:.4g}"
+        left_out = 100.0 * (1.0 - 1.0 / self.step)
+        return f"{left_out:.3g} % of the numbers are left out, as after a digital gain of {self.step:.4g}"
+
+    def stretched_from(self, bits: int) -> int | None:
+        """Return the bit depth whose numbers were stretched to the whole range of `bits`, None if it is another gain.
+
+        Examples
+        --------
+        >>> Steps((16.0037,)).stretched_from(16), Steps((16.0,)).stretched_from(16)
+        (12, None)
+        """
+        for fewer in range(6, bits):
+            gain = ((1 << bits) - 1) / ((1 << fewer) - 1)
+            if self.uniform and self.step != round(self.step) and abs(self.step - gain) < STRETCHED * gain:
+                return fewer
+        return None
+
+
+def count_codes(samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64]) -> Counts:
+    """Return the counts of the digital numbers in a group's samples; `labels` are those of a sample's pixels."""
+    stack = np.stack(samples)
+    parts = []
+    for label in range(int(labels.max()) + 1):
+        codes, counts = np.unique(stack[:, labels == label], return_counts=True)
+        parts.append(np.column_stack([np.full(len(codes), label), codes, counts]))
+    return np.concatenate(parts).astype(np.int64)
+
+
+def of_channel(counts: Counts, channel: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the digital numbers of a channel, in increasing order, and their counts."""
+    chosen = counts[counts[:, 0] == channel]
+    return chosen[:, 1], chosen[:, 2]
+
+
+def find_steps(
+    groups: Sequence[Counts], noise_dn: Sequence[float], channel: int, channels: int, clip: tuple[float, float]
+) -> Steps | None:
+    """Return the steps of a channel; None where they are 1 DN within what the counts show.
+
+    Parameters
+    ----------
+    groups
+        Counts of each group.
+    noise_dn
+        (groups,) temporal standard deviation, NaN if unknown.
+    channel, channels
+        Index of the channel, and number of channels that are searched.
+    clip
+        Lowest and highest number; both are left out.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> numbers = np.rint(1.37 * np.rint(rng.normal(100.0, 3.0, (8, 64, 64)))).astype(np.uint16)
+    >>> counts = count_codes(list(numbers), np.zeros((64, 64), np.int64))
+    >>> round(find_steps([counts], [4.1], 0, 1, (0, 4095)).step, 2)
+    1.37
+    """
+    inside = []
+    for counts in groups:
+        codes, numbers = of_channel(counts, channel)
+        take = (codes > clip[0]) & (codes < clip[1])
+        inside.append((codes[take], numbers[take]))
+    return _missing(inside) or _doubled(inside, noise_dn, channels)
+
+
+def _missing(groups: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Steps | None:
+    """Return the steps from gaps between numbers that occur often."""
+    gaps = []
+    for codes, counts in groups:
+        often = counts >= OFTEN
+        gaps.append(np.diff(codes)[often[1:] & often[:-1]])
+    together = np.concatenate(gaps)
+    if len(together) < LEAST_GAPS or np.count_nonzero(together > 1) < 3:
+        return None
+    step = float(together.mean())
+    regular = together.max() <= math.floor(step) + 1 and together.min() >= math.floor(step)
+    if regular and all(abs(float(found.sum()) - step * len(found)) < 2.0 + 0.01 * found.sum() for found in gaps):
+        return Steps((step,) * len(groups))
+    known = [i for i, found in enumerate(gaps) if len(found) >= 3 and np.ptp(found) <= 1 + found.min() // 2]
+    if len(known) < 3 or len(known) < 0.5 * sum(len(found) >= 3 for found in gaps):
+        return None
+    level = np.array([np.average(codes, weights=counts) if len(codes) else 0.0 for codes, counts in groups])
+    # The mean square of the steps, weighted by their widths, as for numbers that fall everywhere alike.
+    square = np.array([float((gaps[i] ** 3).sum() / gaps[i].sum()) for i in known])
+    order = np.argsort(level[known])
+    at, steps = level[known][order], np.sqrt(square[order])
+    if np.any(np.diff(steps) < -0.2 * steps[:-1]) or steps[-1] < 1.5 * steps[0]:
+        return None
+    return Steps(tuple(np.interp(level, at, steps).tolist()), uniform=False)
+
+
+def _doubled(
+    groups: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]], noise_dn: Sequence[float], channels: int
+) -> Steps | None:
+    """Return the step below 1 from the peaks of the counts' Fourier transform."""
+    chosen = [i for i, noise in enumerate(noise_dn) if noise >= LEAST_NOISE_DN and len(groups[i][0])]
+    if not chosen:
+        return None
+    total = np.zeros(_LENGTH)
+    for i in chosen:
+        codes, counts = groups[i]
+        total[codes] += counts
+    number = float(total.sum())
+    lowest = math.ceil(SMOOTH / min(noise_dn[i] for i in chosen) * _LENGTH)
+    power = np.abs(np.fft.rfft(total)) ** 2 / number
+    if lowest >= len(power):
+        return None
+    places: list[float] = []
+    left = power.copy()
+    left[:lowest] = 0.0
+    limit = math.log(len(power) * channels / BY_CHANCE)
+    while len(places) < PEAKS and left.max() > limit:
+        peak = int(np.argmax(left))
+        places.append(peak / _LENGTH)
+        left[max(peak - _APART, 0) : peak + _APART] = 0.0
+    inverse = {
+        (m + sign * at) / k for at in places for k in range(1, ORDERS + 1) for m in range(2 * k + 1) for sign in (1, -1)
+    }
+    steps = {1.0 / value for value in inverse if 1.0 + 1.0 / _LENGTH < value < 1.0 / LEAST_STEP}
+    # With gains like 0.75, ties of the rounding change the peaks; they occur at exact values only.
+    steps |= {round(step, 3) for step in steps if abs(step - round(step, 3)) < 1e-4}
+    misfits = {step: _misfit(step, power, number, lowest) for step in sorted(steps)}
+    best = min(misfits, key=misfits.__getitem__, default=1.0)
+    return Steps((best,) * len(groups)) if misfits.get(best, 1.0) < MISFIT else None
+
+
+def _misfit(step: float, power: NDArray[np.float64], number: float, lowest: int) -> float:
+    """Return the squared misfit of the peaks' heights, relative to the squares of those expected for a step."""
+    order = np.arange(1, ORDERS + 1) / step
+    folded = np.abs(order - np.rint(order))
+    take = np.rint(folded * _LENGTH).astype(int) > lowest
+    if not take.any():
+        return math.inf
+    codes = np.rint(step * np.arange(600))
+    expected = np.abs(np.exp(2j * np.pi * folded[take, None] * codes).mean(axis=1))
+    places = np.rint(folded[take] * _LENGTH).astype(int)
+    near = np.max([power[np.clip(places + shift, 0, len(power) - 1)] for shift in range(-2, 3)], axis=0)
+    found = np.sqrt(near / number)
+    return float(((found - expected) ** 2).sum() / (expected**2).sum())

@@ -1,0 +1,78 @@
+"""Tone curves are named, mild bends are not, and a table undoes a known curve."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from photosite.calibration.calibrate import calibrate
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.linearization import LinearizationTable, linearize
+
+K, READ_E, PRNU, BLACK, WHITE = 0.3, 6.0, 0.008, 64.0, 4095.0
+SHAPE = (72, 96)
+
+
+def stack(seed, curve, bits=12):
+    """Darks and flats up to 80 % of the converter's range; `curve` maps 0..1 to 0..1."""
+    rng = np.random.default_rng(seed)
+    response, offset = 1.0 + PRNU * rng.normal(size=SHAPE), BLACK + 0.6 * rng.normal(size=SHAPE)
+
+    def group(kind, exposure_s):
+        sources = []
+        for i in range(8):
+            electrons = rng.poisson(response * (1.1e5 * exposure_s if kind == "light" else 0.0))
+            codes = np.clip(np.rint(offset + K * (electrons + rng.normal(0.0, READ_E, SHAPE))), 0, WHITE)
+            dn = np.rint(curve(codes / WHITE) * (2**bits - 1)).astype(np.uint16)
+            sources.append(FrameSource(f"{kind} {exposure_s} {i}", partial(np.array, dn)))
+        return FrameGroup(kind, exposure_s, tuple(sources))
+
+    groups = [group("dark", t) for t in (0.01, 0.1)]
+    groups += [group("light", 0.01 * t) for t in (1, 2, 3, 4, 5, 6, 8, 9)]
+    return FrameSet(tuple(groups), rows=SHAPE[0], cols=SHAPE[1], bits=bits)
+
+
+def srgb(x):
+    return np.where(x < 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def log(x):
+    return np.log1p(256 * x) / np.log(257)
+
+
+CURVES = {"gamma": lambda x: x ** (1 / 2.2), "sRGB": srgb, "square root": np.sqrt, "logarithm": log}
+
+
+@pytest.mark.parametrize("bits", [8, 12])
+@pytest.mark.parametrize("name", CURVES)
+def test_a_tone_curve_is_named_and_its_figures_withheld(name, bits):
+    found = calibrate(stack(1, CURVES[name], bits))
+    estimates = found.estimates()
+    for parameter in ("system_gain_dn_per_e", "read_noise_e", "prnu_percent"):
+        assert estimates[parameter].value is None
+        assert "tone curve" in estimates[parameter].reason
+    left = {name for name, entry in estimates.items() if entry.value is not None}
+    assert not [name for name in left if name.endswith(("_e", "_e_per_s", "_db")) or name.startswith("prnu")]
+    assert found.read_noise_dn.value > 0.0
+    assert any("tone curve" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("bend", [-0.1, 0.0, 0.05, 0.1])
+def test_a_mild_bend_is_no_tone_curve(bend):
+    found = calibrate(stack(2, lambda x: x * (1.0 - bend * x)))
+    assert found.system_gain_dn_per_e.value is not None
+    assert not any("tone curve" in warning for warning in found.warnings)
+
+
+def test_a_known_table_undoes_square_root_companding():
+    codes = np.arange(4096)
+    curve = np.rint(np.sqrt(codes / WHITE) * 1023)
+    table = LinearizationTable(np.array([codes[curve <= n][-1] for n in range(1024)], float))
+    frames = linearize(stack(3, np.sqrt, bits=10), table)
+    assert frames.bits == 12
+    found = calibrate(frames)
+    for estimate, truth in ((found.system_gain_dn_per_e, K), (found.prnu_percent, 100 * PRNU)):
+        low, high = estimate.interval_95
+        assert low <= truth <= high
+    assert found.system_gain_dn_per_e.standard_uncertainty < 0.03 * K
+    assert any("companded" in warning for warning in found.warnings)
