@@ -60,7 +60,7 @@ def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
     scales = {"dn": Uncertain(1.0), "e": per_e, "mv": mv}
     read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance less 1/12 DN²"))
-    dsnu = m.dark_method or "spread over pixels of the mean repeated dark less temporal variance / n"
+    dsnu = m.dark_method or "spread over pixels of the mean of the repeated dark frames less temporal variance / n"
     dsnu = m.method(dsnu, "dsnu_variance")
     prnu = "relative spread of per-pixel slopes against exposure in the linear range, less their noise"
     dcnu = "spread of per-pixel dark slopes, less their noise, relative to the mean slope"
@@ -187,8 +187,8 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     clipping = _clipping_note(m)
-    dark = f"spatial variance of the mean dark less temporal variance / n{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
-    light = "spatial variance at half saturation less the dark's, {} (EMVA 1288 {}, PRNU)"
+    dark = f"spatial variance of the mean dark frame less temporal variance / n{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
+    light = "spatial variance at half saturation less that of the dark frames, {} (EMVA 1288 {}, PRNU)"
     percent = Uncertain(100.0)
     result: dict[str, Estimate] = {}
     for prefix, unit, parts, scale, text in (
