@@ -21,6 +21,7 @@ UNITS = {
     "dn_per_e": "DN/e⁻",
     "uv_per_e": "µV/e⁻",
     "dn_per_photon": "DN/photon",
+    "dn_per_s": "DN/s",
 }
 
 
