@@ -61,7 +61,7 @@ class Measurements:
         return replace(self, **withheld)
 
     def without_light(self, why: Missing) -> Measurements:
-        """Return the measurements without what the flats show, except for saturation in DN and linearity."""
+        """Return the measurements without what the flat fields show, except for saturation in DN and linearity."""
         withheld: dict[str, Any] = dict.fromkeys(_OF_LIGHT, why)
         return replace(self, **withheld)
 

@@ -49,8 +49,9 @@ class DarkNoiseRatio:
         elif self.ratio - 3.0 * self.uncertainty > 2.0:
             cause = f"each dark frame is the mean of about {self.ratio:.2g} frames, or was denoised"
         return (
-            f"the temporal variance of the flats at no signal is {self.ratio:.3g} ± {self.uncertainty:.2g} times that "
-            f"of the dark frames, as if {cause}; photon transfer needs flats and dark frames of the same mode"
+            f"the temporal variance of flat fields at no signal is {self.ratio:.3g} ± {self.uncertainty:.2g} times "
+            f"that of the dark frames, as if {cause}; photon transfer needs flat fields and dark "
+            f"frames of the same mode"
         )
 
 

@@ -21,9 +21,9 @@ class Sums:
 
     def __str__(self) -> str:
         return (
-            f"the flats are clipped at {self.number} times the full scale of {self.bits} bits: each number is the sum "
-            f"of {self.number} of the converter's (binned pixels or averaged frames); gain, wells and noise hold for "
-            f"the sums, and the quantization noise of {self.number} codes was taken off"
+            f"the flat fields are clipped at {self.number} times the full scale of {self.bits} bits: each number is "
+            f"the sum of {self.number} of the converter's (binned pixels or averaged frames); gain, wells and noise "
+            f"hold for the sums, and the quantization noise of {self.number} codes was taken off"
         )
 
 
