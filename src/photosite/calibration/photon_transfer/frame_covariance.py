@@ -101,9 +101,10 @@ class FrameProducts:
         """Return the estimate; `UNKNOWN` without a run."""
         if not self._freedom:
             return UNKNOWN
-        inverse: NDArray[np.float64] = np.linalg.inv(self._normal)
+        inverse = np.linalg.inv(self._normal).astype(np.float64)
         variance = self._square / self._freedom
-        return FrameCovariance((inverse @ self._fitted)[1:], 2.0 * variance**2 * inverse[1:, 1:])
+        covariance: NDArray[np.float64] = 2.0 * variance**2 * inverse[1:, 1:]
+        return FrameCovariance((inverse @ self._fitted)[1:], covariance)
 
 
 def _residuals(run: Sequence[NDArray[np.unsignedinteger]]) -> Iterator[NDArray[np.float64]]:
