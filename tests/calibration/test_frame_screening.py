@@ -8,7 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.frame_screening import BLOCKS, SIDE, find_outlier_frames, sample_grid
+from photosite.calibration.checks.frame_screening import (
+    BLOCKS,
+    SIDE,
+    find_near_copies,
+    find_outlier_frames,
+    sample_grid,
+)
 from photosite.calibration.reduction import checkpoint, frame_reader
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -221,3 +227,67 @@ def test_an_interrupted_run_rejects_the_same_frames(
     assert again.estimates() == whole.estimates()
     assert again.rejected == whole.rejected
     assert again.frames_sha256 == whole.frames_sha256
+
+
+def nearly(dn: NDArray[np.uint16], pixels: int = 1) -> NDArray[np.uint16]:
+    """A copy in which some pixels differ by 2."""
+    changed = dn.copy()
+    changed.reshape(-1)[:: dn.size // pixels][:pixels] += 2
+    return changed
+
+
+@pytest.mark.parametrize("group", [STACK, DARKS])
+def test_a_copy_that_differs_in_some_pixels_is_left_out(group: tuple[str, float]) -> None:
+    frames, others = Chip(41).frames(), Chip(41).frames()
+    frames[group][7] = nearly(frames[group][4], 5)
+    del others[group][7]
+    calibration, clean = calibrate(frame_set(frames)), calibrate(frame_set(others))
+    (reason,) = calibration.rejected
+    assert reason.startswith(f"{group[0]}-0.006-7 repeats {group[0]}-0.006-4: ")
+    assert calibration.system_gain_dn_per_e == clean.system_gain_dn_per_e
+    assert calibration.read_noise_dn == clean.read_noise_dn
+
+
+def test_pairs_of_copies_that_differ_in_one_pixel() -> None:
+    """The sums of such pairs are even, but the numbers are not shifted bits."""
+    frames = Chip(42).frames()
+    for group in (DARKS, DARK_PAIR):
+        frames[group] = [frames[group][0], nearly(frames[group][0])]
+    with pytest.raises(CalibrationError) as caught:
+        calibrate(frame_set(frames))
+    assert "no dark exposure has two frames (dark-0.006-1 repeats dark-0.006-0: " in caught.value.what
+
+    frames = Chip(42).frames()
+    frames[PAIR][1] = nearly(frames[PAIR][0])
+    with pytest.raises(CalibrationError) as caught:
+        calibrate(frame_set(frames))
+    assert "light frames at 0.004 s" in str(caught.value.where)
+    assert "the 2 frames hardly differ" in caught.value.what
+
+
+def test_no_near_copies_among_quiet_frames() -> None:
+    """A noise of 0.05 DN, far below that of a converter; 250 stacks of 4 frames, and clipped flats that are alike."""
+    rng = np.random.default_rng(43)
+    for _ in range(250):
+        pattern = rng.normal(64.0, 1.0, (32, 40))
+        stack = [np.rint(pattern + rng.normal(0.0, 0.05, pattern.shape)).astype(np.uint16) for _ in range(4)]
+        assert find_near_copies(stack) == {}
+    stack[3] = nearly(stack[1], 2)
+    assert find_near_copies(stack) == {3: (1, 2)}
+    assert find_near_copies([np.full((64, 64), 4000, np.uint16) for _ in range(3)]) == {}
+
+
+def test_clipped_flats_with_a_pattern_are_no_copies() -> None:
+    """A camera that subtracts an offset of each column after the converter: saturated frames are alike."""
+    columns = np.random.default_rng(44).integers(0, 9, COLS)
+    frames = {
+        key: [(np.minimum(dn, 3000) + columns).astype(np.uint16) for dn in stack]
+        for key, stack in Chip(44).frames().items()
+    }
+    for key, stack in frames.items():
+        if stack[0].mean() > 2900:
+            frames[key] = [nearly(dn, 1 + i) for i, dn in enumerate(stack)]
+    calibration = calibrate(frame_set(frames))
+    assert calibration.rejected == ()
+    low, high = calibration.system_gain_dn_per_e.interval_95
+    assert low <= 0.5 <= high

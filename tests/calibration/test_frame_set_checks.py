@@ -187,3 +187,35 @@ def test_an_argument_that_is_not_a_frame_set(wrong, hint):
         calibrate(wrong)
     assert (caught.value.what, caught.value.value, caught.value.expected) == ("frames", wrong, "a FrameSet")
     assert f"open_frames({hint})" in caught.value.hint
+
+
+def labelled(exposure_s):
+    """Frames of stated photons, with one exposure time for all."""
+    rng = np.random.default_rng(7)
+    response = 1.0 + 0.01 * rng.standard_normal((48, 64))
+    frames = [("dark", exposure_s, dn, 0.0) for dn in stack(64.0, n=8, shape=(48, 64))]
+    for i in range(1, 15):
+        for _ in range(4):
+            dn = 64.0 + 0.3 * rng.poisson(1100.0 * i * response) + 2.0 * rng.standard_normal((48, 64))
+            frames.append(("light", exposure_s, np.clip(np.rint(dn), 0, 4095).astype(np.uint16), 2200.0 * i))
+    return frames
+
+
+def test_exposures_of_zero_with_photons_are_labels():
+    """Results do not depend on the label, and none needs a time."""
+    zero, stated = (calibrate(frame_set(labelled(t))) for t in (0.0, 0.02))
+    for name, estimate in zero.estimates().items():
+        other = stated.estimates()[name]
+        assert (estimate.value, estimate.interval_95) == (other.value, other.interval_95), name
+    for name in ("dark_current_e_per_s", "dark_current_from_variance_e_per_s", "dark_voltage_mv_per_s", "dcnu_percent"):
+        assert getattr(zero, name).value is None
+    low, high = zero.quantum_efficiency_percent.interval_95
+    assert low <= 50.0 <= high
+    assert not any("shutter" in text for text in zero.warnings)
+
+
+def test_exposures_of_zero_and_others():
+    frames = labelled(0.0) + [("dark", 0.02, dn, 0.0) for dn in stack(64.0, shape=(48, 64))]
+    assert "dark frames at 0.02 s" in error_of(frames).what
+    bias = [("dark", 0.0, dn) for dn in stack(64.0, n=4)]
+    assert calibrate(frame_set(bias + measurement())).dark_current_e_per_s.value is not None

@@ -64,6 +64,16 @@ def test_series_of_one_setting_are_one_group(tmp_path):
     assert len(group) == 5
 
 
+def test_exposures_of_zero_are_labels(tmp_path):
+    put_images(tmp_path, "a.png", "b.png", "c.png")
+    frames = open_frames(descriptor(tmp_path, HEAD + "d 0\ni a.png\nb 0 500\ni b.png\nb 0 800\ni c.png\n"))
+    assert [(g.kind, g.exposure_s, g.photons_per_pixel) for g in frames.groups] == [
+        ("dark", 0.0, 0.0),
+        ("light", 0.0, 500.0),
+        ("light", 0.0, 800.0),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "what"),
     [
@@ -73,7 +83,7 @@ def test_series_of_one_setting_are_one_group(tmp_path):
         ("b 40 nan\ni a.png\n", 3, "the line"),
         ("b 40 -1\ni a.png\n", 3, "photons_per_pixel"),
         ("d 40 12\ni a.png\n", 3, "the line"),
-        ("d 0\ni a.png\n", 3, "exposure_s"),
+        ("d -1\ni a.png\n", 3, "exposure_s"),
         ("d\n", 3, "the line"),
         ("i a.png\n", 3, "the frame comes before any"),
         ("d 40\ni\n", 4, "the line"),

@@ -92,7 +92,7 @@ def test_eight_and_signed_bits(tmp_path):
         (np.zeros((3, 4, 5), np.uint16), {}, "3 planes are those of a color picture"),
         (np.zeros(5, np.uint16), {}, "shape"),
         (np.zeros((4, 5), np.uint16), {"EXPTIME": "long"}, "EXPTIME"),
-        (np.zeros((4, 5), np.uint16), {"EXPTIME": 0.0}, "exposure_s"),
+        (np.zeros((4, 5), np.uint16), {"EXPTIME": 0.0, "IMAGETYP": "LIGHT"}, "exposure_s"),
         (np.zeros((4, 5), np.uint16), {"BAYERPAT": "CYGM"}, "cfa"),
         (None, {}, "the FITS file holds no image"),
     ],

@@ -87,7 +87,7 @@ NAN, INFINITY = float("nan"), float("inf")
         ([("dark", 0.1, frame(1)[0])], "dn"),
         ([("dark", 0.1, frame(4096))], "dn"),
         ([("drak", 0.1, frame(1))], "kind"),
-        ([("dark", 0.0, frame(1))], "exposure_s"),
+        ([("light", 0.0, frame(1))], "exposure_s"),
         ([("dark", NAN, frame(1))], "exposure_s"),
         ([("light", 0.1, frame(1), -3.0)], "photons_per_pixel"),
         ([("light", 0.1, frame(1), NAN)], "photons_per_pixel"),

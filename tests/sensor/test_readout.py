@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from virtual_chips import drawn_maps, plant_blinking
 
+from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.readout import digital_numbers
+from photosite.studies.virtual_lab import nominal_sensor
 
 SENSOR = load_sensor("nikon-d200").with_(
     black_level_dn=64, dark_voltage_mv_per_s=0.5, dcnu_percent=20.0, dsnu_mv=2.0, prnu_percent=5.0
@@ -66,3 +68,14 @@ def test_a_chip_of_one_column_or_row_has_its_fixed_pattern(shape: tuple[int, int
     assert np.all(offset_dn != 0.0)
     found = digital_numbers(sensor, np.zeros(shape, np.float32), 0.5, seed=5)
     np.testing.assert_array_equal(found, np.clip(np.floor(64.5 + offset_dn), 0, 4095))
+
+
+def test_a_nominal_sensor_file_is_refused() -> None:
+    """Its placeholder of 1 e- for the well capacity makes every frame black."""
+    nominal = nominal_sensor(SENSOR.with_(rows=4, cols=6))
+    with pytest.raises(InputError) as caught:
+        digital_numbers(nominal, np.full((4, 6), 500.0, np.float32), 0.5, seed=5)
+    assert (caught.value.what, caught.value.value) == ("well_capacity_e", 1.0)
+    assert "calibrate frames" in str(caught.value.hint)
+    one_bit = SENSOR.with_(rows=4, cols=6, well_capacity_e=0.5 / SENSOR.system_gain_dn_per_e)
+    assert digital_numbers(one_bit, np.full((4, 6), 500.0, np.float32), 0.5, seed=5).shape == (4, 6)

@@ -161,7 +161,7 @@ def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[F
             valid = settings.validated()
             if valid.kind is None:
                 raise InputError("kind", value=None, expected="'dark' or 'light'")
-            exposure_s = check_exposure(valid.exposure_s)
+            exposure_s = valid.exposure_s if valid.exposure_s is not None else check_exposure(None)
         except InputError as error:
             raise error.within(source.name) from None
         key = (valid.kind, exposure_s, valid.photons_per_pixel, valid.gain_setting)

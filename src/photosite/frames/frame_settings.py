@@ -15,13 +15,12 @@ KINDS: tuple[Kind, ...] = ("dark", "light")
 ABSOLUTE_ZERO_C = -273.15
 
 _CONDITIONS = {
-    "exposure_s": (0.0, "a number of seconds above 0"),
+    "exposure_s": (0.0, "a number of seconds above 0; 0 for dark frames, or with photons_per_pixel"),
     "photons_per_pixel": (0.0, "a finite number, 0 or above"),
     "gain_setting": (0.0, "a finite number, 0 or above"),
     "temperature_c": (ABSOLUTE_ZERO_C, f"a finite number above {ABSOLUTE_ZERO_C:g}"),
 }
 """Lowest value, and the condition in words."""
-_ABOVE_LOWEST = ("exposure_s", "temperature_c")
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class FrameSettings:
     kind
         "dark" or "light".
     exposure_s
-        Exposure time.
+        Exposure time. 0 is that of bias frames; of light frames, whose photons must then be known, it means unknown.
     photons_per_pixel
         Mean number of photons per pixel during the exposure.
     gain_setting
@@ -68,7 +67,13 @@ class FrameSettings:
             if value is None:
                 continue
             number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
-            if not lowest <= number < math.inf or (number == lowest and name in _ABOVE_LOWEST):
+            lowest_is_valid = name != "temperature_c" and (name != "exposure_s" or self._zero_exposure)
+            if not lowest <= number < math.inf or (number == lowest and not lowest_is_valid):
                 raise InputError(name, value=value, expected=condition)
             numbers[name] = number
         return FrameSettings(self.kind, **numbers)
+
+    @property
+    def _zero_exposure(self) -> bool:
+        """Whether the exposure time may be 0: descriptors label light of known photons so."""
+        return self.kind == "dark" or self.photons_per_pixel is not None

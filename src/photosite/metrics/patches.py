@@ -145,7 +145,7 @@ def _check_regions(regions: Sequence[Patch], frame: RawFrame) -> None:
             raise InputError("region", where=f"patch '{region.name}'", value=value, expected=expected)
 
 
-def _pixels_of(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDArray[np.float64]:
+def patch_pixels(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDArray[np.float64]:
     """Return the (frames, pixels) digital numbers of a channel in the region, black level included."""
     cfa = stack[0].cfa
     height, width = len(cfa), len(cfa[0])
@@ -162,7 +162,7 @@ def _pixels_of(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDAr
 
 def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> dict[str, float]:
     """Return the statistics of one patch and channel, by their names in `PatchStatistics`."""
-    dn = _pixels_of(stack, region, channel)
+    dn = patch_pixels(stack, region, channel)
     count = dn.shape[1]
     if count < 2:
         where = f"patch '{region.name}'"

@@ -69,7 +69,8 @@ def digital_numbers(
     ------
     InputError
         If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region is out of range, the
-        device is unknown or missing, or measured maps have another size or are requested on a GPU.
+        device is unknown or missing, measured maps have another size or are requested on a GPU, or the well capacity is
+        below half a digital number.
     FileError
         If a file of measured maps is missing, or is not the file that the sensor file names by its hash.
 
@@ -96,6 +97,7 @@ def digital_numbers(
         expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
         raise InputError("region", value=region, expected=expected)
     check_choice("device", device, Device)
+    _check_full_well(sensor)
     part = slice(r0, r1), slice(c0, c1)
     photo_e = np.ascontiguousarray(mean_electrons[part], np.float32)
     exposure = Exposure(
@@ -121,6 +123,18 @@ def digital_numbers(
     if len(measured.blinking):
         expose_blinking(out, _blinking_within(measured.blinking, (r0, c0), photo_e.shape), photo_e, maps, exposure)
     return out
+
+
+def _check_full_well(sensor: Sensor) -> None:
+    """Refuse a well capacity, such as the placeholder of a nominal sensor file, at which every frame is black."""
+    well = sensor.pixel.well_capacity_e
+    if well.value * sensor.system_gain_dn_per_e < 0.5:
+        hint = "Every frame would be black"
+        if well.assumed:
+            hint += "; calibrate frames with this nominal file, and use the sensor file that results"
+        expected = f"at least {0.5 / sensor.system_gain_dn_per_e:.3g} (half a digital number)"
+        name = f"sensor '{sensor.name}'"
+        raise InputError("well_capacity_e", where=name, value=well.value, expected=expected, hint=hint)
 
 
 def _drawn_maps(sensor: Sensor, part: tuple[slice, slice]) -> tuple[DrawnMaps, DrawnConstants]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
+from photosite.validation.shared_noise import SharedNoise
 
 Selection = NDArray[np.bool_]
 RelativeDifference = np.ma.MaskedArray[Any, np.dtype[np.float64]]
@@ -41,12 +42,18 @@ class ChiSquare:
 
 
 def chi_square_of_means(
-    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0, fitted: int = 0
+    measured: PatchStatistics,
+    simulated: PatchStatistics,
+    used: Selection,
+    tolerance: float = 0.0,
+    fitted: int = 0,
+    shared: SharedNoise | None = None,
 ) -> ChiSquare:
     """Test whether patch means differ by more than their standard errors.
 
     A difference divided by the estimated standard errors of both means follows Student's t with Welch's degrees of
-    freedom nu. Its square is multiplied by (nu - 2) / nu, so that its mean is 1 as for chi-square.
+    freedom nu; with known covariances, that of pairs of pixels with nu = pixels - 1. Its square is multiplied by
+    (nu - 2) / nu, so that its mean is 1 as for chi-square.
 
     Parameters
     ----------
@@ -58,6 +65,8 @@ def chi_square_of_means(
         Relative tolerance; only the excess over it counts.
     fitted
         Number of parameters of the simulation that were fitted to these means; each takes a degree of freedom.
+    shared
+        Covariances of measured and simulated patches; None for two chips.
 
     Raises
     ------
@@ -66,21 +75,28 @@ def chi_square_of_means(
 
     Notes
     -----
-    B. L. Welch, Biometrika 34, 1947. The standard errors assume two different fixed patterns. For two frames of the
-    same chip the p-value is too large, never too small.
+    B. L. Welch, Biometrika 34, 1947.
     """
     error_m, error_s = measured.standard_error_dn[used] ** 2, simulated.standard_error_dn[used] ** 2
     pixels_m, pixels_s = measured.pixels[used], simulated.pixels[used]
-    freedom = (error_m + error_s) ** 2 / (error_m**2 / (pixels_m - 1) + error_s**2 / (pixels_s - 1))
+    error = error_m + error_s
+    freedom = error**2 / (error_m**2 / (pixels_m - 1) + error_s**2 / (pixels_s - 1))
+    if shared is not None:
+        freedom = np.asarray(pixels_m - 1.0, np.float64)
+        error = np.maximum(error - 2.0 * shared.mean_dn2[used], 0.0)
     if (freedom <= 2).any():
         raise InputError("patches hold too few pixels to compare", hint="Widen the regions to 4 pixels of each channel")
     difference = np.abs(measured.mean_dn[used] - simulated.mean_dn[used])
     beyond = np.maximum(difference - tolerance * np.abs(simulated.mean_dn[used]), 0.0)
-    return chi_square(beyond**2 / (error_m + error_s) * (freedom - 2) / freedom, fitted)
+    return chi_square(_squares(beyond, np.sqrt(error)) * (freedom - 2) / freedom, fitted)
 
 
 def chi_square_of_noise(
-    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
+    measured: PatchStatistics,
+    simulated: PatchStatistics,
+    used: Selection,
+    tolerance: float = 0.0,
+    shared: SharedNoise | None = None,
 ) -> ChiSquare:
     """Test whether the variances over the pixels of a frame differ by more than their standard errors.
 
@@ -89,14 +105,18 @@ def chi_square_of_noise(
     Notes
     -----
     The standard errors come from the scatter over pixels. Neither a distribution nor a share of fixed pattern is
-    assumed. The fixed patterns are assumed to differ, as for the means. A patch without noise in both frames counts as
-    equal.
+    assumed. A patch without noise in both frames counts as equal.
     """
-    return _of_variances(spatial_noise(measured), spatial_noise(simulated), used, tolerance)
+    covariance = None if shared is None else shared.spatial_variance_dn4
+    return _of_variances(spatial_noise(measured), spatial_noise(simulated), used, tolerance, covariance)
 
 
 def chi_square_of_temporal_noise(
-    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
+    measured: PatchStatistics,
+    simulated: PatchStatistics,
+    used: Selection,
+    tolerance: float = 0.0,
+    shared: SharedNoise | None = None,
 ) -> ChiSquare | None:
     """Test the noise from frame to frame, as `chi_square_of_noise`; None unless both have at least two frames.
 
@@ -104,7 +124,8 @@ def chi_square_of_temporal_noise(
     variances; no distribution is assumed.
     """
     seen, made = temporal_noise(measured), temporal_noise(simulated)
-    return None if seen is None or made is None else _of_variances(seen, made, used, tolerance)
+    covariance = None if shared is None else shared.temporal_variance_dn4
+    return None if seen is None or made is None else _of_variances(seen, made, used, tolerance, covariance)
 
 
 NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -123,16 +144,28 @@ def temporal_noise(found: PatchStatistics) -> NoiseWithError | None:
     return found.temporal_noise_dn, found.temporal_variance_error_dn2
 
 
-def _of_variances(measured: NoiseWithError, simulated: NoiseWithError, used: Selection, tolerance: float) -> ChiSquare:
+def _of_variances(
+    measured: NoiseWithError,
+    simulated: NoiseWithError,
+    used: Selection,
+    tolerance: float,
+    covariance: NDArray[np.float64] | None,
+) -> ChiSquare:
     (noise_m, error_m), (noise_s, error_s) = ([values[used] for values in side] for side in (measured, simulated))
-    error = np.hypot(error_m, error_s)
+    both = 0.0 if covariance is None else 2.0 * covariance[used]
+    error = np.sqrt(np.maximum(error_m**2 + error_s**2 - both, 0.0))
     allowed = ((1.0 + tolerance) ** 2 - 1.0) * noise_s**2
     beyond = np.maximum(np.abs(noise_m**2 - noise_s**2) - allowed, 0.0)
+    return chi_square(_squares(beyond, error))
+
+
+def _squares(beyond: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the squares of differences over their errors, 0 where both are 0."""
     if ((error == 0) & (beyond > 0)).any():
-        raise InputError("patches hold too few pixels to compare their noise", hint="Widen the regions")
-    squares = np.zeros_like(beyond)
-    np.divide(beyond, error, out=squares, where=error > 0)
-    return chi_square(squares**2)
+        raise InputError("patches hold too few pixels to compare", hint="Widen the regions")
+    ratio = np.zeros_like(beyond)
+    np.divide(beyond, error, out=ratio, where=error > 0)
+    return np.asarray(ratio**2)
 
 
 def compared(saturated: Selection, names: Sequence[str], channels: Sequence[str], notes: list[str]) -> Selection:

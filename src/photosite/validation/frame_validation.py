@@ -26,6 +26,7 @@ from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.lamp import Lamp
 from photosite.validation.result import Validation
+from photosite.validation.shared_noise import shared_noise, warn_of_dependence
 from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, tile_text
 from photosite.values.exposure import check_exposure
@@ -272,6 +273,8 @@ def validate_frames(
         tolerance_percent=tolerance_percent,
         exposures_s=(first.exposure_s, exposure_s),
         fitted=0 if found is None else 1,
+        shared=shared_noise(stack, shots, patches),
+        notes=warn_of_dependence(stack, shots),
     )
     diagnosis: tuple[str, ...] = ()
     if not validation.agrees:

@@ -22,6 +22,7 @@ from photosite.validation.charts import Chart, chart_regions, chart_xyz_d65
 from photosite.validation.color import compare_colors
 from photosite.validation.regression import regressions
 from photosite.validation.result import Validation
+from photosite.validation.shared_noise import SharedNoise, shared_noise, warn_of_dependence
 from photosite.values.cfa import tile_text
 from photosite.values.region import Region
 from photosite.values.validated import check_choice
@@ -43,8 +44,9 @@ def validate(
 
     The verdict is based on two chi-square tests, of patch means and of the noise over pixels. Where both sides are
     stacks of frames, a third tests the noise from frame to frame. The tests share the false-alarm rate evenly. Color
-    differences are reported and have no test of their own. Saturated channels of patches are left out, and patches with
-    a saturated channel have no color difference; `notes` lists them.
+    differences are reported and have no test of their own. A fixed pattern that both share, as frames of one chip do,
+    is taken into account. Saturated channels of patches are left out, and patches with a saturated channel have no
+    color difference; `notes` lists them.
 
     Parameters
     ----------
@@ -70,6 +72,11 @@ def validate(
         or a patch is unknown; regions are missing or outside the frame; every patch is saturated; or the level or
         tolerance is invalid.
 
+    Warns
+    -----
+    PhotositeWarning
+        If a simulated frame equals a measured one, or both were simulated with one seed.
+
     Notes
     -----
     The comparison of Farrell, Okincha and Parmar (2008), section 3, with the noise taken into account.
@@ -89,6 +96,7 @@ def validate(
     check_repeats([measured] if isinstance(measured, RawFrame) else measured)
     patches = _patches(chart, regions, first_measured)
     seen, made = patch_statistics(measured, patches), patch_statistics(simulated, patches)
+    one, other = ([frames] if isinstance(frames, RawFrame) else frames for frames in (measured, simulated))
     return compare_patches(
         seen,
         made,
@@ -96,6 +104,8 @@ def validate(
         level=level,
         tolerance_percent=tolerance_percent,
         exposures_s=(first_measured.exposure_s, first_simulated.exposure_s),
+        shared=shared_noise(one, other, patches),
+        notes=warn_of_dependence(one, other),
     )
 
 
@@ -108,14 +118,17 @@ def compare_patches(
     tolerance_percent: float = 0.0,
     exposures_s: tuple[float | None, float | None] = (None, None),
     fitted: int = 0,
+    shared: SharedNoise | None = None,
+    notes: Sequence[str] = (),
 ) -> Validation:
     """Compare the statistics of the same patches and channels, in the same order, as `validate` does.
 
     `exposures_s` are the exposure times of the measured and the simulated frames; `fitted` is the number of parameters
-    of the simulation that were fitted to the measured patch means.
+    of the simulation that were fitted to the measured patch means; `shared` are the covariances of both, None for
+    frames of two chips; `notes` come first in those of the result.
     """
     check_verdict_settings(level, tolerance_percent)
-    notes: list[str] = []
+    notes = list(notes)
     used = compared(measured.saturated | simulated.saturated, measured.names, measured.channels, notes)
     means = measured.mean_dn, simulated.mean_dn
     variance = measured.standard_error_dn**2 + simulated.standard_error_dn**2
@@ -128,9 +141,9 @@ def compare_patches(
         measured=measured,
         simulated=simulated,
         used=used,
-        means=chi_square_of_means(measured, simulated, used, tolerance, fitted),
-        noise=chi_square_of_noise(measured, simulated, used, tolerance),
-        temporal_noise=chi_square_of_temporal_noise(measured, simulated, used, tolerance),
+        means=chi_square_of_means(measured, simulated, used, tolerance, fitted, shared),
+        noise=chi_square_of_noise(measured, simulated, used, tolerance, shared),
+        temporal_noise=chi_square_of_temporal_noise(measured, simulated, used, tolerance, shared),
         regression=regression,
         regression_by_channel=by_channel,
         color=color,

@@ -18,6 +18,7 @@ frame's height or width, a white frame among flat fields near saturation.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,6 +49,15 @@ LEVEL_SCATTER, BLOCK_SCATTER, MOST = 6.0, 4.0, 2.0
 
 LEAST_NOISE_DN = 0.5
 """Least noise assumed, DN, where quantization hides it."""
+
+NEAR_COPY = 1 / 512
+"""Share of the sampled pixels up to which a frame that differs from another counts as its copy."""
+
+LEAST_COMPARED, LEAST_NUMBERS = 1024, 3
+"""Least sampled pixels, and different numbers in the middle 80 % of them, at which copies are looked for."""
+
+PARTS = 64
+"""Parts of a sample, of which a copy has most in common with its original."""
 
 _NORMAL = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""
@@ -122,6 +132,43 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
             found[i] = (
                 f"its pixels deviate by {spread[i]:.3g} DN from the others' pattern, the others by {others:.3g} DN"
             )
+    return found
+
+
+def find_near_copies(samples: Sequence[NDArray[np.uint16]]) -> dict[int, tuple[int, int]]:
+    """Return the frames that repeat an earlier one in nearly all sampled pixels: its index, and pixels that differ.
+
+    Two frames with independent noise of s DN differ in 1.13 s of the pixels if their means lie anywhere between two
+    numbers, so `NEAR_COPY` would need a noise of 0.002 DN. Samples of few pixels, or of few different numbers, which
+    need not lie anywhere, are not compared. A frame is compared with the one that has most parts of the sample in
+    common with it.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> frames = [np.uint16(rng.normal(500.0, 3.0, (64, 64))) for _ in range(3)]
+    >>> frames.append(frames[1].copy())
+    >>> frames[3][5, 5] += 40
+    >>> find_near_copies(frames)
+    {3: (1, 1)}
+    """
+    n = len(samples)
+    if n < 2 or samples[0].size < LEAST_COMPARED:
+        return {}
+    stack = np.stack(samples).reshape(n, -1)
+    low, high = np.percentile(stack[0], (10, 90), method="nearest")
+    if len(np.unique(stack[0][(stack[0] >= low) & (stack[0] <= high)])) < LEAST_NUMBERS:
+        return {}
+    found: dict[int, tuple[int, int]] = {}
+    earliest: dict[tuple[int, bytes], int] = {}
+    for i, pixels in enumerate(stack):
+        parts = ((k, part.tobytes()) for k, part in enumerate(np.array_split(pixels, PARTS)))
+        (original, _), *_ = Counter(earliest.setdefault(part, i) for part in parts).most_common(1)
+        if original == i:
+            continue
+        differ = int(np.count_nonzero(pixels != stack[original]))
+        if differ <= NEAR_COPY * pixels.size:
+            found[i] = original, differ
     return found
 
 

@@ -55,8 +55,11 @@ def _check_groups(frames: FrameSet) -> None:
             f"calibration needs one",
             "Select one with FrameSet.at_gain(setting), or calibrate all with calibrate_series",
         )
+    darks, lights = frames.of_kind("dark"), frames.of_kind("light")
+    unknown = any(group.exposure_s == 0 for group in lights)
     for group in frames.groups:
-        if not (math.isfinite(group.exposure_s) and group.exposure_s > 0):
+        zero = group.exposure_s == 0 and (group.kind == "dark" or group.photons_per_pixel is not None)
+        if not (math.isfinite(group.exposure_s) and (group.exposure_s > 0 or zero)):
             raise CalibrationError(
                 "exposure_s",
                 where=f"{frames.source}: {group_label(group)}",
@@ -64,7 +67,11 @@ def _check_groups(frames: FrameSet) -> None:
                 expected="above 0",
                 hint="Correct the protocol",
             )
-    darks, lights = frames.of_kind("dark"), frames.of_kind("light")
+        if unknown and group.exposure_s > 0:
+            raise error(
+                f"light frames have the exposure time 0, which means unknown, and {group_label(group)} another",
+                "State the exposure time of all frames, or 0 for all",
+            )
     if not darks:
         raise error(
             "there are no dark frames", "Take at least two with the lens covered, better 50, at one exposure time"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import BEYOND_CHANCE, too_short_for_dark_current
 from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.photon_transfer import STILL_SHARE
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.frames.black_level import levels_disagree
@@ -57,6 +58,7 @@ def check_levels(reduction: Reduction) -> None:
     _check_darks(reduction)
     if reduction.lights:
         _check_lights(reduction)
+        _check_copies(reduction)
         _check_full_scale(reduction)
 
 
@@ -116,6 +118,23 @@ def _check_lights(reduction: Reduction) -> None:
             f"{pairs[0][1]:.2f} DN",
             "Check that dark and light frames are not swapped, and that the lamp was on",
         )
+
+
+def _check_copies(reduction: Reduction) -> None:
+    """Check that no flat fields are without noise though brighter ones have noise: clipping leaves none brighter."""
+    for k, name in enumerate(reduction.names):
+        repeated = [entry for entry in reduction.lights if entry.levels[k].repeated]
+        for entry in repeated:
+            level = entry.levels[k]
+            brighter = [other.levels[k].variance for other in repeated if other.levels[k].mean > 1.05 * level.mean]
+            if brighter and level.low_fraction < CLIPPED_DARK_SHARE and level.variance < STILL_SHARE * min(brighter):
+                raise reduction.error(
+                    f"the {level.frames} frames hardly differ (variance {level.variance:.2g} DN^2), but brighter flats "
+                    f"do ({min(brighter):.2g} DN^2 or more)",
+                    "Use frames with their noise, not copies",
+                    entry,
+                    name,
+                )
 
 
 def _check_full_scale(reduction: Reduction) -> None:
@@ -236,7 +255,9 @@ def level_warnings(
 
 
 def _fast_shutter(frames: FrameSet) -> Iterator[str]:
-    exposures = [group.exposure_s for group in frames.groups]
+    exposures = [group.exposure_s for group in frames.groups if group.exposure_s > 0.0]
+    if not exposures:
+        return
     shortest, longest = min(exposures), max(exposures)
     darks = np.unique([group.exposure_s for group in frames.of_kind("dark")])
     explained = len(darks) > 1 and too_short_for_dark_current(darks) is not None

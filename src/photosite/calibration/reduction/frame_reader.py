@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from types import TracebackType
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.frame_screening import find_outlier_frames, sample_grid
+from photosite.calibration.checks.frame_screening import find_near_copies, find_outlier_frames, sample_grid
 from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, file_stamp, identity
 from photosite.calibration.reduction.codes import Counts, count_codes
 from photosite.calibration.reduction.groups import group_label, label_tile
@@ -175,9 +175,19 @@ class FrameReader:
                 )
 
     def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums) -> None:
-        """Leave outlier frames out of a group's sums."""
+        """Leave near copies and outlier frames out of a group's sums."""
+        label, before = group_label(group), len(first.used)
+        copies = find_near_copies(first.samples)
+        # Clipped flat fields with a pattern of their own, such as that of a black level, are all alike.
+        if group.kind == "dark" or len(copies) < before - 1:
+            names, size = [group.frames[i].name for i in first.used], first.samples[0].size
+            reasons = [
+                f"{names[place]} repeats {names[original]}: {differ} of {size} sampled pixels differ ({label})"
+                for place, (original, differ) in copies.items()
+            ]
+            self._leave_out(first, copies, reasons)
         if outliers := find_outlier_frames(first.samples, self._dark_dn):
-            label, n = group_label(group), len(first.used)
+            n = len(first.used)
             named = [(group.frames[first.used[place]].name, reason) for place, reason in outliers.items()]
             if 2 * len(outliers) >= n:
                 shown = ", ".join(name for name, _ in named[:3]) + (f" and {len(named) - 3} more" * (len(named) > 3))
@@ -187,16 +197,21 @@ class FrameReader:
                     where=f"{self.frames.source}: {label}",
                     hint="Remove the broken frames, or correct what is listed as one setting",
                 )
-            left = [place for place in range(n) if place not in outliers]
-            first.used, first.digests = [first.used[i] for i in left], [first.digests[i] for i in left]
-            first.samples = [first.samples[i] for i in left]
-            self._reject(first, *(f"{name} differs from the other {label}: {reason}" for name, reason in named))
+            reasons = [f"{name} differs from the other {label}: {reason}" for name, reason in named]
+            self._leave_out(first, outliers, reasons)
+        if len(first.used) < before:
             self.expect(len(first.used))
             self._add(sums.clear(), self._read_ahead(group.frames[i] for i in first.used))
         rows, cols = sample_grid(self._shape, len(group))
         labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
         first.counts = count_codes(first.samples, labels)
         first.screened, first.samples = True, []
+
+    def _leave_out(self, first: FirstPass, places: Collection[int], reasons: Sequence[str]) -> None:
+        left = [place for place in range(len(first.used)) if place not in places]
+        first.used, first.digests = [first.used[i] for i in left], [first.digests[i] for i in left]
+        first.samples = [first.samples[i] for i in left]
+        self._reject(first, *reasons)
 
     def _reject(self, first: FirstPass, *reasons: str) -> None:
         first.rejected += reasons

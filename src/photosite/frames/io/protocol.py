@@ -172,7 +172,8 @@ def _frames(file: Path, number: int, entry: Any, line: int | None) -> ProtocolFr
         at = line_of(entry, "files") or line
         raise FileError(file, "files", at, where=where, value=entry["files"], expected="a path, a pattern, or a list")
     try:
-        exposure_s = None if entry.get("exposure") is None else parse_exposure(entry["exposure"])
+        stated = entry.get("exposure")
+        exposure_s = stated if stated in (None, 0) else parse_exposure(stated)
         numbers = {name: entry.get(name) for name in _NUMBERS}
         settings = FrameSettings(entry["kind"], exposure_s, **numbers).validated()
     except InputError as error:
