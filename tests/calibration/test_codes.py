@@ -152,8 +152,11 @@ def test_clipping_below_full_scale_leaves_the_figures_right(white, levels):
 
 def test_channels_are_clipped_each_at_its_white_level():
     white = np.tile([[2600, 3400], [3400, 3000]], (SHAPE[0] // 2, SHAPE[1] // 2))
-    found = calibrate(stack(8, lambda codes: np.minimum(codes, white), cfa=RGGB, rate=2.2e5))
-    for name, top in (("R", 2600), ("G", 3400), ("B", 3000)):
+    frames = stack(8, lambda codes: np.minimum(codes, white), cfa=RGGB, rate=2.2e5)
+    counts, _ = counts_of(frames, 3)
+    found = calibrate(frames)
+    for k, (name, top) in enumerate((("R", 2600), ("G", 3400), ("B", 3000))):
+        assert find_white_level(counts[3:], k, 4095) == top
         own = found.channels[name]
         assert own.saturation_dn.value == top
         assert within(own.system_gain_dn_per_e, K)
