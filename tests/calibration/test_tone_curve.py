@@ -64,6 +64,16 @@ def test_a_mild_bend_is_no_tone_curve(bend):
     assert not any("tone curve" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize(("seed", "cfa"), [(2, "mono"), (15, "rggb")])
+def test_wells_that_saturate_are_no_tone_curve_and_no_digital_gain(virtual, seed, cfa):
+    """Saturated flats are quieter than long dark frames, and pixels differ in noise near saturation."""
+    sensor = virtual.sensor(seed, cfa=cfa, rows=80, cols=96, limited_by="well")
+    frames = virtual.frame_set(sensor, seed, photons_known=cfa == "mono", top=1.15 + 0.15 * ((0.618 * seed) % 1))
+    found = calibrate(frames)
+    assert not [warning for warning in found.warnings if "tone curve" in warning or "digital gain" in warning]
+    assert found.system_gain_dn_per_e.value is not None
+
+
 def test_a_known_table_undoes_square_root_companding():
     codes = np.arange(4096)
     curve = np.rint(np.sqrt(codes / WHITE) * 1023)

@@ -19,6 +19,9 @@ STRONG = 0.8
 LEAST_LEVELS, LEAST_RANGE = 3, 2.0
 """Light levels, and ratio of the largest to the smallest light, that an exponent needs."""
 
+STILL_RISING = 0.98
+"""Share of the largest signal above which flats may all be saturated."""
+
 QUIETER, LEAST_RISE = 6.0, 0.2
 """Standard uncertainties by which half of the flats are quieter than the darks, and relative rise of their signal, at
 which they are not saturated."""
@@ -62,8 +65,9 @@ def _exponent(levels: LightLevels) -> float | None:
     if not take.any():
         return None
     quiet = levels.shot < -QUIETER * np.sqrt(np.diag(levels.shot_covariance))
-    lowest = levels.signal[take].min()
-    if 2 * quiet[take].sum() < take.sum() or levels.signal[take].max() < (1.0 + LEAST_RISE) * lowest:
+    lowest, highest = levels.signal[take].min(), levels.signal[take].max()
+    rising = take & (levels.signal < STILL_RISING * highest)
+    if 2 * quiet[rising].sum() <= rising.sum() or highest < (1.0 + LEAST_RISE) * lowest:
         take &= levels.signal <= LINEAR_SHARE * levels.signal[take].max()
     x, y, v = levels.x[take], levels.signal[take], levels.shot[take]
     if len(np.unique(x)) < LEAST_LEVELS or x.max() < LEAST_RANGE * x.min():

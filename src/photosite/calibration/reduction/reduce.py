@@ -21,6 +21,9 @@ from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
 
+UNSATURATED = 0.7
+"""Level, as a share of that of the largest variance, up to which all pixels have the noise of the mean."""
+
 
 @dataclass(frozen=True)
 class Reduction:
@@ -135,7 +138,10 @@ def _with_white_level(
 
 def _steps(reader: FrameReader, groups: Sequence[GroupStatistics], channel: int, white: int) -> Steps | None:
     counts = [reader.counts[id(entry.group)] for entry in groups]
-    noise = [math.sqrt(entry.levels[channel].variance) for entry in groups]
+    levels = [entry.levels[channel] for entry in groups]
+    peak = max(levels, key=lambda level: -math.inf if math.isnan(level.variance) else level.variance)
+    # Near saturation, pixels at the limit of their wells have less noise than the level's mean.
+    noise = [math.sqrt(level.variance) if level.mean <= UNSATURATED * peak.mean else math.nan for level in levels]
     return find_steps(counts, noise, channel, len(groups[0].levels), (0, white))
 
 
