@@ -172,6 +172,7 @@ def truth(sensor, *, photons_known):
         "dsnu_mv": s.noise.dsnu_mv.value,
         "prnu_percent": prnu,
         "dark_voltage_mv_per_s": s.noise.dark_voltage_mv_per_s.value,
+        "dark_current_dn_per_s": s.electrons(s.noise.dark_voltage_mv_per_s.value) * gain,
         "dark_current_e_per_s": s.electrons(s.noise.dark_voltage_mv_per_s.value),
         "dark_current_from_variance_e_per_s": s.electrons(s.noise.dark_voltage_mv_per_s.value),
         "dcnu_percent": s.noise.dcnu_percent.value,
