@@ -12,30 +12,30 @@ from photosite.calibration.calibrate import calibrate
 from photosite.frames.open import open_frames
 
 REFERENCE_IMPLEMENTATION = {
-    "system_gain_dn_per_e": 0.28006,
-    "quantum_efficiency_percent": 45.249,
-    "temporal_dark_noise_e": 10.924,
-    "sensitivity_threshold_photons": 25.355,
-    "saturation_capacity_photons": 30957.0,
-    "saturation_capacity_e": 14008.0,
-    "snr_max_db": 41.46,
-    "dynamic_range_db": 61.73,
-    "dsnu1288_e": 0.553,
-    "prnu1288_unfiltered_percent": 0.4327,
-    "dsnu1288_column_e": 0.54056,
-    "prnu1288_unfiltered_row_percent": 0.32327,
-    "prnu1288_unfiltered_column_percent": 0.11133,
-    "prnu1288_unfiltered_pixel_percent": 0.26521,
+    "K": 0.28006,
+    "eta": 45.249,
+    "sigma_d": 10.924,
+    "mu_p_min": 25.355,
+    "mu_p_sat": 30957.0,
+    "mu_e_sat": 14008.0,
+    "SNR_max_dB": 41.46,
+    "DR_dB": 61.73,
+    "DSNU1288": 0.553,
+    "PRNU1288_unfiltered": 0.4327,
+    "DSNU1288_col": 0.54056,
+    "PRNU1288_unfiltered_row": 0.32327,
+    "PRNU1288_unfiltered_col": 0.11133,
+    "PRNU1288_unfiltered_pixel": 0.26521,
 }
 
 PAIRS_ALONE = {
-    "linearity_error_min_percent": -0.6157976,
-    "linearity_error_max_percent": 0.4804483,
+    "LE_min": -0.6157976,
+    "LE_max": 0.4804483,
 }
 """The reference's results from two frames per level; it uses its 50 frames for the spatial parameters only."""
 
 
-BETWEEN_EXPOSURES = {"saturation_capacity_photons", "saturation_capacity_e"}
+BETWEEN_EXPOSURES = {"mu_p_sat", "mu_e_sat"}
 """The reference takes the exposure with the largest variance, photosite the middle of the interval in which the maximum
 can lie: half of a 2 % step higher, less the effect of the gradual clipping."""
 
@@ -47,7 +47,7 @@ def calibration(emva_frames):
 
 def test_agrees_with_the_reference_implementation(calibration):
     for name, value in REFERENCE_IMPLEMENTATION.items():
-        estimate = getattr(calibration, name)
+        estimate = calibration.emva1288[name]
         assert estimate.value == pytest.approx(value, rel=1e-2 if name in BETWEEN_EXPOSURES else 5e-3), name
         low, high = estimate.interval_95
         assert low < value < high, name
@@ -61,7 +61,7 @@ def pairs_alone(emva_frames):
 
 def test_linearity_of_the_same_frames_equals_the_reference(pairs_alone):
     for name, value in PAIRS_ALONE.items():
-        assert getattr(pairs_alone, name).value == pytest.approx(value, rel=1e-6)
+        assert pairs_alone.emva1288[name].value == pytest.approx(value, rel=1e-6)
     fit = pairs_alone.linearity["M"].relative
     assert (fit.slope, fit.intercept) == pytest.approx((0.12629093, 5.120069), rel=1e-6)
 
@@ -69,7 +69,7 @@ def test_linearity_of_the_same_frames_equals_the_reference(pairs_alone):
 def test_linearity_with_the_stack_among_the_levels(calibration):
     """One additional level in the middle shifts the line slightly."""
     for name, value in PAIRS_ALONE.items():
-        assert getattr(calibration, name).value == pytest.approx(value, rel=8e-3)
+        assert calibration.emva1288[name].value == pytest.approx(value, rel=8e-3)
     assert calibration.linearity_error_percent.value == pytest.approx(0.2925, abs=1e-3)
     assert calibration.linearity["M"].used.sum() == 34
 
@@ -77,13 +77,13 @@ def test_linearity_with_the_stack_among_the_levels(calibration):
 def test_dark_current_intervals_contain_the_reference(calibration, pairs_alone):
     """The reference weights all exposures equally: plain least squares through the same points gives its values."""
     for kind, power, name, value in (
-        ("dark_signal", 1, "dark_current_e_per_s", 28.479107),
-        ("dark_variance", 2, "dark_current_from_variance_e_per_s", 69.971699),
+        ("dark_signal", 1, "mu_I_mean", 28.479107),
+        ("dark_variance", 2, "mu_I_var", 69.971699),
     ):
         curve = pairs_alone.curves["M"][kind]
         plain = np.polyfit(curve.x, curve.y, 1)[0] / 0.28006265**power
         assert plain == pytest.approx(value, rel=1e-5)
-        low, high = getattr(calibration, name).interval_95
+        low, high = calibration.emva1288[name].interval_95
         assert low < value < high
     assert not any("and from the variance" in warning for warning in calibration.warnings)
 
@@ -92,7 +92,7 @@ def test_row_noise_is_not_a_row_pattern(calibration):
     """The reference's pixel part is the root of -0.0042 DN^2, its row part 0.26 e-: it subtracts the row noise left in
     the mean of 50 frames from the pixels."""
     for part, most in (("pixel", 0.3), ("row", 0.13)):
-        low, high = getattr(calibration, f"dsnu1288_{part}_e").interval_95
+        low, high = calibration.emva1288[f"DSNU1288_{part}"].interval_95
         assert 0.0 < high < most
         assert low < 0.1
     assert not any("negative" in warning for warning in calibration.warnings)
@@ -137,12 +137,25 @@ def test_the_dark_histogram_equals_the_reference(calibration):
 
 def test_the_high_pass_removes_the_uneven_light(calibration):
     """The unfiltered value includes the shading of the illumination."""
-    assert calibration.prnu1288_percent.value == pytest.approx(0.260, abs=0.002)
-    assert calibration.prnu1288_percent.value < 0.65 * calibration.prnu1288_unfiltered_percent.value
+    found = calibration.emva1288
+    assert found["PRNU1288"].value == pytest.approx(0.260, abs=0.002)
+    assert found["PRNU1288"].value < 0.65 * found["PRNU1288_unfiltered"].value
 
 
 def test_the_paper_s_prnu_includes_the_shading(calibration):
     assert calibration.prnu_percent.value == pytest.approx(calibration.prnu1288_unfiltered_percent.value, rel=0.02)
+
+
+def test_the_bend_of_the_response_is_found(calibration):
+    """Photon transfer points give 0.289 DN/e- at little light and 0.277 at 70 % of saturation; the line gives 0.280."""
+    gain = calibration.system_gain_dn_per_e
+    assert gain.value == pytest.approx(0.290, abs=0.002)
+    assert gain.standard_uncertainty < 0.003
+    levels = [level for level in calibration.curves["M"]["photon_transfer"].x if 100.0 < level < 500.0]
+    points = calibration.curves["M"]["photon_transfer"]
+    at_small_signal = np.mean([points.y[points.x == level][0] / level for level in levels])
+    assert gain.interval_95[0] < at_small_signal < gain.interval_95[1]
+    assert any("bends" in warning for warning in calibration.warnings)
 
 
 def test_all_frames_are_used(calibration):
@@ -152,5 +165,8 @@ def test_all_frames_are_used(calibration):
     assert calibration.linear_range["M"].levels == 27
 
 
-def test_scatter_beyond_sampling_gives_a_warning(calibration):
-    assert any("scatter" in warning for warning in calibration.warnings)
+def test_the_points_scatter_about_the_line_beyond_sampling(calibration):
+    """Steps of the converter and the bend; the best estimate takes the bend into account, and gives no warning."""
+    line = calibration.curves["M"]["photon_transfer"]
+    assert line.extra_variance > 4.0 * float(np.median(line.y_uncertainty[line.used])) ** 2
+    assert not any("scatter" in warning for warning in calibration.warnings)

@@ -38,6 +38,7 @@ def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_si
         clipped=white > 1e-3,
         white_share=white,
         group=np.arange(m),
+        frames=np.full(m, 2.0),
     )
 
 

@@ -33,6 +33,15 @@ def test_noise_of_filtered_frames_is_withheld(name: str) -> None:
     assert isinstance(found.prnu, str)
 
 
+@pytest.mark.parametrize(
+    "name", ["bent response", "bent response, 4th power", "knee of the response", "soft saturation"]
+)
+def test_the_gain_of_a_bent_response_is_that_at_small_signal(name: str) -> None:
+    found = answer(name)
+    assert found.right
+    assert any("bends" in warning for warning in found.warnings)
+
+
 @pytest.mark.parametrize("name", ["mosaic not stated", "wrong phase"])
 def test_prnu_of_a_mosaic_stated_otherwise_is_withheld(name: str) -> None:
     found = answer(name)

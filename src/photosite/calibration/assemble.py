@@ -15,8 +15,8 @@ from photosite.calibration.dark import DarkResult
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
-from photosite.calibration.parameter_estimates import estimate_parameters, least_dark_variance
-from photosite.calibration.photon_transfer.channel import Channel, curvature_warnings
+from photosite.calibration.parameter_estimates import estimate_parameters, least_dark_variance, saturated_electrons
+from photosite.calibration.photon_transfer.channel import Channel, response_warnings
 from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
 from photosite.calibration.photon_transfer.general_model import general_model
 from photosite.calibration.photon_transfer.linearity import channel_linearity
@@ -44,22 +44,24 @@ def assemble(
 ) -> Calibration:
     """Return the calibration."""
     frames, names, channels = reduction.frames, reduction.names, light.channels
-    measured = _measure_channels(dark, channels, patterns.channels)
-    together = pool_channels(names, measured, dark.together, light.gain, dark.reference_exposure_s)
-    if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
-        measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
-    if light.tone is not None:
-        why = Missing(str(light.tone))
-        measured, together = [m.without_light(why) for m in measured], together.without_light(why)
     scale, mv_per_dn = _electrical_scale(sensor)
-    estimates = estimate_parameters(together, mv_per_dn).estimates()
+    measured, together = _measurements(reduction, dark, light, patterns.channels, by_line=False)
+    parameters = by_line = estimate_parameters(together, mv_per_dn)
+    if any(channel.gain is not channel.line_gain for channel in channels) or light.gain is not light.line_gain:
+        by_line = estimate_parameters(
+            _measurements(reduction, dark, light, patterns.channels, by_line=True)[1], mv_per_dn
+        )
+    estimates = parameters.estimates()
     per_channel = {name: estimate_parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)}
     by_name = dict(zip(names, channels, strict=False))  # empty without light frames
     photons_known = bool(channels) and all(entry.group.photons_per_pixel is not None for entry in reduction.lights)
     temperatures = [group.temperature_c for group in frames.groups if group.temperature_c is not None]
     return Calibration(
         **estimates,
+        by_line=by_line,
         channels=per_channel if len(names) > 1 else {},
+        clipped_electrons=saturated_electrons(together),
+        response_curve={name: channel.curve for name, channel in by_name.items() if channel.curve is not None},
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
         snr={name: snr_curve(channel) for name, channel in by_name.items()},
         spatial={name: pattern.spatial for name, pattern in zip(names, patterns.channels, strict=True)},
@@ -85,19 +87,32 @@ def assemble(
     )
 
 
+def _measurements(
+    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
+) -> tuple[list[Measurements], Measurements]:
+    """Return the measurements of each channel and of all together, at small signal or by the standard's lines."""
+    measured = _measure_channels(dark, light.channels, patterns, by_line=by_line)
+    gain = light.line_gain if by_line else light.gain
+    together = pool_channels(reduction.names, measured, dark.together, gain, dark.reference_exposure_s)
+    if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
+        measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
+    if light.tone is not None:
+        why = Missing(str(light.tone))
+        measured, together = [m.without_light(why) for m in measured], together.without_light(why)
+    return measured, together
+
+
 def _measure_channels(
-    dark: DarkResult, channels: Sequence[Channel], patterns: Sequence[FixedPattern]
+    dark: DarkResult, channels: Sequence[Channel], patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> list[Measurements]:
-    """Return each channel's measurements."""
+    """Return the measurements of each channel."""
     measured = list(dark.channels)
     for k, (channel, pattern) in enumerate(zip(channels, patterns, strict=False)):  # no channels without light frames
-        responsivity = channel.responsivity()
-        if channel.curvature is not None and isinstance(responsivity, Uncertain):
-            responsivity = channel.curvature.widen(responsivity, channel.curvature.responsivity)
-        responsivity = screen_responsivity(responsivity, channel.gain)
-        variances = {name: value for name, value in vars(pattern).items() if name != "spatial"}
+        gain = channel.line_gain if by_line else channel.gain
+        responsivity = screen_responsivity(channel.responsivity(by_line=by_line), gain)
+        variances = (pattern if by_line else pattern.of_electrons()).variances
         linearity = (channel_linearity(channel),)
-        measured[k] = measured[k].with_channel(channel, responsivity, **variances, linearity=linearity)
+        measured[k] = measured[k].with_channel(channel, responsivity, by_line=by_line, **variances, linearity=linearity)
     measured = [m.without_dark_shot_noise(dark.reference_exposure_s).for_sensor() for m in measured]
     for m in measured:
         if isinstance(why := m.responsivity, Implausible):
@@ -144,7 +159,7 @@ def _warnings(
     yield from light.noise.warnings()
     if structure is not None:
         yield str(structure)
-    yield from curvature_warnings(names, channels)
+    yield from response_warnings(names, channels)
     for name, value in (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)):
         if isinstance(value, Implausible):
             yield f"{name} is implausible and was withheld: {value.reason}"

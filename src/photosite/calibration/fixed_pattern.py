@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from photosite.calibration.dark import DarkResult, GroupMean, PartsPair
 from photosite.calibration.light import LightResult
-from photosite.calibration.measurements import NO_LIGHT
+from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
@@ -34,7 +35,7 @@ from photosite.calibration.spatial.spatial_analysis import (
     SpatialAnalysis,
     spatial_analysis,
 )
-from photosite.values.uncertain import Missing, Uncertain, Value
+from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
 
 HALF_SATURATION = (0.3, 0.7)
 """Signal, as a share of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""
@@ -42,7 +43,11 @@ HALF_SATURATION = (0.3, 0.7)
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """One channel's fixed pattern; the variances are those of `Measurements`."""
+    """One channel's fixed pattern; the variances are those of `Measurements`.
+
+    `slope_contrast` and `half_contrast` are relative changes of the electrons over those of the signal, for the map of
+    slopes and for the half-saturated flats: 1 for a straight response.
+    """
 
     response_variance: Value
     dsnu1288: Parts | Missing
@@ -50,6 +55,26 @@ class FixedPattern:
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
     spatial: SpatialAnalysis | Missing
+    slope_contrast: Uncertain = STRAIGHT
+    half_contrast: Uncertain = STRAIGHT
+
+    def of_electrons(self) -> FixedPattern:
+        """Return the pattern with the nonuniformity of the electrons in place of that of the signal."""
+        squares = self.slope_contrast * self.slope_contrast, self.half_contrast * self.half_contrast
+        light = (self.prnu1288, self.prnu1288_unfiltered)
+        prnu, unfiltered = (parts if isinstance(parts, Missing) else parts.scaled(squares[1]) for parts in light)
+        return replace(
+            self,
+            response_variance=derive(lambda variance: variance * squares[0], self.response_variance),
+            prnu1288=prnu,
+            prnu1288_unfiltered=unfiltered,
+        )
+
+    @property
+    def variances(self) -> dict[str, Any]:
+        """The variances, by the names of `Measurements`."""
+        names = ("response_variance", "dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered")
+        return {name: getattr(self, name) for name in names}
 
     def withheld(self, why: Missing) -> FixedPattern:
         """Return the pattern without what the flat fields show."""
@@ -87,11 +112,12 @@ def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePla
     single = ~levels.repeated[used]
     if single.any():
         # The noise of a single frame is taken from the photon transfer curve.
-        if isinstance(channel.gain, Missing):
-            return Missing(f"some light levels have one frame, and their noise is unknown: {channel.gain.reason}")
+        gain = channel.line_gain
+        if isinstance(gain, Missing):
+            return Missing(f"some light levels have one frame, and their noise is unknown: {gain.reason}")
         dark = channel.dark.variance.weights_at(levels.exposure_s[used]) @ channel.dark.variance.y
-        variance[single] = (dark + channel.gain.value * levels.signal[used])[single]
-        uncertainty[single] = (channel.gain.standard_uncertainty * levels.signal[used])[single]
+        variance[single] = (dark + gain.value * levels.signal[used])[single]
+        uncertainty[single] = (gain.standard_uncertainty * levels.signal[used])[single]
     frames = np.array([level.frames for level in chosen])
     coefficients = slope_coefficients(levels.x[used], frames / variance)
     return SlopePlan(
@@ -151,7 +177,8 @@ def measure_fixed_pattern(
             response += Uncertain.of(
                 0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights)
             )
-        result.append(FixedPattern(response, *dark_parts, *prnu[k], spatial[k]))
+        contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
+        result.append(FixedPattern(response, *dark_parts, *prnu[k], spatial[k], *contrasts))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
     return FixedPatterns(tuple(result), structure)
@@ -222,7 +249,23 @@ def _light_less_dark(light: Parts | Missing, dark: Parts | Missing, channel: Cha
     levels = channel.levels
     place = int(np.flatnonzero(levels.group == group)[0])
     signal = Uncertain.of(float(levels.signal[place]), float(np.sqrt(levels.signal_covariance[place, place])))
-    relative = 1.0 / (signal * signal)
-    if (curvature := channel.curvature) is not None:
-        relative = curvature.widen(relative, -2.0 * curvature.contrast(float(levels.x[place])))
-    return (light - dark).scaled(relative)
+    return (light - dark).scaled(1.0 / (signal * signal))
+
+
+def _half_contrast(channel: Channel, group: int | Missing) -> Uncertain:
+    """Return relative change of the electrons over that of the signal in the half-saturated flats."""
+    if channel.curve is None or isinstance(group, Missing):
+        return STRAIGHT
+    return channel.curve.contrast(int(np.flatnonzero(channel.levels.group == group)[0]))
+
+
+def _slope_contrast(channel: Channel, coefficients: Mapping[int, float]) -> Uncertain:
+    """Return relative change of the electrons over that of the slopes against light, for a pixel that responds more.
+
+    A relative change p of the electrons changes a signal y by p y / (1 + y H').
+    """
+    if channel.curve is None or not coefficients:
+        return STRAIGHT
+    places = [int(np.flatnonzero(channel.levels.group == group)[0]) for group in coefficients]
+    parts = np.array(list(coefficients.values())) * channel.levels.signal[places]
+    return float(parts.sum()) / combined([1.0 / channel.curve.contrast(place) for place in places], parts)

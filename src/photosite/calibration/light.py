@@ -1,34 +1,49 @@
-"""Stage "light": saturation, linear range and system gain of each channel."""
+"""Stage "light": saturation, linear range, system gain and response of each channel."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from photosite.calibration.checks.digital_gain import unequal_gains
 from photosite.calibration.dark import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.noise_structure import NoiseStructure, without_flicker
-from photosite.calibration.photon_transfer.channel import Channel, gain_with_curvature
-from photosite.calibration.photon_transfer.dark_noise_ratio import find_dark_noise_ratio
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.dark_noise_ratio import DarkNoiseRatio, find_dark_noise_ratio
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value
-from photosite.calibration.photon_transfer.summed_covariance import gain_by_summed_covariance
+from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
+from photosite.calibration.photon_transfer.summed_covariance import SharedNoise
 from photosite.calibration.photon_transfer.tone_curve import ToneCurve, find_tone_curve
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.values.uncertain import Missing, Source, Value
+from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 
 @dataclass(frozen=True)
 class LightResult:
-    """The channels, empty without light frames; photon transfer and system gain (DN/e-) of all of them together.
+    """The light frames.
 
-    `noise` is the structure of the noise, which the gain takes into account; `tone` a tone curve, with which no figure
-    of the light holds; `processed` why flats and dark frames do not belong to one mode of the camera.
+    Parameters
+    ----------
+    channels
+        The channels, empty without light frames.
+    gain_fit
+        Photon transfer of all channels together, with the response curve where there is one.
+    gain, line_gain
+        System gain of all channels together, DN/e-: at small signal, and the slope of the standard's line.
+    noise
+        Structure of the noise, which the gain takes into account.
+    tone
+        A tone curve, with which no figure of the light holds.
+    processed
+        Why flats and dark frames do not belong to one mode of the camera.
     """
 
     channels: tuple[Channel, ...]
     gain_fit: GainFit | None
     gain: Value
+    line_gain: Value
     noise: NoiseStructure
     tone: ToneCurve | None = None
     processed: Missing | None = None
@@ -39,33 +54,54 @@ def measure_light_frames(
 ) -> LightResult:
     """Analyze the light levels of each channel, and fit the system gain to all of them."""
     if not reduction.lights:
-        return LightResult((), None, NO_LIGHT, noise)
+        return LightResult((), None, NO_LIGHT, NO_LIGHT, noise)
     if noise.flicker is not None:
         reduction, flicker = without_flicker(reduction, reader, dark.mean, noise.flicker)
         noise = replace(noise, flicker=flicker)
-    shared = Source()
-    channels = tuple(
-        Channel.of(k, reduction.lights, lines, reduction.whites[k], shared) for k, lines in enumerate(dark.lines)
+    channels = [Channel.of(k, reduction.lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
+    if (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
+        return _withheld(channels, noise, tone=tone)
+    together = _photon_transfer(channels, noise.shared)
+    alone = [together] if len(channels) == 1 else [_photon_transfer([channel], noise.shared) for channel in channels]
+    measured = tuple(
+        replace(channel, gain=own.gain, line_gain=own.line_gain, curve=own.channels[0].curve)
+        for channel, own in zip(channels, alone, strict=True)
     )
+    if (ratio := find_dark_noise_ratio(measured)) is not None:
+        return _withheld(channels, noise, ratio=ratio)
+    if (unequal := unequal_gains(reduction)) is not None:
+        together = replace(together, gain=unequal, line_gain=unequal)
+    return replace(together, channels=measured, noise=noise)
+
+
+def _withheld(
+    channels: Sequence[Channel],
+    noise: NoiseStructure,
+    *,
+    tone: ToneCurve | None = None,
+    ratio: DarkNoiseRatio | None = None,
+) -> LightResult:
+    """Return the channels without gain, because of a tone curve or of another mode of the dark frames."""
+    why = Missing(str(tone or ratio))
+    without = tuple(replace(channel, gain=why, line_gain=why) for channel in channels)
+    return LightResult(without, None, why, why, noise, tone, None if ratio is None else why)
+
+
+def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) -> LightResult:
+    """Return the gains and curves of some channels together."""
     levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
-    if (tone := find_tone_curve(levels)) is not None:
-        why = Missing(str(tone))
-        return LightResult(tuple(replace(channel, gain=why) for channel in channels), None, why, noise, tone)
-    if (ratio := find_dark_noise_ratio(channels)) is not None:
-        why = Missing(str(ratio))
-        return LightResult(tuple(replace(channel, gain=why) for channel in channels), None, why, noise, processed=why)
-    fit = fit_gain(levels, used)
-    gain = gain_value(fit)
-    charge = None if noise.shared is None else noise.shared.charge
-    if isinstance(charge, Missing):
-        gain = charge
-        channels = tuple(replace(channel, gain=gain) for channel in channels)
-    elif charge is not None:
-        gain = gain_by_summed_covariance(levels, used, charge)
-        channels = tuple(
-            replace(channel, gain=gain_with_curvature(own, [channel.curvature]))
-            for channel in channels
-            for own in [gain_by_summed_covariance([channel.levels], [channel.used], [charge[channel.index]])]
-        )
-    gain = unequal_gains(reduction) or gain_with_curvature(gain, [channel.curvature for channel in channels])
-    return LightResult(channels, fit, gain, noise)
+    factor: Value = Uncertain(1.0)
+    if shared is not None:
+        levels, factor = shared.summed_covariances(levels, [channel.index for channel in channels])
+    line = fit_gain(levels, used)
+    of_line = gain_value(line)
+    bent = None if isinstance(factor, Missing) else fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
+    of_line, gain = (
+        factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if shared is not None else value
+        for value in (of_line, of_line if bent is None else gain_value(bent.fit, bent.gain))
+    )
+    if bent is None or isinstance(gain, Missing):
+        return LightResult(tuple(channels), line, of_line, of_line, NoiseStructure())
+    curves = (replace(curve, gain=gain) for curve in bent.curves)
+    curved = tuple(replace(channel, curve=curve) for channel, curve in zip(channels, curves, strict=True))
+    return LightResult(curved, bent.fit, gain, of_line, NoiseStructure())

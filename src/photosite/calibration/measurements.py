@@ -15,6 +15,9 @@ from photosite.values.uncertain import Missing, Uncertain, Value, derive, weight
 
 NO_LIGHT = Missing("no light frames")
 
+STRAIGHT = Uncertain(1.0)
+"""Electrons, or their change, over those of a straight response, where the response is straight."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Measurements:
@@ -36,6 +39,7 @@ class Measurements:
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
     gain: Value = NO_LIGHT  # DN/e-
     saturation_dn: Value = NO_LIGHT  # digital number of clipped pixels
+    saturation_stretch: Uncertain = STRAIGHT  # electrons of clipped pixels over those of a straight response
     saturation_photons: Value = NO_LIGHT  # at the largest temporal variance
     responsivity: Value = NO_LIGHT  # DN/photon
     saturation_responsivity: Value = NO_LIGHT  # of the channel that `saturation_photons` belongs to
@@ -65,11 +69,17 @@ class Measurements:
         withheld: dict[str, Any] = dict.fromkeys(_OF_LIGHT, why)
         return replace(self, **withheld)
 
-    def with_channel(self, channel: Channel, responsivity: Value, **others: Any) -> Measurements:
-        """Return the measurements with gain, saturation and responsivity of a channel, and with other changes."""
+    def with_channel(
+        self, channel: Channel, responsivity: Value, *, by_line: bool = False, **others: Any
+    ) -> Measurements:
+        """Return the measurements with gain, saturation and responsivity of a channel, and with other changes.
+
+        The gain is that at small signal, or that of the standard's line.
+        """
         return replace(
             self,
-            gain=channel.gain,
+            gain=channel.line_gain if by_line else channel.gain,
+            saturation_stretch=STRAIGHT if by_line else channel.stretch_at_saturation(),
             saturation_dn=channel.saturation.level_dn,
             saturation_method=channel.saturation.level_method,
             saturation_photons=channel.saturation.x if channel.levels.photons_known else NO_PHOTONS,
@@ -184,6 +194,9 @@ def pool_channels(
         "saturation_photons": first.saturation_photons,
         "saturation_responsivity": first.saturation_responsivity,
         "saturation_method": saturated.saturation_method,
+        "saturation_stretch": weighted_mean(
+            [entry.saturation_stretch for entry in channels], [float(entry.pixels) for entry in channels]
+        ),
         "dark_slope_third": sum(entry.pixels * entry.dark_slope_third for entry in channels) / pixels,
         "linearity": tuple(found for entry in channels for found in entry.linearity),
     }

@@ -133,7 +133,7 @@ def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tu
         text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
         electrons = derive(lambda q, photons: q * photons, efficiency, peak)
         return (electrons, f"quantum efficiency times {text}"), (peak, text), "saturation_photons"
-    electrons = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
+    electrons = saturated_electrons(m)
     text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
     if not known:
         return (electrons, text), (peak, text), "saturation_dn"
@@ -141,6 +141,12 @@ def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tu
     coarse = "the exposures are too far apart for EMVA's largest variance"
     by_efficiency = f"saturation in electrons / quantum efficiency; {coarse}"
     return (electrons, f"{text}; {coarse}"), (photons, by_efficiency), "saturation_dn"
+
+
+def saturated_electrons(m: Measurements) -> Value:
+    """Return the electrons of fully clipped pixels."""
+    inputs = m.saturation_dn, m.black_level, m.gain
+    return derive(lambda top, black, k: (top - black) / k * m.saturation_stretch, *inputs)
 
 
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:

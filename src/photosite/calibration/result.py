@@ -8,19 +8,22 @@ from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
+from photosite.calibration.emva1288 import EMVA1288, emva1288_figures
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.curves import Curve, LinearRange
 from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
-from photosite.values.uncertain import JointCovariance, Missing, Uncertain
+from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
 
 if TYPE_CHECKING:
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.photon_transfer.general_model import GeneralModel
     from photosite.calibration.photon_transfer.linearity import Linearity
+    from photosite.calibration.photon_transfer.response_curve import ResponseCurve
     from photosite.calibration.photon_transfer.snr import SnrCurve
     from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
     from photosite.sensor.chip import MeasuredChip
     from photosite.sensor.model import Sensor
+    from photosite.values.estimate import Estimate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +32,14 @@ class Calibration(Parameters):
 
     Parameters
     ----------
+    by_line
+        The same parameters by the straight lines of EMVA 1288. They equal the others where the response is straight.
     channels
         The same parameters per color channel; empty for a monochrome chip.
+    response_curve
+        Per channel whose response bends, the electrons against the signal.
+    clipped_electrons
+        Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
         Per channel ("M" for a monochrome chip), the points behind the fits: "dark_signal", "dark_variance",
         "response" and "photon_transfer", where they could be measured.
@@ -58,7 +67,9 @@ class Calibration(Parameters):
         The folder or file that was opened.
     """
 
+    by_line: Parameters
     channels: Mapping[str, Parameters]
+    clipped_electrons: Value
     curves: Mapping[str, Mapping[str, Curve]]
     linear_range: Mapping[str, LinearRange]
     warnings: tuple[str, ...]
@@ -70,6 +81,7 @@ class Calibration(Parameters):
     bits: int
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
+    response_curve: Mapping[str, ResponseCurve] = field(default_factory=dict)
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
@@ -87,6 +99,14 @@ class Calibration(Parameters):
         """Covariance of all parameters that have a value, from the independent sources that they share."""
         values = ((name, entry.uncertain) for name, entry in self.estimates().items())
         return JointCovariance.of({name: value for name, value in values if isinstance(value, Uncertain)})
+
+    @cached_property
+    def emva1288(self) -> dict[str, Estimate]:
+        """The figures of EMVA 1288 R4.0 Linear, by its straight lines and under its symbols (`EMVA1288`).
+
+        Those per area need the pixel size of `base`.
+        """
+        return emva1288_figures(self.by_line, None if self.base is None else self.base.pixel_area_m2 * 1e12)
 
     @property
     def frame_count(self) -> int:
@@ -155,9 +175,11 @@ class Calibration(Parameters):
         Returns
         -------
         dict
-            `parameters` (name to `Estimate.to_dict`), `channels` (the same per color channel), `model`, `general`
-            (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel, candidates for
-            the defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and `temporal`.
+            `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
+            `channels` (the parameters per color channel), `response_curve` (per channel that bends), `model`,
+            `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
+            candidates for the defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and
+            `temporal`.
         """
 
         def of(parameters: Parameters) -> dict[str, Any]:
@@ -165,7 +187,11 @@ class Calibration(Parameters):
 
         entries: dict[str, Any] = {
             "parameters": of(self),
+            "emva1288": {
+                symbol: entry.to_dict() | {"unit": EMVA1288[symbol].unit} for symbol, entry in self.emva1288.items()
+            },
             "channels": {channel: of(parameters) for channel, parameters in self.channels.items()},
+            "response_curve": {channel: found.to_dict() for channel, found in self.response_curve.items()},
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

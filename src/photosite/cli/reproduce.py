@@ -28,6 +28,7 @@ CONDITION_NAMES = (
     "few-mono-12",
     "few-cfa-12",
     "clipped-mono-12",
+    "bent-mono-12",
 )
 """Names in `photosite.studies.coverage`, copied so that --help stays fast; a test compares the two."""
 
@@ -160,10 +161,10 @@ def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, proc
     """Count how often 95 % intervals contain the truth.
 
     Virtual sensors are drawn, shot and calibrated under several conditions: bright and dim light, few frames, clipped
-    dark frames, monochrome and Bayer, 8 to 16 bits. For every parameter the table lists the share of intervals that
-    contain the truth (covered), the mean error over the mean standard uncertainty (bias), and the root mean square of
-    error over uncertainty (width; 1 is correct). With 500 sensors the standard error of a coverage of 95 % is 1 %; that
-    takes ten minutes on two cores.
+    dark frames, bent responses, monochrome and Bayer, 8 to 16 bits. For every parameter the table lists the share of
+    intervals that contain the truth (covered), the mean error over the mean standard uncertainty (bias), and the root
+    mean square of error over uncertainty (width; 1 is correct). With 500 sensors the standard error of a coverage of
+    95 % is 1 %; that takes ten minutes on two cores.
 
     A parameter is flagged where a deviation is significant: a coverage, or a mean error beyond a tenth of the
     uncertainty, that correct intervals show in fewer than one study in 1000. Failed calibrations are counted, and are

@@ -39,7 +39,13 @@ from photosite.report.page import (
     sentence,
 )
 from photosite.report.paper import paper_blocks
-from photosite.report.tables import channel_table, correlation_table, linear_range_table, parameter_tables
+from photosite.report.tables import (
+    channel_table,
+    correlation_table,
+    linear_range_table,
+    parameter_tables,
+    response_curve_tables,
+)
 from photosite.values.uncertain import Missing
 
 FOOTER = (
@@ -231,7 +237,10 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     no_light = calibration.system_gain_dn_per_e.reason or "there is only one light level; a curve needs at least two"
     return (
         Section("Sensitivity", (*_or_reason(calibration, "response", no_light), *ranges)),
-        Section("Photon transfer", _or_reason(calibration, "photon_transfer", no_light)),
+        Section(
+            "Photon transfer",
+            (*_or_reason(calibration, "photon_transfer", no_light), *response_curve_tables(calibration.response_curve)),
+        ),
         Section("Signal-to-noise ratio", _snr_blocks(calibration)),
         Section("Linearity", _linearity_blocks(calibration)),
         Section("General model", _general_blocks(calibration)),
@@ -277,11 +286,12 @@ def _snr_blocks(calibration: Calibration) -> tuple[Block, ...]:
 def _patterns(calibration: Calibration, curves: Mapping[str, SnrCurve]) -> dict[str, tuple[float, float]]:
     """Return DSNU1288 in DN and PRNU1288 as a fraction, for the channels that have both."""
     found = {}
-    for channel, curve in curves.items():
+    for channel in curves:
         parameters = calibration.channels.get(channel, calibration)
         dsnu_e, prnu_percent = parameters.dsnu1288_e.value, parameters.prnu1288_percent.value
-        if dsnu_e is not None and prnu_percent is not None:
-            found[channel] = (curve.gain_dn_per_e.value * dsnu_e, prnu_percent / 100.0)
+        gain = parameters.system_gain_dn_per_e.value
+        if dsnu_e is not None and prnu_percent is not None and gain is not None:
+            found[channel] = (gain * dsnu_e, prnu_percent / 100.0)
     return found
 
 

@@ -37,7 +37,6 @@ SHEET: dict[str, dict[str, str]] = {
         "quantum_efficiency_percent": "η",
         "responsivity_dn_per_photon": "R = K η",
         "system_gain_dn_per_e": "K",
-        "conversion_gain_uv_per_e": "",
     },
     "Temporal noise and range": {
         "temporal_dark_noise_e": "σd",
@@ -140,7 +139,7 @@ def _exposures(exposure_s: NDArray[np.float64]) -> str:
 
 
 def _parameter_table(calibration: Calibration) -> Table:
-    """Return the estimated parameters of the standard; the table of all parameters says why others are missing."""
+    """Return the standard's figures, by its straight lines; the table of all parameters says why others are missing."""
     listed = {name for names in SHEET.values() for name in names}
     others = {
         name: "" for name, shown in PARAMETER_LABELS.items() if shown.topic.startswith("EMVA") and name not in listed
@@ -152,12 +151,13 @@ def _parameter_table(calibration: Calibration) -> Table:
             rows += [Heading(heading), *filter(None, found)]
     titles = columns("Parameter", "Symbol", numeric("Value"), "Unit", "95 % interval", "In other units")
     together = ", all channels combined" if calibration.channels else ""
-    return Table(f"Parameters of EMVA 1288 R4.0{together}, ± standard uncertainty", titles, tuple(rows))
+    lines = ", by the standard's straight lines" if calibration.response_curve else ""
+    return Table(f"Parameters of EMVA 1288 R4.0{lines}{together}, ± standard uncertainty", titles, tuple(rows))
 
 
 def _row(calibration: Calibration, name: str, symbol: str) -> tuple[str, ...] | None:
-    """Return a parameter with its interval; None if it was not estimated."""
-    shown, entry = parameter_label(name), getattr(calibration, name)
+    """Return a parameter by the standard's lines with its interval; None if it was not estimated."""
+    shown, entry = parameter_label(name), getattr(calibration.by_line, name)
     if entry.value is None:
         return None
     others = _OTHER_UNITS[name](calibration, entry.value) if name in _OTHER_UNITS else ""
@@ -178,7 +178,7 @@ def _per_area(calibration: Calibration, count: float) -> str:
 
 
 def _in_dn(calibration: Calibration, electrons: float) -> str:
-    gain = calibration.system_gain_dn_per_e.value
+    gain = calibration.by_line.system_gain_dn_per_e.value
     return "" if gain is None else f"{format_number(gain * electrons, 4)} DN"
 
 

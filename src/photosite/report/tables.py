@@ -8,6 +8,7 @@ import numpy as np
 
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.calibration.photon_transfer.curves import LinearRange
+from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 from photosite.report.page import Heading, Table, columns, numeric
@@ -98,6 +99,21 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
         rows.append((channel, ends, format_number(found.highest_dn, 4), levels, found.rule))
     titles = columns("Channel", "Range", numeric("Brightest mean (DN)"), numeric("Light levels"), "Rule")
     return Table("Linear range", titles, tuple(rows))
+
+
+def response_curve_tables(curves: Mapping[str, ResponseCurve]) -> tuple[Table, ...]:
+    """Return a table of each channel's response curve, up to saturation."""
+    titles = columns(numeric("Signal (DN)"), numeric("Electrons"), numeric("Deviation (%)"))
+    tables = []
+    for channel, curve in curves.items():
+        top = int(np.argmax(curve.signal_dn))
+        rows = tuple(
+            (format_number(float(signal), 4), *(format_uncertain(e.value, e.standard_uncertainty) for e in entries))
+            for signal, *entries in zip(curve.signal_dn, curve.electrons, curve.deviation_percent, strict=True)
+        )
+        caption = "Response curve of channel {}: electrons, and deviation from a straight response with the gain"
+        tables.append(Table(caption.format(channel), titles, rows[: top + 1]))
+    return tuple(tables)
 
 
 _CORRELATED = {

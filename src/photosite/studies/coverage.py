@@ -18,6 +18,7 @@ from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
 from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.sensor.model import Sensor
+from photosite.studies.bent_lab import BentLab
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
@@ -48,6 +49,9 @@ _EFFICIENCY = {"M": 0.5, "R": 0.35, "G": 0.5, "B": 0.3}
 
 _GOLDEN_RATIO = 0.6180339887498949
 """Its multiples modulo 1 fill the unit interval evenly."""
+
+_SILVER_RATIO = 0.41421356237309505
+"""Likewise, independently of the golden ratio's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,13 +261,14 @@ def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
         return [measure_sensor(CONDITIONS[name].lab(number)) for number in numbers]
 
 
-def measure_sensor(lab: VirtualLab) -> _Result:
+def measure_sensor(lab: VirtualLab | BentLab) -> _Result:
     """Shoot and calibrate one virtual sensor and compare with the truth."""
     try:
         calibration = calibrate(lab.frame_set())
     except CalibrationError as error:
         return str(error)
-    return compare(calibration, measured_truth(lab, calibration))
+    truth = lab.truth(calibration) if isinstance(lab, BentLab) else measured_truth(lab, calibration)
+    return compare(calibration, truth)
 
 
 def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
@@ -329,6 +334,7 @@ class Condition:
     protocol: ShootingProtocol
     black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
     photons_known: bool = False  # whether the light is metered
+    bend: Range | None = None  # deviation of the response at full scale, of either sign
 
     def sensor(self, number: int) -> Sensor:
         """Return a sensor with all parameters drawn from its number.
@@ -379,13 +385,21 @@ class Condition:
             }
         )
 
-    def lab(self, number: int) -> VirtualLab:
-        """Return the laboratory that measures a sensor."""
+    def lab(self, number: int) -> VirtualLab | BentLab:
+        """Return the laboratory that measures a sensor.
+
+        A bend grows with the second, third or fourth power of the signal, in turn.
+        """
         # The light level varies, so that saturation falls anywhere between two exposures.
         level = self.level * (0.92 + 0.16 * ((number * _GOLDEN_RATIO) % 1.0))
-        return virtual_lab(
+        lab = virtual_lab(
             self.sensor(number), self.protocol, level=level, seed=number, photons_known=self.photons_known
         )
+        if self.bend is None:
+            return lab
+        low, high = self.bend
+        size = low * (high / low) ** ((number * _SILVER_RATIO) % 1.0)
+        return BentLab(lab, size if number // 6 % 2 else -size, 2 + number // 2 % 3)
 
 
 def _protocol(name: str, *, darks: int, repeats: int, levels: int, flats: int, stack: int) -> ShootingProtocol:
@@ -452,6 +466,11 @@ CONDITIONS: dict[str, Condition] = {
             "clipped-mono-12", "black level at one standard deviation of a dark frame: a fifth of the dark pixels at "
             "0", "mono",
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, black_sigma=1.0, photons_known=True,
+        ),
+        Condition(
+            "bent-mono-12", "response bent by 0.5 to 10 % at full scale, second to fourth power; nothing at saturation "
+            "is compared", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend=(0.005, 0.1),
         ),
     )
 }  # fmt: skip

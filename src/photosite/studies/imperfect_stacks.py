@@ -31,6 +31,7 @@ DSNU_DN = 0.6
 PRNU = 0.008
 BLACK_DN = 64.0
 WHITE_DN = 4095
+SATURATION_E = (WHITE_DN - BLACK_DN) / GAIN
 
 
 def _unchanged(values: Frame, rng: np.random.Generator) -> Frame:
@@ -125,6 +126,23 @@ def _even_columns(values: Frame, rng: np.random.Generator) -> Frame:
     return brighter
 
 
+def _bent(size: float, power: int) -> Callable[[Frame, np.random.Generator], Frame]:
+    """Return a response with a deviation at saturation that grows with a power of the electrons."""
+
+    def charge(values: Frame, rng: np.random.Generator) -> Frame:
+        return np.asarray(values * (1.0 + size * (values / SATURATION_E) ** (power - 1)))
+
+    return charge
+
+
+def _knee(values: Frame, rng: np.random.Generator) -> Frame:
+    return np.asarray(values - 0.06 * np.maximum(values - 0.4 * SATURATION_E, 0.0))
+
+
+def _soft(values: Frame, rng: np.random.Generator) -> Frame:
+    return np.asarray(values / (1.0 + 0.1 * values / SATURATION_E))
+
+
 _RGGB = (("R", "G"), ("G", "B"))
 _CROSSTALK = ((0.0, 0.02, 0.0), (0.02, 0.92, 0.02), (0.0, 0.02, 0.0))
 
@@ -148,6 +166,14 @@ KINDS = (
     StackKind("row noise", "1 DN", numbers=lambda v, rng: v + rng.normal(0.0, 1.0, (len(v), 1))),
     StackKind("flicker of the light", "bands of 1 %, 37 rows", light=_rolling_bands),
     StackKind("drift of the light", "2 % from frame to frame", light=lambda v, rng: v * (1 + 0.02 * rng.normal())),
+    StackKind("bent response", "-2 % at saturation", charge=_bent(-0.02, 2)),
+    StackKind("bent response, 4th power", "+5 % at saturation", charge=_bent(0.05, 4)),
+    StackKind("knee of the response", "6 % less slope above 40 %", charge=_knee),
+    StackKind("soft saturation", "-9 % at saturation", charge=_soft),
+    StackKind(
+        "non-linear light", "-2 % at saturation",
+        light=lambda v, rng: v * (1.0 - 0.02 * v.mean() / SATURATION_E),
+    ),
     StackKind("mosaic not stated", "RGGB stated as monochrome", light=_mosaic),
     StackKind("wrong phase", "RGGB stated as GRBG", light=_mosaic, cfa=(("G", "R"), ("B", "G"))),
     StackKind("digital gain", "1.37", numbers=_digital_gain(1.37), gain=1.37 * GAIN),

@@ -148,6 +148,10 @@ class Uncertain:
         """Standard uncertainty over the absolute value."""
         return self.standard_uncertainty / abs(self.value)
 
+    def beyond(self, times: float) -> bool:
+        """Return whether the value is farther from zero than a number of standard uncertainties."""
+        return abs(self.value) > times * self.standard_uncertainty
+
     def _with(self, value: float, slope: float, other: Uncertain | None = None, slope2: float = 0.0) -> Uncertain:
         parts = {source: slope * part for source, part in self.parts.items()}
         if other is not None:

@@ -3,15 +3,13 @@
 The structure is `results / section / figure`; a figure has `short`, `symbol`, `unit` and `value`. Names, symbols and
 units are those of the reference implementation (github.com/EMVA1288/emva1288, `Results1288.xml`). Its reader needs a
 number or "None" for every value and ignores other elements. Uncertainties are in such elements: `standard_uncertainty`,
-`interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The section `photosite` contains every
-parameter of the calibration, and `photosite_R` and so on those of the color channels.
+`interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The figures are the
+standard's own, by its straight lines (`Calibration.emva1288`). The section `photosite` contains every parameter of the
+calibration, and `photosite_R` and so on those of the color channels.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from os import PathLike
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -19,9 +17,7 @@ from xml.etree import ElementTree
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.calibration.result import Calibration
 from photosite.files.atomic import atomic_path
-from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import Missing, Value, derive
 
 EMVA_XML_LOSS = (
     "not in the file: curves, spectrograms, histograms, covariance between parameters, "
@@ -31,116 +27,66 @@ EMVA_XML_LOSS = (
 _UNFILTERED = "without the high-pass filter, as in the reference implementation"
 
 
-@dataclass(frozen=True)
-class _Results:
-    """Input of the figures."""
-
-    estimates: dict[str, Estimate]
-    area_um2: float | None
-
-    def __getitem__(self, name: str) -> Value:
-        return self.estimates[name].uncertain
-
-    def per_area(self, value: Value) -> Value:
-        area = self.area_um2
-        return Missing("the pixel size is unknown") if area is None else derive(lambda v: v * (1.0 / area), value)
-
-
 class _Figure(NamedTuple):
     name: str
     short: str
     symbol: str
     unit: str
-    source: str | Callable[[_Results], Value]
-    """A parameter, whose method and upper limit the figure has, or a function that derives the value."""
+    key: str
+    """Symbol in `EMVA1288`."""
 
 
-def _in_dn(parameter_e: str) -> Callable[[_Results], Value]:
-    return lambda r: derive(lambda electrons, gain: electrons * gain, r[parameter_e], r[_GAIN])
-
-
-def _dark_noise_dn(r: _Results) -> Value:
-    """Return the temporal dark noise including rounding, as measured in the frames."""
-    noise = derive(lambda s, k: s * k, r["temporal_dark_noise_e"], r["system_gain_dn_per_e"])
-    return derive(lambda s: (s * s + QUANTISATION_DN2).sqrt(), noise)
-
-
-def _range(r: _Results) -> Value:
-    return derive(
-        lambda db: db.apply(lambda x: 10.0 ** (x / 20.0), lambda x: math.log(10.0) / 20.0 * 10.0 ** (x / 20.0)),
-        r["dynamic_range_db"],
-    )
-
-
-def _threshold_e(r: _Results) -> Value:
-    return derive(lambda capacity, ratio: capacity / ratio, r["saturation_capacity_e"], _range(r))
-
-
-def _snr(r: _Results) -> Value:
-    return derive(lambda e: e.sqrt(), r["saturation_capacity_e"])
-
-
-_GAIN, _CAPACITY, _CAPACITY_P = "system_gain_dn_per_e", "saturation_capacity_e", "saturation_capacity_photons"
-_THRESHOLD, _QE = "sensitivity_threshold_photons", "quantum_efficiency_percent"
-_DARK_MEAN, _DARK_VARIANCE = "dark_current_e_per_s", "dark_current_from_variance_e_per_s"
 _PER_AREA_P, _PER_AREA_E = r"$p/\mu m^2$", r"$e^-/\mu m^2$"
 _SATURATION, _LIMIT = "Saturation Capacity", "Sensitivity threshold"
 
 
-def _parts(name: str, short: str, unit: str, prefix: str, suffix: str) -> tuple[_Figure, ...]:
+def _parts(name: str, short: str, unit: str, key: str) -> tuple[_Figure, ...]:
     """Return a nonuniformity with its row, column and pixel parts."""
     return tuple(
-        _Figure(f"{name}{tail}", f"{short}{part}", f"${short}_{{1288{dot}}}$", unit, f"{prefix}{own}_{suffix}")
-        for tail, part, dot, own in (
-            ("", "", "", ""),
-            ("_row", "row", ".row", "_row"),
-            ("_col", "col", ".col", "_column"),
-            ("_pixel", "pixel", ".pixel", "_pixel"),
-        )
+        _Figure(f"{name}{tail}", f"{short}{tail[1:]}", f"${short}_{{1288{dot}}}$", unit, f"{key}{tail}")
+        for tail, dot in (("", ""), ("_row", ".row"), ("_col", ".col"), ("_pixel", ".pixel"))
     )
 
 
 # fmt: off
 FIGURES: dict[str, tuple[_Figure, ...]] = {
     "dark_current": (
-        _Figure("u_I_mean", "Dark Current from mean", r"$\mu_{I.mean}$", "$e^-/s$", _DARK_MEAN),
-        _Figure("u_I_mean_DN", "Dark Current from mean", r"$\mu_{I.mean.DN}$", "$DN/s$", _in_dn(_DARK_MEAN)),
-        _Figure("u_I_var", "Dark Current from variance", r"$\mu_{I.var}$", "$e^-/s$", _DARK_VARIANCE),
-        _Figure("u_I_var_DN", "Dark Current from variance", r"$\mu_{I.var.DN}$", "$DN/s$", _in_dn(_DARK_VARIANCE)),
+        _Figure("u_I_mean", "Dark Current from mean", r"$\mu_{I.mean}$", "$e^-/s$", "mu_I_mean"),
+        _Figure("u_I_mean_DN", "Dark Current from mean", r"$\mu_{I.mean.DN}$", "$DN/s$", "mu_I_mean_DN"),
+        _Figure("u_I_var", "Dark Current from variance", r"$\mu_{I.var}$", "$e^-/s$", "mu_I_var"),
+        _Figure("u_I_var_DN", "Dark Current from variance", r"$\mu_{I.var.DN}$", "$DN/s$", "mu_I_var_DN"),
     ),
     "linearity": (
-        _Figure("LE_min", "Min Linearity error", "$LE_{min}$", r"\%", "linearity_error_min_percent"),
-        _Figure("LE_max", "Max Linearity error", "$LE_{max}$", r"\%", "linearity_error_max_percent"),
+        _Figure("LE_min", "Min Linearity error", "$LE_{min}$", r"\%", "LE_min"),
+        _Figure("LE_max", "Max Linearity error", "$LE_{max}$", r"\%", "LE_max"),
     ),
     "sensitivity": (
-        _Figure("R", "Responsivity", "R", "DN/p", "responsivity_dn_per_photon"),
-        _Figure("K", "System gain", "K", "$DN/e^-$", _GAIN),
-        _Figure("inverse_K", "Inverse of overall system gain", "1/K", "$e^-/DN$",
-                lambda r: derive(lambda k: 1.0 / k, r[_GAIN])),
-        _Figure("QE", "Quantum efficiency", r"$\eta$", r"\%", _QE),
-        _Figure("sigma_y_dark", "Temporal Dark Noise", r"$\sigma_{y.dark}$", "DN", _dark_noise_dn),
-        _Figure("sigma_d", "Temporal Dark Noise", r"$\sigma_d$", "$e^-$", "temporal_dark_noise_e"),
-        _Figure("u_p_min", "Absolute sensitivity threshold", r"$\mu_{p.min}$", "$p$", _THRESHOLD),
-        _Figure("u_p_min_area", _LIMIT, r"$\mu_{p.min.area}$", _PER_AREA_P, lambda r: r.per_area(r[_THRESHOLD])),
-        _Figure("u_e_min", _LIMIT, r"$\mu_{e.min}$", "$e^-$", _threshold_e),
-        _Figure("u_e_min_area", _LIMIT, r"$\mu_{e.min.area}$", _PER_AREA_E, lambda r: r.per_area(_threshold_e(r))),
-        _Figure("u_p_sat", _SATURATION, r"$\mu_{p.sat}$", "$p$", _CAPACITY_P),
-        _Figure("u_p_sat_area", _SATURATION, r"$\mu_{p.sat.area}$", _PER_AREA_P, lambda r: r.per_area(r[_CAPACITY_P])),
-        _Figure("u_e_sat", _SATURATION, r"$\mu_{e.sat}$", "$e^-$", _CAPACITY),
-        _Figure("u_e_sat_area", _SATURATION, r"$\mu_{e.sat.area}$", _PER_AREA_E, lambda r: r.per_area(r[_CAPACITY])),
-        _Figure("SNR_max", "Signal-to-Noise Ratio", "$SNR_{max}$", "", _snr),
-        _Figure("SNR_max_dB", "Maximum Signal to Noise Ratio in Db", "$SNR_{max.dB}$", "dB", "snr_max_db"),
-        _Figure("SNR_max_bit", "Maximum Signal to Noise Ratio in Bits", "$SNR_{max.bit}$", "bit",
-                lambda r: derive(lambda s: s.decibel(1.0 / math.log10(2.0)), _snr(r))),
+        _Figure("R", "Responsivity", "R", "DN/p", "R"),
+        _Figure("K", "System gain", "K", "$DN/e^-$", "K"),
+        _Figure("inverse_K", "Inverse of overall system gain", "1/K", "$e^-/DN$", "inverse_K"),
+        _Figure("QE", "Quantum efficiency", r"$\eta$", r"\%", "eta"),
+        _Figure("sigma_y_dark", "Temporal Dark Noise", r"$\sigma_{y.dark}$", "DN", "sigma_y_dark"),
+        _Figure("sigma_d", "Temporal Dark Noise", r"$\sigma_d$", "$e^-$", "sigma_d"),
+        _Figure("u_p_min", "Absolute sensitivity threshold", r"$\mu_{p.min}$", "$p$", "mu_p_min"),
+        _Figure("u_p_min_area", _LIMIT, r"$\mu_{p.min.area}$", _PER_AREA_P, "mu_p_min_area"),
+        _Figure("u_e_min", _LIMIT, r"$\mu_{e.min}$", "$e^-$", "mu_e_min"),
+        _Figure("u_e_min_area", _LIMIT, r"$\mu_{e.min.area}$", _PER_AREA_E, "mu_e_min_area"),
+        _Figure("u_p_sat", _SATURATION, r"$\mu_{p.sat}$", "$p$", "mu_p_sat"),
+        _Figure("u_p_sat_area", _SATURATION, r"$\mu_{p.sat.area}$", _PER_AREA_P, "mu_p_sat_area"),
+        _Figure("u_e_sat", _SATURATION, r"$\mu_{e.sat}$", "$e^-$", "mu_e_sat"),
+        _Figure("u_e_sat_area", _SATURATION, r"$\mu_{e.sat.area}$", _PER_AREA_E, "mu_e_sat_area"),
+        _Figure("SNR_max", "Signal-to-Noise Ratio", "$SNR_{max}$", "", "SNR_max"),
+        _Figure("SNR_max_dB", "Maximum Signal to Noise Ratio in Db", "$SNR_{max.dB}$", "dB", "SNR_max_dB"),
+        _Figure("SNR_max_bit", "Maximum Signal to Noise Ratio in Bits", "$SNR_{max.bit}$", "bit", "SNR_max_bit"),
         _Figure("inverse_SNR_max", "Inverse Maximum Signal to Noise Ratio", "$SNR_{max}^{-1}$", r"\%",
-                lambda r: derive(lambda s: 100.0 / s, _snr(r))),
-        _Figure("DR", "Dynamic Range", "DR", "", _range),
-        _Figure("DR_dB", "Dynamic Range", "$DR_{dB}$", "dB", "dynamic_range_db"),
+                "inverse_SNR_max"),
+        _Figure("DR", "Dynamic Range", "DR", "", "DR"),
+        _Figure("DR_dB", "Dynamic Range", "$DR_{dB}$", "dB", "DR_dB"),
     ),
     "spatial": (
-        *_parts("DSNU1288", "DSNU", "$e^-$", "dsnu1288", "e"),
-        _Figure("DSNU1288_DN", "DSNU in DN", "$DSNU_{1288.DN}$", "DN", _in_dn("dsnu1288_e")),
-        *_parts("PRNU1288", "PRNU", r"\%", "prnu1288_unfiltered", "percent"),
+        *_parts("DSNU1288", "DSNU", "$e^-$", "DSNU1288"),
+        _Figure("DSNU1288_DN", "DSNU in DN", "$DSNU_{1288.DN}$", "DN", "DSNU1288_DN"),
+        *_parts("PRNU1288", "PRNU", r"\%", "PRNU1288_unfiltered"),
     ),
 }
 """Figures of the reference implementation, by section."""
@@ -164,9 +110,7 @@ def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> N
 
 def emva_results(calibration: Calibration) -> bytes:
     """Return the XML that `write_emva_results` writes."""
-    base = calibration.base
-    area = None if base is None else base.pixel_area_m2 * 1e12
-    results = _Results(calibration.estimates(), area)
+    found = calibration.emva1288
     root = ElementTree.Element(
         "results",
         written_by="photosite",
@@ -178,12 +122,8 @@ def emva_results(calibration: Calibration) -> bytes:
     for name, figures in FIGURES.items():
         section = ElementTree.SubElement(root, name)
         for figure in figures:
-            if isinstance(figure.source, str):
-                entry = results.estimates[figure.source]
-                note = _UNFILTERED if "unfiltered" in figure.source else ""
-            else:
-                entry, note = Estimate.of(figure.source(results), "derived from the other figures"), ""
-            _add(section, figure.name, (figure.short, figure.symbol, figure.unit), entry, note)
+            note = _UNFILTERED if "unfiltered" in figure.key else ""
+            _add(section, figure.name, (figure.short, figure.symbol, figure.unit), found[figure.key], note)
     _add_parameters(ElementTree.SubElement(root, "photosite"), calibration)
     for channel, parameters in calibration.channels.items():
         _add_parameters(ElementTree.SubElement(root, f"photosite_{channel}"), parameters)

@@ -11,7 +11,7 @@ from photosite.sensor.io.maps_file import maps_path
 from photosite.sensor.model import Sensor
 from photosite.sensor.quantity import Covariance
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value, derive
+from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
@@ -86,9 +86,10 @@ def well_capacity(calibration: Calibration) -> Estimate:
     measurement of a well that is known to be larger. The saturation capacity of EMVA 1288 is a different parameter, at
     the largest variance.
     """
-    inputs = calibration.saturation_dn, calibration.black_level_dn, calibration.system_gain_dn_per_e
-    capacity = derive(lambda top, black, gain: (top - black) / gain, *(entry.uncertain for entry in inputs))
-    base, method = calibration.base, f"(saturation less black level) / system gain{_at_least(calibration)}"
+    capacity, curved = calibration.clipped_electrons, bool(calibration.response_curve)
+    base = calibration.base
+    way = ", along the response curve" if curved else ""
+    method = f"(saturation less black level) / system gain{way}{_at_least(calibration)}"
     larger = isinstance(capacity, Uncertain) and (base is None or base.pixel.well_capacity_e.value >= capacity.value)
     if isinstance(capacity, Uncertain) and larger and _converter_is_the_limit(calibration):
         why = f"the converter saturates before the well; the well holds at least {capacity.value:.4g} electrons"

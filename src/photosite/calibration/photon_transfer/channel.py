@@ -1,23 +1,21 @@
-"""One color channel of the light frames: saturation, linear range, gain, and the curvature of its response.
+"""One color channel of the light frames: saturation, linear range, gain and response.
 
-EMVA 1288 fits straight lines through the origin up to 70 % of saturation, and so does this package. For a converter or
-amplifier with 2 % curvature the photon transfer line is off by 3 %, because the variance goes with the square of the
-local slope. Points on a smooth curve scatter little, so their scatter does not show it. Therefore a parabola is fitted
-to the response. Where it fits better than the line beyond chance, gain and responsivity at zero light are computed
-with it, and the difference becomes part of the uncertainty. The values stay those of the standard.
+EMVA 1288 fits straight lines through the origin up to 70 % of saturation. For a converter or amplifier with 2 %
+curvature the photon transfer line is off by 5 %, because the variance goes with the square of the local slope. So gain
+and responsivity exist twice: at small signal with the response curve, which is the best estimate, and by the standard's
+lines. They are the same where the response is straight within the noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
-from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import (
     LightLevels,
     Saturation,
@@ -28,16 +26,15 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     light_levels,
     linear_levels,
 )
+from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.reduction.groups import GroupStatistics
-from photosite.values.uncertain import Missing, Source, Uncertain, Value
+from photosite.values.uncertain import Missing, Uncertain, Value
 
 NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
-LEAST_LEVELS = 5
-"""Different light levels in the linear range that the parabola needs."""
 
-BY_CHANCE = 1e-3
-"""Share of straight responses that may be reported as curved."""
+FAR = 3.29
+"""Size of a bend, in its standard uncertainties, from which a warning names its cause: 1 in 1000."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +47,10 @@ class Channel:
         Index of the channel in `channel_names`, and its dark signal and dark variance against exposure time.
     levels, saturation, used
         Its light levels, dark subtracted; where it saturates; (levels,) whether a level lies in the linear range.
-    gain
-        System gain of this channel alone, DN/e-.
-    curvature
-        Curvature of its response; None where the response is straight within the noise.
+    gain, line_gain
+        System gain of this channel alone, DN/e-: at small signal, and the slope of the standard's line.
+    curve
+        The response curve; None where the response is straight within the noise.
     """
 
     index: int
@@ -62,35 +59,60 @@ class Channel:
     saturation: Saturation
     used: NDArray[np.bool_]
     gain: Value
-    curvature: ResponseCurvature | None = None
+    line_gain: Value
+    curve: ResponseCurve | None = None
 
     @classmethod
-    def of(
-        cls,
-        index: int,
-        lights: Sequence[GroupStatistics],
-        dark: DarkLines,
-        white: int,
-        curvature_source: Source | None = None,
-    ) -> Channel:
-        """Analyze the light levels of a channel.
-
-        `white` is the full scale of the converter, DN. The curvature is measured where its source of uncertainty,
-        which all channels share, is given.
-        """
+    def of(cls, index: int, lights: Sequence[GroupStatistics], dark: DarkLines, white: int) -> Channel:
+        """Analyze the light levels of a channel by straight lines; `white` is the full scale of the converter, DN."""
         levels = light_levels(lights, index, dark)
         saturation = find_saturation(levels, white)
         used = linear_levels(levels, saturation)
-        curvature = None if curvature_source is None else find_curvature(levels, used, curvature_source)
-        gain = gain_with_curvature(gain_value(fit_gain([levels], [used])), [curvature])
-        return cls(index, dark, levels, saturation, used, gain, curvature)
+        gain = gain_value(fit_gain([levels], [used]))
+        return cls(index, dark, levels, saturation, used, gain, gain)
 
-    def responsivity(self) -> Value:
-        """Return the responsivity in DN/photon, or the reason why it is missing."""
+    @property
+    def saturation_signal(self) -> float | None:
+        """Signal of fully clipped pixels, DN; None where it is not known."""
+        top = self.saturation.level_dn
+        if isinstance(top, Missing):
+            return None
+        # The digital number less the dark level of the brightest level.
+        return top.value - float(self.levels.mean[-1] - self.levels.signal[-1])
+
+    def responsivity(self, *, by_line: bool = False) -> Value:
+        """Return the responsivity in DN/photon, or the reason why it is missing.
+
+        It is that at small signal with the response curve, or the slope of the standard's line.
+        """
         if not self.levels.photons_known:
             return NO_PHOTONS
         fit = fit_response(self.levels, self.used)
-        return Missing("no light level lies in the linear range") if fit is None else fit.uncertain[0]
+        if fit is None:
+            return Missing("no light level lies in the linear range")
+        if by_line or self.curve is None:
+            return fit.uncertain[0]
+        return self.curve.responsivity(self.levels, self.used)
+
+    @property
+    def disproportion(self) -> float:
+        """Half of the range of signal over light in the linear range, relative to its mean."""
+        take = self.used & (self.levels.x > 0.0)
+        ratio = self.levels.signal[take] / self.levels.x[take]
+        return float(np.ptp(ratio) / (2.0 * ratio.mean()))
+
+    def stretch_at_saturation(self) -> Uncertain:
+        """Return the electrons of fully clipped pixels over those of a straight response with the gain."""
+        if self.curve is None or self.saturation_signal is None:
+            return Uncertain(1.0)
+        return self.curve.stretch(len(self.levels.x))
+
+    def straightening(self) -> NDArray[np.float64]:
+        """Return (levels,) factors that make the shot variances proportional to the signals."""
+        curve, count = self.curve, len(self.levels.x)
+        if curve is None:
+            return np.ones(count)
+        return np.array([curve.stretch(i).value * curve.contrast(i).value ** 2 for i in range(count)])
 
     def temporal_variance(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (levels,) temporal variance, the dark's included, DN^2, and the square of its uncertainty."""
@@ -101,97 +123,58 @@ class Channel:
         return levels.shot + weights @ dark.y, np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)
 
 
-@dataclass(frozen=True)
-class ResponseCurvature:
-    """How far the slopes at zero light differ from those of the straight lines.
-
-    Parameters
-    ----------
-    gain, responsivity
-        (slope at zero light) / (slope of the line) - 1.
-    curvature
-        c in the response x (1 + c x), per unit of the light levels' axis; 0 where the stated light is the cause.
-    source
-        Source of uncertainty shared by gain, responsivity and all channels.
-    """
-
-    gain: float
-    responsivity: float
-    curvature: float
-    source: Source
-
-    def contrast(self, x: float) -> float:
-        """Return the local slope at a light level over signal / light there, less 1."""
-        return (1.0 + 2.0 * self.curvature * x) / (1.0 + self.curvature * x) - 1.0
-
-    def widen(self, value: Uncertain, relative: float) -> Uncertain:
-        """Return a slope with a relative difference added to its uncertainty."""
-        return value if relative == 0.0 else value + Uncertain(0.0, {self.source: relative * value.value})
-
-
-def find_curvature(levels: LightLevels, used: NDArray[np.bool_], source: Source) -> ResponseCurvature | None:
-    """Return the curvature of a channel's response; None where it is straight within the noise."""
-    take = used & (levels.x > 0.0)
-    if take.sum() < LEAST_LEVELS:
-        return None
-    unit = float(levels.x[take].max())
-    x, y = levels.x[take] / unit, levels.signal[take]
-    if len(np.unique(np.round(x, 6))) < LEAST_LEVELS:
-        return None
-    covariance = levels.signal_covariance[np.ix_(take, take)]
-    parabola = fit_linear(np.column_stack([x, x**2]), y, covariance)
-    slope, square = (float(value) for value in parabola.parameters)
-    freedom = parabola.degrees_of_freedom if parabola.extra_variance > 0.0 else np.inf
-    limit = float(stdtrit(freedom, 1.0 - BY_CHANCE / 2.0)) * float(np.sqrt(parabola.covariance[1, 1]))
-    if slope <= 0.0 or abs(square) < limit:
-        return None
-    line = float(fit_linear(x[:, None], y, covariance).parameters[0])
-    shift = _gain_shift(levels, take, slope, square, unit)
-    curvature = 0.0 if shift is None else square / slope / unit
-    return ResponseCurvature(shift or 0.0, slope / line - 1.0, curvature, source)
-
-
-def _gain_shift(levels: LightLevels, take: NDArray[np.bool_], slope: float, square: float, unit: float) -> float | None:
-    """Return the gain at zero light over that of the line, less 1; None where the variance is that of a straight line.
-
-    With y the curved signal and e the electrons, the shot variance is (dy/de)^2 e. Divided by the square of the local
-    slope relative to that at zero light, it is proportional to the straight signal, with the gain at zero light as
-    factor. Where that fits the variances worse than no curvature, the stated light is the cause (lamp, shutter), which
-    does not affect the gain. Both fits use the same weights.
-    """
-    known = take & levels.repeated
-    if not known.any():
-        return None
-    x, y, v = levels.x[known] / unit, levels.signal[known], levels.shot[known]
-    weight = 1.0 / np.diag(levels.shot_covariance)[known]
-    curved = slope * x * (1.0 + 2.0 * square / slope * x) ** 2
-    of_line = float((weight * y) @ v / ((weight * y) @ y))
-    at_zero_light = float((weight * curved) @ v / ((weight * curved) @ curved))
-    misfit_curved, misfit_straight = (
-        float(weight @ (v - expected) ** 2) for expected in (at_zero_light * curved, of_line * y)
-    )
-    return None if misfit_curved >= misfit_straight else at_zero_light / of_line - 1.0
+def response_warnings(names: Sequence[str], channels: Sequence[Channel]) -> Iterator[str]:
+    """Yield a warning for the channel whose gain a bend changes most, if it changes value or uncertainty by half."""
+    bent = [(name, c, c.curve, c.gain, c.line_gain) for name, c in zip(names, channels, strict=False)]
+    found = [
+        (gain.value / line.value - 1.0, gain.relative, line.relative, name, channel, curve)
+        for name, channel, curve, gain, line in bent
+        if curve is not None and isinstance(gain, Uncertain) and isinstance(line, Uncertain)
+    ]
+    if not found:
+        return
+    change, spread, by_line, name, channel, curve = max(found, key=lambda entry: max(abs(entry[0]), entry[1]))
+    if abs(change) < 0.5 * by_line and spread < 1.5 * by_line:
+        return
+    top = int(np.flatnonzero(channel.used)[np.argmax(channel.levels.signal[channel.used])])
+    sensor, light = curve.bend[top], curve.bend_of_light(top)
+    at = f"at {channel.levels.signal[top]:.4g} DN" + (f" in channel {name}" if len(names) > 1 else "")
+    gain, levels = 100.0 * change, np.flatnonzero(channel.used)
+    if curve.shape is None:
+        yield (
+            f"the temporal variance is not in proportion to the signal, though the signal is to the light: the system "
+            f"gain at small signal is {gain:+.2g} % from the standard's straight line. Causes are noise that pixels "
+            f"share at large signals (brighter-fatter effect), or a bend of the response that errors of the light "
+            f"hide; the uncertainties of responsivity, PRNU and wells include such a bend"
+        )
+        return
+    by_sensor = abs(change) > FAR * spread or any(curve.bend[i].beyond(FAR) for i in levels)
+    by_light = any(curve.bend_of_light(int(i)).beyond(FAR) for i in levels)
+    if by_sensor:
+        responsivity = _responsivity_change(channel)
+        yield (
+            f"the response bends: the signal is {100 * math.expm1(-sensor.value):+.2g} % from a straight response "
+            f"{at}. System gain{responsivity[0]} and what follows from them are those at small signal: the gain is "
+            f"{gain:+.2g} %{responsivity[1]} from the standard's straight lines, which stand under EMVA 1288"
+        )
+    if by_light:
+        yield (
+            f"the light is not in proportion to what is stated: the signal is {100 * math.expm1(-light.value):+.2g} % "
+            f"from it {at}, and the variances show that the sensor is not the cause (lamp, shutter, stated light). The "
+            f"system gain is not affected; the uncertainties of responsivity and quantum efficiency include it"
+        )
+    if not (by_sensor or by_light):
+        yield (
+            f"the signals are not in proportion to the stated light, by {100 * channel.disproportion:.2g} %, and the "
+            f"variances cannot tell a bend of the response from errors of the light: the uncertainty of the system "
+            f"gain covers both and is {spread / by_line:.2g} times that of a straight line, {gain:+.2g} % from it. "
+            f"Take more frames, or check lamp and shutter"
+        )
 
 
-def gain_with_curvature(gain: Value, curvatures: Sequence[ResponseCurvature | None]) -> Value:
-    """Return the gain of one or all channels with the largest of their curvatures in its uncertainty."""
-    known = [curvature for curvature in curvatures if curvature is not None]
-    if not known or isinstance(gain, Missing):
-        return gain
-    worst = max(known, key=lambda curvature: abs(curvature.gain))
-    return worst.widen(gain, worst.gain)
-
-
-def curvature_warnings(names: Sequence[str], channels: Sequence[Channel]) -> list[str]:
-    """Return a warning where the curvature exceeds half of the gain's other uncertainties."""
-    for name, channel in zip(names, channels, strict=False):  # no channels without light frames
-        curvature, gain = channel.curvature, channel.gain
-        if curvature is None or isinstance(gain, Missing) or abs(curvature.gain) < 0.5 * gain.relative:
-            continue
-        of_channel = f" of channel {name}" if len(names) > 1 else ""
-        return [
-            f"the response{of_channel} is not straight: at zero light the system gain differs by "
-            f"{100 * curvature.gain:+.2g} % and the responsivity by {100 * curvature.responsivity:+.2g} % from the "
-            f"standard's straight lines; the uncertainties include this difference"
-        ]
-    return []
+def _responsivity_change(channel: Channel) -> tuple[str, str]:
+    """Return the words on the responsivity at small signal and its difference from the line; empty without photons."""
+    at_zero, by_line = channel.responsivity(), channel.responsivity(by_line=True)
+    if isinstance(at_zero, Missing) or isinstance(by_line, Missing):
+        return "", ""
+    return ", responsivity", f" and the responsivity {100 * (at_zero.value / by_line.value - 1.0):+.2g} %"

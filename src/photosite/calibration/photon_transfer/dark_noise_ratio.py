@@ -64,14 +64,16 @@ def find_dark_noise_ratio(channels: Sequence[Channel]) -> DarkNoiseRatio | None:
 def _ratio(channel: Channel) -> DarkNoiseRatio | None:
     levels = channel.levels
     take = channel.used & levels.repeated & (levels.signal > 0.0)
-    y, v = levels.signal[take], levels.shot[take]
+    # Without the bend of the response, as far as it is known.
+    straight = channel.straightening()
+    y, v = levels.signal[take], (straight * levels.shot)[take]
     if len(np.unique(y)) < LEAST_LEVELS or y.max() < LEAST_RANGE * y.min():
         return None
     slope = float(np.median(v / y))
-    covariance = levels.shot_covariance + slope**2 * levels.signal_covariance
+    covariance = np.outer(straight, straight) * levels.shot_covariance + slope**2 * levels.signal_covariance
     unit = y / y.max()
-    # The square takes up a bend of the response.
-    powers = range(2 if channel.curvature is None else 3)
+    # The square takes up what is left of a bend.
+    powers = range(2 if channel.curve is None or channel.curve.shape is None else 3)
     root = np.linalg.cholesky(covariance[np.ix_(take, take)])
     design = np.linalg.solve(root, np.column_stack([unit**power for power in powers]))
     scaled = np.linalg.solve(root, v)

@@ -277,25 +277,30 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
         change = uncertainty**2 * ((expected / noise) ** 2 - 1.0)
         fit = fit_linear(y[:, None], v, shot + np.diag(change) + gain**2 * signal)
         gain = float(fit.parameters[0])
+    return GainFit(**vars(fit), dark=effect_of_darks(masked, fit))
+
+
+def effect_of_darks(masked: Sequence[tuple[LightLevels, NDArray[np.bool_]]], fit: Fit) -> Uncertain:
+    """Return 0 with the effect of the dark variances on the gain, for the levels of each channel that were fitted."""
     dark, start = Uncertain(0.0), 0
     for levels, mask in masked:
         end = start + int(mask.sum())
         share = fit.estimator[0, start:end] @ levels.dark_share[mask]
         dark, start = dark - combined(levels.dark_noise, share), end
-    return GainFit(**vars(fit), dark=Uncertain(0.0, dark.parts))
+    return Uncertain(0.0, dark.parts)
 
 
-def gain_value(fit: GainFit | None) -> Value:
-    """Return K in DN/e-, or the reason why it is missing."""
+def gain_value(fit: GainFit | None, gain: Uncertain | None = None) -> Value:
+    """Return K in DN/e-, by default the slope of the line, or the reason why it is missing."""
     if fit is None:
         return Missing("no light level in the linear range has two frames; photon transfer needs their noise")
-    gain, uncertainty = float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0]))
-    if gain < 2.0 * uncertainty:
+    slope, uncertainty = float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0]))
+    if slope < 2.0 * uncertainty:
         return Missing(
-            f"the temporal variance does not rise with the signal (slope {gain:.3g} ± {uncertainty:.3g} DN); "
+            f"the temporal variance does not rise with the signal (slope {slope:.3g} ± {uncertainty:.3g} DN); "
             f"photon transfer needs brighter flat fields or more frames"
         )
-    return fit.uncertain[0]
+    return fit.uncertain[0] if gain is None else gain
 
 
 def fit_response(levels: LightLevels, used: NDArray[np.bool_]) -> Fit | None:

@@ -105,7 +105,7 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     Left out are levels with one frame, levels whose noise or signal is not above zero, and levels brighter than that of
     the largest noise, where clipping removes the noise.
     """
-    levels, gain, photons = channel.levels, channel.gain, channel.levels.photons_known
+    levels, gain, photons = channel.levels, channel.line_gain, channel.levels.photons_known
     fit = fit_response(levels, channel.used)
     if isinstance(gain, Missing):
         return gain

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import gammainccinv, gammaincinv
 
 from photosite.calibration.photon_transfer.frame_covariance import FrameCovariance, FrameProducts
-from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain, gain_value
+from photosite.calibration.photon_transfer.photon_transfer import LightLevels
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value
 
@@ -340,6 +340,22 @@ class SharedNoise:
     frames: float | None
     charge: tuple[SharedCharge, ...] | Missing
 
+    def summed_covariances(
+        self, channels: Sequence[LightLevels], indices: Sequence[int]
+    ) -> tuple[list[LightLevels], Value]:
+        """Return the levels of some channels with summed covariances in place of the variances, and 1 +- their error.
+
+        The second is missing where the covariances are not the sensor's. The channels share pixel pairs, so the
+        relative uncertainties of their factors count as one.
+        """
+        if isinstance(self.charge, Missing):
+            return list(channels), self.charge
+        charge = [self.charge[index] for index in indices]
+        scaled = [
+            levels.with_variances(entry.factors(levels.frames)) for levels, entry in zip(channels, charge, strict=True)
+        ]
+        return scaled, Uncertain.of(1.0, float(np.mean([entry.factor.relative for entry in charge])))
+
     def __str__(self) -> str:
         if isinstance(self.charge, Missing):
             return f"{self.charge.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"
@@ -449,19 +465,3 @@ def _why_not_charge(
         f"{seen}, in dark frames as in flat fields: the frames were processed before they were saved "
         f"({'; '.join(causes)}), and their noise is not the sensor's"
     )
-
-
-def gain_by_summed_covariance(
-    channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], charge: Sequence[SharedCharge]
-) -> Value:
-    """Return K in DN/e- from the summed covariances of the shot noise.
-
-    The channels share pixel pairs, so the relative uncertainties of their factors count as one.
-    """
-    scaled = [
-        levels.with_variances(entry.factors(levels.frames)) for levels, entry in zip(channels, charge, strict=True)
-    ]
-    gain = gain_value(fit_gain(scaled, used))
-    if isinstance(gain, Missing):
-        return gain
-    return gain * Uncertain.of(1.0, float(np.mean([entry.factor.relative for entry in charge])))
