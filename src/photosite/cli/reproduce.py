@@ -131,18 +131,31 @@ def imperfect_stacks(stacks: int, as_json: bool) -> None:
         answers.append(answer)
         stages(len(answers), stacks * len(KINDS), "stacks")
     rows: list[tuple[str, ...]] = [("stack", "size", "right", "gain withheld", "PRNU withheld")]
-    told = []
+    details = []
     for start in range(0, len(answers), stacks):
         of_kind = answers[start : start + stacks]
-        counts = [sum(entry.right for entry in of_kind)]
-        counts += [
-            sum(isinstance(value, str) for value in values)
-            for values in zip(*((a.gain, a.prnu) for a in of_kind), strict=True)
+        first, kind = of_kind[0], of_kind[0].kind
+        counts = (
+            sum(answer.right for answer in of_kind),
+            sum(isinstance(answer.gain, str) for answer in of_kind),
+            sum(isinstance(answer.prnu, str) for answer in of_kind),
+        )
+        rows.append((kind.name, kind.size, *(f"{count} of {stacks}" for count in counts)))
+        details += [
+            f"\n{kind.name}, {kind.size}:",
+            _answer("system gain, DN/e-", first.gain, kind.gain),
+            _answer("PRNU, %", first.prnu, 100.0 * kind.prnu),
+            *(f"  warning: {warning}" for warning in first.warnings),
         ]
-        rows.append((of_kind[0].kind.name, of_kind[0].kind.size, *(f"{count} of {stacks}" for count in counts)))
-        told += [f"\n{of_kind[0].kind.name}:", *(f"  {warning}" for warning in of_kind[0].warnings or ["no warning"])]
     content = {"stacks": [answer.to_dict() for answer in answers]}
-    show(as_json, content, lambda: "\n".join([table(rows, "<<>>>"), *told]))
+    show(as_json, content, lambda: "\n".join([table(rows, "<<>>>"), *details]))
+
+
+def _answer(name: str, given: tuple[float, float] | str, truth: float) -> str:
+    """Return a line with an interval of 95 % and the truth, or with the reason why there is none."""
+    if isinstance(given, str):
+        return f"  {name}: withheld"
+    return f"  {name}: {given[0]:.4g} to {given[1]:.4g} (true {truth:.4g})"
 
 
 @command.command("coverage")

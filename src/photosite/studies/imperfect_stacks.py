@@ -20,6 +20,7 @@ from photosite.frames.frame_settings import Kind
 
 Frame = NDArray[np.float64]
 
+# The virtual sensor: pixels, frames of each level, exposure times, light, and its true figures.
 SHAPE = (192, 240)
 FRAMES = 8
 DARK_S = (0.01, 0.1, 1.0)
@@ -217,8 +218,14 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        named = {"kind": self.kind.name, "size": self.kind.size, "right": self.right}
-        return {**named, **{name: getattr(self, name) for name in ("gain", "prnu", "warnings")}}
+        return {
+            "kind": self.kind.name,
+            "size": self.kind.size,
+            "right": self.right,
+            "system_gain_dn_per_e": self.gain,
+            "prnu_percent": self.prnu,
+            "warnings": self.warnings,
+        }
 
 
 def imperfect_stacks(seeds: Iterable[int] = (0,), kinds: Sequence[StackKind] = KINDS) -> Iterator[Answer]:
