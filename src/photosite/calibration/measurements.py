@@ -39,6 +39,7 @@ class Measurements:
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
     gain: Value = NO_LIGHT  # DN/e-
     saturation_dn: Value = NO_LIGHT  # digital number of clipped pixels
+    curved: bool = False  # whether gain and responsivity are those at small signal, with the response curve
     saturation_stretch: Uncertain = STRAIGHT  # electrons of clipped pixels over those of a straight response
     saturation_photons: Value = NO_LIGHT  # at the largest temporal variance
     responsivity: Value = NO_LIGHT  # DN/photon
@@ -79,6 +80,7 @@ class Measurements:
         return replace(
             self,
             gain=channel.line_gain if by_line else channel.gain,
+            curved=channel.curve is not None and not by_line,
             saturation_stretch=STRAIGHT if by_line else channel.stretch_at_saturation(),
             saturation_dn=channel.saturation.level_dn,
             saturation_method=channel.saturation.level_method,
@@ -194,6 +196,7 @@ def pool_channels(
         "saturation_photons": first.saturation_photons,
         "saturation_responsivity": first.saturation_responsivity,
         "saturation_method": saturated.saturation_method,
+        "curved": any(entry.curved for entry in channels),
         "saturation_stretch": weighted_mean(
             [entry.saturation_stretch for entry in channels], [float(entry.pixels) for entry in channels]
         ),

@@ -32,6 +32,8 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
     """Return all parameters with their uncertainties, in every unit that is known."""
     per_e = derive(lambda k: 1.0 / k, m.gain)
     gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
+    if m.curved:
+        gain_method = "gain at small signal, fitted with the response curve to means and temporal variances"
     volts = derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn)
     return Parameters(
         **_noise_and_pattern(m, mv_per_dn, per_e),
@@ -164,7 +166,8 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     by_response = {
         "responsivity_dn_per_photon": (
             m.responsivity,
-            "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)",
+            f"slope through the origin of {'straightened ' * m.curved}signal against photons (EMVA 1288 R4.0, photon "
+            "transfer)",
         ),
         "quantum_efficiency_percent": (
             derive(lambda q: q * 100.0, efficiency),
