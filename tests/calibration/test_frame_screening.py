@@ -104,7 +104,7 @@ def test_one_broken_frame_of_many_is_left_out(kind: str, group: tuple[str, float
     assert calibration.rejected[0].startswith(
         f"{group[0]}-0.006-5 differs from the other {group[0]} frames at 0.006 s:"
     )
-    assert any("1 repeated or broken frames were left out" in text for text in calibration.warnings)
+    assert any("1 repeated, broken or foreign frames were left out" in text for text in calibration.warnings)
     assert len(calibration.frames_used) == sum(map(len, others.values()))
     clean = calibrate(frame_set(others))
     assert clean.rejected == ()

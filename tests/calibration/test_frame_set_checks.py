@@ -141,7 +141,7 @@ def test_copies_are_left_out_and_named(clean):
     calibration = calibrate(frame_set(frames))
     assert len(calibration.rejected) == 1
     assert "repeats" in calibration.rejected[0]
-    assert any("1 repeated or broken frames were left out" in warning for warning in calibration.warnings)
+    assert any("1 repeated, broken or foreign frames were left out" in warning for warning in calibration.warnings)
     assert calibration.read_noise_dn == clean.read_noise_dn
     assert calibration.frames_sha256 == clean.frames_sha256
 

@@ -39,6 +39,7 @@ def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_si
         white_share=white,
         group=np.arange(m),
         frames=np.full(m, 2.0),
+        trusted=np.ones(m, bool),
     )
 
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from photosite.calibration.checks.dark_pattern import missing_pattern_warning
 from photosite.calibration.checks.digital_gain import digital_gain_warnings
 from photosite.calibration.checks.first_frames import find_first_frames
@@ -19,12 +21,13 @@ from photosite.calibration.parameter_estimates import estimate_parameters, least
 from photosite.calibration.photon_transfer.channel import Channel, response_warnings
 from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
 from photosite.calibration.photon_transfer.general_model import general_model
+from photosite.calibration.photon_transfer.level_outliers import outlier_warning
 from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.periodic_structure import PeriodicStructure
+from photosite.calibration.spatial.shading import is_large
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -68,8 +71,12 @@ def assemble(
         model="linear" if photons_known else "general",
         general={name: general_model(channel) for name, channel in by_name.items()},
         linearity={name: m.linearity[0] for name, m in zip(names, measured, strict=True) if m.linearity},
-        linear_range={name: linear_range(channel) for name, channel in by_name.items() if channel.used.any()},
-        warnings=tuple(_warnings(reduction, dark, light, patterns.structure, together, estimates)),
+        linear_range={
+            name: linear_range(channel)
+            for name, channel in by_name.items()
+            if (channel.used & channel.levels.trusted).any()
+        },
+        warnings=tuple(_warnings(reduction, dark, light, patterns, together, estimates)),
         rejected=reduction.rejected,
         frames_used=reduction.used,
         source=frames.source,
@@ -136,7 +143,7 @@ def _warnings(
     reduction: Reduction,
     dark: DarkResult,
     light: LightResult,
-    structure: PeriodicStructure | None,
+    patterns: FixedPatterns,
     together: Measurements,
     estimates: Mapping[str, Estimate],
 ) -> Iterator[str]:
@@ -151,20 +158,26 @@ def _warnings(
     yield from dict.fromkeys(str(entry) for entry in reduction.sums if entry is not None)
     if (missing := missing_pattern_warning(together)) is not None:
         yield missing
+    if light.outliers:
+        yield outlier_warning(reduction.lights, light.outliers)
     if light.tone is not None:
         yield str(light.tone)
         return
     if light.processed is not None:
         yield light.processed.reason
     yield from light.noise.warnings()
-    if structure is not None:
-        yield str(structure)
+    if patterns.structure is not None:
+        yield str(patterns.structure)
+    yield from map(str, patterns.taps)
+    of_taps = sum(float(np.var(taps.level)) for taps in patterns.taps if not taps.dark)
+    if is_large(derive(lambda shading: shading - of_taps, together.shading_variance), together.response_variance):
+        yield _shading_warning(estimates)
     yield from response_warnings(names, channels)
     for name, value in (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)):
         if isinstance(value, Implausible):
             yield f"{name} is implausible and was withheld: {value.reason}"
     if rejected := reduction.rejected:
-        yield f"{len(rejected)} repeated or broken frames were left out, first: {rejected[0]}"
+        yield f"{len(rejected)} repeated, broken or foreign frames were left out, first: {rejected[0]}"
     if channels:
         yield from _range_warnings(names, dark, channels)
         yield from _noise_warnings(None if isinstance(light.gain, Missing) else light.gain_fit, together)
@@ -185,6 +198,15 @@ def _warnings(
         )
 
 
+def _shading_warning(estimates: Mapping[str, Estimate]) -> str:
+    shading, prnu, without = (estimates[name] for name in ("shading_percent", "prnu_percent", "prnu1288_percent"))
+    known = "not known" if without.value is None else f"{without.value:.3g} %"
+    return (
+        f"the light was uneven, or the lens vignettes: prnu_percent, {prnu.value:.3g} %, contains a shading of "
+        f"{shading.value:.3g} %; prnu1288_percent, {known}, is without it; use an even light or no lens"
+    )
+
+
 def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[Channel]) -> Iterator[str]:
     """Warn of dark frames and flat fields that do not cover the range of exposures."""
     longest_dark = max(entry.group.exposure_s for entry in dark.groups)
@@ -198,7 +220,7 @@ def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[C
         of_channel = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""
         yield f"no flat field reached saturation{of_channel}; all unclipped levels were taken as linear"
     for name, channel in zip(names, channels, strict=True):
-        if (levels := int(channel.used.sum())) < 3:
+        if (levels := int((channel.used & channel.levels.trusted).sum())) < 3:
             what = (
                 "the system gain comes from one level of light, and is too low if that level is close to saturation"
                 if levels == 1

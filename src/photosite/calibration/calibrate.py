@@ -100,7 +100,7 @@ def calibrate(
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
         calibration = assemble(reduction, dark, light, patterns, sensor)
         if maps:
-            calibration = _with_maps(frames, calibration, progress)
+            calibration = _with_maps(reduction.frames, calibration, progress)
         if saved is not None:
             saved.remove()
     return calibration

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.dark import DarkResult, GroupMean, PartsPair
 from photosite.calibration.light import LightResult
@@ -29,12 +30,14 @@ from photosite.calibration.spatial.pixel_slopes import (
     slope_coefficients,
     slope_noise,
 )
+from photosite.calibration.spatial.shading import shading_variance
 from photosite.calibration.spatial.spatial_analysis import (
     MeanPlanes,
     OutlierThresholds,
     SpatialAnalysis,
     spatial_analysis,
 )
+from photosite.calibration.spatial.taps import Taps, find_taps
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
 
 HALF_SATURATION = (0.3, 0.7)
@@ -50,6 +53,7 @@ class FixedPattern:
     """
 
     response_variance: Value
+    shading_variance: Value
     dsnu1288: Parts | Missing
     dsnu1288_filtered: Parts | Missing
     prnu1288: Parts | Missing
@@ -66,6 +70,7 @@ class FixedPattern:
         return replace(
             self,
             response_variance=derive(lambda variance: variance * squares[0], self.response_variance),
+            shading_variance=derive(lambda variance: variance * squares[0], self.shading_variance),
             prnu1288=prnu,
             prnu1288_unfiltered=unfiltered,
         )
@@ -73,20 +78,28 @@ class FixedPattern:
     @property
     def variances(self) -> dict[str, Any]:
         """The variances, by the names of `Measurements`."""
-        names = ("response_variance", "dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered")
+        names = (
+            "response_variance",
+            "shading_variance",
+            "dsnu1288",
+            "dsnu1288_filtered",
+            "prnu1288",
+            "prnu1288_unfiltered",
+        )
         return {name: getattr(self, name) for name in names}
 
     def withheld(self, why: Missing) -> FixedPattern:
         """Return the pattern without what the flat fields show."""
-        return replace(self, response_variance=why, prnu1288=why, prnu1288_unfiltered=why)
+        return replace(self, response_variance=why, shading_variance=why, prnu1288=why, prnu1288_unfiltered=why)
 
 
 @dataclass(frozen=True)
 class FixedPatterns:
-    """The fixed pattern of each channel, and the periodic structure of the flat fields, if any."""
+    """The fixed pattern of each channel; the periodic structure of the flat fields, and steps between taps, if any."""
 
     channels: tuple[FixedPattern, ...]
     structure: PeriodicStructure | None = None
+    taps: tuple[Taps, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,7 +113,7 @@ class SlopePlan:
 
 def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePlan | Missing:
     """Plan a channel's map of slopes from the light groups in its linear range."""
-    levels, used = channel.levels, channel.used
+    levels, used = channel.levels, channel.used & channel.levels.trusted
     if len(np.unique(levels.x[used])) < 2:
         return Missing(
             f"{int(used.sum())} light level in the linear range; slopes need two or more: take shorter exposures"
@@ -134,12 +147,15 @@ def measure_fixed_pattern(
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
     patterns = _dark_patterns(reduction, dark, half, reader)
+    taps = [find_taps(_sites(dark.mean.mean, reader.tile), dark=True)]
     if not channels:
+        none = NO_LIGHT, NO_LIGHT
         return FixedPatterns(
             tuple(
-                FixedPattern(NO_LIGHT, *parts, NO_LIGHT, NO_LIGHT, spatial_analysis(planes, NO_LIGHT, outliers))
+                FixedPattern(*none, *parts, *none, spatial_analysis(planes, NO_LIGHT, outliers))
                 for parts, planes in patterns
-            )
+            ),
+            taps=_found(taps),
         )
     plans = [plan_slopes(channel, lights) for channel in channels]
     coefficients = [{} if isinstance(plan, Missing) else plan.coefficients for plan in plans]
@@ -153,7 +169,9 @@ def measure_fixed_pattern(
     for i in groups:
         mean = reader.mean(lights[i].group)
         if i == brightest:
-            structure = periodic_structure(mean.mean(), dark.mean.mean, reader.tile)
+            bright = mean.mean()
+            structure = periodic_structure(bright, dark.mean.mean, reader.tile)
+            taps.append(find_taps(_relative(bright - dark.mean.mean, reader.tile)))
         slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
             continue
@@ -172,16 +190,34 @@ def measure_fixed_pattern(
         dark_parts, dark_planes = patterns[k]
         if isinstance(group, Missing):
             prnu[k], spatial[k] = (group, group), spatial_analysis(dark_planes, group, outliers)
-        response = _response_variance(plans[k], spreads[k], None if dark.slopes is None else dark.slopes[k])
-        if light.noise.flicker is not None and isinstance(response, Uncertain):
-            response += Uncertain.of(
-                0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights)
-            )
+        slope_spreads = spreads[k], None if dark.slopes is None else dark.slopes[k]
+        response = _response_variance(plans[k], *slope_spreads)
+        shading = response if isinstance(response, Missing) else _shading(slopes, k, plans[k], *slope_spreads)
+        if light.noise.flicker is not None:
+            bands = Uncertain.of(0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights))
+            response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
         contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
-        result.append(FixedPattern(response, *dark_parts, *prnu[k], spatial[k], *contrasts))
+        result.append(FixedPattern(response, shading, *dark_parts, *prnu[k], spatial[k], *contrasts))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
-    return FixedPatterns(tuple(result), structure)
+    return FixedPatterns(tuple(result), structure, _found(taps))
+
+
+def _found(taps: Sequence[Taps | None]) -> tuple[Taps, ...]:
+    return tuple(found for found in taps if found is not None)
+
+
+def _sites(values: NDArray[np.float64], tile: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+    """Return the maps of each site of the tile, of one size."""
+    rows, cols = (length // of_tile for length, of_tile in zip(values.shape, tile.shape, strict=True))
+    return [values[r :: tile.shape[0], c :: tile.shape[1]][:rows, :cols] for r, c in np.ndindex(*tile.shape)]
+
+
+def _relative(signal: NDArray[np.float64], tile: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+    """Return the maps of each site, each over its mean; none where a site has no light."""
+    sites = _sites(signal, tile)
+    means = [float(site.mean()) for site in sites]
+    return [site / mean for site, mean in zip(sites, means, strict=True)] if min(means) > 0.0 else []
 
 
 def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int | Missing:
@@ -233,6 +269,15 @@ def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: Slo
     if spread.mean <= 0.0:
         return Missing("the light frames do not get brighter with exposure")
     return relative_response_variance(spread, dark, plan.seconds_per_unit)
+
+
+def _shading(
+    slopes: PixelSlopes, channel: int, plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None
+) -> Value:
+    if isinstance(plan, Missing):
+        return plan
+    of_light = spread.mean - (0.0 if dark is None else plan.seconds_per_unit * dark.mean)
+    return shading_variance(slopes, channel, spread, plan.noise, of_light)
 
 
 def _share_left(channel: Channel, coefficients: Mapping[int, float], lights: Sequence[GroupStatistics]) -> float:

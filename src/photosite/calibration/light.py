@@ -11,7 +11,8 @@ from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_noise_ratio import DarkNoiseRatio, find_dark_noise_ratio
-from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value
+from photosite.calibration.photon_transfer.level_outliers import LightOutlier, find_light_outliers
+from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
 from photosite.calibration.photon_transfer.summed_covariance import SharedNoise
 from photosite.calibration.photon_transfer.tone_curve import ToneCurve, find_tone_curve
@@ -38,6 +39,8 @@ class LightResult:
         A tone curve, with which no figure of the light holds.
     processed
         Why flats and dark frames do not belong to one mode of the camera.
+    outliers
+        The levels whose stated light contradicts the others; only their noise is used.
     """
 
     channels: tuple[Channel, ...]
@@ -47,6 +50,7 @@ class LightResult:
     noise: NoiseStructure
     tone: ToneCurve | None = None
     processed: Missing | None = None
+    outliers: tuple[LightOutlier, ...] = ()
 
 
 def measure_light_frames(
@@ -58,7 +62,11 @@ def measure_light_frames(
     if noise.flicker is not None:
         reduction, flicker = without_flicker(reduction, reader, dark.mean, noise.flicker)
         noise = replace(noise, flicker=flicker)
-    channels = [Channel.of(k, reduction.lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
+    levels = [light_levels(reduction.lights, k, line) for k, line in enumerate(dark.lines)]
+    outliers = find_light_outliers(levels, reduction.whites)
+    wrong = {outlier.group for outlier in outliers}
+    lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
+    channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
     if (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
         return _withheld(channels, noise, tone=tone)
     together = _photon_transfer(channels, noise.shared)
@@ -71,7 +79,7 @@ def measure_light_frames(
         return _withheld(channels, noise, ratio=ratio)
     if (unequal := unequal_gains(reduction)) is not None:
         together = replace(together, gain=unequal, line_gain=unequal)
-    return replace(together, channels=measured, noise=noise)
+    return replace(together, channels=measured, noise=noise, outliers=tuple(outliers))
 
 
 def _withheld(

@@ -37,6 +37,7 @@ class Measurements:
     step: float = 1.0  # distance of the converter's codes in the dark frames, DN
     dsnu_variance: Value = NO_LIGHT  # of the mean reference dark frame
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
+    shading_variance: Value = NO_LIGHT  # the part of it that the high-pass filter of EMVA 1288 removes
     gain: Value = NO_LIGHT  # DN/e-
     saturation_dn: Value = NO_LIGHT  # digital number of clipped pixels
     curved: bool = False  # whether gain and responsivity are those at small signal, with the response curve
@@ -141,6 +142,7 @@ _NOISE = (
     "dark_variance_slope",
     "dark_slope_variance",
     "response_variance",
+    "shading_variance",
     "dsnu1288",
     "dsnu1288_filtered",
     "prnu1288",
@@ -153,7 +155,8 @@ _OF_LIGHT = (
 )
 
 _MEANS_OVER_CHANNELS = (
-    *("dsnu_variance", "dark_slope_variance", "response_variance", "saturation_dn", "responsivity"),
+    *("dsnu_variance", "dark_slope_variance", "response_variance", "shading_variance"),
+    *("saturation_dn", "responsivity"),
     *("dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered"),
 )
 

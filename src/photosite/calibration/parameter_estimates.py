@@ -65,6 +65,7 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
     dsnu = m.dark_method or "spread over pixels of the mean of the repeated dark frames less temporal variance / n"
     dsnu = m.method(dsnu, "dsnu_variance")
     prnu = "relative spread of per-pixel slopes against exposure in the linear range, less their noise"
+    shading = "part of PRNU that the high-pass filter of EMVA 1288 removes: uneven light, vignetting"
     dcnu = "spread of per-pixel dark slopes, less their noise, relative to the mean slope"
     slope = "slope of the mean dark level against exposure"
     noise_slope = "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)"
@@ -73,6 +74,7 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         **{f"read_noise_{unit}": _read_noise(m, scale, read) for unit, scale in scales.items()},
         **{f"dsnu_{unit}": _deviation(m.dsnu_variance, scale, dsnu) for unit, scale in scales.items()},
         "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), m.method(prnu, "response_variance")),
+        "shading_percent": _deviation(m.shading_variance, Uncertain(100.0), m.method(shading, "shading_variance")),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
         "dark_current_dn_per_s": Estimate.of(m.dark_slope, slope),
         "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),

@@ -38,6 +38,7 @@ class Parameters:
     dsnu_e: Annotated[Estimate, Label("DSNU", "e⁻", _NOISE)]
     dsnu_mv: Annotated[Estimate, Label("DSNU", "mV", _NOISE)]
     prnu_percent: Annotated[Estimate, Label("PRNU", "%", _NOISE)]
+    shading_percent: Annotated[Estimate, Label("Shading", "%", _NOISE)]
     dark_voltage_mv_per_s: Annotated[Estimate, Label("Dark voltage", "mV/s", _DARK)]
     dark_current_dn_per_s: Annotated[Estimate, Label("Dark current", "DN/s", _DARK)]
     dark_current_e_per_s: Annotated[Estimate, Label("Dark current", "e⁻/s", _DARK)]

@@ -144,6 +144,23 @@ def _soft(values: Frame, rng: np.random.Generator) -> Frame:
     return np.asarray(values / (1.0 + 0.1 * values / SATURATION_E))
 
 
+def _wrong_level(values: Frame, rng: np.random.Generator) -> Frame:
+    wrong = abs(float(values.mean()) / (ELECTRONS_PER_S * LIGHT_S[2]) - 1.0) < 0.01
+    return 1.04 * values if wrong else values
+
+
+def _another_chip(values: Frame, rng: np.random.Generator) -> Frame:
+    foreign: Frame = values.mean() * (1.0 + PRNU * rng.normal(size=values.shape))
+    return foreign if rng.random() < 0.03 else values
+
+
+def _fall_off() -> Frame:
+    rows, cols = (np.linspace(-1.0, 1.0, length) for length in SHAPE)
+    fall = 1.0 - 0.05 * np.add.outer(rows**2, cols**2)
+    even: Frame = fall / fall.mean()
+    return even
+
+
 _RGGB = (("R", "G"), ("G", "B"))
 _CROSSTALK = ((0.0, 0.02, 0.0), (0.02, 0.92, 0.02), (0.0, 0.02, 0.0))
 
@@ -187,6 +204,17 @@ KINDS = (
     StackKind("square-root companding", "12 bits", numbers=_tone_curve(np.sqrt)),
     StackKind("clipping below full scale", "at 2800 DN", numbers=lambda v, rng: np.minimum(np.rint(v), 2800.0)),
     StackKind("readout channels", "even columns 1 % brighter", light=_even_columns, prnu=math.hypot(PRNU, 0.005)),
+    StackKind(
+        "taps", "right half 1 % brighter",
+        light=lambda v, rng: v * np.where(np.arange(SHAPE[1]) < SHAPE[1] // 2, 1.0, 1.01),
+        prnu=math.hypot(PRNU, 0.005),
+    ),
+    StackKind(
+        "uneven light", "10 % darker corners",
+        light=lambda v, rng: v * _fall_off(), prnu=math.hypot(PRNU, float(_fall_off().std())),
+    ),
+    StackKind("wrong level", "light of one level 4 % off", light=_wrong_level),
+    StackKind("frames of another chip", "3 % of the frames", light=_another_chip),
 )  # fmt: skip
 """The kinds of stacks."""
 

@@ -193,13 +193,21 @@ def _block_sizes(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (block rows, block columns) means."""
-    rows, cols = (_block_starts(length) for length in values.shape)
-    sums = np.add.reduceat(np.add.reduceat(values, rows, axis=0), cols, axis=1)
-    return np.asarray(sums / _block_sizes(values.shape))
+    return np.asarray(block_sums(values) / _block_sizes(values.shape))
+
+
+def block_sums(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the (..., block rows, block columns) sums of samples (..., rows, cols)."""
+    rows, cols = (_block_starts(length) for length in values.shape[-2:])
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=-2), cols, axis=-1))
+
+
+def over_blocks(blocks: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.floating]:
+    """Return samples (..., rows, cols) with the value of its block at each pixel."""
+    heights, widths = (_block_lengths(length) for length in shape)
+    return np.repeat(np.repeat(blocks, heights, axis=-2), widths, axis=-1)
 
 
 def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> float:
     """Return the robust standard deviation of pixels within their blocks."""
-    heights, widths = (_block_lengths(length) for length in deviation.shape)
-    inside = deviation - np.repeat(np.repeat(blocks, heights, axis=0), widths, axis=1)
-    return _NORMAL * float(np.median(np.abs(inside)))
+    return _NORMAL * float(np.median(np.abs(deviation - over_blocks(blocks, deviation.shape))))

@@ -200,7 +200,7 @@ def _check_proportion(reduction: Reduction, channels: Sequence[Channel]) -> None
     """Check that signals in the linear range are proportional to the stated light."""
     for name, channel in zip(reduction.names, channels, strict=True):
         levels = channel.levels
-        take = channel.used & (levels.x > 0.0)
+        take = channel.used & levels.trusted & (levels.x > 0.0)
         take &= levels.signal > LEAST_SIGNAL * levels.signal[take].max(initial=0.0)
         if take.sum() < 3:
             continue
@@ -277,7 +277,7 @@ def _light_leak(darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -
     for channel in channels:
         _, slope = channel.dark.mean.line
         levels = channel.levels
-        take = channel.used & (levels.signal > 0.0)
+        take = channel.used & levels.trusted & (levels.signal > 0.0)
         if isinstance(slope, Missing) or not take.any():
             continue
         rate = float(np.min(levels.signal[take] / levels.exposure_s[take]))

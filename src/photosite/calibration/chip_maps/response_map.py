@@ -60,7 +60,7 @@ def _abscissa(group: FrameGroup, range_: LinearRange) -> float:
 
 def _inside(group: FrameGroup, range_: LinearRange) -> bool:
     x, grain = _abscissa(group, range_), 1e-9 * range_.highest
-    return range_.lowest - grain <= x <= range_.highest + grain
+    return range_.lowest - grain <= x <= range_.highest + grain and x not in range_.contradicting
 
 
 def light_groups_in_range(frames: FrameSet, calibration: Calibration) -> tuple[FrameGroup, ...]:

@@ -92,12 +92,12 @@ class Channel:
             return Missing("no light level lies in the linear range")
         if by_line or self.curve is None:
             return fit.uncertain[0]
-        return self.curve.responsivity(self.levels, self.used)
+        return self.curve.responsivity(self.levels, self.used & self.levels.trusted)
 
     @property
     def disproportion(self) -> float:
         """Half of the range of signal over light in the linear range, relative to its mean."""
-        take = self.used & (self.levels.x > 0.0)
+        take = self.used & self.levels.trusted & (self.levels.x > 0.0)
         ratio = self.levels.signal[take] / self.levels.x[take]
         return float(np.ptp(ratio) / (2.0 * ratio.mean()))
 

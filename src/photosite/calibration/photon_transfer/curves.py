@@ -97,6 +97,8 @@ class LinearRange:
         Number of light levels inside, and of all.
     rule
         How the range was found.
+    contradicting
+        Stated amounts of light of the levels left out because they contradict the others.
     """
 
     abscissa: str
@@ -106,6 +108,7 @@ class LinearRange:
     levels: int
     levels_measured: int
     rule: str
+    contradicting: tuple[float, ...] = ()
 
 
 def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]:
@@ -119,7 +122,7 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
     levels, used = channel.levels, channel.used
     axis = "photons per pixel" if levels.photons_known else "exposure (s)"
     uncertainty = np.sqrt(np.diag(levels.signal_covariance))
-    points = levels.x, levels.signal, uncertainty, used
+    points = levels.x, levels.signal, uncertainty, used & levels.trusted
     curves["response"] = Curve.of_fit("Response", axis, "signal (DN)", points, fit_response(levels, used))
     known = levels.repeated
     uncertainty = np.sqrt(np.diag(levels.shot_covariance))[known]
@@ -136,7 +139,7 @@ def _dark_curve(line: DarkLine, title: str, y_label: str) -> Curve:
 
 def linear_range(channel: Channel) -> LinearRange:
     """Return the linear range of a channel that has at least one level in it."""
-    levels, used = channel.levels, channel.used
+    levels, used = channel.levels, channel.used & channel.levels.trusted
     rule = f"at most {100 * CLIPPED_SHARE:g} % of the pixels clipped"
     if channel.saturation.signal is not None:
         limit = LINEAR_SHARE * channel.saturation.signal
@@ -149,4 +152,5 @@ def linear_range(channel: Channel) -> LinearRange:
         levels=int(used.sum()),
         levels_measured=len(used),
         rule=rule,
+        contradicting=tuple(levels.x[~levels.trusted].tolist()),
     )

@@ -79,6 +79,7 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     """
     levels = channel.levels
     order = np.lexsort((np.diag(levels.signal_covariance), levels.x))
+    order = order[levels.trusted[order]]
     place = order[np.append(True, np.diff(levels.x[order]) > 0.0)]
     x, signal = levels.x[place], levels.signal[place]
     if len(x) < LEAST_LEVELS:

@@ -106,9 +106,8 @@ def channel_linearity(channel: Channel) -> Linearity | Missing:
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None or saturation.index is None:
         return Missing("linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation")
-    below = slice(0, saturation.index + 1)
-    covariance = levels.signal_covariance[below, below]
-    return linearity(levels.x[below], levels.signal[below], covariance, saturation.signal, levels.abscissa)
+    levels = levels.take(np.flatnonzero(levels.trusted & (np.arange(len(levels.x)) <= saturation.index)))
+    return linearity(levels.x, levels.signal, levels.signal_covariance, saturation.signal, levels.abscissa)
 
 
 def linearity(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ class LightLevels:
         fixed pattern included.
     clipped, white_share, group, frames
         (m,) whether the level is clipped; share of numbers at full scale; index of the light group; number of frames.
+    trusted
+        (m,) whether the amount of light is known: not where it contradicts the other levels (`level_outliers.py`).
     """
 
     abscissa: str
@@ -74,6 +77,7 @@ class LightLevels:
     white_share: Array
     group: NDArray[np.intp]
     frames: Array
+    trusted: NDArray[np.bool_]
 
     @property
     def photons_known(self) -> bool:
@@ -84,6 +88,15 @@ class LightLevels:
     def repeated(self) -> NDArray[np.bool_]:
         """(m,) whether the level has a temporal variance."""
         return np.isfinite(self.shot)
+
+    def take(self, places: NDArray[np.intp]) -> LightLevels:
+        """Return some of the levels, in this order."""
+        changed: dict[str, Any] = {
+            name: value[places] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        for name in ("signal_covariance", "shot_covariance"):
+            changed[name] = changed[name][:, places]
+        return replace(self, **changed)
 
     def with_variances(self, factors: Array) -> LightLevels:
         """Return the levels with their temporal variances multiplied by (m,) factors."""
@@ -139,6 +152,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         white_share=each("high_fraction"),
         group=order,
         frames=each("frames").astype(np.float64),
+        trusted=np.array([lights[i].light_trusted for i in order]),
     )
 
 
@@ -167,8 +181,12 @@ class Saturation:
 def find_saturation(levels: LightLevels, white: int) -> Saturation:
     """Return where the temporal variance is largest, and the digital number of fully clipped pixels.
 
-    `white` is the full scale of the converter, DN.
+    `white` is the full scale of the converter, DN. Levels whose light is not trusted are passed over.
     """
+    if not levels.trusted.all():
+        places = np.flatnonzero(levels.trusted)
+        found = find_saturation(levels.take(places), white)
+        return found if found.index is None else replace(found, index=int(places[found.index]))
     level_dn, method = _clipped_level(levels, white)
     repeated = np.flatnonzero(levels.repeated)
     if repeated.size == 0:
@@ -305,7 +323,7 @@ def gain_value(fit: GainFit | None, gain: Uncertain | None = None) -> Value:
 
 def fit_response(levels: LightLevels, used: NDArray[np.bool_]) -> Fit | None:
     """Fit the responsivity: the slope through the origin of signal against the light levels' axis."""
-    if not used.any():
+    take = used & levels.trusted
+    if not take.any():
         return None
-    x = levels.x[used]
-    return fit_linear(x[:, None], levels.signal[used], levels.signal_covariance[np.ix_(used, used)])
+    return fit_linear(levels.x[take][:, None], levels.signal[take], levels.signal_covariance[np.ix_(take, take)])

@@ -75,7 +75,7 @@ def find_shape(levels: LightLevels, used: NDArray[np.bool_], signals: Array) -> 
     tests together are `BY_CHANCE` at most.
     """
     variance = np.diag(levels.signal_covariance)
-    take = used & (levels.x > 0.0) & (levels.signal > LEAST_SIGNAL * np.sqrt(variance))
+    take = used & levels.trusted & (levels.x > 0.0) & (levels.signal > LEAST_SIGNAL * np.sqrt(variance))
     x, y = levels.x[take], levels.signal[take]
     if len(np.unique(np.round(np.log(x), 6))) < LEAST_LEVELS:
         return None

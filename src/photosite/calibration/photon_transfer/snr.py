@@ -112,7 +112,7 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     if fit is None:
         return Missing("no light level lies in the linear range")
     variance, variance_u2 = channel.temporal_variance()
-    known = levels.repeated & (variance > 0.0) & (levels.signal > 0.0)
+    known = levels.repeated & levels.trusted & (variance > 0.0) & (levels.signal > 0.0)
     if channel.saturation.index is not None:
         known[channel.saturation.index + 1 :] = False
     signal, variance, variance_u2 = levels.signal[known], variance[known], variance_u2[known]

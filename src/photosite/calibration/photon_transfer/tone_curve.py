@@ -61,7 +61,7 @@ def find_tone_curve(channels: Sequence[LightLevels]) -> ToneCurve | None:
 
 
 def _exponent(levels: LightLevels) -> float | None:
-    take = levels.repeated & ~levels.clipped & (levels.x > 0.0) & (levels.signal > 0.0)
+    take = levels.repeated & levels.trusted & ~levels.clipped & (levels.x > 0.0) & (levels.signal > 0.0)
     if not take.any():
         return None
     quiet = levels.shot < -QUIETER * np.sqrt(np.diag(levels.shot_covariance))

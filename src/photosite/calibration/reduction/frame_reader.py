@@ -7,6 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from itertools import islice
 from types import TracebackType
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.checks.foreign_frames import find_foreign_frames
 from photosite.calibration.checks.frame_screening import find_near_copies, find_outlier_frames, sample_grid
 from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, file_stamp, identity
 from photosite.calibration.reduction.codes import Counts, count_codes
@@ -133,6 +135,8 @@ class FrameReader:
 
     def keep(self, group: FrameGroup, sums: FrameSums) -> None:
         """Keep a group's mean frame for `mean`, within the memory limit."""
+        if id(group) in self._means:
+            return
         mean = sums.mean_frame()
         if self._kept_bytes + mean.sum.nbytes <= KEPT_BYTES:
             self._means[id(group)] = mean
@@ -148,6 +152,18 @@ class FrameReader:
             self._kept_bytes -= mean.sum.nbytes
             return mean
         return self.sums(group).mean_frame()
+
+    def leave_out_groups(self, groups: Sequence[FrameGroup], reason: str) -> None:
+        """Leave groups that were read out of the frames, and announce that the others will be read again."""
+        unwanted = {id(group) for group in groups}
+        sources = {id(source) for group in groups for source in group.frames}
+        left = tuple(group for group in self.frames.groups if id(group) not in unwanted)
+        self.rejected += [f"{source.name}: {reason}" for group in groups for source in self.used_sources(group)]
+        for group in groups:
+            del self.counts[id(group)]
+        self.used_frames = [entry for entry in self.used_frames if id(entry.source) not in sources]
+        self.frames = replace(self.frames, groups=left)
+        self.expect(self.frames.frame_count)
 
     def used_sources(self, group: FrameGroup) -> list[FrameSource]:
         """Return the frames of a group that entered its sums, in their order."""
@@ -186,7 +202,13 @@ class FrameReader:
                 for place, (original, differ) in copies.items()
             ]
             self._leave_out(first, copies, reasons)
-        if outliers := find_outlier_frames(first.samples, self._dark_dn):
+        rows, cols = sample_grid(self._shape, len(group))
+        labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
+        outliers = find_outlier_frames(first.samples, self._dark_dn)
+        rest = [place for place in range(len(first.samples)) if place not in outliers]
+        foreign = find_foreign_frames([first.samples[place] for place in rest], labels)
+        outliers |= {rest[place]: reason for place, reason in foreign.items()}
+        if outliers:
             n = len(first.used)
             named = [(group.frames[first.used[place]].name, reason) for place, reason in outliers.items()]
             if 2 * len(outliers) >= n:
@@ -202,8 +224,6 @@ class FrameReader:
         if len(first.used) < before:
             self.expect(len(first.used))
             self._add(sums.clear(), self._read_ahead(group.frames[i] for i in first.used))
-        rows, cols = sample_grid(self._shape, len(group))
-        labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
         first.counts = count_codes(first.samples, labels)
         first.screened, first.samples = True, []
 

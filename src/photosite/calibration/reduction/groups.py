@@ -193,6 +193,7 @@ class GroupStatistics:
 
     group: FrameGroup
     levels: tuple[Level, ...]
+    light_trusted: bool = True  # whether its stated light agrees with that of the other levels
 
     @property
     def frames(self) -> int:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.checks.foreign_groups import GroupSample, find_foreign_groups
+from photosite.calibration.checks.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.codes import Counts, Steps, find_steps
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics, Level, reference_dark
@@ -69,8 +71,48 @@ class Reduction:
 def reduce_frames(reader: FrameReader) -> Reduction:
     """Read every frame once and return the statistics of each group.
 
-    Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`.
+    Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. A few groups of another chip are
+    left out, and the others are read again.
+
+    Raises
+    ------
+    CalibrationError
+        If the groups belong to several chips, and none has the majority.
     """
+    reduction, samples = _reduce(reader)
+    shape = reader.frames.rows, reader.frames.cols
+    rows, cols = sample_grid(shape, 1)
+    labels = reader.tile[rows % reader.tile.shape[0], cols % reader.tile.shape[1]]
+    if labels.size < LEAST_PIXELS:
+        return reduction
+    darks, lights = (
+        [GroupSample(entry, samples[id(entry.group)]) for entry in entries]
+        for entries in (reduction.darks, reduction.lights)
+    )
+    foreign: list[FrameGroup] = []
+    for entries, found in zip(
+        (darks, lights), find_foreign_groups(darks, lights, reduction.reference, labels), strict=True
+    ):
+        others = [entries[i].statistics for i in found]
+        if others and 2 * len(others) >= len(entries):
+            raise reduction.error(
+                f"the fixed pattern of the {', '.join(entry.label for entry in others)} is not that of the other "
+                f"{others[0].group.kind} frames, and neither has the majority: the frames are those of several chips",
+                "Calibrate the frames of each chip by themselves",
+            )
+        foreign += [entry.group for entry in others]
+    if not foreign:
+        return reduction
+    reason = "its fixed pattern is not that of the other groups: another chip, or another readout"
+    reader.leave_out_groups(foreign, reason)
+    reduction, _ = _reduce(reader)
+    return reduction
+
+
+def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float64]]]:
+    """Return the reduction, and a sample of the mean frame of each group by the `id` of the group."""
+    rows, cols = sample_grid((reader.frames.rows, reader.frames.cols), 1)
+    samples: dict[int, NDArray[np.float64]] = {}
     planned = reader.frames.of_kind("dark")
     slopes, coefficients = None, dark_slope_coefficients(planned)
     if coefficients is not None:
@@ -80,6 +122,7 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     mean: MeanFrame | None = None
     for index, group in enumerate(planned):
         statistics, sums = read_group(reader, group)
+        samples[id(group)] = sums.sum[rows, cols] / sums.count
         darks.append(statistics)
         if index == wanted:
             mean = sums.mean_frame()
@@ -93,6 +136,7 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     lights = []
     for group in reader.frames.of_kind("light"):
         statistics, sums = read_group(reader, group)
+        samples[id(group)] = sums.sum[rows, cols] / sums.count
         lights.append(statistics)
         if not all(level.clipped for level in statistics.levels):
             reader.keep(group, sums)
@@ -109,7 +153,7 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     rejected, used = tuple(reader.rejected), tuple(reader.used_frames)
     first = len(darks)
     codes = np.concatenate([found[:, 1] for found in reader.counts.values()])
-    return Reduction(
+    reduction = Reduction(
         reader.frames,
         tuple(groups[:first]),
         tuple(groups[first:]),
@@ -123,6 +167,7 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         rejected,
         used,
     )
+    return reduction, samples
 
 
 def _with_white_level(

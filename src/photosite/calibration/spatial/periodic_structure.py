@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 PERIODS = (1, 2, 4, 6)
 """Periods of color filter arrays: none; Bayer; 2 x 2 pixels of one color; X-Trans."""
@@ -16,17 +19,23 @@ CELL = 12
 LEAST_CELLS = 16
 """Cells below which a frame is too small to show a period."""
 
+LEAST_LIGHT = 0.1
+"""Share of the usual signal below which a cell counts as not lit: covered pixels, corners that no light reaches."""
+
 MOSAIC_SHARE = 0.02
 """Difference between places of a period, as a share of the signal, above which they do not belong to one channel.
 
 The two greens of a Bayer mosaic and the readout channels of a chip differ by less.
 """
 
+FILTER_SHARE = 0.1
+"""Difference above which rows or columns belong to a striped color filter array: readout channels differ by less."""
+
 READOUT_SHARE = 0.002
 """Difference above which places of a period are reported as readout channels of different response."""
 
-SIGNIFICANCE = 6.0
-"""Difference, in standard uncertainties, below which it is chance."""
+BY_CHANCE = 1e-4
+"""Share of flat fields without a period in which one of the places may deviate beyond chance."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +46,12 @@ class PeriodicStructure:
     ----------
     relative
         (period, period) signal over that of the channel's mean; 1 where the pixels respond alike.
-    uncertainty
-        Standard uncertainty of one place.
+    chance
+        Deviation of one place that chance explains.
     """
 
     relative: NDArray[np.float64]
-    uncertainty: float
+    chance: float
 
     @property
     def period(self) -> int:
@@ -52,32 +61,34 @@ class PeriodicStructure:
     @property
     def difference(self) -> float:
         """Difference between the highest and the lowest place, as a share of the signal."""
-        return float(np.nanmax(self.relative) - np.nanmin(self.relative))
+        return float(self.relative.max() - self.relative.min())
 
     @property
     def by_lines(self) -> str:
         """Return "rows" or "columns" where only these differ, as readout channels do; "" otherwise."""
         for name, axis in (("columns", 0), ("rows", 1)):
-            means = np.nanmean(self.relative, axis=axis, keepdims=True)
-            if np.nanmax(np.abs(self.relative - means)) < max(0.1 * self.difference, SIGNIFICANCE * self.uncertainty):
+            means = self.relative.mean(axis=axis, keepdims=True)
+            if np.abs(self.relative - means).max() < max(0.1 * self.difference, self.chance):
                 return name
         return ""
 
     def of_mosaic(self) -> bool:
         """Return whether the structure is that of a mosaic whose channels are not stated, or not as they are."""
-        return self.difference > MOSAIC_SHARE and not self.by_lines
+        return self.difference > (FILTER_SHARE if self.by_lines else MOSAIC_SHARE)
 
     def __str__(self) -> str:
         percent = f"{100.0 * self.difference:.2g} %"
         if not self.of_mosaic():
+            filters = " or a striped color filter array that is not stated" * (self.difference > MOSAIC_SHARE)
             return (
                 f"the flat fields differ by {percent} with a period of {self.period} {self.by_lines or 'pixels'}, "
-                f"as with readout channels of different gain; PRNU includes this difference"
+                f"as with readout channels of different gain{filters}; PRNU includes this difference"
             )
         likely = f"; {' or '.join(self.bayer_patterns())} fits" if self.period == 2 else ""
         return (
-            f"the flat fields repeat every {self.period} rows and columns, by {percent} of the signal, within what "
-            f"is stated as one channel, as with a color filter array that is not stated or has another phase{likely}"
+            f"the flat fields repeat every {self.period} {self.by_lines or 'rows and columns'}, by {percent} of the "
+            f"signal, within what is stated as one channel, as with a color filter array that is not stated or has "
+            f"another phase{likely}"
         )
 
     def bayer_patterns(self) -> tuple[str, ...]:
@@ -86,6 +97,24 @@ class PeriodicStructure:
             return ()
         (a, b), (c, d) = self.relative.tolist()
         return ("GRBG", "GBRG") if abs(a - d) < abs(b - c) else ("RGGB", "BGGR")
+
+
+def _fold(places: NDArray[np.float64], period: int) -> NDArray[np.float64]:
+    """Return the means (..., period, period) of the places (..., cell, cell) of a period."""
+    folds = CELL // period
+    return np.asarray(places.reshape(-1, folds, period, folds, period).mean(axis=(1, 3)))
+
+
+def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
+    """Return how far a place of a period may deviate by chance, from (blocks, cell, cell) places of parts of a frame.
+
+    The blocks are whole columns and whole rows of cells. They contain the patterns of columns and rows of a chip, which
+    all cells of a block share.
+    """
+    variance = [_fold(places, period).var(axis=0, ddof=1).mean() / len(places) for places in blocks]
+    freedom = period * (min(len(places) for places in blocks) - 1)
+    # A median scatters more than a mean, by this factor for normal noise.
+    return 1.2533 * math.sqrt(sum(variance)) * -float(stdtrit(freedom, BY_CHANCE / (2.0 * period**2)))
 
 
 def periodic_structure(
@@ -114,27 +143,42 @@ def periodic_structure(
     ([[0.7, 1.2], [1.2, 0.8]], ('RGGB', 'BGGR'))
     """
     rows, cols = (length // CELL for length in flat.shape)
-    if rows * cols < LEAST_CELLS or CELL % tile.shape[0] or CELL % tile.shape[1]:
+    if rows * cols < LEAST_CELLS or min(rows, cols) < 2 or CELL % tile.shape[0] or CELL % tile.shape[1]:
         return None
     signal = flat[: rows * CELL, : cols * CELL] - dark[: rows * CELL, : cols * CELL]
     # The median of the cells keeps defects and shading from standing out as a period.
-    cells = signal.reshape(rows, CELL, cols, CELL).swapaxes(1, 2).reshape(-1, CELL, CELL)
+    cells = signal.reshape(rows, CELL, cols, CELL).swapaxes(1, 2)
+    # Leave out rows and columns of cells with parts that no light reached.
+    level = np.median(cells, axis=(2, 3))
+    lit = level > LEAST_LIGHT * np.median(level)
+    lit_cols = lit.mean(axis=0) > 0.5
+    lit_rows = lit[:, lit_cols].all(axis=1)
+    cells, level = cells[lit_rows][:, lit_cols], level[lit_rows][:, lit_cols]
+    if lit_rows.sum() * lit_cols.sum() < LEAST_CELLS or min(cells.shape[:2]) < 2:
+        return None
     labels = np.tile(tile, (CELL // tile.shape[0], CELL // tile.shape[1]))
-    relative, spread = np.empty((CELL, CELL)), 0.0
+    # Shading tilts all cells alike.
+    tilt = [np.gradient(level, axis=axis) / level / CELL for axis in (0, 1)]
+    away = np.arange(CELL) - 0.5 * (CELL - 1)
+    ramp = tilt[0][..., None, None] * away[:, None] + tilt[1][..., None, None] * away
+    shape = CELL, CELL
+    relative, by_rows, by_cols = (np.empty((*size, *shape)) for size in ((), cells.shape[:1], cells.shape[1:2]))
     for channel in range(int(tile.max()) + 1):
         inside = labels == channel
-        values = cells[:, inside]
-        scaled = values / np.median(values, axis=1, keepdims=True)
-        place = np.median(scaled, axis=0)
+        values = cells[:, :, inside]
+        usual = np.median(values, axis=2, keepdims=True)
+        if not (usual > 0.0).all():
+            return None  # a channel without light
+        scaled = values / usual - ramp[:, :, inside]
+        place = np.median(scaled, axis=(0, 1))
         relative[inside] = place / place.mean()
-        spread = max(spread, 1.4826 * float(np.median(np.abs(scaled - place))))
-    noise = 1.2533 * spread / np.sqrt(len(cells))
+        by_cols[:, inside], by_rows[:, inside] = np.median(scaled, axis=0), np.median(scaled, axis=1)
+    chance = {period: _chance((by_rows, by_cols), period) for period in (*PERIODS[1:], CELL)}
     for period in PERIODS:
-        folds = CELL // period
-        folded = relative.reshape(folds, period, folds, period).mean(axis=(0, 2))
-        rest = relative - np.tile(folded, (folds, folds))
-        found = PeriodicStructure(folded, noise / folds)
-        if np.abs(rest).max() < max(SIGNIFICANCE * noise, 0.1 * found.difference):
-            shown = found.difference > max(READOUT_SHARE, SIGNIFICANCE * found.uncertainty)
-            return found if shown else None
+        folded = _fold(relative, period)[0]
+        rest = relative - np.tile(folded, (CELL // period, CELL // period))
+        found = PeriodicStructure(folded, chance.get(period, 0.0))
+        limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
+        if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
+            return found if found.difference > READOUT_SHARE else None
     return None

@@ -1,0 +1,169 @@
+"""Frames of another chip, gain or binning among the rest: their fixed pattern or their noise is not that of the others.
+
+Frames of one chip share its fixed pattern, so that their deviations from a smooth frame are correlated, by the variance
+of that pattern. Frames of another chip of the same model have the same mean and noise, and no such correlation. Where
+the pattern is too weak to show, nothing is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.checks.frame_screening import LEAST_PIXELS, block_sums, over_blocks
+
+Array = NDArray[np.floating]
+
+POWER = 3.0
+"""Covariance of two patterns, in standard uncertainties, from which they are compared."""
+
+SAME = 0.3
+"""Share of the usual covariance that a pattern has with those of its chip at least; those of other chips have none."""
+
+SIGNIFICANCE = 8.0
+"""Usual covariance with the others, in standard uncertainties, from which its lack in a frame is no chance."""
+
+LEAST_FRAMES, MANY = 3, 200
+"""Least frames that show a majority; frames that others are compared with, at most."""
+
+NOISE_FRAMES, NOISE_CHANGE, NOISE_SCATTER = 4, 0.3, 8.0
+"""Least frames for the comparison of their noise; least relative difference of a variance; the same as a multiple of
+its scatter, that of the others (median absolute deviation) or of chance."""
+
+TAILS = 5.0
+"""Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
+
+
+def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the (frames, pixels) deviations from the means of blocks, rows and columns, and the same moved.
+
+    `samples` are (rows, cols) each; `labels` are the channels of the pixels. Blocks have a mean for each channel. Tails
+    are clipped.
+    """
+    stack = np.stack(samples).astype(np.float32)
+    stack -= stack.mean(axis=(1, 2), keepdims=True)  # keeps single precision exact enough
+    for _ in range(2):  # the second time without the pull of the tails on the means
+        for label in range(int(labels.max()) + 1):
+            inside = labels == label
+            pixels = np.maximum(block_sums(inside.astype(np.float32)), 1.0)
+            stack -= over_blocks(block_sums(stack * inside) / pixels, labels.shape) * inside
+        stack -= stack.mean(axis=2, keepdims=True)
+        stack -= stack.mean(axis=1, keepdims=True)
+        # A quarter of the pixels shows the spread.
+        limit = TAILS * 1.4826 * np.median(np.abs(stack[:, ::2, ::2]), axis=(1, 2), keepdims=True)
+        np.clip(stack, -limit, limit, out=stack)
+    moved = np.roll(stack, [length // 3 for length in labels.shape], axis=(1, 2))
+    return stack.reshape(len(stack), -1), moved.reshape(len(stack), -1)
+
+
+def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None) -> list[int]:
+    """Return the places of the patterns that have nothing in common with the largest set of patterns of one chip.
+
+    Parameters
+    ----------
+    patterns
+        (frames, pixels) deviations, as `fine_pattern` returns them.
+    shifted
+        The same, moved by some pixels: their covariance with the others is chance.
+    strength
+        (frames,) variance of the fixed pattern in each; by default one for all, the median covariance.
+    """
+    count, pixels = patterns.shape
+    if count < (LEAST_FRAMES if strength is None else 2):
+        return []
+    core = _spread(count)
+    variance = np.einsum("ij,ij->i", patterns, patterns) / pixels
+    scale = np.sqrt(np.outer(variance, variance[core]))
+    if not scale.all():
+        return []
+    common = patterns @ patterns[core].T / pixels
+    uncertainty = scale * _chance(patterns, shifted)
+    common[core, np.arange(len(core))] = np.nan
+    if strength is None:
+        strength = np.full(count, np.nanmedian(common))
+    pattern = np.minimum.outer(strength, strength[core])
+    compared = (pattern > POWER * uncertainty) & ~np.isnan(common)
+    same = compared & (np.nan_to_num(common) > 0.5 * pattern)
+    left, largest = set(range(len(core))), np.zeros(0, np.intp)
+    while left:
+        found = _connected(same[core], min(left))
+        left -= set(found.tolist())
+        largest = max(largest, found, key=len)
+    inside = compared[:, largest]
+    alike, expected, spread = (
+        np.where(inside, values[:, largest], 0.0).sum(axis=1) for values in (common, pattern, uncertainty**2)
+    )
+    return [int(i) for i in np.flatnonzero((alike < SAME * expected) & (expected > SIGNIFICANCE * np.sqrt(spread)))]
+
+
+def _chance(patterns: Array, shifted: Array) -> float:
+    """Return the standard deviation of the correlation of two patterns that have nothing in common."""
+    core = _spread(len(patterns))
+    length = np.linalg.norm(patterns, axis=1)
+    correlation = patterns @ shifted[core].T / np.outer(length, length[core])
+    return max(1.0 / math.sqrt(patterns.shape[1]), float(np.sqrt(np.mean(correlation**2))))
+
+
+def _connected(linked: NDArray[np.bool_], start: int) -> NDArray[np.intp]:
+    found = np.zeros(len(linked), np.bool_)
+    found[start] = True
+    while (more := found | linked[found].any(axis=0)).sum() > found.sum():
+        found = more
+    return np.flatnonzero(found)
+
+
+def _noise(patterns: Array) -> Array:
+    """Return the temporal variance of each frame, from differences of pairs; a few copies do not change it."""
+    core = _spread(len(patterns))
+    variance = np.mean(patterns**2, axis=1)
+    difference = variance[:, None] + variance[core] - 2.0 * (patterns @ patterns[core].T) / patterns.shape[1]
+    difference[core, np.arange(len(core))] = np.nan
+    return np.asarray(np.nanmedian(difference, axis=1) - 0.5 * np.nanmedian(difference))
+
+
+def _spread(count: int) -> NDArray[np.intp]:
+    """Return up to `MANY` places, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, MANY)).round().astype(np.intp))
+
+
+def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64]) -> dict[int, str]:
+    """Return the frames of a group with another fixed pattern or another noise than the others: how each differs.
+
+    Parameters
+    ----------
+    samples
+        Sampled pixels of each frame (`sample_grid`).
+    labels
+        Channels of these pixels.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> chips = rng.normal(1000.0, 5.0, (2, 64, 64))
+    >>> frames = [np.uint16(chips[int(i == 3)] + rng.normal(0.0, 8.0, (64, 64))) for i in range(6)]
+    >>> find_foreign_frames(frames, np.zeros((64, 64), np.int64))
+    {3: 'its fixed pattern is not that of the others: another chip, or another readout'}
+    """
+    n = len(samples)
+    if n < LEAST_FRAMES or samples[0].size < LEAST_PIXELS:
+        return {}
+    patterns, shifted = fine_pattern(samples, labels)
+    reason = "its fixed pattern is not that of the others: another chip, or another readout"
+    found = dict.fromkeys(find_foreign(patterns, shifted), reason)
+    rest = np.setdiff1d(np.arange(n), list(found))
+    if len(rest) < NOISE_FRAMES:
+        return found
+    variance = _noise(patterns[rest])
+    usual = float(np.median(variance))
+    if usual <= 0.0 or not patterns[rest].any(axis=1).all():
+        return found
+    change = variance / usual - 1.0
+    scatter = max(1.4826 * float(np.median(np.abs(change))), math.sqrt(2.0) * _chance(patterns[rest], shifted[rest]))
+    limit = max(NOISE_CHANGE, NOISE_SCATTER * scatter)
+    for place in np.flatnonzero(np.abs(change) > limit):
+        times = float(np.sqrt(variance[place] / usual))
+        found[int(rest[place])] = f"its noise is {times:.2g} times that of the others: another gain, binning or readout"
+    return found

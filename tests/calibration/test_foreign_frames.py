@@ -1,0 +1,127 @@
+"""Frames and groups of another chip, gain or binning are left out by name; nothing is said of weak patterns."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.checks.foreign_frames import find_foreign_frames
+from photosite.errors import CalibrationError
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+
+MONO, RGGB = np.zeros((64, 64), np.int64), np.tile([[0, 1], [1, 2]], (32, 32))
+NOISE = 8.0
+
+
+def frames(rng, count, pattern, *, foreign=(), gain=1.0, row=0.0, labels=MONO, hot=0.0):
+    """Frames of one chip, and some `foreign` ones of another."""
+    shape = labels.shape
+    chips = 1000.0 + pattern * rng.normal(size=(2, *shape)) + 300.0 * labels
+    chips += hot * (rng.random(chips.shape) < 0.003)
+    noise = [NOISE * (gain if i in foreign else 1.0) * rng.normal(size=shape) for i in range(count)]
+    lines = row * (rng.normal(size=(count, shape[0], 1)) + rng.normal(size=(count, 1, shape[1])))
+    chip = [int(i in foreign and gain == 1.0) for i in range(count)]
+    return [np.rint(chips[chip[i]] + noise[i] + lines[i]).astype(np.uint16) for i in range(count)]
+
+
+@pytest.mark.parametrize("labels", [MONO, RGGB], ids=["mono", "mosaic"])
+def test_a_frame_of_another_chip_is_found(labels):
+    rng = np.random.default_rng(1)
+    for count in (5, 8, 16):
+        place = int(rng.integers(count))
+        assert list(find_foreign_frames(frames(rng, count, 4.0, foreign=[place], labels=labels), labels)) == [place]
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.3])
+def test_a_frame_of_another_gain_is_found(gain):
+    rng = np.random.default_rng(2)
+    assert list(find_foreign_frames(frames(rng, 8, 0.0, foreign=[5], gain=gain), MONO)) == [5]
+
+
+def test_two_of_nine_are_found():
+    rng = np.random.default_rng(3)
+    assert list(find_foreign_frames(frames(rng, 9, 6.0, foreign=[2, 7]), MONO)) == [2, 7]
+
+
+@pytest.mark.parametrize("pattern", [0.0, 1.0, 2.0, 3.0, 6.0])
+def test_frames_of_one_chip_are_kept(pattern):
+    rng = np.random.default_rng(4)
+    for count in (2, 3, 4, 8, 16):
+        for changes in ({}, {"row": 8.0}, {"hot": 300.0}, {"labels": RGGB}):
+            labels = changes.get("labels", MONO)
+            assert not find_foreign_frames(frames(rng, count, pattern, **changes), labels)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_frames_that_share_noise_with_the_next_are_kept(share):
+    rng = np.random.default_rng(5)
+    for count in (3, 4, 8):
+        chip, last, stack = 1000.0 + 3.0 * rng.normal(size=(64, 64)), NOISE * rng.normal(size=(64, 64)), []
+        for _ in range(count):
+            last = np.sqrt(1.0 - share**2) * NOISE * rng.normal(size=(64, 64)) + share * last
+            stack.append(np.rint(chip + last).astype(np.uint16))
+        assert not find_foreign_frames(stack, MONO)
+
+
+DARK_S, LIGHT_S = (0.01, 0.1, 0.2), (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1)
+
+
+def stack(foreign=lambda kind, exposure_s, frame: False, seed=6, dark_s=DARK_S):
+    """Darks and flats of a chip; `foreign` says which are those of another."""
+    rng = np.random.default_rng(seed)
+    shape = (64, 64)
+    response, offset = 1.0 + 0.01 * rng.normal(size=(2, *shape)), 64.0 + 1.0 * rng.normal(size=(2, *shape))
+
+    def group(kind, exposure_s, electrons):
+        sources = []
+        for i in range(6):
+            chip = int(foreign(kind, exposure_s, i))
+            dn = offset[chip] + 0.3 * rng.poisson(electrons * response[chip]) + rng.normal(0.0, 2.0, shape)
+            frame = np.clip(np.rint(dn), 0, 4095).astype(np.uint16)
+            sources.append(FrameSource(f"{kind} {exposure_s:g} {i}", partial(np.array, frame)))
+        return FrameGroup(kind, exposure_s, tuple(sources))
+
+    darks = [group("dark", t, 0.0) for t in dark_s]
+    lights = [group("light", t, 1e5 * t) for t in LIGHT_S]
+    return FrameSet((*darks, *lights), rows=64, cols=64, bits=12)
+
+
+def test_a_clean_stack_is_used_as_a_whole():
+    calibration = calibrate(stack())
+    assert not calibration.rejected
+    assert calibration.frame_count == 60
+
+
+@pytest.mark.parametrize(("kind", "exposure_s"), [("dark", 0.01), ("light", 0.045)])
+def test_a_frame_of_another_chip_is_rejected(kind, exposure_s):
+    calibration = calibrate(stack(lambda *frame: frame == (kind, exposure_s, 3)))
+    (rejected,) = calibration.rejected
+    assert rejected.startswith(f"{kind} {exposure_s:g} 3 ")
+    low, high = calibration.prnu_percent.interval_95
+    assert low < 1.0 < high
+
+
+@pytest.mark.parametrize(("kind", "exposure_s"), [("dark", 0.01), ("dark", 0.2), ("light", 0.03)])
+def test_a_group_of_another_chip_is_rejected(kind, exposure_s):
+    clean = calibrate(stack())
+    calibration = calibrate(stack(lambda *frame: frame[:2] == (kind, exposure_s)))
+    assert len(calibration.rejected) == 6
+    assert all(name.startswith(f"{kind} {exposure_s:g} ") for name in calibration.rejected)
+    assert calibration.frame_count == 54
+    assert not any(f"{kind} {exposure_s:g} " in frame.name for frame in calibration.frames_used)
+    for name in ("prnu_percent", "dsnu_dn", "system_gain_dn_per_e"):
+        one, other = getattr(clean, name), getattr(calibration, name)
+        assert other.value == pytest.approx(one.value, abs=3.0 * other.standard_uncertainty)
+
+
+def test_half_of_the_groups_of_another_chip_are_refused():
+    with pytest.raises(CalibrationError) as caught:
+        calibrate(stack(lambda kind, exposure_s, frame: kind == "dark" and exposure_s > 0.05, dark_s=(0.01, 0.1)))
+    assert "several chips" in caught.value.what
+    assert caught.value.hint
+
+
+def test_groups_are_left_out_of_a_checkpoint_s_run_too(tmp_path):
+    wanted = stack(lambda *frame: frame[:2] == ("light", 0.03))
+    assert calibrate(wanted, checkpoint=tmp_path / "sums").rejected == calibrate(wanted).rejected

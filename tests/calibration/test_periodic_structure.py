@@ -1,0 +1,108 @@
+"""Mosaics and readout channels are found in a mean flat field; fixed patterns of a chip are not taken for them."""
+
+import numpy as np
+import pytest
+
+from photosite.calibration.spatial.periodic_structure import MOSAIC_SHARE, periodic_structure
+
+MONO = np.zeros((1, 1), np.int64)
+
+
+def flat(rng, *, shape=(72, 96), pixel=0.01, column=0.0, row=0.0, shading=0.0):
+    rows, cols = shape
+    response = 1.0 + pixel * rng.normal(size=shape) + column * rng.normal(size=cols)
+    response = response + row * rng.normal(size=(rows, 1)) + shading * np.linspace(-0.5, 0.5, cols)
+    return 1000.0 * response
+
+
+def found(values, tile=MONO):
+    return periodic_structure(values, np.zeros_like(values), tile)
+
+
+def tiled(values, cell):
+    cell = np.array(cell)
+    rows, cols = (-(-length // size) for length, size in zip(values.shape, cell.shape, strict=True))
+    return values * np.tile(cell, (rows, cols))[: values.shape[0], : values.shape[1]]
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [{}, {"pixel": 0.0005}, {"column": 0.01}, {"row": 0.01}, {"column": 0.02, "row": 0.02}, {"shading": 0.5}],
+    ids=str,
+)
+def test_fixed_patterns_are_no_structure(pattern):
+    rng = np.random.default_rng(1)
+    for shape in [(48, 48), (24, 120), (72, 96)] * 20:
+        assert found(flat(rng, shape=shape, **pattern)) is None
+
+
+@pytest.mark.parametrize("axis", ["columns", "rows"])
+def test_readout_channels_are_found_with_their_size(axis):
+    rng = np.random.default_rng(2)
+    for period in (2, 4, 6):
+        size = rng.uniform(0.006, 0.015)
+        cell = np.ones((1, period))
+        cell[0, rng.integers(period)] += size
+        seen = found(tiled(flat(rng, shape=(144, 192)), cell if axis == "columns" else cell.T))
+        assert seen is not None
+        assert seen.period == period
+        assert seen.by_lines == axis
+        assert seen.difference == pytest.approx(size, rel=0.35)
+        assert not seen.of_mosaic()
+        assert "color filter" not in str(seen)
+
+
+def test_small_differences_of_a_clean_chip_are_found():
+    rng = np.random.default_rng(3)
+    shape, sizes = (192, 240), rng.uniform(0.0035, 0.0045, 20)
+    assert all(found(tiled(flat(rng, shape=shape), [[1.0, 1.0 + size]])) is not None for size in sizes)
+
+
+def test_a_mosaic_is_found_in_its_phase():
+    rng = np.random.default_rng(4)
+    for cell, patterns in (([[0.5, 1.0], [1.0, 0.7]], "RGGB BGGR"), ([[1.0, 0.5], [0.7, 1.0]], "GRBG GBRG")):
+        seen = found(tiled(flat(rng), cell))
+        assert seen is not None
+        assert seen.of_mosaic()
+        assert " ".join(seen.bayer_patterns()) == patterns
+
+
+def test_the_stated_mosaic_is_no_structure_and_its_wrong_phase_is():
+    rng = np.random.default_rng(5)
+    values = tiled(flat(rng), [[0.5, 1.0], [1.0, 0.7]])
+    assert found(values, np.array([[0, 1], [1, 2]])) is None
+    wrong = found(values, np.array([[1, 0], [2, 1]]))
+    assert wrong is not None
+    assert wrong.of_mosaic()
+
+
+def test_lines_far_apart_belong_to_a_striped_filter():
+    rng = np.random.default_rng(6)
+    stripes = found(tiled(flat(rng), [[0.5, 1.0, 0.7]]))
+    assert stripes is not None
+    assert stripes.by_lines == "columns"
+    assert stripes.of_mosaic()
+    between = found(tiled(flat(rng), [[1.0, 1.0 + 2.0 * MOSAIC_SHARE]]))
+    assert between is not None
+    assert not between.of_mosaic()
+    assert "striped color filter" in str(between)
+
+
+@pytest.mark.parametrize("level", [0.0, -3.0])
+def test_parts_without_light_are_left_out(level):
+    rng = np.random.default_rng(7)
+    values = tiled(flat(rng), [[1.0, 1.1]])
+    values[:12, :12] = level  # a corner
+    values[:, -12:] = level  # covered columns
+    with np.errstate(all="raise"):
+        seen = found(values)
+        assert seen is not None
+        assert seen.difference == pytest.approx(0.1, rel=0.1)
+        assert found(np.full((72, 96), level)) is None
+
+
+def test_defects_do_not_look_like_a_period():
+    rng = np.random.default_rng(8)
+    values = flat(rng)
+    values[::5, ::7] = 4000.0
+    assert found(values) is None
