@@ -105,10 +105,15 @@ def test_the_step_of_the_converter_is_found(gain):
     assert found.step == pytest.approx(gain, rel=0.01)
 
 
-def test_a_bend_of_the_converter_is_no_digital_gain():
-    """Odd codes that are 5 % rarer than even ones: differential nonlinearity."""
+@pytest.mark.parametrize("period", [2, 4])
+def test_unequal_steps_of_the_converter_are_no_digital_gain(period):
+    """Differential nonlinearity: one of the codes of a period is 10 % rarer."""
     rng = np.random.default_rng(5)
-    counts, noise = counts_of(stack(5, lambda codes: codes - (codes % 2 == 1) * (rng.random(codes.shape) < 0.05)), 1)
+
+    def rarer(codes):
+        return codes - (codes % period == 1) * (rng.random(codes.shape) < 0.1)
+
+    counts, noise = counts_of(stack(5, rarer), 1)
     assert find_steps(counts, [value for (value,) in noise], 0, 1, (0, 4095)) is None
 
 

@@ -165,8 +165,12 @@ def test_all_frames_are_used(calibration):
     assert calibration.linear_range["M"].levels == 27
 
 
-def test_the_points_scatter_about_the_line_beyond_sampling(calibration):
-    """Steps of the converter and the bend; the best estimate takes the bend into account, and gives no warning."""
+def test_scatter_beyond_sampling_gives_a_warning(calibration):
+    """Steps of the converter that differ by up to 10 %, and the bend."""
     line = calibration.curves["M"]["photon_transfer"]
     assert line.extra_variance > 4.0 * float(np.median(line.y_uncertainty[line.used])) ** 2
-    assert not any("scatter" in warning for warning in calibration.warnings)
+    assert any("scatter" in warning for warning in calibration.warnings)
+
+
+def test_unequal_steps_of_the_converter_are_no_digital_gain(calibration):
+    assert not any("digital gain" in warning for warning in calibration.warnings)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 Counts = NDArray[np.int64]
 """(n, 3): channel, digital number, and how often it occurs among the sampled pixels of a group."""
@@ -43,6 +44,10 @@ LEAST_NOISE_DN = 3.0
 LEAST_STEP, PEAKS, ORDERS, MISFIT = 0.55, 4, 12, 0.1
 """Smallest step that is searched; peaks that it is searched from, and their orders k; largest squared misfit of the
 heights, relative."""
+
+NEAR, LEAST_TWICE, LEAST_RATIO = 15, 3, 1.5
+"""Numbers on either side with which a number's counts are compared; numbers that stand for two codes, at least; and how
+much more often they must occur (2 times with a digital gain)."""
 
 _LENGTH = 1 << 17
 _APART = _LENGTH // 100
@@ -205,7 +210,27 @@ def _doubled(
     steps |= {round(step, 3) for step in steps if abs(step - round(step, 3)) < 1e-4}
     misfits = {step: _misfit(step, power, number, lowest) for step in sorted(steps)}
     best = min(misfits, key=misfits.__getitem__, default=1.0)
-    return Steps((best,) * len(groups)) if misfits.get(best, 1.0) < MISFIT else None
+    if misfits.get(best, 1.0) >= MISFIT or _count_ratio(total, best) < LEAST_RATIO:
+        return None
+    return Steps((best,) * len(groups))
+
+
+def _count_ratio(counts: NDArray[np.float64], step: float) -> float:
+    """Return how much more often the numbers occur that stand for two codes than the others; 0 if it is not known.
+
+    The offset of the codes is the one with the largest ratio. A converter with unequal steps, whose counts may have the
+    same frequencies, reaches 1.2.
+    """
+    usual = uniform_filter1d(counts, 2 * NEAR + 1)
+    known = np.flatnonzero(usual > OFTEN)
+    relative = counts[known] / usual[known]
+    codes = np.arange(int(known.max(initial=0) / step) + 2)
+    ratios = [0.0]
+    for offset in np.arange(0.0, 1.0, 1.0 / 64.0):
+        twice = np.bincount((step * codes + offset + 0.5).astype(int), minlength=len(counts))[known] == 2
+        if LEAST_TWICE <= np.count_nonzero(twice) < len(known):
+            ratios.append(float(relative[twice].mean() / relative[~twice].mean()))
+    return max(ratios)
 
 
 def _misfit(step: float, power: NDArray[np.float64], number: float, lowest: int) -> float:
