@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.checks.foreign_frames import find_foreign_frames
@@ -51,6 +52,13 @@ def test_frames_of_one_chip_are_kept(pattern):
         for changes in ({}, {"row": 8.0}, {"hot": 300.0}, {"labels": RGGB}):
             labels = changes.get("labels", MONO)
             assert not find_foreign_frames(frames(rng, count, pattern, **changes), labels)
+
+
+def test_frames_of_smoothed_noise_are_kept():
+    rng = np.random.default_rng(10)
+    for _ in range(15):
+        noise = gaussian_filter(rng.normal(0.0, 60.0, (8, 64, 64)), (0.0, 2.0, 2.0))
+        assert not find_foreign_frames([np.rint(1000.0 + one).astype(np.uint16) for one in noise], MONO)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3])

@@ -61,6 +61,13 @@ def test_small_steps_of_a_clean_chip_are_found():
     assert sum(taps is not None for taps in found) >= 19
 
 
+def test_waves_are_no_taps():
+    rng = np.random.default_rng(6)
+    for phase in np.linspace(0.0, 6.0, 12):
+        wave = 0.01 * np.sin(2.0 * np.pi * np.arange(96) / 13.0 + phase)
+        assert find_taps([frame(rng, pixel=0.002) + wave]) is None
+
+
 def test_a_step_elsewhere_is_no_tap():
     rng = np.random.default_rng(4)
     values = frame(rng)
