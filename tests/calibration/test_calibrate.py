@@ -38,13 +38,24 @@ def temporal(group):
     return (residual**2).sum() / ((n - 1) * (pixels - 1))
 
 
+def spread_at_zero(darks):
+    """Variance of the reference dark frames extrapolated to exposure zero, less temporal noise."""
+    t, n = np.array([g.exposure_s for g in darks]), np.array([len(g) for g in darks])
+    stack, best = np.stack([means(g) for g in darks]), int(n.argmax())
+    slopes = np.polyfit(t, stack.reshape(len(t), -1), 1, w=np.sqrt(n))[0].reshape(stack[0].shape)
+    centred = t - np.average(t, weights=n)
+    weights = (np.arange(len(t)) == best) - t[best] * centred * n / (centred**2 * n).sum()
+    noise = sum(w**2 * temporal(g) / len(g) for w, g in zip(weights, darks, strict=True))
+    return (stack[best] - t[best] * slopes).var(ddof=1) - noise
+
+
 def test_read_noise_and_dsnu_match_the_textbook(mono, calibration):
     sensor, frames = mono
     group = max(frames.of_kind("dark"), key=len)
     v = temporal(group)
     dark_shot = calibration.system_gain_dn_per_e.value**2 * calibration.dark_current_e_per_s.value * group.exposure_s
     assert calibration.read_noise_dn.value == pytest.approx(np.sqrt(v - 1 / 12 - dark_shot), rel=1e-9)
-    assert calibration.dsnu_dn.value == pytest.approx(np.sqrt(means(group).var(ddof=1) - v / len(group)), rel=1e-9)
+    assert calibration.dsnu_dn.value == pytest.approx(np.sqrt(spread_at_zero(frames.of_kind("dark"))), rel=1e-9)
     assert calibration.read_noise_mv.value == pytest.approx(
         calibration.read_noise_dn.value * sensor.mv_per_dn, rel=1e-12
     )

@@ -35,7 +35,8 @@ def outcomes(virtual):
             top = 1.15 + 0.15 * ((0.618 * index) % 1)
             calibration = calibrate(virtual.frame_set(sensor, seed, photons_known=known, top=top))
             calibrations.append((sensor, calibration))
-            truth = virtual.truth(sensor, photons_known=known)
+            exposures = [calibration.spatial[name].dark.exposure_s for row in sensor.array.cfa for name in row]
+            truth = virtual.truth(sensor, photons_known=known, dark_exposures_s=exposures)
             for name, estimate in calibration.estimates().items():
                 if name in truth:
                     assert estimate.value is not None, (name, estimate.reason)

@@ -1,27 +1,34 @@
-"""The dark current from the variance, compared with that from the mean."""
+"""The dark current from the variance, compared with that from the mean, and black levels that move."""
 
 import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.checks.black_level import BY_CHANCE, black_level_change, contradiction
+from photosite.calibration.dark import dark_lines
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.values.uncertain import Uncertain
 
 GAIN, READ_E, DARK_E_PER_S = 0.8, 5.0, 300.0
 
 
-def frames_of(seed, *, clamped=False):
-    """Darks of 0.1 to 1 s and flats; black level clamping subtracts the mean of the dark charge."""
+def frames_of(seed, *, clamped=False, step_dn=0.0):
+    """Darks of 0.1 to 1 s and flats; black level clamping subtracts the mean of the dark charge. The black level of the
+    longer half of the darks lies `step_dn` higher."""
     rng = np.random.default_rng(seed)
     shape = (48, 64)
 
-    def frame(electrons, off_e=0.0):
+    def frame(electrons, off_e=0.0, black=120.0):
         charge = rng.poisson(electrons, shape) - off_e + rng.normal(0.0, READ_E, shape)
-        return np.clip(np.round(120.0 + GAIN * charge), 0, 4095).astype(np.uint16)
+        return np.clip(np.round(black + GAIN * charge), 0, 4095).astype(np.uint16)
 
     frames = []
     for t in np.linspace(0.1, 1.0, 8):
         dark = DARK_E_PER_S * t
-        frames += [("dark", t, frame(dark, dark if clamped else 0.0)) for _ in range(4)]
+        black = 120.0 + step_dn * (t > 0.5)
+        frames += [("dark", t, frame(dark, dark if clamped else 0.0, black)) for _ in range(4)]
     for t in np.linspace(0.1, 1.0, 6):
         dark = DARK_E_PER_S * t
         frames += [("light", t, frame(4000.0 * t + dark, dark if clamped else 0.0)) for _ in range(2)]
@@ -48,9 +55,69 @@ def test_both_agree_without_clamping():
     assert not any("and from the variance" in warning for warning in calibration.warnings)
 
 
-def test_a_clamped_black_level_gives_a_warning():
-    calibration = calibrate(frames_of(101, clamped=True))
-    assert calibration.dark_current_e_per_s.value == pytest.approx(0.0, abs=5.0)
-    low, high = calibration.dark_current_from_variance_e_per_s.interval_95
-    assert low < DARK_E_PER_S < high
-    assert any("and from the variance" in warning for warning in calibration.warnings)
+@pytest.mark.parametrize("spoiled", [{"clamped": True}, {"step_dn": 40.0}, {"step_dn": -40.0}])
+def test_a_mean_that_contradicts_the_variance_is_withheld(spoiled):
+    """The dark current from the variance and the read noise at exposure zero stay right."""
+    calibration = calibrate(frames_of(101, **spoiled))
+    for name in ("dark_current_e_per_s", "dark_voltage_mv_per_s", "dcnu_percent"):
+        assert getattr(calibration, name).value is None, name
+    for name, truth in (("dark_current_from_variance_e_per_s", DARK_E_PER_S), ("read_noise_e", READ_E)):
+        low, high = getattr(calibration, name).interval_95
+        assert low < truth < high
+    moved = -GAIN * DARK_E_PER_S * 0.9 if spoiled.get("clamped") else None
+    reason = calibration.dark_current_e_per_s.reason
+    if moved is not None:
+        assert float(reason.split("moved by ")[1].split(" DN")[0]) == pytest.approx(moved, rel=0.1)
+    assert any(reason in warning for warning in calibration.warnings)
+
+
+def reduced(seed, steps, exposures_s=(0.01, 0.1, 1.0), rows=40, cols=48, frames=8):
+    """Dark groups, noise 2 DN and 5 DN/s of dark signal; `steps(group, frame, rng)` in DN moves
+    the black level."""
+    rng = np.random.default_rng(seed)
+    listed = []
+    for g, t in enumerate(exposures_s):
+        for i in range(frames):
+            dark = 100.0 + rng.poisson(5.0 * t, (rows, cols)) + steps(g, i, rng)
+            listed.append(("dark", t, np.uint16(np.round(dark + rng.normal(0.0, 2.0, (rows, cols))))))
+    with FrameReader(frame_set_from_arrays(listed, bits=12)) as reader:
+        return reduce_frames(reader).darks
+
+
+def test_a_steady_black_level_neither_shifts_nor_drifts():
+    """60 sets: 0.06 alarms are expected by chance, and more than one in 550 runs with new seeds."""
+    found = [black_level_change(reduced(seed, lambda g, i, rng: 0.0)) for seed in range(60)]
+    assert BY_CHANCE <= 0.0005
+    assert sum(change.shift > 0.0 or change.drift > 0.0 for change in found) <= 1
+
+
+def test_shifts_are_found_with_their_size():
+    found = [black_level_change(reduced(seed, lambda g, i, rng: 0.4 * rng.normal())) for seed in range(20)]
+    assert np.sqrt(np.mean([change.shift**2 for change in found])) == pytest.approx(0.4, rel=0.2)
+    assert all(change.warnings() for change in found)
+
+
+def test_a_drift_widens_the_dark_slope_until_its_interval_holds():
+    """A drift of 0.5 DN in each of two groups, which goes on from one to the other. Two points always fit a line."""
+    inside = [0, 0]
+    for seed in range(20):
+        darks = reduced(seed, lambda g, i, rng: 0.5 * (g + i / 8), (0.01, 1.0))
+        change = black_level_change(darks)
+        assert change.drift == pytest.approx(1.0, rel=0.4)
+        assert change.shift == 0.0
+        for k, moved in enumerate((None, change)):
+            low, high = dark_lines(darks, None, moved).mean.line[1].interval_95
+            inside[k] += low < 5.0 < high
+    assert inside[0] == 0
+    assert inside[1] == 20
+
+
+def test_a_contradiction_needs_more_than_chance():
+    """20 clean sets show none; a level that is 1 DN higher at 1 s is found in all."""
+    for step, expected in ((0.0, 0), (1.0, 20)):
+        found = 0
+        for seed in range(20):
+            lines = dark_lines(reduced(seed, lambda g, i, rng, step=step: step * (g == 2)), None)
+            slopes = lines.mean.line[1], lines.variance.line[1]
+            found += contradiction(*slopes, Uncertain(1.0), lines.mean.exposure_s) is not None
+        assert found == expected

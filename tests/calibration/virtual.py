@@ -154,12 +154,14 @@ def variance_peak_photons(sensor):
     return float(electrons[np.argmax(variance), 0] / efficiency)
 
 
-def truth(sensor, *, photons_known):
-    """What a calibration should find, by parameter."""
+def truth(sensor, *, photons_known, dark_exposures_s=(0.0,)):
+    """What a calibration should find, by parameter; DSNU1288 is that of dark frames of the exposure of each pixel."""
     s = sensor
     gain = s.system_gain_dn_per_e
     read_e = s.electrons(s.noise.read_noise_mv.value)
     dsnu_e = s.electrons(s.noise.dsnu_mv.value)
+    rate_spread_e = s.electrons(s.noise.dark_voltage_mv_per_s.value) * s.noise.dcnu_percent.value / 100
+    dsnu1288_e = np.sqrt(np.mean([dsnu_e**2 + (rate_spread_e * t) ** 2 for t in dark_exposures_s]))
     prnu = s.noise.prnu_percent.value
     capacity = s.saturation_capacity_e
     threshold_e = np.sqrt((read_e * gain) ** 2 / gain**2 + 1 / 12 / gain**2 + 0.25) + 0.5
@@ -181,12 +183,12 @@ def truth(sensor, *, photons_known):
         "conversion_gain_uv_per_e": s.pixel.conversion_gain_uv_per_e.value,
         "saturation_dn": s.readout.black_level_dn.value + capacity * gain,
         "temporal_dark_noise_e": read_e,
-        "dsnu1288_e": dsnu_e,
-        "dsnu1288_pixel_e": dsnu_e,
+        "dsnu1288_e": dsnu1288_e,
+        "dsnu1288_pixel_e": dsnu1288_e,
         "dsnu1288_row_e": 0.0,
         "dsnu1288_column_e": 0.0,
-        "dsnu1288_filtered_e": dsnu_e,
-        "dsnu1288_filtered_pixel_e": dsnu_e,
+        "dsnu1288_filtered_e": dsnu1288_e,
+        "dsnu1288_filtered_pixel_e": dsnu1288_e,
         "dsnu1288_filtered_row_e": 0.0,
         "dsnu1288_filtered_column_e": 0.0,
         "prnu1288_percent": prnu,

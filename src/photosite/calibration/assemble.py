@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.dark_pattern import missing_pattern_warning
 from photosite.calibration.checks.digital_gain import digital_gain_warnings
 from photosite.calibration.checks.first_frames import find_first_frames
 from photosite.calibration.checks.level_checks import level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
-from photosite.calibration.dark import DarkResult
+from photosite.calibration.dark import DarkResult, without_mean_slope
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
@@ -30,13 +31,14 @@ from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.shading import is_large
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
+from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 SCATTER = 4.0
 """Chi square per degree of freedom of the photon transfer above which a warning is given."""
 
-FAR_APART = 3.29
-"""Distance of two estimates of one quantity, in standard uncertainties, beyond which a warning is given: 1 in 1000."""
+LONG_DARKS_S = 0.01
+"""Exposure time from which dark frames of this time only cause a warning: 100 electrons per second leave one."""
 
 FAR_BELOW_ZERO = 4.75
 """At this many uncertainties below zero, a standard deviation's variance is over three of its uncertainties below."""
@@ -47,6 +49,7 @@ def assemble(
 ) -> Calibration:
     """Return the calibration."""
     frames, names, channels = reduction.frames, reduction.names, light.channels
+    dark = without_mean_slope(dark, _contradiction(dark, light.gain))
     scale, mv_per_dn = _electrical_scale(sensor)
     measured, together = _measurements(reduction, dark, light, patterns.channels, by_line=False)
     parameters = by_line = estimate_parameters(together, mv_per_dn)
@@ -94,6 +97,11 @@ def assemble(
     )
 
 
+def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:
+    exposure_s = np.array([entry.group.exposure_s for entry in dark.groups])
+    return contradiction(dark.together.dark_slope, dark.together.dark_variance_slope, gain, exposure_s)
+
+
 def _measurements(
     reduction: Reduction, dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> tuple[list[Measurements], Measurements]:
@@ -113,13 +121,13 @@ def _measure_channels(
     dark: DarkResult, channels: Sequence[Channel], patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> list[Measurements]:
     """Return the measurements of each channel."""
-    measured = list(dark.channels)
-    for k, (channel, pattern) in enumerate(zip(channels, patterns, strict=False)):  # no channels without light frames
+    found = [(pattern if by_line else pattern.of_electrons()).variances for pattern in patterns]
+    measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
+    for k, channel in enumerate(channels):  # none without light frames
         gain = channel.line_gain if by_line else channel.gain
         responsivity = screen_responsivity(channel.responsivity(by_line=by_line), gain)
-        variances = (pattern if by_line else pattern.of_electrons()).variances
         linearity = (channel_linearity(channel),)
-        measured[k] = measured[k].with_channel(channel, responsivity, by_line=by_line, **variances, linearity=linearity)
+        measured[k] = measured[k].with_channel(channel, responsivity, by_line=by_line, linearity=linearity)
     measured = [m.without_dark_shot_noise(dark.reference_exposure_s).for_sensor() for m in measured]
     for m in measured:
         if isinstance(why := m.responsivity, Implausible):
@@ -151,6 +159,8 @@ def _warnings(
     yield from reduction.frames.notes
     if dark.clipped is not None:
         yield dark.clipped.warning(names)
+    yield from _dark_exposure_warnings(dark)
+    yield from dark.change.warnings()
     yield from level_warnings(reduction, dark.groups, channels)
     if (first := find_first_frames(reduction)) is not None:
         yield str(first)
@@ -207,6 +217,31 @@ def _shading_warning(estimates: Mapping[str, Estimate]) -> str:
     )
 
 
+def _dark_exposure_warnings(dark: DarkResult) -> Iterator[str]:
+    """Warn where black level, read noise or DSNU include the dark current of long dark frames."""
+    longest = max(entry.group.exposure_s for entry in dark.groups)
+    if all(lines.mean.fit is None for lines in dark.lines):
+        if longest >= LONG_DARKS_S:
+            yield (
+                f"all dark frames have the exposure time {format_exposure(longest)} s: black level, read noise and "
+                f"DSNU are those at this time and include its dark current, which is not known; take dark frames at a "
+                f"second, much shorter exposure time"
+            )
+        return
+    if dark.clipped is None:
+        return
+    for m in dark.channels:
+        signal = derive(lambda slope: slope * dark.reference_exposure_s, m.dark_slope)
+        assert isinstance(m.dsnu_variance, Uncertain)
+        if isinstance(signal, Uncertain) and signal.value**2 > 3.0 * m.dsnu_variance.standard_uncertainty:
+            yield (
+                f"DSNU is that at {format_exposure(dark.reference_exposure_s)} s and includes the nonuniformity of "
+                f"{signal.value:.3g} DN of dark current, which clipped dark frames do not show; raise the black "
+                f"level, or take most dark frames at a shorter exposure time"
+            )
+            return
+
+
 def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[Channel]) -> Iterator[str]:
     """Warn of dark frames and flat fields that do not cover the range of exposures."""
     longest_dark = max(entry.group.exposure_s for entry in dark.groups)
@@ -237,19 +272,9 @@ def _noise_warnings(fit: GainFit | None, m: Measurements) -> Iterator[str]:
             f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
             f"uncertainties were widened accordingly"
         )
-    of_mean = derive(lambda slope, gain: slope / gain, m.dark_slope, m.gain)
-    of_variance = derive(lambda slope, gain: slope / (gain * gain), m.dark_variance_slope, m.gain)
-    if isinstance(of_mean, Uncertain) and isinstance(of_variance, Uncertain):
-        difference = of_variance - of_mean
-        if (apart := abs(difference.value) / difference.standard_uncertainty) > FAR_APART:
-            yield (
-                f"the dark current from the mean, {of_mean.value:.3g} e-/s, and from the variance, "
-                f"{of_variance.value:.3g} e-/s, differ by {apart:.2g} standard uncertainties: a camera with black "
-                f"level clamping, or one that subtracts dark frames, shows its dark current in the variance only; a "
-                f"drift of the black level shows in the mean only"
-            )
     if isinstance(m.dark_variance, Uncertain) and m.dark_variance.value < (least := least_dark_variance(m)):
         yield (
             f"the dark temporal variance, {m.dark_variance.value:.3g} DN², is below {least:.3g} DN²: "
-            f"quantization hides the read noise; use its upper limit"
+            f"quantization hides the read noise; use its upper limit; rounding errors, which may be large, were added "
+            f"to the uncertainties of DSNU, black level, dark current and DCNU"
         )

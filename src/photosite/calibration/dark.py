@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.checks.black_level import BlackLevelChange, Contradiction, black_level_change
 from photosite.calibration.checks.result_screening import screen_dark_slope, screen_variance_slope
 from photosite.calibration.clipped_blacks.clipped_darks import (
     METHOD,
@@ -20,44 +21,137 @@ from photosite.calibration.measurements import Measurements, mean_for_sensor
 from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.reduction.quantisation import differing_share, with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.parts import Parts, channel_parts
-from photosite.calibration.spatial.pixel_slopes import SlopeSpread, excess_variance, mean_frame_noise, slope_noise
+from photosite.calibration.spatial.pixel_slopes import (
+    PixelSlopes,
+    SlopeSpread,
+    excess_variance,
+    mean_frame_noise,
+    slope_noise,
+)
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
 
 PartsPair = tuple[Parts | Missing, Parts | Missing]
 """Row, column and pixel parts of a channel: plain and high-passed."""
 
 
+_SPREAD = "spread over pixels of the mean dark frame less its temporal noise"
+_AT_EXPOSURE = "{}, at {} s: dark current nonuniformity of that time is included"
+_AT_ZERO = "spread over pixels of the dark level extrapolated to exposure zero, less its temporal noise"
+
+
 @dataclass(frozen=True)
 class GroupMean:
-    """The (rows, cols) mean frame of a group, with the temporal variance left in it per channel."""
+    """The (rows, cols) mean frame of a group, with the temporal variance left in it per channel.
+
+    `exposure_s` is another exposure time than the group's where the mean was extrapolated (`DarkResult.at`).
+    """
 
     statistics: GroupStatistics
     mean: NDArray[np.float64]
     tile: NDArray[np.int64]
     noise: Sequence[TemporalParts]
+    total_noise: Sequence[Uncertain]  # the sum of the parts, without the uncertainty of the division
+    rounding: Sequence[float]  # standard uncertainty of a pixel's mean from rounding, per channel
+    exposure_s: float
 
     @classmethod
     def of(cls, reader: FrameReader, statistics: GroupStatistics, mean: MeanFrame, scatter: float) -> GroupMean:
         """Read some frames of the group again for the sums of their rows and columns (`mean_frame_parts`)."""
-        return cls(statistics, mean.mean(), mean.labels, mean_frame_parts(reader, statistics, scatter))
+        noise = mean_frame_parts(reader, statistics, scatter)
+        total = [mean_frame_noise(level, scatter) for level in statistics.levels]
+        rounding = [level.rounding_pixel for level in statistics.levels]
+        return cls(statistics, mean.mean(), mean.labels, noise, total, rounding, statistics.group.exposure_s)
 
     def parts(self, channel: int) -> PartsPair:
         """Return the parts of a channel."""
-        mean, tile, noise = self.mean, self.tile, self.noise[channel]
-        plain, filtered = (channel_parts(mean, tile, channel, noise, filtered=high_pass) for high_pass in (False, True))
-        return plain, filtered
+        return self.part(channel), self.part(channel, filtered=True)
+
+    def part(self, channel: int, *, filtered: bool = False) -> Parts | Missing:
+        """Return the parts of a channel, plain or high-passed."""
+        parts = channel_parts(self.mean, self.tile, channel, self.noise[channel], filtered=filtered)
+        if isinstance(parts, Missing):
+            return parts
+        digital_gain = Uncertain.of(1.0, self.statistics.levels[channel].scale_uncertainty)
+        return parts.with_rounding(self.rounding[channel]).scaled(digital_gain)
 
     def planes(self, channel: int) -> MeanPlanes:
         """Return the planes of a channel."""
-        exposure_s = self.statistics.group.exposure_s
-        return MeanPlanes.of(self.mean, self.tile, channel, self.statistics.frames, exposure_s, self.noise[channel])
+        frames, moved = self.statistics.frames, self.exposure_s != self.statistics.group.exposure_s
+        return MeanPlanes.of(
+            self.mean, self.tile, channel, frames, self.exposure_s, self.noise[channel], extrapolated=moved
+        )
+
+
+@dataclass(frozen=True)
+class SlopeMap:
+    """The map of per-pixel dark slopes: a linear combination of the mean frames of all dark groups."""
+
+    slopes: PixelSlopes
+    coefficients: NDArray[np.float64]  # (groups,) 1/s
+    groups: Sequence[GroupStatistics]
+    scatter: float
+
+    def noise(self, weights: NDArray[np.float64], channel: int) -> Uncertain:
+        """Return the temporal variance in a linear combination of the groups' mean frames."""
+        levels = [entry.levels[channel] for entry in self.groups]
+        exposure_s = np.array([entry.group.exposure_s for entry in self.groups])
+        return slope_noise(weights, self._frames, *temporal_variances(exposure_s, levels), self.scatter)
+
+    def rounding(self, weights: NDArray[np.float64], channel: int) -> float:
+        """Return the largest standard uncertainty of such a combination from rounding, for a pixel."""
+        return float(np.abs(weights) @ [entry.levels[channel].rounding_pixel for entry in self.groups])
+
+    @property
+    def _frames(self) -> NDArray[np.int64]:
+        return np.array([entry.frames for entry in self.groups])
+
+    def spreads(self) -> tuple[SlopeSpread, ...]:
+        """Return the spread of the slopes per channel."""
+        channels = range(len(self.groups[0].levels))
+        spreads = self.slopes.spreads([self.noise(self.coefficients, k) for k in channels])
+        return tuple(replace(spread, variance=self._rounded(spread.variance, k)) for k, spread in enumerate(spreads))
+
+    def _rounded(self, variance: Uncertain, channel: int) -> Uncertain:
+        levels = [entry.levels[channel] for entry in self.groups]
+        share = differing_share(
+            np.array([level.mean for level in levels]), max(level.rounding_pixel for level in levels)
+        )
+        return with_rounding(variance, share * self.rounding(self.coefficients, channel))
+
+    def moved(self, mean: GroupMean, exposure_s: float) -> GroupMean:
+        """Return the mean frame of one of the groups, extrapolated to another exposure time.
+
+        A pixel's mean and its slope share the noise of the group, so the noise is that of the linear combination of all
+        mean frames. Rows and columns have the group's noise at all exposure times.
+        """
+        seconds = exposure_s - mean.exposure_s
+        if seconds == 0.0:
+            return mean
+        own = np.array([entry is mean.statistics for entry in self.groups])
+        weights = own + seconds * self.coefficients
+        lines = float((weights**2 / self._frames).sum()) * mean.statistics.frames
+        total = [self.noise(weights, k) for k in range(len(mean.noise))]
+        noise = []
+        for whole, parts in zip(total, mean.noise, strict=True):
+            row, column = parts.row * lines, parts.column * lines
+            noise.append(TemporalParts(whole - row - column, row, column))
+        return replace(
+            mean,
+            mean=mean.mean + seconds * self.slopes.slopes,
+            noise=noise,
+            total_noise=total,
+            rounding=[self.rounding(weights, k) for k in range(len(noise))],
+            exposure_s=exposure_s,
+        )
 
 
 @dataclass(frozen=True)
@@ -65,10 +159,12 @@ class DarkResult:
     """What the dark frames show, per channel where not stated otherwise."""
 
     groups: tuple[GroupStatistics, ...]  # all dark groups, corrected for clipping at 0
+    change: BlackLevelChange  # between dark frames
     lines: tuple[DarkLines, ...]  # dark signal and dark variance against exposure
     scatter: float  # relative scatter of the noise between combinations of frames (`DarkLine.scatter`)
     mean: GroupMean  # of the reference group
-    slopes: tuple[SlopeSpread, ...] | None  # of the per-pixel dark slopes; None with one dark exposure
+    slope_map: SlopeMap | None  # per-pixel dark slopes; None with one dark exposure or dark frames clipped at 0
+    slopes: tuple[SlopeSpread, ...] | None  # their spread, also of clipped dark frames
     clipped: ClippedDarks | None  # censored fit; None where no dark frames are clipped at 0
     channels: tuple[Measurements, ...]
     together: Measurements  # of all pixels together
@@ -76,7 +172,25 @@ class DarkResult:
     @property
     def reference_exposure_s(self) -> float:
         """Exposure time of the reference group, seconds."""
-        return self.mean.statistics.group.exposure_s
+        return self.mean.exposure_s
+
+    def at(self, exposure_s: float) -> GroupMean:
+        """Return the mean dark frame at an exposure time within the range of the dark frames.
+
+        It is that of the reference group, moved along each pixel's dark slope if this is known.
+        """
+        if self.slope_map is None:
+            return self.mean
+        times = [entry.group.exposure_s for entry in self.groups]
+        return self.slope_map.moved(self.mean, min(max(exposure_s, min(times)), max(times)))
+
+
+def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkResult:
+    """Return the result without the dark current from the mean, where that from the variance contradicts it."""
+    if found is None:
+        return dark
+    channels = tuple(replace(m, dark_slope=found.withheld) for m in dark.channels)
+    return replace(dark, channels=channels, together=replace(dark.together, dark_slope=found.withheld))
 
 
 def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult:
@@ -87,34 +201,33 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     """
     clipped = correct_clipped_darks(reduction, reader)
     groups = reduction.darks if clipped is None else clipped.groups
-    lines = tuple(dark_lines(groups, k) for k in range(len(reduction.names)))
-    pooled = dark_lines(groups, None)
+    change = black_level_change(groups)
+    lines = tuple(dark_lines(groups, k, change) for k in range(len(reduction.names)))
+    pooled = dark_lines(groups, None, change)
     scatter = pooled.variance.scatter
     mean = GroupMean.of(reader, reduction.reference_group, reduction.reference_mean, scatter)
-    slopes = _slope_spreads(reduction, scatter)
-    if clipped is not None and slopes is not None:
-        slopes = tuple(_clipped_slope(slopes[k], lines[k], clipped.scale(k)) for k in range(len(slopes)))
+    slope_map = _slope_map(reduction, scatter)
+    slopes = None if slope_map is None else slope_map.spreads()
+    if clipped is not None:
+        slope_map = None  # clipped pixels do not show their slopes
+        if slopes is not None:
+            slopes = tuple(_clipped_slope(slopes[k], lines[k], clipped.scale(k)) for k in range(len(slopes)))
 
     reference = groups[reduction.reference]
     exposure_s = reference.group.exposure_s
+    zero = mean if slope_map is None else slope_map.moved(mean, 0.0)
     channels = []
-    for k, moments in enumerate(label_moments(mean.mean, mean.tile)):
-        level = reference.levels[k]
-        plain, filtered = mean.parts(k) if clipped is None else clipped.parts(k, *mean.parts(k))
-        if level.scale_uncertainty > 0.0:
-            scale = Uncertain.of(1.0, level.scale_uncertainty)
-            plain, filtered = (
-                parts if isinstance(parts, Missing) else parts.scaled(scale) for parts in (plain, filtered)
-            )
+    for k, moments in enumerate(label_moments(zero.mean, zero.tile)):
         measured = replace(
-            measure_dark_level(lines[k], level, reference.label),
-            dsnu_variance=_of_digital_gain(_dsnu_variance(moments, level, scatter, plain), level),
-            dsnu1288=plain,
-            dsnu1288_filtered=filtered,
+            measure_dark_level(lines[k], reference.levels[k], reference.label),
+            dsnu_variance=_dsnu_variance(moments, zero, k),
+            dsnu_method=_AT_ZERO if zero is not mean else _AT_EXPOSURE.format(_SPREAD, format_exposure(exposure_s)),
         )
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is not None:
+            plain, filtered = clipped.parts(k, *mean.parts(k))
+            measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
             measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
         channels.append(measured)
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
@@ -123,7 +236,8 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         if slopes is not None:
             spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
         together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
-    return DarkResult(tuple(groups), lines, scatter, mean, slopes, clipped, tuple(channels), together)
+    found = tuple(channels), together
+    return DarkResult(tuple(groups), change, lines, scatter, mean, slope_map, slopes, clipped, *found)
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:
@@ -142,26 +256,26 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
         step=level.step,
+        dark_exposure=Measurements.dark_exposure
+        if lines.mean.fit
+        else f"{format_exposure(lines.mean.exposure_s[0])} s",
     )
 
 
-def dark_lines(groups: Sequence[GroupStatistics], channel: int | None) -> DarkLines:
+def dark_lines(
+    groups: Sequence[GroupStatistics], channel: int | None, change: BlackLevelChange | None = None
+) -> DarkLines:
     """Return the dark lines of one channel, or of all pixels together (None)."""
     levels = [pooled_level(entry.levels) if channel is None else entry.levels[channel] for entry in groups]
-    return DarkLines.of([entry.group.exposure_s for entry in groups], levels)
+    moved = 0.0 if change is None else change.variance(np.array([entry.frames for entry in groups]))
+    return DarkLines.of([entry.group.exposure_s for entry in groups], levels, moved)
 
 
-def _slope_spreads(reduction: Reduction, scatter: float) -> tuple[SlopeSpread, ...] | None:
+def _slope_map(reduction: Reduction, scatter: float) -> SlopeMap | None:
     coefficients = dark_slope_coefficients([entry.group for entry in reduction.darks])
     if reduction.dark_slopes is None or coefficients is None:
         return None
-    exposure = np.array([entry.group.exposure_s for entry in reduction.darks])
-    noise = []
-    for k in range(len(reduction.names)):
-        levels = [entry.levels[k] for entry in reduction.darks]
-        frames = np.array([level.frames for level in levels])
-        noise.append(slope_noise(coefficients, frames, *temporal_variances(exposure, levels), scatter))
-    return reduction.dark_slopes.spreads(noise)
+    return SlopeMap(reduction.dark_slopes, coefficients, reduction.darks, scatter)
 
 
 def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> SlopeSpread:
@@ -175,19 +289,15 @@ def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> Slope
     return replace(spread, mean=mean, variance=variance + Uncertain.of(0.0, abs(variance.value)))
 
 
-def _dsnu_variance(moments: Moments, level: Level, scatter: float, parts: Parts | Missing) -> Uncertain:
-    dsnu = excess_variance(moments, mean_frame_noise(level, scatter))
+def _dsnu_variance(moments: Moments, dark: GroupMean, channel: int) -> Uncertain:
+    """Return the spread of a channel of a mean dark frame, with the uncertainties from rounding and digital gain."""
+    dsnu, parts = excess_variance(moments, dark.total_noise[channel]), dark.part(channel)
+    dsnu = with_rounding(dsnu, dark.rounding[channel])
+    dsnu = dsnu * Uncertain.of(1.0, dark.statistics.levels[channel].scale_uncertainty)
     if isinstance(parts, Missing):
         return dsnu
     # With a row or column pattern there are fewer independent samples than pixels.
     return Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
-
-
-def _of_digital_gain(value: Value, level: Level) -> Value:
-    """Return a spatial variance with the uncertainty from a digital gain."""
-    if isinstance(value, Missing) or level.scale_uncertainty == 0.0:
-        return value
-    return value * Uncertain.of(1.0, level.scale_uncertainty)
 
 
 def _with_censored_fit(
@@ -204,4 +314,5 @@ def _with_censored_fit(
         dark_slope=mean_for_sensor(slope, slope_variance, measured.pixels),
         dark_slope_variance=slope if isinstance(slope, Missing) else NO_PIXEL_SLOPES,
         dark_method=METHOD,
+        dsnu_method=_AT_EXPOSURE.format(METHOD, format_exposure(exposure_s)),
     )

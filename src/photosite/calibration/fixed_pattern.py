@@ -54,6 +54,7 @@ class FixedPattern:
 
     response_variance: Value
     shading_variance: Value
+    dsnu1288_exposures_s: tuple[float, ...]
     dsnu1288: Parts | Missing
     dsnu1288_filtered: Parts | Missing
     prnu1288: Parts | Missing
@@ -77,15 +78,9 @@ class FixedPattern:
 
     @property
     def variances(self) -> dict[str, Any]:
-        """The variances, by the names of `Measurements`."""
-        names = (
-            "response_variance",
-            "shading_variance",
-            "dsnu1288",
-            "dsnu1288_filtered",
-            "prnu1288",
-            "prnu1288_unfiltered",
-        )
+        """The variances and the exposure time of those of the dark, by the names of `Measurements`."""
+        dark = ("dsnu1288_exposures_s", "dsnu1288", "dsnu1288_filtered")
+        names = ("response_variance", "shading_variance", *dark, "prnu1288", "prnu1288_unfiltered")
         return {name: getattr(self, name) for name in names}
 
     def withheld(self, why: Missing) -> FixedPattern:
@@ -152,7 +147,7 @@ def measure_fixed_pattern(
         none = NO_LIGHT, NO_LIGHT
         return FixedPatterns(
             tuple(
-                FixedPattern(*none, *parts, *none, spatial_analysis(planes, NO_LIGHT, outliers))
+                FixedPattern(*none, (planes.exposure_s,), *parts, *none, spatial_analysis(planes, NO_LIGHT, outliers))
                 for parts, planes in patterns
             ),
             taps=_found(taps),
@@ -197,7 +192,8 @@ def measure_fixed_pattern(
             bands = Uncertain.of(0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights))
             response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
         contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
-        result.append(FixedPattern(response, shading, *dark_parts, *prnu[k], spatial[k], *contrasts))
+        of_dark = (dark_planes.exposure_s,), *dark_parts
+        result.append(FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], *contrasts))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
     return FixedPatterns(tuple(result), structure, _found(taps))
@@ -239,28 +235,29 @@ def _dark_patterns(
     reduction: Reduction, dark: DarkResult, half: Sequence[int | Missing], reader: FrameReader
 ) -> list[tuple[PartsPair, MeanPlanes]]:
     """Return per channel the dark pattern at the exposure of its half-saturated flat fields, else of the reference."""
-    reference, darks = reduction.reference, reduction.darks
-    of_channel = [reference] * len(reduction.names)
-    if dark.clipped is None:
-        for k, light in enumerate(half):
-            if not isinstance(light, Missing):
-                of_channel[k] = _matching_dark(reduction.lights[light], darks, reference)
-    means = {reference: dark.mean}
-    again = sorted(set(of_channel) - {reference})
-    reader.expect(sum(len(darks[i].group) for i in again))
-    for i in again:
-        means[i] = GroupMean.of(reader, darks[i], reader.mean(darks[i].group), dark.scatter)
-    corrected = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
-    return [
-        (corrected[k] if i == reference else means[i].parts(k), means[i].planes(k)) for k, i in enumerate(of_channel)
-    ]
+    if dark.clipped is not None:
+        corrected = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
+        return [(parts, dark.mean.planes(k)) for k, parts in enumerate(corrected)]
+    exposures = [
+        dark.reference_exposure_s if isinstance(light, Missing) else reduction.lights[light].group.exposure_s
+        for light in half
+    ] or [dark.reference_exposure_s] * len(reduction.names)
+    means: dict[float, GroupMean] = {}
+    for exposure_s in dict.fromkeys(exposures):
+        matching = _matching_dark(exposure_s, reduction.darks)
+        if matching is None or matching == reduction.reference:
+            means[exposure_s] = dark.at(exposure_s)
+            continue
+        statistics = reduction.darks[matching]
+        reader.expect(len(statistics.group))
+        means[exposure_s] = GroupMean.of(reader, statistics, reader.mean(statistics.group), dark.scatter)
+    return [(means[t].parts(k), means[t].planes(k)) for k, t in enumerate(exposures)]
 
 
-def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], reference: int) -> int:
-    """Return the dark group of the same exposure with the most frames, else the reference."""
-    exposure_s = light.group.exposure_s
+def _matching_dark(exposure_s: float, darks: Sequence[GroupStatistics]) -> int | None:
+    """Return the repeated dark group of an exposure time with the most frames."""
     same = [i for i, e in enumerate(darks) if e.frames > 1 and same_exposure(e.group.exposure_s, exposure_s)]
-    return max(same, key=lambda i: darks[i].frames, default=reference)
+    return max(same, key=lambda i: darks[i].frames, default=None)
 
 
 def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None) -> Value:

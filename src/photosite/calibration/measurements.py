@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.photon_transfer.channel import NO_PHOTONS, Channel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.spatial.parts import Parts, pool_parts
 from photosite.calibration.spatial.pixel_slopes import of_one_sample
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
 
 NO_LIGHT = Missing("no light frames")
@@ -35,7 +37,7 @@ class Measurements:
     dark_variance_slope: Value  # against exposure
     read_method: str
     step: float = 1.0  # distance of the converter's codes in the dark frames, DN
-    dsnu_variance: Value = NO_LIGHT  # of the mean reference dark frame
+    dsnu_variance: Value = NO_LIGHT  # of the dark level at exposure zero, or of the reference dark frames
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
     shading_variance: Value = NO_LIGHT  # the part of it that the high-pass filter of EMVA 1288 removes
     gain: Value = NO_LIGHT  # DN/e-
@@ -47,9 +49,12 @@ class Measurements:
     saturation_responsivity: Value = NO_LIGHT  # of the channel that `saturation_photons` belongs to
     dsnu1288: Parts | Missing = NO_LIGHT  # spatial variances of EMVA 1288, DN^2; plain,
     dsnu1288_filtered: Parts | Missing = NO_LIGHT  # and high-passed
+    dsnu1288_exposures_s: tuple[float, ...] = ()  # exposure times of these dark patterns, one a channel
     prnu1288: Parts | Missing = NO_LIGHT  # relative; high-passed,
     prnu1288_unfiltered: Parts | Missing = NO_LIGHT  # and plain
     saturation_method: str = "fully clipped flat fields"
+    dsnu_method: str = ""
+    dark_exposure: str = "exposure zero"  # of black level and dark variance
     dark_method: str = ""  # of read noise, DSNU and black level, where dark frames are clipped at 0
     linearity: tuple[Linearity | Missing, ...] = ()  # of the channel, or of each channel
     dark_slope_third: float = 0.0  # third central moment over pixels of the dark slope
@@ -94,9 +99,13 @@ class Measurements:
     def without_dark_shot_noise(self, exposure_s: float) -> Measurements:
         """Return the measurements with the shot noise of the dark current, K (dark slope) t, taken off the read noise.
 
-        A sensor file holds read noise and dark current, and a simulation adds both. Without one of the three, the
+        A sensor file holds read noise and dark current, and a simulation adds both. Where the dark slope contradicts
+        the dark variance, the read noise is the dark variance at exposure zero. Without gain or dark slope, the
         measurements are returned unchanged.
         """
+        if isinstance(self.dark_slope, Implausible) and isinstance(self.dark_variance_slope, Uncertain):
+            at_zero = derive(lambda v: v - QUANTISATION_DN2, self.dark_variance)
+            return replace(self, read_variance=at_zero, read_method="dark temporal variance at exposure zero")
         inputs = self.read_variance, self.gain, self.dark_slope
         left = derive(lambda read, gain, slope: read - gain * slope * exposure_s, *inputs)
         if isinstance(left, Missing):
@@ -204,6 +213,8 @@ def pool_channels(
             [entry.saturation_stretch for entry in channels], [float(entry.pixels) for entry in channels]
         ),
         "dark_slope_third": sum(entry.pixels * entry.dark_slope_third for entry in channels) / pixels,
+        "dsnu_method": fullest.dsnu_method,
+        "dsnu1288_exposures_s": tuple(t for entry in channels for t in entry.dsnu1288_exposures_s),
         "linearity": tuple(found for entry in channels for found in entry.linearity),
     }
     pooled = replace(dark, from_channels=notes, **changed).without_dark_shot_noise(exposure_s)

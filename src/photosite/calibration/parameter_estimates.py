@@ -62,8 +62,7 @@ def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
     scales = {"dn": Uncertain(1.0), "e": per_e, "mv": mv}
     read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance less 1/12 DN²"))
-    dsnu = m.dark_method or "spread over pixels of the mean of the repeated dark frames less temporal variance / n"
-    dsnu = m.method(dsnu, "dsnu_variance")
+    dsnu = m.method(m.dsnu_method, "dsnu_variance")
     prnu = "relative spread of per-pixel slopes against exposure in the linear range, less their noise"
     shading = "part of PRNU that the high-pass filter of EMVA 1288 removes: uneven light, vignetting"
     dcnu = "spread of per-pixel dark slopes, less their noise, relative to the mean slope"
@@ -82,7 +81,7 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         "dcnu_percent": _deviation(
             m.dark_slope_variance, _percent_of_dark(m.dark_slope), m.method(dcnu, "dark_slope_variance")
         ),
-        "black_level_dn": Estimate.of(m.black_level, m.dark_method or "mean dark level at exposure zero"),
+        "black_level_dn": Estimate.of(m.black_level, m.dark_method or f"mean dark level at {m.dark_exposure}"),
     }
 
 
@@ -111,7 +110,9 @@ def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
 
 
 def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
-    method = f"dark temporal variance at exposure zero{_clipping_note(m)}, less 1/12 DN² (EMVA 1288 R4.0, dark noise)"
+    method = (
+        f"dark temporal variance at {m.dark_exposure}{_clipping_note(m)}, less 1/12 DN² (EMVA 1288 R4.0, dark noise)"
+    )
     result = _deviation(derive(lambda v: v - QUANTISATION_DN2, m.dark_variance), per_e, method)
     if isinstance(m.dark_variance, Missing) or isinstance(per_e, Missing):
         return result
@@ -198,7 +199,8 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     clipping = _clipping_note(m)
-    dark = f"spatial variance of the mean dark frame less temporal variance / n{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
+    times = ", ".join(f"{t:g}" for t in sorted(set(m.dsnu1288_exposures_s)))
+    dark = f"spatial variance of the dark level at {times} s less temporal noise{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
     light = "spatial variance at half saturation less that of the dark frames, {} (EMVA 1288 {}, PRNU)"
     percent = Uncertain(100.0)
     result: dict[str, Estimate] = {}

@@ -27,6 +27,7 @@ CONDITION_NAMES = (
     "dim-cfa-14",
     "few-mono-12",
     "few-cfa-12",
+    "warm-mono-12",
     "clipped-mono-12",
     "bent-mono-12",
 )

@@ -402,14 +402,16 @@ class Condition:
         return BentLab(lab, size if number // 6 % 2 else -size, 2 + number // 2 % 3)
 
 
-def _protocol(name: str, *, darks: int, repeats: int, levels: int, flats: int, stack: int) -> ShootingProtocol:
-    """Dark frames at the shortest exposure and in a series to 5 s, flat fields in equal steps, and a stack at 40 %."""
+def _protocol(
+    name: str, *, darks: int, repeats: int, levels: int, flats: int, stack: int, reference_s: float = SHORTEST_S
+) -> ShootingProtocol:
+    """Dark frames at one exposure and in a series to 5 s, flat fields in equal steps, and a stack at 40 %."""
     times = [LONGEST_FLAT_S * (k + 1) / levels for k in range(levels)]
     half = 0.4 * LONGEST_FLAT_S
     return ShootingProtocol(
         name,
         (
-            Step("dark", SHORTEST_S, darks),
+            Step("dark", reference_s, darks),
             *series("dark", 0.01, 5.0, exposures=5, count=repeats),
             *(Step("light", t, flats) for t in times),
             *((Step("light", half, stack),) if stack else ()),
@@ -418,6 +420,7 @@ def _protocol(name: str, *, darks: int, repeats: int, levels: int, flats: int, s
 
 
 FULL = _protocol("full", darks=24, repeats=4, levels=16, flats=4, stack=16)
+WARM = _protocol("warm", darks=24, repeats=4, levels=16, flats=4, stack=16, reference_s=1.0)
 FEW = _protocol("few frames", darks=4, repeats=2, levels=8, flats=2, stack=0)
 
 _MONO, _BAYER = (48, 64), (72, 88)
@@ -461,6 +464,10 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "few-cfa-12", "two frames per setting, four dark frames: 30 frames in total", "rggb", 12, *_BAYER,
             (0.15, 1.2), (0.8, 4.0), 2.5, FEW,
+        ),
+        Condition(
+            "warm-mono-12", "24 reference dark frames at 1 s, with 10 to 100 electrons of dark current", "mono", 12,
+            *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, WARM, photons_known=True,
         ),
         Condition(
             "clipped-mono-12", "black level at one standard deviation of a dark frame: a fifth of the dark pixels at "

@@ -14,6 +14,7 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.cfa import channel_sites
+from photosite.values.uncertain import Missing
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
@@ -173,11 +174,16 @@ def variance_peak_e(sensor: Sensor) -> float:
 def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float]:
     """Return `true_parameters` of a laboratory, with the definitions that a calibration of it used.
 
-    Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip. The
-    virtual chip's pattern has no row or column component.
+    Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
+    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames; chips too small for
+    the high-pass filter count as exposed for 0 s. The virtual chip's pattern has no row or column component.
     """
     sensor = lab.camera.sensor
     truth = true_parameters(sensor, lab.light, lab.camera.optics)
+    spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
+    sites = [calibration.spatial[name] for row in sensor.array.cfa for name in row]
+    exposures = [0.0 if isinstance(found, Missing) else found.dark.exposure_s for found in sites]
+    truth["dsnu1288_e"] = math.sqrt(truth["dsnu_e"] ** 2 + spread**2 * float(np.mean(np.square(exposures))))
     truth |= {
         "dsnu1288_row_e": 0.0,
         "dsnu1288_column_e": 0.0,

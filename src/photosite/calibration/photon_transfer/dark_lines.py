@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
+from photosite.calibration.reduction.quantisation import differing_share
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, correlated
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class DarkLine:
     exposure_s, y, variance, shared
         (m,) exposure time; measured quantity; its sampling variance; standard uncertainty from clipping and rounding,
         which the points share.
+    differing
+        Share of `shared` by which rounding errors of the points may differ.
     fit
         The line; None with one exposure only.
     points
@@ -48,10 +51,17 @@ class DarkLine:
     fit: Fit | None
     shared: Array
     points: tuple[Uncertain, ...] = ()
+    differing: float = 0.0
 
     @classmethod
     def through(
-        cls, exposure_s: Array, y: Array, variance: Array, shared: Array, points: Sequence[Uncertain] = ()
+        cls,
+        exposure_s: Array,
+        y: Array,
+        variance: Array,
+        shared: Array,
+        points: Sequence[Uncertain] = (),
+        differing: float = 0.0,
     ) -> DarkLine:
         """Fit the line, if there are two exposures or more.
 
@@ -59,14 +69,14 @@ class DarkLine:
         the fitted line, for the reason given in `photon_transfer.fit_gain`.
         """
         if len(np.unique(exposure_s)) < 2:
-            return cls(exposure_s, y, variance, None, shared, tuple(points))
+            return cls(exposure_s, y, variance, None, shared, tuple(points), differing)
         design, together = _design(exposure_s), np.outer(shared, shared)
         fit = fit_linear(design, y, np.diag(variance) + together)
         expected = design @ fit.parameters
         if points and (expected > 0.0).all():
             variance = variance * (expected / y) ** 2
             fit = fit_linear(design, y, np.diag(variance) + together)
-        return cls(exposure_s, y, variance, fit, shared, tuple(points))
+        return cls(exposure_s, y, variance, fit, shared, tuple(points), differing)
 
     @property
     def covariance(self) -> Array:
@@ -79,14 +89,18 @@ class DarkLine:
         if self.fit is None:
             reason = f"dark frames at one exposure time only, {self.exposure_s[0]:g} s; a slope needs two or more"
             return Missing(reason), Missing(reason)
-        if not self.points:
-            intercept, slope = self.fit.uncertain
-            return intercept, slope
         fit = self.fit
+        apart = np.abs(fit.estimator) @ self.shared * self.differing  # the largest error that the points do not share
+        if not self.points:
+            intercept, slope = fit.uncertain
+            return intercept + Uncertain.of(0.0, float(apart[0])), slope + Uncertain.of(0.0, float(apart[1]))
         # The part of the covariance that does not come from the points' own sources.
         left = fit.covariance - (fit.estimator * self.variance) @ fit.estimator.T
         freedom = fit.degrees_of_freedom if fit.extra_variance > 0.0 else math.inf
-        rest = correlated(np.zeros(2), left, freedom)
+        rest = [
+            part + Uncertain.of(0.0, float(more))
+            for part, more in zip(correlated(np.zeros(2), left, freedom), apart, strict=True)
+        ]
         intercept, slope = (combined(self.points, row) + more for row, more in zip(fit.estimator, rest, strict=True))
         return intercept, slope
 
@@ -150,8 +164,11 @@ class DarkLines:
     variance: DarkLine
 
     @classmethod
-    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level]) -> DarkLines:
-        """Return the lines through a channel's dark levels; single frames have a mean only."""
+    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level], moved: Array | float = 0.0) -> DarkLines:
+        """Return the lines through a channel's dark levels; single frames have a mean only.
+
+        `moved` is the variance of each mean from changes of the black level, DN^2.
+        """
         t = np.asarray(exposure_s, dtype=np.float64)
         repeated = np.array([level.repeated for level in levels])
         temporal, uncertainty = temporal_variances(t, levels)
@@ -166,15 +183,21 @@ class DarkLines:
             else np.full(len(levels), getattr(best_known, f"rounding_{name}"))
             for name in ("mean", "variance")
         )
-        mean = DarkLine.through(
-            t, np.array([level.mean for level in levels]), np.where(corrected, own, temporal / samples), of_mean
+        y = np.array([level.mean for level in levels])
+        differing = (
+            0.0
+            if corrected.any()
+            else differing_share(y / best_known.step, best_known.rounding_pixel / best_known.step)
         )
+        sampling = np.where(corrected, own, temporal / samples) + moved
+        mean = DarkLine.through(t, y, sampling, of_mean, differing=differing)
         noise = DarkLine.through(
             t[repeated],
             np.array([level.noise.value for level in levels if level.repeated]),
             uncertainty[repeated] ** 2,
             of_variance[repeated],
             [level.noise for level in levels if level.repeated],
+            differing,
         )
         return cls(mean, noise)
 

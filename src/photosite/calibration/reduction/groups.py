@@ -51,7 +51,8 @@ class Level:
 
     Uncertainties that levels share are kept apart and not included in the others. Those from clipping (`shared_*`) are
     common to all clipped dark levels of the channel: they cancel in a difference of two dark levels, but not in a
-    difference with a light level. Those from rounding (`rounding_*`) are common to levels with the same mean.
+    difference with a light level. Those from rounding (`rounding_*`) are common to levels with the same mean;
+    `rounding_pixel` is that of a single pixel's mean, of which the level's mean averages a part away.
     """
 
     pixels: int
@@ -68,6 +69,7 @@ class Level:
     shared_variance: float = 0.0
     rounding_mean: float = 0.0
     rounding_variance: float = 0.0
+    rounding_pixel: float = 0.0
     # Distance of the converter's codes, DN, and the quantization noise that it causes, DN^2 (`codes.Steps`)
     step: float = 1.0
     quantisation: float = QUANTISATION_DN2
@@ -101,13 +103,14 @@ class Level:
         """Return the level with the uncertainties from rounding."""
         spatial = self.spatial_variance - self.variance / self.frames
         square = self.step**2
-        of_mean, of_variance = rounding_uncertainty(
+        of_mean, of_variance, of_pixel = rounding_uncertainty(
             self.variance / square, self.variance_uncertainty / square, spatial / square
         )
         again = second_rounding(self.step, self.variance)
         return replace(
             self,
             rounding_mean=math.hypot(self.step * of_mean, again[0]),
+            rounding_pixel=self.step * of_pixel,
             rounding_variance=math.hypot(square * of_variance, again[1] * self.variance, again[2]),
         )
 
@@ -182,18 +185,19 @@ def pooled_level(levels: Sequence[Level]) -> Level:
         variance_uncertainty=whole,
         sources=sources,
         step=max(level.step for level in levels),
-        **{name: mean(name) for name in (*means, "rounding_mean", "rounding_variance")},
+        **{name: mean(name) for name in (*means, "rounding_mean", "rounding_variance", "rounding_pixel")},
         **{name: independent(name) for name in ("shared_mean", "shared_variance")},
     )
 
 
 @dataclass(frozen=True)
 class GroupStatistics:
-    """A group and its levels, one per channel."""
+    """A group and its levels, one per channel; `frame_means` are those of its frames, in their order."""
 
     group: FrameGroup
     levels: tuple[Level, ...]
     light_trusted: bool = True  # whether its stated light agrees with that of the other levels
+    frame_means: tuple[float, ...] = ()
 
     @property
     def frames(self) -> int:

@@ -20,6 +20,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.values.uncertain import Uncertain
+
 QUIET = 2.0
 """Variance before rounding, DN^2, above which the sums are below 1e-16."""
 
@@ -93,8 +95,8 @@ def second_rounding(step: float, variance: float) -> tuple[float, float, float]:
     return of_mean, relative, float((left / (math.pi * k) ** 2).sum()) / root
 
 
-def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: float) -> tuple[float, float]:
-    """Return standard uncertainties of a level's mean, DN, and temporal variance, DN^2, from rounding.
+def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: float) -> tuple[float, float, float]:
+    """Return standard uncertainties from rounding: of a level's mean, its temporal variance, and a pixel's mean, DN.
 
     It is the largest effect over all noises and phases that explain the measured variance (1/12 included) within its
     uncertainty, divided by sqrt(2), as for a sine at any phase. `spatial_variance` is that of the pixels' means,
@@ -102,18 +104,47 @@ def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: 
 
     Examples
     --------
-    >>> of_mean, of_variance = rounding_uncertainty(0.5**2 + 1 / 12, 1e-4, 0.0)
-    >>> round(of_mean, 4), round(of_variance, 4)
-    (0.0018, 0.0071)
+    >>> of_mean, of_variance, of_pixel = rounding_uncertainty(0.5**2 + 1 / 12, 1e-4, 0.04)
+    >>> round(of_mean, 4), round(of_variance, 4), round(of_pixel, 4)
+    (0.0008, 0.0032, 0.0018)
     >>> rounding_uncertainty(4.0, 0.01, 0.0)
-    (0.0, 0.0)
+    (0.0, 0.0, 0.0)
     """
     analog = variance - 1.0 / 12.0
     if not analog < QUIET:  # includes NaN, the variance of one frame
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     left = remaining_share(spatial_variance)
     before, of_mean, of_variance = _grid()
     apart = np.abs(before + left * of_variance - analog)
     possible = apart <= max(NEAR + 2.0 * uncertainty, float(apart.min()))
-    scale = left / math.sqrt(2.0)
-    return scale * float(np.abs(of_mean[possible]).max()), scale * float(np.abs(of_variance[possible]).max())
+    mean, wide = (float(np.abs(of[possible]).max()) / math.sqrt(2.0) for of in (of_mean, of_variance))
+    return left * mean, left * wide, mean
+
+
+def with_rounding(variance: Uncertain, of_pixels: float) -> Uncertain:
+    """Return a variance over pixels, DN^2, with the uncertainty from rounding, given that of a pixel's mean, DN.
+
+    The errors of the pixels may be correlated with their means. By the Cauchy-Schwarz inequality they change the
+    variance by at most 2 s e + e^2, with s and e the standard deviations of means and errors; divided by sqrt(2) as in
+    `rounding_uncertainty`.
+
+    Examples
+    --------
+    >>> round(with_rounding(Uncertain(0.04), 0.0018).standard_uncertainty, 5)  # 0.2 DN at a noise of 0.5 DN: 1.3 %
+    0.00051
+    """
+    spread = math.sqrt(max(variance.value, 0.0))
+    return variance + Uncertain.of(0.0, (2.0 * spread + of_pixels) * of_pixels / math.sqrt(2.0))
+
+
+def differing_share(means: NDArray[np.float64], of_pixels: float) -> float:
+    """Return the largest difference of the rounding errors of levels, relative to the largest possible one.
+
+    The error is nearly a sine of the mean with a period of 1 DN, and equal for equal means.
+
+    Examples
+    --------
+    >>> round(differing_share(np.array([64.0, 64.01]), 0.0018), 3), differing_share(np.array([64.0, 65.3]), 0.0018)
+    (0.047, 1.0)
+    """
+    return min(math.pi * (float(np.ptp(means)) + 2.0 * math.sqrt(2.0) * of_pixels), 1.0)

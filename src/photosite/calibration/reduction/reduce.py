@@ -226,4 +226,5 @@ def dark_slope_coefficients(darks: Sequence[FrameGroup]) -> NDArray[np.float64] 
 def read_group(reader: FrameReader, group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
     """Return a group's statistics, and its sums, which are valid until the next group is read."""
     sums = reader.sums(group)
-    return GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())), sums
+    means = tuple(total / sums.sum.size for total in sums.frame_totals())
+    return GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals()), means), sums

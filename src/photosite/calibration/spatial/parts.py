@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.reduction.quantisation import with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.planes import (
     MARGIN,
@@ -36,6 +37,10 @@ class Parts:
     def scaled(self, factor: Uncertain | float) -> Parts:
         """Return all parts multiplied by a factor."""
         return Parts(*(part * factor for part in self.values))
+
+    def with_rounding(self, of_pixels: float) -> Parts:
+        """Return all parts with the uncertainty from rounding (`quantisation.with_rounding`)."""
+        return Parts(*(with_rounding(part, of_pixels) for part in self.values))
 
     @property
     def values(self) -> tuple[Uncertain, ...]:

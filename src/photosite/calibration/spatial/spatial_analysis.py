@@ -357,7 +357,8 @@ class FramePattern:
     kind
         "dark": the mean dark frame. "light": the mean frame near half saturation minus the mean dark frame.
     frames, exposure_s
-        Number of averaged frames, and their exposure time.
+        Number of averaged frames, and their exposure time. Where no dark frames have the exposure time of the flat
+        fields, the mean dark frame is extrapolated to it.
     unit
         "DN", or "%" of the mean signal: the unit of spectrograms, histogram and outlier pixels.
     mean_dn
@@ -410,6 +411,8 @@ class MeanPlanes:
         neighboring values.
     frames, exposure_s, noise
         Number of averaged frames, their exposure time, and the temporal variance that remains in the mean, DN^2.
+    extrapolated
+        Whether the mean was extrapolated to `exposure_s`; its values then have no common step.
     """
 
     planes: Sequence[Array]
@@ -418,10 +421,19 @@ class MeanPlanes:
     frames: int
     exposure_s: float
     noise: TemporalParts
+    extrapolated: bool = False
 
     @classmethod
     def of(
-        cls, mean: Array, tile: NDArray[np.int64], channel: int, frames: int, exposure_s: float, noise: TemporalParts
+        cls,
+        mean: Array,
+        tile: NDArray[np.int64],
+        channel: int,
+        frames: int,
+        exposure_s: float,
+        noise: TemporalParts,
+        *,
+        extrapolated: bool = False,
     ) -> MeanPlanes:
         """Cut a mean frame into planes."""
         origins = [(int(r), int(c)) for r, c in np.argwhere(tile == channel)]
@@ -430,7 +442,7 @@ class MeanPlanes:
         # Planes differ in size if the sensor's size is not a multiple of the tile. Keep the common part.
         rows, cols = min(plane.shape[0] for plane in planes), min(plane.shape[1] for plane in planes)
         planes = [plane[:rows, :cols] for plane in planes]
-        return cls(planes, origins, (tile_rows, tile_cols), frames, exposure_s, noise)
+        return cls(planes, origins, (tile_rows, tile_cols), frames, exposure_s, noise, extrapolated)
 
     def places(self, site: int, border: int) -> Places:
         """Return the sensor rows and columns of a plane, without a border."""
@@ -461,7 +473,7 @@ def _pattern(frames: MeanPlanes, dark: MeanPlanes | None, threshold: float | Non
     if dark is not None:
         planes = [Difference(bright, black) for bright, black in zip(frames.planes, dark.planes, strict=True)]
         noise += dark.noise.total.value
-    elif len(planes) == 1:  # several planes have means with different fractions
+    elif len(planes) == 1 and not frames.extrapolated:  # several planes have means with different fractions
         grain = 1.0 / frames.frames
     means = [plane_mean(plane) for plane in planes]
     mean = float(np.mean(means))

@@ -1,0 +1,152 @@
+"""A black level that moves: from dark frame to dark frame, or with the exposure time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.checks.result_screening import Implausible
+from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
+from photosite.values.uncertain import Missing, Uncertain, Value
+
+BY_CHANCE = 5e-4
+"""Share of steady black levels that count as shifting, and again as drifting."""
+
+FAR_APART = 3.89
+"""Distance of the dark currents from mean and variance, in standard uncertainties, that occurs in 1 of 10 000."""
+
+NOTABLE = 0.1
+"""Shift or drift, relative to the temporal noise of a pixel, from which a warning is given."""
+
+
+@dataclass(frozen=True)
+class BlackLevelChange:
+    """Change of the black level between dark frames, DN; 0 where chance explains it.
+
+    Parameters
+    ----------
+    shift
+        Standard deviation of independent shifts from frame to frame.
+    drift
+        Steady drift over all dark frames together, from the trend within each group.
+    noise
+        Temporal noise of a pixel, DN.
+    """
+
+    shift: float
+    drift: float
+    noise: float
+
+    def variance(self, frames: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the variance that it adds to the mean of each group, DN^2.
+
+        A drift shifts the groups by amounts that depend on the order of the groups in time, which is not known. They
+        are taken as uniform over the whole drift.
+        """
+        return self.shift**2 / frames + self.drift**2 / 12.0
+
+    def warnings(self) -> list[str]:
+        """Return a warning for each kind that is not small."""
+        found = []
+        of_shift, of_drift = f"shifts by {self.shift:.2g} DN from frame to frame", f"drifts by {self.drift:.2g} DN"
+        for size, text in ((self.shift, of_shift), (self.drift, of_drift)):
+            if size > NOTABLE * self.noise:
+                found.append(
+                    f"the black level {text} over the dark frames; the uncertainties of black level and dark current "
+                    f"from the mean were widened accordingly, that from the variance is not affected"
+                )
+        return found
+
+
+def black_level_change(darks: Sequence[GroupStatistics]) -> BlackLevelChange:
+    """Return the change of the black level between the dark frames.
+
+    Frame means are compared with the line through those of their group, in the order of the frames. Their scatter
+    about the lines follows a chi-square distribution if only the noise of the pixels contributes, and the ratio of what
+    the slopes explain to that scatter an F distribution if there is no drift.
+    """
+    from scipy.special import chdtri, fdtri
+
+    white = scatter = trend = drift = 0.0
+    freedom = trends = 0
+    for entry in darks:
+        n, means = entry.frames, np.asarray(entry.frame_means)
+        if n < 2:
+            continue
+        level = pooled_level(entry.levels)
+        left = means - means.mean()
+        if n > 2:
+            steps = np.arange(n) - 0.5 * (n - 1)
+            squares = float(steps @ steps)
+            slope = float(steps @ left) / squares
+            left = left - slope * steps
+            trend += slope**2 * squares
+            drift += abs(slope) * n
+            trends += 1
+        own = n - 1 - (n > 2)
+        scatter, freedom = scatter + float(left @ left), freedom + own
+        white += own * level.variance / level.pixels
+    noise = math.sqrt(max(pooled_level(entry.levels).variance for entry in darks if entry.frames > 1))
+    if freedom == 0 or white == 0.0:
+        return BlackLevelChange(0.0, 0.0, noise)
+    shifts = scatter / white > float(chdtri(freedom, BY_CHANCE)) / freedom
+    rest = scatter if shifts else max(scatter, white)
+    drifts = trends > 0 and trend / trends > float(fdtri(trends, freedom, 1.0 - BY_CHANCE)) * rest / freedom
+    shift = math.sqrt((scatter - white) / freedom) if shifts else 0.0
+    return BlackLevelChange(shift, drift if drifts else 0.0, noise)
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Dark currents from the mean and from the variance that contradict each other, e-/s.
+
+    Parameters
+    ----------
+    of_mean, of_variance
+        The two dark currents.
+    apart
+        Their distance in standard uncertainties.
+    moved_dn
+        Movement of the black level over the range of dark exposures that would explain it, DN.
+    """
+
+    of_mean: Uncertain
+    of_variance: Uncertain
+    apart: float
+    moved_dn: float
+
+    def __str__(self) -> str:
+        if self.moved_dn < 0.0:
+            cause = "the camera clamps its black level or subtracts a dark frame, or its black level falls"
+        else:
+            cause = "the black level rises, or the camera filters the noise of long exposures"
+        return (
+            f"the dark current from the mean, {self.of_mean.value:.3g} e-/s, and from the variance, "
+            f"{self.of_variance.value:.3g} e-/s, differ by {self.apart:.2g} standard uncertainties, as if the black "
+            f"level moved by {self.moved_dn:.2g} DN between the dark exposures: {cause}"
+        )
+
+    @property
+    def withheld(self) -> Implausible:
+        """Why the dark current from the mean is withheld."""
+        return Implausible(str(self))
+
+
+def contradiction(
+    slope: Value, variance_slope: Value, gain: Value, exposure_s: NDArray[np.float64]
+) -> Contradiction | None:
+    """Return the contradiction between the slopes of dark level and dark variance, if any."""
+    if isinstance(slope, Missing) or isinstance(variance_slope, Missing) or isinstance(gain, Missing):
+        return None
+    of_mean, of_variance = slope / gain, variance_slope / (gain * gain)
+    difference = of_mean - of_variance
+    # Not the interval: few exposure times leave few degrees of freedom, but on clean frames the uncertainty is at least
+    # that of sampling, which is well known.
+    apart = abs(difference.value) / difference.standard_uncertainty
+    if apart <= FAR_APART:
+        return None
+    return Contradiction(of_mean, of_variance, apart, difference.value * gain.value * float(np.ptp(exposure_s)))
