@@ -71,6 +71,13 @@ def test_a_mean_that_contradicts_the_variance_is_withheld(spoiled):
     assert any(reason in warning for warning in calibration.warnings)
 
 
+def test_maps_of_a_clamped_camera_have_its_read_noise_but_no_dark_rate():
+    calibration = calibrate(frames_of(102, clamped=True), maps=True)
+    assert calibration.chip.dark_rate_dn_per_s is None
+    read_e = np.sqrt(np.mean(np.sign(calibration.chip.read_noise_dn) * calibration.chip.read_noise_dn**2)) / GAIN
+    assert read_e == pytest.approx(READ_E, rel=0.1)
+
+
 def reduced(seed, steps, exposures_s=(0.01, 0.1, 1.0), rows=40, cols=48, frames=8):
     """Dark groups, noise 2 DN and 5 DN/s of dark signal; `steps(group, frame, rng)` in DN moves
     the black level."""

@@ -214,7 +214,7 @@ class MeasuredChip:
     read_noise_freedom
         Degrees of freedom of each pixel's temporal variance.
     dark_rate_dn_per_s, dark_rate_uncertainty_dn_per_s
-        Dark current; None with dark frames of one exposure time.
+        Dark current; None with dark frames of one exposure time, or where the black level moved between the exposures.
     prnu, prnu_uncertainty
         Relative deviation of the response to light from the channel's mean, including the fall-off of lamp and lens.
         None without light frames.

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import defects, telegraph_noise
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
@@ -279,17 +278,22 @@ def _chip(
     level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
     black = float(level.mean(dtype=np.float64)) if black is None else black
     level -= np.float32(black)
-    # Shot noise of the dark current, DN^2 per second; none for a negative rate.
-    shot = None if dark.rate is None or gain is None else np.maximum(dark.rate, 0.0) * np.float32(gain)
+    withheld = calibration.dark_current_dn_per_s.value is None  # the mean rate is wrong by what all pixels share
+    shot = None
+    if dark.rate is not None and gain is not None:
+        from_variance = calibration.dark_current_from_variance_e_per_s.value if withheld else None
+        shared = 0.0 if from_variance is None else from_variance * gain - float(dark.rate.mean(dtype=np.float64))
+        # Shot noise of the dark current, DN^2 per second; none for a negative rate.
+        shot = np.maximum(dark.rate + np.float32(shared), 0.0) * np.float32(gain)
     maps = dark.maps(level, shot)
     of_rate = ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s")
     if response is not None:
         unknown = np.zeros((1, 1), np.float32)
         rate, uncertainty = (maps.get(name, unknown) for name in of_rate)
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, uncertainty, dark.tile)
-    if too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None:
+    if withheld:
         for name in of_rate:
-            maps.pop(name, None)  # the exposure times are wrong; the response above uses the same times and stays valid
+            maps.pop(name, None)  # the response above uses the same times and levels, and stays valid
     blinking, distance, traces = _blinking(dark, look, suspects, shot)
     chip = MeasuredChip(
         **maps,
