@@ -23,7 +23,7 @@ def frames_of(seed, darks, *, read_e=6.0, dsnu_e=3.0, row_e=0.0, black=64.0, dar
         return np.clip(np.round(black + GAIN * charge), 0, 4095).astype(np.uint16)
 
     frames = [("dark", t, frame(t, 0)) for t, count in darks for _ in range(count)]
-    frames += [("light", t, frame(t, 1)) for t in (0.02, 0.04, 0.06, 0.08, 0.1) for _ in range(4)]
+    frames += [("light", t, frame(t, 1)) for t in (0.01, 0.02, 0.03, 0.05, 0.06, 0.1) for _ in range(4)]
     return frame_set_from_arrays(frames, bits=12)
 
 
@@ -36,9 +36,9 @@ def holds(estimate, truth):
 
 
 def test_long_reference_darks_give_the_dsnu_at_exposure_zero():
-    """12 chips: 11.4 intervals contain the truth on average, 9 or fewer once in 50 runs, 8 or fewer in 360."""
+    """8 chips: 7.6 intervals contain the truth on average, 5 or fewer once in 170 runs for each parameter."""
     inside = {"dsnu_e": 0, "dsnu1288_e": 0, "prnu1288_percent": 0, "dark_current_e_per_s": 0}
-    for seed in range(12):
+    for seed in range(8):
         calibration = calibrate(frames_of(seed, LONG))
         flat_s = calibration.spatial["M"].dark.exposure_s  # dark frames of the flat fields' exposure
         assert 0.03 < flat_s < 0.07
@@ -52,14 +52,14 @@ def test_long_reference_darks_give_the_dsnu_at_exposure_zero():
             inside[name] += holds(getattr(calibration, name), truth[name])
         assert calibration.dsnu_e.standard_uncertainty < 0.1
         assert calibration.warnings == ()
-    assert min(inside.values()) > 8, inside
+    assert min(inside.values()) > 5, inside
 
 
 def test_rows_keep_their_part():
     parameters = [calibrate(frames_of(seed, LONG, row_e=2.0)) for seed in (1, 2)]
     for found in parameters:
-        assert holds(found.dsnu1288_row_e, 2.0)
-        assert abs(found.dsnu1288_column_e.value) < 4 * found.dsnu1288_column_e.standard_uncertainty
+        for estimate, truth in ((found.dsnu1288_row_e, 2.0), (found.dsnu1288_column_e, 0.0)):
+            assert abs(estimate.value - truth) < 3.5 * estimate.standard_uncertainty
         assert holds(found.dsnu_e, np.hypot(3.0, 2.0))
 
 
