@@ -73,10 +73,10 @@ def test_a_hidden_read_noise_has_a_limit_and_no_value():
 
 
 def test_nothing_changes_above_one_step():
-    of_mean, of_variance = rounding_uncertainty(1.0 + 1 / 12, 1e-3, 0.0)
-    assert of_mean < 1e-8
+    of_mean, of_variance, of_pixel = rounding_uncertainty(1.0 + 1 / 12, 1e-3, 0.0)
+    assert of_mean == of_pixel < 1e-8
     assert of_variance < 1e-6
-    assert rounding_uncertainty(float("nan"), float("nan"), 0.0) == (0.0, 0.0)
+    assert rounding_uncertainty(float("nan"), float("nan"), 0.0) == (0.0, 0.0, 0.0)
 
 
 def test_pixels_of_many_phases_reduce_the_uncertainty():

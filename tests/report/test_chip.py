@@ -28,7 +28,7 @@ def calibration() -> Calibration:
     offset = 64.0 + rng.normal(0.0, 0.5, shape)
 
     def frame(exposure_s: float, electrons: float) -> np.ndarray:
-        signal = rng.poisson(electrons * response) + rate * exposure_s
+        signal = rng.poisson(electrons * response + rate * exposure_s)
         return np.rint(offset + 0.5 * signal + rng.normal(0.0, 2.0, shape)).astype(np.uint16)
 
     frames = [("dark", t, frame(t, 0.0)) for t in (0.01, 0.5) for _ in range(16)]

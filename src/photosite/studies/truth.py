@@ -70,6 +70,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "dsnu_mv": noise.dsnu_mv.value,
         "prnu_percent": noise.prnu_percent.value,
         "dark_voltage_mv_per_s": noise.dark_voltage_mv_per_s.value,
+        "dark_current_dn_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value) * gain,
         "dark_current_e_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value),
         "dcnu_percent": noise.dcnu_percent.value,
         "black_level_dn": sensor.readout.black_level_dn.value,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import defects, telegraph_noise
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
@@ -291,10 +292,13 @@ def _chip(
         unknown = np.zeros((1, 1), np.float32)
         rate, uncertainty = (maps.get(name, unknown) for name in of_rate)
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, uncertainty, dark.tile)
-    if withheld:
-        for name in of_rate:
-            maps.pop(name, None)  # the response above uses the same times and levels, and stays valid
     blinking, distance, traces = _blinking(dark, look, suspects, shot)
+    short = too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None
+    known = {name: values for name, values in maps.items() if name not in of_rate}
+    # The response above uses the same times and levels, and stays valid; so do hot pixels, relative to the others.
+    found = _defects(dark, blinking, distance, known if short else maps)
+    if withheld:
+        maps = known
     chip = MeasuredChip(
         **maps,
         read_noise_freedom=dark.freedom,
@@ -303,7 +307,7 @@ def _chip(
         black_level_dn=black,
         system_gain_dn_per_e=gain,
         reference_exposure_s=dark.exposure_s,
-        defects=_defects(dark, blinking, distance, maps),
+        defects=found,
         blinking=blinking,
     )
     return chip, replace(temporal, traces=traces)

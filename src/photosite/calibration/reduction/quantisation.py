@@ -106,7 +106,7 @@ def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: 
     --------
     >>> of_mean, of_variance, of_pixel = rounding_uncertainty(0.5**2 + 1 / 12, 1e-4, 0.04)
     >>> round(of_mean, 4), round(of_variance, 4), round(of_pixel, 4)
-    (0.0008, 0.0032, 0.0018)
+    (0.0008, 0.0028, 0.0018)
     >>> rounding_uncertainty(4.0, 0.01, 0.0)
     (0.0, 0.0, 0.0)
     """
