@@ -43,6 +43,12 @@ PartsPair = tuple[Parts | Missing, Parts | Missing]
 """Row, column and pixel parts of a channel: plain and high-passed."""
 
 
+BEYOND_CHANCE = 3.0
+"""Spread of the dark slopes, in standard uncertainties, from which it is taken into account."""
+
+NEGLIGIBLE = 0.1
+"""Variance from the spread of the dark slopes, over the uncertainty of DSNU squared, up to which it is not."""
+
 _SPREAD = "spread over pixels of the mean dark frame less its temporal noise"
 _AT_EXPOSURE = "{}, at {} s: dark current nonuniformity of that time is included"
 _AT_ZERO = "spread over pixels of the dark level extrapolated to exposure zero, less its temporal noise"
@@ -177,12 +183,21 @@ class DarkResult:
     def at(self, exposure_s: float) -> GroupMean:
         """Return the mean dark frame at an exposure time within the range of the dark frames.
 
-        It is that of the reference group, moved along each pixel's dark slope if this is known.
+        It is that of the reference group, moved along each pixel's dark slope where the spread of the slopes is known
+        and not negligible.
         """
-        if self.slope_map is None:
+        if self.slope_map is None or self.slopes is None:
             return self.mean
         times = [entry.group.exposure_s for entry in self.groups]
-        return self.slope_map.moved(self.mean, min(max(exposure_s, min(times)), max(times)))
+        exposure_s = min(max(exposure_s, min(times)), max(times))
+        square = (exposure_s - self.mean.exposure_s) ** 2
+        for slope, m in zip(self.slopes, self.channels, strict=True):
+            dsnu, spread = m.dsnu_variance, slope.variance
+            assert isinstance(dsnu, Uncertain)
+            seen = spread.value > BEYOND_CHANCE * spread.standard_uncertainty
+            if seen and square * spread.value > NEGLIGIBLE * dsnu.standard_uncertainty:
+                return self.slope_map.moved(self.mean, exposure_s)
+        return self.mean
 
 
 def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkResult:
