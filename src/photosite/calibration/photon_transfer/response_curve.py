@@ -49,6 +49,9 @@ Where the variances show more, it is OWN_BEND itself: nearly free."""
 OWN_BY_CHANCE = (1e-3, 0.03)
 """Share of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
 
+LARGEST_BEND = math.log(2.0)
+"""Largest H_L that is fitted. Signals so far from the stated light are refused after this stage."""
+
 _ROUNDS = 12
 _SMALL = 1e-8
 
@@ -185,6 +188,8 @@ def fit_bent_gain(
     shapes = [find_shape(*entry) for entry in zip(channels, used, signals, strict=True)]
     bent = any(shape is not None for shape in shapes)
     joint = _Joint.of(channels, used, signals, shapes)
+    if joint.largest_bend > LARGEST_BEND:
+        return None
     found = joint.fit(line, OWN_BEND * joint.largest_bend) if bent else None
     if bent or joint.may_bend():
         free = joint.fit(line, OWN_BEND)

@@ -227,4 +227,4 @@ def read_group(reader: FrameReader, group: FrameGroup) -> tuple[GroupStatistics,
     """Return a group's statistics, and its sums, which are valid until the next group is read."""
     sums = reader.sums(group)
     means = tuple(total / sums.sum.size for total in sums.frame_totals())
-    return GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals()), means), sums
+    return GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals()), frame_means=means), sums
