@@ -125,6 +125,6 @@ def test_a_contradiction_needs_more_than_chance():
         found = 0
         for seed in range(20):
             lines = dark_lines(reduced(seed, lambda g, i, rng, step=step: step * (g == 2)), None)
-            slopes = lines.mean.line[1], lines.variance.line[1]
+            slopes = lines.mean.line[1], lines.mean.sampling, lines.variance.line[1]
             found += contradiction(*slopes, Uncertain(1.0), lines.mean.exposure_s) is not None
         assert found == expected

@@ -99,7 +99,8 @@ def assemble(
 
 def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:
     exposure_s = np.array([entry.group.exposure_s for entry in dark.groups])
-    return contradiction(dark.together.dark_slope, dark.together.dark_variance_slope, gain, exposure_s)
+    slopes = dark.together.dark_slope, dark.slope_sampling, dark.together.dark_variance_slope
+    return contradiction(*slopes, gain, exposure_s)
 
 
 def _measurements(

@@ -174,6 +174,7 @@ class DarkResult:
     clipped: ClippedDarks | None  # censored fit; None where no dark frames are clipped at 0
     channels: tuple[Measurements, ...]
     together: Measurements  # of all pixels together
+    slope_sampling: float  # standard uncertainty of their dark slope from sampling alone
 
     @property
     def reference_exposure_s(self) -> float:
@@ -251,7 +252,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         if slopes is not None:
             spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
         together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
-    found = tuple(channels), together
+    found = tuple(channels), together, pooled.mean.sampling
     return DarkResult(tuple(groups), change, lines, scatter, mean, slope_map, slopes, clipped, *found)
 
 

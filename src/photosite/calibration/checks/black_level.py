@@ -137,13 +137,17 @@ class Contradiction:
 
 
 def contradiction(
-    slope: Value, variance_slope: Value, gain: Value, exposure_s: NDArray[np.float64]
+    slope: Value, sampling: float, variance_slope: Value, gain: Value, exposure_s: NDArray[np.float64]
 ) -> Contradiction | None:
-    """Return the contradiction between the slopes of dark level and dark variance, if any."""
+    """Return the contradiction between the slopes of dark level and dark variance, if any.
+
+    The uncertainty of the mean is that of `sampling`: a scatter of the dark levels about their line, which widens the
+    uncertainty of the slope, is itself a sign of a black level that moves.
+    """
     if isinstance(slope, Missing) or isinstance(variance_slope, Missing) or isinstance(gain, Missing):
         return None
     of_mean, of_variance = slope / gain, variance_slope / (gain * gain)
-    difference = of_mean - of_variance
+    difference = Uncertain.of(slope.value, sampling) / gain - of_variance
     # Not the interval: few exposure times leave few degrees of freedom, but on clean frames the uncertainty is at least
     # that of sampling, which is well known.
     apart = abs(difference.value) / difference.standard_uncertainty

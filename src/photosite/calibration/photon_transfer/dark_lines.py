@@ -105,6 +105,16 @@ class DarkLine:
         return intercept, slope
 
     @property
+    def sampling(self) -> float:
+        """Standard uncertainty of the slope from sampling and what the points share, without scatter about the line."""
+        if self.fit is None:
+            return math.inf
+        weights = self.fit.estimator[1]
+        return math.hypot(
+            math.sqrt(weights @ self.covariance @ weights), np.abs(weights) @ self.shared * self.differing
+        )
+
+    @property
     def at_zero(self) -> Uncertain:
         """The intercept, or the mean where there is one exposure only."""
         intercept, _ = self.line
