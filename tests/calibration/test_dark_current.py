@@ -105,7 +105,7 @@ def test_shifts_are_found_with_their_size():
 
 
 def test_a_drift_widens_the_dark_slope_until_its_interval_holds():
-    """A drift of 0.5 DN in each of two groups, which goes on from one to the other. Two points always fit a line."""
+    """A drift of 0.5 DN in each of two groups, which continues from one to the other. Two points always fit a line."""
     inside = [0, 0]
     for seed in range(20):
         darks = reduced(seed, lambda g, i, rng: 0.5 * (g + i / 8), (0.01, 1.0))

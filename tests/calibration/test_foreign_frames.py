@@ -1,4 +1,4 @@
-"""Frames and groups of another chip, gain or binning are left out by name; nothing is said of weak patterns."""
+"""Frames and groups of another chip, gain or binning are left out by name; weak patterns give no warning."""
 
 from functools import partial
 

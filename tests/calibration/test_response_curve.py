@@ -1,4 +1,4 @@
-"""Bends of the response are found and taken into account, light is told from sensor, and straight responses pass."""
+"""Bends of the response are found and taken into account, light and sensor are distinguished, straight ones pass."""
 
 from dataclasses import replace
 from functools import partial
@@ -33,7 +33,7 @@ SHAPES = {"2nd power": power(2), "3rd power": power(3), "4th power": power(4), "
 
 
 def light_levels(rng, shape="2nd power", size=0.0, *, levels=12, lamp=0.0, scatter=0.0, delay=0.0):
-    """Levels of a sensor with a bend of a size at the largest signal, under light with errors of its own."""
+    """Levels of a sensor with a bend of a size at the largest signal, under light with errors."""
     x = np.arange(1, levels + 1) / levels
     e = x * (1.0 + lamp * x) * (1.0 + scatter * rng.normal(size=levels)) - delay
     response, slope = SHAPES[shape](e, size)

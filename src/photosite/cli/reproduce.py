@@ -153,7 +153,7 @@ def imperfect_stacks(stacks: int, as_json: bool) -> None:
 
 
 def _answer(name: str, given: tuple[float, float] | str, truth: float) -> str:
-    """Return a line with an interval of 95 % and the truth, or with the reason why there is none."""
+    """Return a line with an interval of 95 % and the truth, or that it is withheld."""
     if isinstance(given, str):
         return f"  {name}: withheld"
     return f"  {name}: {given[0]:.4g} to {given[1]:.4g} (true {truth:.4g})"

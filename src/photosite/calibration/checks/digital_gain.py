@@ -1,4 +1,4 @@
-"""What is said of a digital gain that was applied after the converter (`reduction/codes.py`)."""
+"""Warnings of a digital gain that was applied after the converter (`reduction/codes.py`)."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Frames of one chip share its fixed pattern, so that their deviations from a smooth frame are correlated, by the variance
 of that pattern. Frames of another chip of the same model have the same mean and noise, and no such correlation. Where
-the pattern is too weak to show, nothing is said.
+the pattern is too weak to show, there is no warning.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ BY_CHANCE = 1e-4
 """Share of sets of levels, of one channel and range, in which a level may be taken for an outlier."""
 
 LEAST_LEVELS = 4
-"""Levels below which no outlier can be told."""
+"""Levels below which no outlier can be found."""
 
 LEAST_DEVIATION = 0.005
 """Relative deviation below which the scatter of lamp and shutter explains a level, and the fits allow for it."""

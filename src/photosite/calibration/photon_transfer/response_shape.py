@@ -8,7 +8,7 @@ H(0) = 0. It is 0 for a straight response. Under light in proportion to x,
 Signals are given as t, relative to the brightest level in the linear range. H is a straight line through 0 plus an
 integrated Wiener process, whose posterior mean is a cubic smoothing spline: any smooth bend, and knees within their
 uncertainty (G. Wahba, "Improper priors, spline smoothing and the problem of guarding against model errors in
-regression", J. R. Stat. Soc. B 40 (1978) 364). The light has two errors of its own: scatter from level to level, and a
+regression", J. R. Stat. Soc. B 40 (1978) 364). The light has two errors: scatter from level to level, and a
 constant amount (shutter delay, stray light), which adds a multiple of 1 / t. Roughness of the bend, scatter and
 constant amount have unknown sizes. The result is the mean over a grid of them, weighted by their marginal likelihood.
 """

@@ -305,7 +305,7 @@ class SharedCharge:
     factor
         Summed covariance of the shot noise over its variance.
     between_frames
-        (FRAME_REACH,) correlation of the shot noise with that of the next frames; empty where there is none.
+        (FRAME_REACH,) correlation of the shot noise with that of the next frames; empty if the frames are independent.
     """
 
     factor: Uncertain

@@ -120,7 +120,7 @@ def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
 def periodic_structure(
     flat: NDArray[np.float64], dark: NDArray[np.float64], tile: NDArray[np.int64]
 ) -> PeriodicStructure | None:
-    """Return the periodic structure of the pixels of one channel, the most different one; None where there is none.
+    """Return the periodic structure of the pixels of one channel, the most different one; None within chance.
 
     Parameters
     ----------
