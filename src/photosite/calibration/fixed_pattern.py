@@ -18,6 +18,7 @@ from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import same_exposure
+from photosite.calibration.photon_transfer.summed_covariance import SharedCharge
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
@@ -106,8 +107,13 @@ class SlopePlan:
     seconds_per_unit: float  # exposure time per unit of the light levels' axis
 
 
-def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePlan | Missing:
-    """Plan a channel's map of slopes from the light groups in its linear range."""
+def plan_slopes(
+    channel: Channel, lights: Sequence[GroupStatistics], charge: SharedCharge | None = None
+) -> SlopePlan | Missing:
+    """Plan a channel's map of slopes from the light groups in its linear range.
+
+    `charge` is what frames share, by image lag: less of their noise averages out.
+    """
     levels, used = channel.levels, channel.used & channel.levels.trusted
     if len(np.unique(levels.x[used])) < 2:
         return Missing(
@@ -127,6 +133,9 @@ def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePla
         variance[single] = (dark + gain.value * levels.signal[used])[single]
         uncertainty[single] = (gain.standard_uncertainty * levels.signal[used])[single]
     frames = np.array([level.frames for level in chosen])
+    if charge is not None:
+        more = charge.of_mean(frames.astype(np.float64))
+        variance, uncertainty = more * variance, more * uncertainty
     coefficients = slope_coefficients(levels.x[used], frames / variance)
     return SlopePlan(
         dict(zip(groups.tolist(), coefficients.tolist(), strict=True)),
@@ -152,7 +161,9 @@ def measure_fixed_pattern(
             ),
             taps=_found(taps),
         )
-    plans = [plan_slopes(channel, lights) for channel in channels]
+    shared = light.noise.shared
+    charge = None if shared is None or isinstance(shared.charge, Missing) else shared.charge
+    plans = [plan_slopes(channel, lights, None if charge is None else charge[channel.index]) for channel in channels]
     coefficients = [{} if isinstance(plan, Missing) else plan.coefficients for plan in plans]
     groups = [i for i in range(len(lights)) if i in half or any(i in weights for weights in coefficients)]
     reader.expect(sum(len(lights[i].group) for i in groups if not reader.kept(lights[i].group)))
@@ -173,6 +184,9 @@ def measure_fixed_pattern(
         flat = GroupMean.of(reader, lights[i], mean, dark.scatter)
         if light.noise.flicker is not None:
             flat = replace(flat, noise=[parts.with_bands() for parts in flat.noise])
+        if charge is not None:
+            more = [float(entry.of_mean(np.array([float(lights[i].frames)]))[0]) for entry in charge]
+            flat = replace(flat, noise=[parts.scaled(m) for parts, m in zip(flat.noise, more, strict=True)])
         for k in (k for k, group in enumerate(half) if group == i):
             dark_parts, dark_planes = patterns[k]
             plain, filtered = (

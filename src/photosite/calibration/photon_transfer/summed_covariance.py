@@ -316,10 +316,19 @@ class SharedCharge:
 
         Frames that are alike scatter less about their own mean.
         """
-        lost = np.zeros(len(frames))
+        return np.asarray(self.factor.value / (1.0 - self._in_pairs(frames) / np.maximum(frames - 1.0, 1.0)))
+
+    def of_mean(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (levels,) variance of the mean of so many frames over that of independent frames, which they show."""
+        pairs = self._in_pairs(frames)
+        return np.asarray((1.0 + pairs) / (1.0 - pairs / np.maximum(frames - 1.0, 1.0)))
+
+    def _in_pairs(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (levels,) sum of the correlations of a frame with the others of its level, the mean over frames."""
+        total = np.zeros(len(frames))
         for lag, correlation in enumerate(self.between_frames, 1):
-            lost += 2.0 * correlation * np.maximum(frames - lag, 0.0) / (frames * np.maximum(frames - 1.0, 1.0))
-        return np.asarray(self.factor.value / (1.0 - lost))
+            total += 2.0 * correlation * np.maximum(frames - lag, 0.0) / frames
+        return total
 
 
 @dataclass(frozen=True)
