@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from photosite.studies.imperfect_stacks import GAIN, KINDS, Answer, imperfect_stacks
+from photosite.studies.imperfect_stacks import GAIN, KINDS, SATURATION_E, Answer, StackKind, imperfect_stacks
 
 _BY_NAME = {kind.name: kind for kind in KINDS}
 
@@ -40,6 +40,16 @@ def test_the_gain_of_a_bent_response_is_that_at_small_signal(name: str) -> None:
     found = answer(name)
     assert found.right
     assert any("bends" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("factor", [1.8, 2.0])
+def test_soft_saturation_with_few_levels_below_withholds_the_gain(factor: float) -> None:
+    """One or two levels are below 70 % of the largest variance; with two, a line through them is 25 % low."""
+    kind = StackKind("", "", charge=lambda e, rng: e / (1.0 + (factor - 1.0) * e / SATURATION_E))
+    (found,) = imperfect_stacks([1], [kind])
+    assert isinstance(found.gain, str)
+    assert isinstance(found.prnu, str)
+    assert any("soft saturation" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize("name", ["mosaic not stated", "wrong phase"])

@@ -104,6 +104,8 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     line = fit_gain(levels, used)
     of_line = gain_value(line)
     bent = None if isinstance(factor, Missing) else fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
+    if isinstance(bent, Missing):
+        return LightResult(tuple(channels), line, bent, bent, NoiseStructure())
     of_line, gain = (
         factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if shared is not None else value
         for value in (of_line, of_line if bent is None else gain_value(bent.fit, bent.gain))

@@ -43,9 +43,9 @@ class DarkNoiseRatio:
         return abs(self.ratio - 1.0) > max(LEAST_DIFFERENCE, limit)
 
     def __str__(self) -> str:
-        cause = "a dark frame was subtracted from each flat in the camera, or each dark frame is the mean of two"
+        cause = "a dark frame was subtracted from each flat field in the camera, or each dark frame is the mean of two"
         if self.ratio < 1.0:
-            cause = f"each flat is the mean of about {1.0 / max(self.ratio, 0.01):.2g} frames, or was denoised"
+            cause = f"each flat field is the mean of about {1.0 / max(self.ratio, 0.01):.2g} frames, or was denoised"
         elif self.ratio - 3.0 * self.uncertainty > 2.0:
             cause = f"each dark frame is the mean of about {self.ratio:.2g} frames, or was denoised"
         return (

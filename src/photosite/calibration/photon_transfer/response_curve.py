@@ -34,7 +34,7 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
 from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
 from photosite.sensor.noise_profile import QUANTISATION_DN2
-from photosite.values.uncertain import Source, Uncertain
+from photosite.values.uncertain import Missing, Source, Uncertain
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ OWN_BY_CHANCE = (1e-3, 0.03)
 """Share of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
 
 LARGEST_BEND = math.log(2.0)
-"""Largest H_L that is fitted. Signals so far from the stated light are refused after this stage."""
+"""Largest H_L that is fitted; beyond it the gain is withheld."""
 
 _ROUNDS = 12
 _SMALL = 1e-8
@@ -168,8 +168,10 @@ class BentGain:
 
 def fit_bent_gain(
     channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], saturation_dn: Sequence[float | None]
-) -> BentGain | None:
+) -> BentGain | Missing | None:
     """Return the gain at small signal with the response curves; None where the response is straight within noise.
+
+    Missing where the response bends too far to be fitted.
 
     Parameters
     ----------
@@ -189,7 +191,8 @@ def fit_bent_gain(
     bent = any(shape is not None for shape in shapes)
     joint = _Joint.of(channels, used, signals, shapes)
     if joint.largest_bend > LARGEST_BEND:
-        return None
+        factor = math.exp(joint.largest_bend)
+        return Missing(f"the signal is not in proportion to the stated light, by a factor of {factor:.2g}")
     found = joint.fit(line, OWN_BEND * joint.largest_bend) if bent else None
     if bent or joint.may_bend():
         free = joint.fit(line, OWN_BEND)

@@ -20,11 +20,16 @@ LEAST_LEVELS, LEAST_RANGE = 3, 2.0
 """Light levels, and ratio of the largest to the smallest light, that an exponent needs."""
 
 STILL_RISING = 0.98
-"""Share of the largest signal above which flats may all be saturated."""
+"""Share of the largest signal above which flat fields may all be saturated."""
 
 QUIETER, LEAST_RISE = 6.0, 0.2
-"""Standard uncertainties by which half of the flats are quieter than the darks, and relative rise of their signal, at
-which they are not saturated."""
+"""Standard uncertainties by which half of the flat fields are quieter than the dark frames, and relative rise of their
+signal, at which they are not saturated."""
+
+LEAST_STRAIGHT, FALLEN, RISEN = 4, 6.0, 1.1
+"""Light levels up to 70 % of the signal at the largest variance that show a bend of the response. With fewer, falling
+variances of rising signals are those of a tone curve or of soft saturation: standard uncertainties by which the
+variance falls, and ratio of the signals beyond its maximum. Sharp saturation ends at one signal."""
 
 SCATTER = 25.0
 """Chi square per degree of freedom of the variances about a line through the origin that a tone curve exceeds."""
@@ -46,7 +51,8 @@ class ToneCurve:
         return (
             f"the numbers are not proportional to the light: the signal rises with its power {self.exponent:.2f} and "
             f"the temporal variance not in proportion to the signal, as with a tone curve (gamma, logarithm, "
-            f"square-root companding); calibrate raw numbers, or undo the curve with its table (--linearize)"
+            f"square-root companding) or soft saturation; calibrate raw numbers, undo the curve with its table "
+            f"(--linearize), or take more dim flat fields"
         )
 
 
@@ -54,7 +60,7 @@ def find_tone_curve(channels: Sequence[LightLevels]) -> ToneCurve | None:
     """Return the tone curve of the frames, None where no channel has a strong one.
 
     Levels up to 70 % of the largest signal are used, so that saturation does not count as a curve. All are used where
-    most flats are quieter than the darks, as behind a logarithm.
+    most flat fields are quieter than the dark frames, as behind a logarithm.
     """
     found = [exponent for levels in channels if (exponent := _exponent(levels)) is not None]
     return ToneCurve(min(found)) if found else None
@@ -75,8 +81,19 @@ def _exponent(levels: LightLevels) -> float | None:
     log_x = np.log(x) - np.log(x).mean()
     exponent = float(log_x @ np.log(y) / (log_x @ log_x))
     if exponent >= STRONG:
-        return None
+        return exponent if _falls(levels) else None
     weight = 1.0 / np.diag(levels.shot_covariance)[take]
     slope = float((weight * y) @ v / ((weight * y) @ y))
     chi_square = float(weight @ (v - slope * y) ** 2)
     return exponent if slope <= 0.0 or chi_square > SCATTER * (len(y) - 1) else None
+
+
+def _falls(levels: LightLevels) -> bool:
+    """Return whether the variance falls while the signal still rises, and too few levels show the response below."""
+    take = levels.repeated & levels.trusted & ~levels.clipped & (levels.signal > 0.0)
+    order = np.argsort(levels.signal[take])
+    y, v, u = (each[take][order] for each in (levels.signal, levels.shot, np.sqrt(np.diag(levels.shot_covariance))))
+    peak = int(v.argmax())
+    fallen = y[peak + 1 :][v[peak + 1 :] + FALLEN * np.hypot(u[peak + 1 :], u[peak]) < v[peak]]
+    straight = np.count_nonzero(y <= LINEAR_SHARE * y[peak])
+    return len(fallen) > 1 and bool(fallen[-1] > RISEN * fallen[0]) and straight < LEAST_STRAIGHT
