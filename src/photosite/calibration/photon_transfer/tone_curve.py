@@ -96,4 +96,4 @@ def _falls(levels: LightLevels) -> bool:
     peak = int(v.argmax())
     fallen = y[peak + 1 :][v[peak + 1 :] + FALLEN * np.hypot(u[peak + 1 :], u[peak]) < v[peak]]
     straight = np.count_nonzero(y <= LINEAR_SHARE * y[peak])
-    return len(fallen) > 1 and bool(fallen[-1] > RISEN * fallen[0]) and straight < LEAST_STRAIGHT
+    return bool(len(fallen) > 1 and fallen[-1] > RISEN * fallen[0] and straight < LEAST_STRAIGHT)
