@@ -4,10 +4,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo examples test test-slow fuzz install lint format clean
+.PHONY: demo docs examples test test-slow fuzz install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
+
+# The documentation site, in docs/_build/html. Warnings are errors; outputs of notebooks are cached in docs/_build.
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
 
 # The pictures of docs/gallery: minutes. A script whose extra is missing fails alone.
 examples: $(VENV)/installed
@@ -50,4 +54,8 @@ $(VENV)/installed: pyproject.toml | $(BIN)/python
 
 $(VENV)/installed-dev: pyproject.toml $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+$(VENV)/installed-docs: pyproject.toml $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("page", ["contributing.md", "theory.md", "design-notes.md"])
+@pytest.mark.parametrize("page", ["development/contributing.md", "theory/model.md", "development/design-notes.md"])
 def test_files_that_a_page_names_exist(page: str) -> None:
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     named = set(re.findall(r"`([\w./-]+\.(?:py|yaml))`", text)) - {"tests/scene/io/test_NAME.py"}
@@ -18,4 +18,4 @@ def test_files_that_a_page_names_exist(page: str) -> None:
     missing = sorted(name for name in named if not any((folder / name).exists() for folder in folders))
     assert not missing
     linked = {link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link}
-    assert not [link for link in linked if link and not (ROOT / "docs" / link).exists()]
+    assert not [link for link in linked if link and not (ROOT / "docs" / page).parent.joinpath(link).exists()]

@@ -1,6 +1,7 @@
 """300 frames of a real 12-bit CCD camera against the results of the EMVA 1288 reference implementation.
 
-Frames: Basler AG, CC BY-SA 3.0. Results of the same definition agree to 0.5 % (table in docs/emva-reference.md).
+Frames: Basler AG, CC BY-SA 3.0. Results of the same definition agree to 0.5 %; docs/validation/emva-reference.md has
+the table.
 """
 
 from dataclasses import replace

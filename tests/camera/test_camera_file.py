@@ -263,7 +263,7 @@ class TestDrawnForTheCamera:
         assert set_up.seen.scene().shape == (20, 30)
 
     def test_measured_mtf_is_that_of_lens_and_pixel(self, tmp_path: Path) -> None:
-        """The set-up of docs/cameras.md on a small chip: MTF within 0.01 of lens times photodetector times cells."""
+        """The set-up of formats/camera.md on a small chip: MTF within 0.01 of lens times photodetector times cells."""
         from photosite.metrics.sharpness import slanted_edge_mtf
 
         file = written(

@@ -174,7 +174,7 @@ def test_one_of_two_planes_in_focus(near: float, far: float) -> None:
 
 
 def test_errors_of_linear_layers() -> None:
-    """As docs/depth.md states, relative to full scale, at single pixels near the edge."""
+    """As docs/theory/depth.md states, relative to full scale, at single pixels near the edge."""
     both = compared([(1.0, texture(1), half()), (4.0, texture(2), ONES)])
     assert 0.05 < largest(both) < 0.11
     # The edge of what is behind falls on the edge before it: rays see none of its light, or all of it.

@@ -150,7 +150,7 @@ def test_schema_of_the_stack() -> None:
 
 
 def test_the_documented_stack_is_valid() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "optical-stack.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "optical-stack.md").read_text(encoding="utf-8")
     block = page.split("```yaml\n")[1].split("```")[0]
     sensor = parse_sensor(dump_sensor(D200) + block, "page.yaml")
     assert sensor.optical_stack is not None

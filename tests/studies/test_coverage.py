@@ -9,7 +9,7 @@ Limits and false-alarm probabilities for each parameter with correct intervals, 
 About 30 parameters share their errors: with new seeds fewer than one run in 200 would fail. The seeds are fixed.
 Uncertainties a third too small lower the coverage to 81 % and widen to 1.5, which is detected with probability 0.97 or
 0.999; a bias of 0.7 uncertainties with 0.85 or 0.999. The full study is `photosite reproduce coverage`, and
-docs/coverage.md has its table.
+docs/validation/coverage.md has its table.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""docs/isetcam.md says by how much ISETCam and photosite differ, by convention: its numbers, computed anew."""
+"""docs/validation/isetcam.md says by how much ISETCam and photosite differ, by convention.
+
+These tests compute its numbers again.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from photosite.validation.patch_values import PatchComparison, compare_values
 from photosite.validation.set_up import SetUp, read_set_up
 from photosite.validation.tool_comparison import compare
 
-DOCS = Path(__file__).parents[2] / "docs" / "isetcam.md"
+DOCS = Path(__file__).parents[2] / "docs" / "validation" / "isetcam.md"
 
 
 def rows() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Transfers from a scene's weight maps to the sensor's channels, reduced to few terms (docs/theory.md).
+"""Transfers from a scene's weight maps to the sensor's channels, reduced to few terms (docs/theory/model.md).
 
 A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot distinguish them all, and the
 modes of a lens that varies over the field resemble each other. Maps and modes are therefore combined to the few *terms*

@@ -9,7 +9,7 @@ differently are combined by their opacity alpha, imaged in the same way as the p
 The image of the opacity is taken in the light that it blocks: the mean spectrum of what is behind. These are linear
 layers. A real lens sees each point of a plane through its whole pupil, and through each part of the pupil another part
 of the plane behind. The product is exact if either plane is in focus, except for the lens's smallest blur, and if the
-plane behind is uniform. It errs near edges of opacity if both planes are out of focus (docs/depth.md).
+plane behind is uniform. It errs near edges of opacity if both planes are out of focus (docs/theory/depth.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Mean electrons of every pixel: the image of a scene through a lens on a sensor, without noise.
 
 `Camera` is the public interface. The functions here combine scene, optics and sensor, and pass arrays to the engine.
-docs/theory.md derives the equations.
+docs/theory/model.md derives the equations.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The optical transfer function of a lens, sampled in wavelength and spatial frequency (docs/theory.md).
+"""The optical transfer function of a lens, sampled in wavelength and spatial frequency (docs/theory/model.md).
 
 A point spread of any shape becomes a kernel on the frame's cells. What makes such a kernel large are the rings of
 diffraction: their light falls only as 1 / radius^3, because the transfer function of a pupil with a sharp border begins

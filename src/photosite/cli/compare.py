@@ -38,7 +38,7 @@ _OF_OPTIONS = (
 @click.option("--variable", metavar="NAME", help="Array of a MATLAB file, with dots for fields: sensor.data.volts.")
 @options.reading_options("mosaics", " Default: that of the sensor.")
 @options.black_level_option(" of mosaics without it; by default that of the sensor")
-@options.path_option("--set-up", "set_up_file", text="Set-up as a JSON file (docs/isetcam.md).")
+@options.path_option("--set-up", "set_up_file", text="Set-up as a JSON file (docs/validation/isetcam.md).")
 @click.option("--case", metavar="NAME", help="Case of a JSON file with several cases.")
 @click.option(
     "--integration",

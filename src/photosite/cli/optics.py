@@ -49,7 +49,7 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
 
     The exit status is 0 if the file describes a lens, otherwise 2 with the line and the reason.
 
-    FILE may also be the ISETPARMS.txt of a ray trace by ISET's macros, or its folder (docs/optics.md).
+    FILE may also be the ISETPARMS.txt of a ray trace by ISET's macros, or its folder (docs/howto/optics.md).
 
     Prints the parts of the lens, and the MTF on the axis at a few frequencies on the sensor, along rows and columns.
     For lens-design data, also prints wavelengths, field points, modes, the error of their sum, and the MTF at points to

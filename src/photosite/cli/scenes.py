@@ -70,7 +70,7 @@ def _scenes_text(scenes: dict[str, dict[str, Any]]) -> str:
                 "Options with their defaults (--scene-option NAME=VALUE):",
                 (f"{name}: {written(entry['options'])}" for name, entry in scenes.items()),
             ),
-            f"File formats (docs/scenes.md):\n{table(formats, '<<<')}",
+            f"File formats (docs/howto/scenes.md):\n{table(formats, '<<<')}",
         ]
     )
 

@@ -1,4 +1,6 @@
-"""From weight maps to a mosaic in the frequency domain: a sum over terms, about one inverse transform (docs/theory.md).
+"""From weight maps to a mosaic in the frequency domain: a sum over terms, about one inverse transform.
+
+docs/theory/model.md derives the equations.
 
 A channel is needed only at its own sites of the mosaic, for example one pixel in four. Taking every second value of a
 line folds its spectrum in half. Spectra are therefore folded while they are summed, and each inverse transform has a

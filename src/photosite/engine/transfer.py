@@ -1,4 +1,4 @@
-"""Transfer functions of lens, photodetector and pixel grid (docs/theory.md).
+"""Transfer functions of lens, photodetector and pixel grid (docs/theory/model.md).
 
 Maps are constant over rectangular cells, one or more per pixel. A pixel reads the map, spread by the lens and the cell,
 averaged over its photodetector, at its center. That is the discrete convolution with the kernel

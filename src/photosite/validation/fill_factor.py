@@ -112,7 +112,7 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     channels of a patch, which see the same light, are averaged first, weighted by noise. The ratio of a patch has the
     variance of its noise plus one variance common to all patches, estimated from their scatter (Mandel and Paule). The
     standard error comes from the scatter of the patches, with Student's t (G. Knapp and J. Hartung, Stat. Med. 22
-    (2003) 2693). docs/fill-factor.md gives the reasons, the measured coverage and the limits.
+    (2003) 2693). docs/validation/fill-factor.md gives the reasons, the measured coverage and the limits.
 
     Noise of the simulated means biases a ratio by its relative variance, 1e-4 for a mean known to 1 %.
 

@@ -145,7 +145,7 @@ def read_set_up(
     Parameters
     ----------
     path
-        JSON file as described in docs/isetcam.md: `wavelength_nm` and one object for each case.
+        JSON file as described in docs/validation/isetcam.md: `wavelength_nm` and one object for each case.
     case
         Name of the case; None selects the only case, or the only case with a result.
     integration

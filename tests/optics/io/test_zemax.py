@@ -1,4 +1,4 @@
-"""Listings of Zemax OpticStudio in the layouts of docs/optics.md, with synthetic numbers."""
+"""Listings of Zemax OpticStudio in the layouts of docs/howto/optics.md, with synthetic numbers."""
 
 from __future__ import annotations
 

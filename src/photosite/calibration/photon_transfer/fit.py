@@ -71,9 +71,9 @@ def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
     The extra variance, equal for all points, is the one at which chi square equals its expectation, the degrees of
     freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects). It is zero where at least a sixth of ideal
     data sets have such a chi square or a larger one. Half of them exceed the expectation, and widening all of those
-    made 95 % intervals cover 97 % (docs/coverage.md). With ideal points the weights are optimal. Where scatter far
-    above the sampling error dominates (drifting lamp, uneven converter steps), all points have nearly the same weight,
-    as in EMVA 1288's plain least squares. The covariance of the parameters includes the extra variance.
+    made 95 % intervals cover 97 % (docs/validation/coverage.md). With ideal points the weights are optimal. Where
+    scatter far above the sampling error dominates (drifting lamp, uneven converter steps), all points have nearly the
+    same weight, as in EMVA 1288's plain least squares. The covariance of the parameters includes the extra variance.
 
     Parameters
     ----------

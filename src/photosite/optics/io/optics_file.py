@@ -14,7 +14,7 @@ lateral_color: {wavelength_nm: [450, 550, 650], magnification: [1.0003, 1, 0.999
 veiling_glare: {fraction: 0.02}
 provenance: {source: ..., license: ...}
 
-File names are relative to the optics file. docs/optics.md describes all sections.
+File names are relative to the optics file. docs/howto/optics.md describes all sections.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Text listings of Zemax OpticStudio: PSFs, relative illumination, distortion.
 
-They are what the text tab of an analysis window saves, in any of its encodings and decimal marks. docs/optics.md names
-the published examples of each layout. A listing of grid distortion looks like this:
+They are what the text tab of an analysis window saves, in any of its encodings and decimal marks. docs/howto/optics.md
+names the published examples of each layout. A listing of grid distortion looks like this:
 
 Units are Millimeters.
 Wavelength: 0.55000 µm

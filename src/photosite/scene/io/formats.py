@@ -6,7 +6,7 @@ To add a format: write a module in `photosite.scene.io` with `open_cube(path, op
 reduced, or a scene; `read(path, options)`, which returns a scene; or `read_patches(path)`, which returns the table of a
 measured chart; and `write(scene, path)` where scenes can be written. Add an entry to `FORMATS`. Keyword arguments of
 `write` are the options of `write_scene`. Each raises `FileError` for a file that it cannot read or write.
-docs/contributing.md lists tests and documentation.
+docs/development/contributing.md lists tests and documentation.
 """
 
 from __future__ import annotations
