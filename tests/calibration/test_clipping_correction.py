@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark, ClippedCounts, fit_censored
-from photosite.calibration.clipped_blacks.clipping_correction import (
+from photosite.calibration.clipped_blacks.clipped_darks import (
     _moments,
     _Pixels,
     _temporal_covariance,

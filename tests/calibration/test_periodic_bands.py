@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.chip_maps.periodic_bands import FALSE_ALARMS, find_bands
+from photosite.calibration.chip_maps.temporal_noise import FALSE_ALARMS, find_bands
 
 LINES = 500
 

@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.spatial import planes as module
-from photosite.calibration.spatial.planes import Difference, high_pass, high_passed, plane_mean, spread_sample, strips
+from photosite.calibration.spatial import nonuniformity as module
+from photosite.calibration.spatial.nonuniformity import (
+    Difference,
+    high_pass,
+    high_passed,
+    plane_mean,
+    spread_sample,
+    strips,
+)
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range
-from photosite.calibration.photon_transfer.curves import LinearRange
+from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.frames.frame_set import frame_set_from_arrays
 
 TILE = np.array([[0, 1], [1, 2]])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.spatial.nonuniformity import is_large, shading_variance
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes
-from photosite.calibration.spatial.shading import is_large, shading_variance
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.values.uncertain import Uncertain
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.planes import pixel_gain
+from photosite.calibration.spatial.nonuniformity import pixel_gain
 from photosite.calibration.spatial.spatial_analysis import (
     MOST_BINS,
     MeanPlanes,
@@ -163,7 +163,7 @@ def test_strong_sine_does_not_change_the_white_part():
 
 def test_spectrogram_of_several_planes_is_their_mean(monkeypatch):
     """The result does not depend on the size of the strips."""
-    from photosite.calibration.spatial import planes as strips
+    from photosite.calibration.spatial import nonuniformity as strips
 
     rng = np.random.default_rng(4)
     planes = [rng.normal(level, 2.0, (30, 40)) for level in (0.0, 100.0)]

@@ -5,8 +5,14 @@ import pytest
 from scipy import ndimage
 
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.parts import channel_parts, split_parts
-from photosite.calibration.spatial.planes import MARGIN, high_pass, line_gain, pixel_gain
+from photosite.calibration.spatial.nonuniformity import (
+    MARGIN,
+    channel_parts,
+    high_pass,
+    line_gain,
+    pixel_gain,
+    split_parts,
+)
 from photosite.values.uncertain import Missing, Uncertain
 
 NONE = Uncertain(0.0)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve
 from scipy.signal import correlate2d
 
-from photosite.calibration.photon_transfer.summed_covariance import (
+from photosite.calibration.photon_transfer.noise_covariance import (
     Run,
     find_shared_noise,
     noise_covariances,

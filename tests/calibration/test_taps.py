@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.spatial.taps import find_taps
+from photosite.calibration.spatial.periodic_structure import find_taps
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 QUADRANTS = np.array([[1.0, -1.0], [-1.0, 1.0]])

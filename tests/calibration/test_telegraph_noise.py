@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.chip_maps.telegraph_noise import (
+from photosite.calibration.chip_maps.pixel_noise import (
     FALSE_ALARMS,
     find_blinking,
     least_visits,

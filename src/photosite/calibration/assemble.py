@@ -9,18 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from photosite.calibration.checks.black_level import Contradiction, contradiction
-from photosite.calibration.checks.dark_pattern import missing_pattern_warning
-from photosite.calibration.checks.digital_gain import digital_gain_warnings
-from photosite.calibration.checks.first_frames import find_first_frames
-from photosite.calibration.checks.level_checks import level_warnings
+from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.dark import DarkResult, without_mean_slope
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
-from photosite.calibration.parameter_estimates import estimate_parameters, least_dark_variance, saturated_electrons
-from photosite.calibration.photon_transfer.channel import Channel, response_warnings
-from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
+from photosite.calibration.parameters import estimate_parameters, least_dark_variance, saturated_electrons
+from photosite.calibration.photon_transfer.channel import Channel, channel_curves, linear_range, response_warnings
 from photosite.calibration.photon_transfer.general_model import general_model
 from photosite.calibration.photon_transfer.level_outliers import outlier_warning
 from photosite.calibration.photon_transfer.linearity import channel_linearity
@@ -28,7 +24,7 @@ from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.shading import is_large
+from photosite.calibration.spatial.nonuniformity import is_large
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.exposure import format_exposure
@@ -42,6 +38,9 @@ LONG_DARKS_S = 0.01
 
 FAR_BELOW_ZERO = 4.75
 """At this many uncertainties below zero, a standard deviation's variance is over three of its uncertainties below."""
+
+LEAST_PATTERN = 0.05
+"""DSNU over read noise below which a dark frame was probably subtracted; sensors have 0.1 and more."""
 
 
 def assemble(
@@ -167,7 +166,7 @@ def _warnings(
         yield str(first)
     yield from digital_gain_warnings(reduction)
     yield from dict.fromkeys(str(entry) for entry in reduction.sums if entry is not None)
-    if (missing := missing_pattern_warning(together)) is not None:
+    if (missing := _missing_pattern_warning(together)) is not None:
         yield missing
     if light.outliers:
         yield outlier_warning(reduction.lights, light.outliers)
@@ -279,3 +278,17 @@ def _noise_warnings(fit: GainFit | None, m: Measurements) -> Iterator[str]:
             f"quantization hides the read noise; use its upper limit; rounding errors, which may be large, were added "
             f"to the uncertainties of DSNU, black level, dark current and DCNU"
         )
+
+
+def _missing_pattern_warning(m: Measurements) -> str | None:
+    """Return a warning where dark frames have no fixed pattern, as after a dark frame was subtracted in the camera."""
+    dsnu, read = m.dsnu_variance, m.read_variance
+    if not isinstance(dsnu, Uncertain) or not isinstance(read, Uncertain) or read.value <= 0.0 or m.dark_method:
+        return None
+    if dsnu.interval_95[1] > LEAST_PATTERN**2 * read.value:
+        return None
+    return (
+        f"the dark frames have no fixed pattern: DSNU is below {100 * LEAST_PATTERN:.0f} % of the read noise, as after "
+        f"a dark frame was subtracted in the camera; DSNU and dark current are then those that are left, and the read "
+        f"noise contains that of the subtracted frame (1.41 times the sensor's for a single one)"
+    )

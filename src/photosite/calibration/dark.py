@@ -24,7 +24,7 @@ from photosite.calibration.reduction.groups import GroupStatistics, Level, poole
 from photosite.calibration.reduction.quantisation import differing_share, with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.spatial.parts import Parts, channel_parts
+from photosite.calibration.spatial.nonuniformity import Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,

@@ -18,12 +18,12 @@ from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import same_exposure
-from photosite.calibration.photon_transfer.summed_covariance import SharedCharge
+from photosite.calibration.photon_transfer.noise_covariance import SharedCharge
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.parts import Parts
-from photosite.calibration.spatial.periodic_structure import PeriodicStructure, periodic_structure
+from photosite.calibration.spatial.nonuniformity import Parts, shading_variance
+from photosite.calibration.spatial.periodic_structure import PeriodicStructure, Taps, find_taps, periodic_structure
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
@@ -31,14 +31,12 @@ from photosite.calibration.spatial.pixel_slopes import (
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.spatial.shading import shading_variance
 from photosite.calibration.spatial.spatial_analysis import (
     MeanPlanes,
     OutlierThresholds,
     SpatialAnalysis,
     spatial_analysis,
 )
-from photosite.calibration.spatial.taps import Taps, find_taps
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
 
 HALF_SATURATION = (0.3, 0.7)

@@ -1,12 +1,19 @@
-"""The parameters of a sensor, each with its label and unit."""
+"""The parameters of a sensor, each with its label and unit, and their estimates from measurements."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, get_type_hints
 
+from photosite.calibration.measurements import Measurements
+from photosite.calibration.photon_transfer.linearity import linearity_estimates
+from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.errors import InputError, did_you_mean
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
+from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
+from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 _NOISE = "Noise and fixed pattern (2008 paper)"
 _DARK = "Dark signal"
@@ -99,3 +106,207 @@ def parameter_label(name: str) -> Label:
     if name not in PARAMETER_LABELS:
         raise InputError("parameter", value=name, expected="a known name", hint=did_you_mean(name, PARAMETER_LABELS))
     return PARAMETER_LABELS[name]
+
+
+COARSEST_STEP = 0.10
+"""Largest uncertainty of the saturation exposure, relative, at which the largest variance locates saturation.
+
+EMVA 1288 asks for 50 equal exposure steps or more."""
+
+LEAST_DARK_VARIANCE = 0.24
+"""DN^2; EMVA 1288: below it quantization hides the temporal dark noise, and this is its upper limit."""
+
+
+def least_dark_variance(m: Measurements) -> float:
+    """Return `LEAST_DARK_VARIANCE` for the step of the converter's codes, with the quantization noise of 1 DN."""
+    return (LEAST_DARK_VARIANCE - QUANTISATION_DN2) * m.step**2 + QUANTISATION_DN2
+
+
+def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
+    """Return all parameters with their uncertainties, in every unit that is known."""
+    per_e = derive(lambda k: 1.0 / k, m.gain)
+    gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
+    if m.curved:
+        gain_method = "gain at small signal, fitted with the response curve to means and temporal variances"
+    volts = derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn)
+    return Parameters(
+        **_noise_and_pattern(m, mv_per_dn, per_e),
+        **_emva(m, per_e),
+        **_emva_pattern(m, per_e),
+        **linearity_estimates(m.linearity),
+        system_gain_dn_per_e=Estimate.of(m.gain, gain_method),
+        conversion_gain_uv_per_e=Estimate.of(volts, "system gain times volts per digital number"),
+        saturation_dn=Estimate.of(m.saturation_dn, m.method(m.saturation_method, "saturation_dn")),
+    )
+
+
+def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
+    """Return the estimate of a standard deviation, multiplied by a scale."""
+    if isinstance(variance, Missing) or isinstance(scale, Missing):
+        return Estimate.of(variance if isinstance(variance, Missing) else scale, method)
+    limit = upper_limit_95(variance)
+    return Estimate.of(
+        standard_deviation(variance) * scale,
+        method,
+        None if limit is None else limit * scale.value,
+        standard_deviation_interval_95(variance * scale * scale),
+    )
+
+
+def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
+    scales = {"dn": Uncertain(1.0), "e": per_e, "mv": mv}
+    read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance less 1/12 DN²"))
+    dsnu = m.method(m.dsnu_method, "dsnu_variance")
+    prnu = "relative spread of per-pixel slopes against exposure in the linear range, less their noise"
+    shading = "part of PRNU that the high-pass filter of EMVA 1288 removes: uneven light, vignetting"
+    dcnu = "spread of per-pixel dark slopes, less their noise, relative to the mean slope"
+    slope = "slope of the mean dark level against exposure"
+    noise_slope = "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)"
+    from_variance = derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e)
+    return {
+        **{f"read_noise_{unit}": _read_noise(m, scale, read) for unit, scale in scales.items()},
+        **{f"dsnu_{unit}": _deviation(m.dsnu_variance, scale, dsnu) for unit, scale in scales.items()},
+        "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), m.method(prnu, "response_variance")),
+        "shading_percent": _deviation(m.shading_variance, Uncertain(100.0), m.method(shading, "shading_variance")),
+        "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
+        "dark_current_dn_per_s": Estimate.of(m.dark_slope, slope),
+        "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),
+        "dark_current_from_variance_e_per_s": Estimate.of(from_variance, noise_slope),
+        "dcnu_percent": _deviation(
+            m.dark_slope_variance, _percent_of_dark(m.dark_slope), m.method(dcnu, "dark_slope_variance")
+        ),
+        "black_level_dn": Estimate.of(m.black_level, m.dark_method or f"mean dark level at {m.dark_exposure}"),
+    }
+
+
+def _percent_of_dark(slope: Value) -> Value:
+    if isinstance(slope, Missing):
+        return slope
+    if slope.value < 3.0 * slope.standard_uncertainty:
+        return Missing("the dark current is not distinguishable from zero; take longer dark exposures")
+    return 100.0 / slope
+
+
+def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
+    """Return the read noise, multiplied by a scale; only its upper limit where quantization hides it."""
+    dark, found = m.dark_variance, _deviation(m.read_variance, scale, method)
+    least = least_dark_variance(m)
+    if not isinstance(dark, Uncertain) or dark.value >= least or found.value is None:
+        return found
+    assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
+    limit = max(math.sqrt(least - QUANTISATION_DN2) * scale.value, found.interval_95[1])
+    return Estimate(
+        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization "
+        f"hides the read noise; its 95 % upper limit is {limit:.3g}",
+        upper_limit_95=limit,
+        method=method,
+    )
+
+
+def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
+    method = (
+        f"dark temporal variance at {m.dark_exposure}{_clipping_note(m)}, less 1/12 DN² (EMVA 1288 R4.0, dark noise)"
+    )
+    result = _deviation(derive(lambda v: v - QUANTISATION_DN2, m.dark_variance), per_e, method)
+    if isinstance(m.dark_variance, Missing) or isinstance(per_e, Missing):
+        return result
+    if m.dark_variance.value >= (least := least_dark_variance(m)):
+        return result
+    limit = math.sqrt(least - QUANTISATION_DN2) * per_e.value
+    return replace(result, upper_limit_95=max(limit, result.upper_limit_95 or 0.0))
+
+
+def _clipping_note(m: Measurements) -> str:
+    return ", corrected for clipping" if m.dark_method else ""
+
+
+def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tuple[Value, str], str]:
+    """Return saturation in electrons and in photons, each with its method, and the measurement that both are based on.
+
+    It is EMVA's variance maximum where the exposures locate it, else that of clipped pixels.
+    """
+    peak = m.saturation_photons
+    known = isinstance(peak, Uncertain) and isinstance(efficiency, Uncertain)
+    fine = isinstance(peak, Uncertain) and peak.standard_uncertainty <= COARSEST_STEP * peak.value
+    if known and (fine or isinstance(m.saturation_dn, Missing)):
+        text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
+        electrons = derive(lambda q, photons: q * photons, efficiency, peak)
+        return (electrons, f"quantum efficiency times {text}"), (peak, text), "saturation_photons"
+    electrons = saturated_electrons(m)
+    text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
+    if not known:
+        return (electrons, text), (peak, text), "saturation_dn"
+    photons = derive(lambda e, q: e / q, electrons, efficiency)
+    coarse = "the exposures are too far apart for EMVA's largest variance"
+    by_efficiency = f"saturation in electrons / quantum efficiency; {coarse}"
+    return (electrons, f"{text}; {coarse}"), (photons, by_efficiency), "saturation_dn"
+
+
+def saturated_electrons(m: Measurements) -> Value:
+    """Return the electrons of fully clipped pixels."""
+    inputs = m.saturation_dn, m.black_level, m.gain
+    return derive(lambda top, black, k: (top - black) / k * m.saturation_stretch, *inputs)
+
+
+def _threshold_e(dark_variance: Value, gain: Value) -> Value:
+    """Return the electrons at SNR 1, quantization included: sqrt(var / K^2 + 1/4) + 1/2."""
+    if isinstance(dark_variance, Uncertain) and dark_variance.value < 0.0:
+        return Missing("the dark temporal variance is negative at exposure zero; take shorter dark frames")
+    return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)
+
+
+def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+    threshold_e = _threshold_e(m.dark_variance, m.gain)
+    efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
+    electrons, photons, measurement = _capacity(m, derive(lambda r, k: r / k, m.saturation_responsivity, m.gain))
+    range_db = derive(lambda top, low: (top / low).decibel(20.0), electrons[0], threshold_e)
+    by_response = {
+        "responsivity_dn_per_photon": (
+            m.responsivity,
+            f"slope through the origin of {'straightened ' * m.curved}signal against photons (EMVA 1288 R4.0, photon "
+            "transfer)",
+        ),
+        "quantum_efficiency_percent": (
+            derive(lambda q: q * 100.0, efficiency),
+            "responsivity / system gain (EMVA 1288 R4.0, photon transfer)",
+        ),
+        "sensitivity_threshold_photons": (
+            derive(lambda e, q: e / q, threshold_e, efficiency),
+            "photons at SNR 1: (sqrt(dark variance / K² + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
+        ),
+    }
+    by_saturation = {
+        "saturation_capacity_e": electrons,
+        "saturation_capacity_photons": photons,
+        "snr_max_db": (
+            derive(lambda e: e.decibel(10.0), electrons[0]),
+            "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)",
+        ),
+        "dynamic_range_db": (range_db, "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0)"),
+    }
+    return {
+        **{name: Estimate.of(value, m.method(text, "responsivity")) for name, (value, text) in by_response.items()},
+        **{name: Estimate.of(value, m.method(text, measurement)) for name, (value, text) in by_saturation.items()},
+        "temporal_dark_noise_e": _temporal_dark_noise(m, per_e),
+    }
+
+
+def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+    clipping = _clipping_note(m)
+    times = ", ".join(f"{t:g}" for t in sorted(set(m.dsnu1288_exposures_s)))
+    dark = f"spatial variance of the dark level at {times} s less temporal noise{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
+    light = "spatial variance at half saturation less that of the dark frames, {} (EMVA 1288 {}, PRNU)"
+    percent = Uncertain(100.0)
+    result: dict[str, Estimate] = {}
+    for prefix, unit, parts, scale, text in (
+        ("dsnu1288", "e", m.dsnu1288, per_e, dark.format("no high-pass")),
+        ("dsnu1288_filtered", "e", m.dsnu1288_filtered, per_e, dark.format("high-passed")),
+        ("prnu1288", "percent", m.prnu1288, percent, light.format("high-passed", "R4.0")),
+        ("prnu1288_unfiltered", "percent", m.prnu1288_unfiltered, percent, light.format("no high-pass", "R3.1")),
+    ):
+        method = m.method(text, prefix)
+        for part in fields(Parts):
+            name = f"{prefix}_{unit}" if part.name == "total" else f"{prefix}_{part.name}_{unit}"
+            variance = parts if isinstance(parts, Missing) else getattr(parts, part.name)
+            result[name] = _deviation(variance, scale, method)
+    return result

@@ -11,8 +11,7 @@ import numpy as np
 from photosite.calibration.dark import dark_lines, measure_dark_level
 from photosite.calibration.fixed_pattern import plan_slopes
 from photosite.calibration.measurements import NO_LIGHT, Measurements, pool_channels
-from photosite.calibration.parameter_estimates import estimate_parameters
-from photosite.calibration.parameters import Parameters
+from photosite.calibration.parameters import Parameters, estimate_parameters
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.photon_transfer import fit_gain, gain_value

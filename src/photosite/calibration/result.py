@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from photosite.calibration.emva1288 import EMVA1288, emva1288_figures
 from photosite.calibration.parameters import Parameters
-from photosite.calibration.photon_transfer.curves import Curve, LinearRange
+from photosite.calibration.photon_transfer.channel import Curve, LinearRange
 from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
 

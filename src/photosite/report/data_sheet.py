@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
-from photosite.calibration.photon_transfer.curves import Curve
+from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_number, format_time
 from photosite.report.page import Block, Heading, Table, columns, numeric

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
-from photosite.calibration.photon_transfer.curves import LinearRange
+from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain

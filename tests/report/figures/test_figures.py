@@ -15,7 +15,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 import photosite as ps
-from photosite.calibration.photon_transfer.curves import Curve
+from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics

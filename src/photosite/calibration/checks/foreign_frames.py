@@ -1,4 +1,4 @@
-"""Frames of another chip, gain or binning among the rest: their fixed pattern or their noise is not that of the others.
+"""Frames of another chip, gain or binning among the rest, singly or as groups: their pattern or noise is another.
 
 Frames of one chip share its fixed pattern, so that their deviations from a smooth frame are correlated, by the variance
 of that pattern. Frames of another chip of the same model have the same mean and noise, and no such correlation. Where
@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.checks.frame_screening import LEAST_PIXELS, block_sums, over_blocks
+from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
+from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 
 Array = NDArray[np.floating]
 
@@ -167,3 +170,64 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
         times = float(np.sqrt(variance[place] / usual))
         found[int(rest[place])] = f"its noise is {times:.2g} times that of the others: another gain, binning or readout"
     return found
+
+
+@dataclass(frozen=True)
+class GroupSample:
+    """A group and the sampled pixels (rows, cols) of its mean frame."""
+
+    statistics: GroupStatistics
+    mean: Array
+
+
+def find_foreign_groups(
+    darks: Sequence[GroupSample], lights: Sequence[GroupSample], reference: int, labels: NDArray[np.int64]
+) -> tuple[list[int], list[int]]:
+    """Return the dark groups and the light groups with another fixed pattern than most others of their kind.
+
+    Compared are mean dark frames, and the relative response in the flat fields of the linear range. Row noise and hot
+    pixels do not matter.
+
+    Parameters
+    ----------
+    darks, lights
+        The groups, and samples of their mean frames at the same pixels.
+    reference
+        Index of the dark group that is subtracted from the flat fields.
+    labels
+        Channels of the sampled pixels.
+    """
+    noise = [_group_noise(entry) for entry in darks]
+    found = _foreign(darks, [entry.mean for entry in darks], noise, labels)
+    dark, black = darks[reference], np.array([level.mean for level in darks[reference].statistics.levels])
+    linear: list[int] = []
+    relative, of_relative = [], []
+    levels = [pooled_level(entry.statistics.levels) for entry in lights]
+    repeated = [i for i, level in enumerate(levels) if level.repeated]
+    peak = max((levels[i] for i in repeated), key=lambda level: level.variance, default=None)
+    for i in repeated:
+        entry = lights[i]
+        signal = np.array([level.mean for level in entry.statistics.levels]) - black
+        dim = peak is not None and levels[i].mean - black.mean() <= LINEAR_SHARE * (peak.mean - black.mean())
+        if dim and signal.min() > 0.0 and not any(level.clipped for level in entry.statistics.levels):
+            linear.append(i)
+            relative.append((entry.mean - dark.mean) / signal[labels])
+            of_relative.append(float(np.mean((_group_noise(entry) + noise[reference]) / signal**2)))
+    return found, [linear[i] for i in _foreign([lights[i] for i in linear], relative, of_relative, labels)]
+
+
+def _group_noise(entry: GroupSample) -> float:
+    """Return the temporal variance in a mean frame; infinite for a single frame, whose noise is unknown."""
+    level = pooled_level(entry.statistics.levels)
+    return level.variance / level.frames if level.repeated else math.inf
+
+
+def _foreign(
+    groups: Sequence[GroupSample], means: Sequence[Array], noise: Sequence[float], labels: NDArray[np.int64]
+) -> list[int]:
+    if len(groups) < 2:
+        return []
+    patterns, shifted = fine_pattern(means, labels)
+    variance = np.einsum("ij,ij->i", patterns, patterns) / patterns.shape[1]
+    strength = np.maximum(variance - np.array(noise), 0.0)
+    return find_foreign(patterns, shifted, strength)

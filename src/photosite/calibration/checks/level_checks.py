@@ -1,4 +1,4 @@
-"""Checks of the levels of groups: clipping, bit depth, stated light and stated levels.
+"""Checks of the levels of groups: clipping, bit depth, digital gain, first frames, stated light and stated levels.
 
 A protocol or descriptor is written by hand or by another tool. A wrong unit in it leaves every frame readable, but
 makes the results wrong. Each error here rests on something impossible in the levels, and names the likely cause.
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from photosite.calibration.checks.result_screening import BEYOND_CHANCE, too_short_for_dark_current
 from photosite.calibration.photon_transfer.channel import Channel
@@ -338,3 +339,104 @@ def _stated_levels(frames: FrameSet, dark: GroupStatistics, lights: Sequence[Gro
         brightest, label = max((level.mean, entry.label) for entry in lights for level in entry.levels)
         if brightest > white and levels_disagree(white, brightest, 2 * white):
             yield f"the white level is stated as {white:g} DN, but {label} have a mean of {brightest:.1f} DN"
+
+
+EQUAL_GAINS = 0.01
+"""Relative difference up to which the digital gains of two channels are equal."""
+
+
+def digital_gain_warnings(reduction: Reduction) -> Iterator[str]:
+    """Yield a warning for each channel with a digital gain: its size, and what it means for the results."""
+    darks = reduction.reference_group.levels
+    for name, steps, level in zip(reduction.names, reduction.steps, darks, strict=True):
+        if steps is None:
+            continue
+        text = f"{steps}{reduction.of_channel(name)}"
+        if not steps.uniform:
+            yield (
+                f"{text}, as with companded numbers that were decoded; the quantization noise of each level was taken "
+                f"off its temporal variance"
+            )
+            continue
+        if (bits := steps.stretched_from(reduction.frames.bits)) is not None:
+            text += f": numbers of {bits} bits stretched to {reduction.frames.bits} bits"
+        yield (
+            f"{text}; the system gain holds for the numbers of the file, quantization noise of "
+            f"{level.quantisation:.3g} DN² was taken off in place of 1/12 DN², and figures from the converter's "
+            f"bit depth (millivolts) are wrong by the gain; use raw numbers if the camera gives them"
+        )
+
+
+def unequal_gains(reduction: Reduction) -> Missing | None:
+    """Return why the channels have no common system gain; None where they have."""
+    gains = [1.0 if steps is None else steps.of_groups[reduction.reference] for steps in reduction.steps]
+    if max(gains) < (1.0 + EQUAL_GAINS) * min(gains):
+        return None
+    each = ", ".join(f"{name} {gain:.3g}" for name, gain in zip(reduction.names, gains, strict=True))
+    return Missing(f"the channels have different digital gains ({each}); the system gain is stated for each of them")
+
+
+FIRST_BY_CHANCE = 5e-4
+"""Share of calibrations with frames in random order in which a difference may be reported."""
+
+FIRST_LEAST_FRAMES = 3
+"""Frames of a level that show whether the first one differs."""
+
+FIRST_LEAST_SHARE = 5e-4
+"""Difference, as a share of the signal, below which nothing is reported: it is lost in the uncertainty of the light."""
+
+
+@dataclass(frozen=True)
+class FirstFrames:
+    """First frames that differ from the other frames of their level.
+
+    Parameters
+    ----------
+    share
+        Median difference of their signal from that of the others, as a share of it.
+    extreme, levels
+        Number of levels whose first frame is the lowest, or the highest where `share` is positive; number of levels.
+    """
+
+    share: float
+    extreme: int
+    levels: int
+
+    def __str__(self) -> str:
+        return (
+            f"the first frame is the {'highest' if self.share > 0.0 else 'lowest'} in {self.extreme} of {self.levels} "
+            f"levels of light, and its signal differs by {100.0 * self.share:+.2g} % from that of the other frames: "
+            f"charge of the level before (image lag), or light that is still changing. It shifts responsivity and "
+            f"linearity; take more frames and leave out the first ones"
+        )
+
+
+def find_first_frames(reduction: Reduction) -> FirstFrames | None:
+    """Return how the first frames of the flat fields differ; None where they do not, within chance.
+
+    In n frames of random order the first is the lowest with probability 1 / n.
+    """
+    totals = {id(entry.source): entry.total for entry in reduction.used}
+    dark = pooled_level(reduction.reference_group.levels).mean
+    pixels = reduction.frames.rows * reduction.frames.cols
+    shares, chances, lowest, highest = [], [], 0, 0
+    for entry in reduction.lights:
+        if any(level.clipped for level in entry.levels):
+            continue
+        signal = [totals[id(source)] / pixels - dark for source in entry.group.frames if id(source) in totals]
+        first, others = signal[0], signal[1:]
+        if len(signal) < FIRST_LEAST_FRAMES or np.mean(others) <= 0.0:
+            continue
+        lowest += first < min(others)
+        highest += first > max(others)
+        chances.append(1.0 / len(signal))
+        shares.append(first / float(np.mean(others)) - 1.0)
+    if not shares:
+        return None
+    # The largest of the chances is an upper limit for groups of different sizes.
+    extreme = max(lowest, highest)
+    by_chance = 2.0 * float(binom.sf(extreme - 1, len(chances), max(chances)))
+    share = float(np.median(shares))
+    if by_chance > FIRST_BY_CHANCE or abs(share) < FIRST_LEAST_SHARE or (share > 0.0) != (highest > lowest):
+        return None
+    return FirstFrames(share, extreme, len(shares))

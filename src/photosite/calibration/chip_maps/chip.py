@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import too_short_for_dark_current
-from photosite.calibration.chip_maps import defects, telegraph_noise
+from photosite.calibration.chip_maps import defects, pixel_noise
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
 from photosite.calibration.chip_maps.temporal_noise import (
@@ -340,9 +340,9 @@ def _blinking(
     dark: _DarkMaps, look: StackResiduals, place: _Place, shot: FloatMap | None
 ) -> tuple[Blinking, NDArray[np.float64], tuple[Trace, ...]]:
     """Return the blinking suspects, the distance of their levels in units of their noise, and some of their traces."""
-    if look.series.shape[1] < telegraph_noise.LEAST_FRAMES or not len(look.series):
+    if look.series.shape[1] < pixel_noise.LEAST_FRAMES or not len(look.series):
         return no_blinking(), np.zeros(0), ()
-    jumps, levels = telegraph_noise.find_blinking(look.series)
+    jumps, levels = pixel_noise.find_blinking(look.series)
     row, col = place[0][jumps], place[1][jumps]
     within = levels.within[jumps] - QUANTISATION_DN2
     if shot is not None:

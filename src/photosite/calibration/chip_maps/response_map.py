@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps import defects
-from photosite.calibration.photon_transfer.curves import LinearRange
+from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.result import Calibration

@@ -1,8 +1,9 @@
-"""Codes of the converter among the digital numbers: missing and doubled ones show a digital gain, and its size.
+"""Codes of the converter among the digital numbers: their step and sums, and the white level of a channel.
 
-A gain g that is applied after the converter makes round(g c) of the code c. Above 1 it leaves numbers out, at a mean
-distance of g; below 1 it maps two codes to one number at regular places. The quantization noise is then that of the
-converter's step, g^2/12 DN^2, and of the second rounding, 1/12 DN^2 where g is not an integer.
+Missing and doubled codes show a digital gain, and its size. A gain g that is applied after the converter makes
+round(g c) of the code c. Above 1 it leaves numbers out, at a mean distance of g; below 1 it maps two codes to one
+number at regular places. The quantization noise is then that of the converter's step, g^2/12 DN^2, and of the second
+rounding, 1/12 DN^2 where g is not an integer.
 
 Numbers left out are found as gaps between numbers that both occur often. Doubled numbers are found in the Fourier
 transform of the counts. Without a gain, the counts of noise have no amplitude above a frequency of 0.7 / (standard
@@ -246,3 +247,92 @@ def _misfit(step: float, power: NDArray[np.float64], number: float, lowest: int)
     near = np.max([power[np.clip(places + shift, 0, len(power) - 1)] for shift in range(-2, 3)], axis=0)
     found = np.sqrt(near / number)
     return float(((found - expected) ** 2).sum() / (expected**2).sum())
+
+
+NUMBERS = (2, 4, 8, 9, 16, 32, 64)
+"""Numbers of frames or pixels that cameras add up."""
+
+LEAST_BITS = 10
+"""Smallest bit depth that is searched: a white level is a multiple of 1023 or more, times one of the numbers, by chance
+in fewer than one of 1000 cameras."""
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Each number is the sum of `number` codes of `bits` bits."""
+
+    number: int
+    bits: int
+
+    def __str__(self) -> str:
+        return (
+            f"the flat fields are clipped at {self.number} times the full scale of {self.bits} bits: each number is "
+            f"the sum of {self.number} of the converter's (binned pixels or averaged frames); gain, wells and noise "
+            f"hold for the sums, and the quantization noise of {self.number} codes was taken off"
+        )
+
+
+def find_sums(white: int, step: float, bits: int) -> Sums | None:
+    """Return how many of the converter's codes make one number, from the white level; None for one.
+
+    Examples
+    --------
+    >>> find_sums(4 * 4095, 1.0, 14), find_sums(4 * 4095, 4.0, 14), find_sums(4095, 1.0, 12)
+    (Sums(number=4, bits=12), None, None)
+    """
+    if step < 1.0 or step != round(step) or white % round(step):
+        return None
+    codes = white // round(step)
+    for fewer in range(LEAST_BITS, bits):
+        number, left = divmod(codes, (1 << fewer) - 1)
+        if left == 0 and number in NUMBERS:
+            return Sums(number, fewer)
+    return None
+
+
+WHITE_LEAST_SHARE, WHITE_LEAST_COUNT = 0.004, 10
+"""Share and number of a group's samples at the white level that show it."""
+
+WHITE_PILED = 4.0
+"""Counts at the white level over those of each of the three numbers below.
+
+Clipping collects the upper tail of the noise, so that this holds from 12 DN of noise at `WHITE_LEAST_SHARE`, and from
+3 DN where half of the samples are clipped. At the end of a smooth tail 10 counts above 2 occur once in 10^9 cases."""
+
+WHITE_MOST_ABOVE = 0.001
+"""Share of samples above the white level that defective pixels may have."""
+
+
+def find_white_level(lights: Sequence[Counts], channel: int, full_scale: int) -> int:
+    """Return the number at which a channel's flat fields are clipped; the full scale if none shows a lower one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from photosite.calibration.reduction.codes import count_codes
+    >>> rng = np.random.default_rng(1)
+    >>> numbers = np.minimum(np.rint(rng.normal(2990.0, 15.0, (8, 64, 64))), 3000).astype(np.uint16)
+    >>> counts = count_codes(list(numbers), np.zeros((64, 64), np.int64))
+    >>> find_white_level([counts], 0, 4095)
+    3000
+    """
+    found = 0
+    for counts in lights:
+        codes, numbers = of_channel(counts, channel)
+        if not len(codes):
+            continue
+        total = int(numbers.sum())
+        above = total - numbers.cumsum()  # samples above each code
+        at = int((above < WHITE_LEAST_SHARE * total).argmax())
+        most = max(WHITE_LEAST_COUNT, WHITE_PILED * float(numbers[max(at - 3, 0) : at].max(initial=0)))
+        if numbers[at] >= most and above[at] <= WHITE_MOST_ABOVE * total:
+            found = max(found, int(codes[at]))
+    if found and all(share_above(counts, channel, found) <= WHITE_MOST_ABOVE for counts in lights):
+        return min(found, full_scale)
+    return full_scale
+
+
+def share_above(counts: Counts, channel: int, code: int) -> float:
+    """Return the share of a channel's samples above a number."""
+    codes, numbers = of_channel(counts, channel)
+    return float(numbers[codes > code].sum() / max(numbers.sum(), 1))

@@ -9,14 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.foreign_groups import GroupSample, find_foreign_groups
+from photosite.calibration.checks.foreign_frames import GroupSample, find_foreign_groups
 from photosite.calibration.checks.frame_screening import LEAST_PIXELS, sample_grid
-from photosite.calibration.reduction.codes import Counts, Steps, find_steps
+from photosite.calibration.reduction.codes import (
+    Counts,
+    Steps,
+    Sums,
+    find_steps,
+    find_sums,
+    find_white_level,
+    share_above,
+)
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
-from photosite.calibration.reduction.sums import Sums, find_sums
-from photosite.calibration.reduction.white_level import find_white_level, share_above
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.planes import (
+from photosite.calibration.spatial.nonuniformity import (
     MARGIN,
     SMALLEST_SIDE,
     Difference,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
-from photosite.calibration.photon_transfer.curves import Curve
+from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity, LinearityFit
 from photosite.calibration.photon_transfer.snr import SnrCurve

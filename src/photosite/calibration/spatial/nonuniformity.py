@@ -1,0 +1,327 @@
+"""Nonuniformity of a mean frame: its row, column and pixel parts (EMVA 1288 R4.0), and shading."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.reduction.quantisation import with_rounding
+from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.pixel_slopes import PixelSlopes, SlopeSpread
+from photosite.engine.map_statistics import line_means, residual_moments, smooth_separable
+from photosite.values.uncertain import Missing, Source, Uncertain, Value, weighted_mean
+
+Array = NDArray[np.float64]
+
+MARGIN = 9
+"""Width in pixels of the border that the 19 x 19 kernel of the filter cannot process."""
+
+SMALLEST_SIDE = 2 * MARGIN + 16
+"""Smallest number of rows and columns of a color plane that can be high-pass filtered."""
+
+
+@cache
+def high_pass_kernel() -> Array:
+    """Return the one-dimensional smoothing kernel (19,): a box of 7, a box of 11 and the binomial 1 2 1, convolved."""
+    kernel = np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11))
+    return np.convolve(kernel, np.array([0.25, 0.5, 0.25]))
+
+
+def high_pass(plane: Array) -> Array:
+    """Return the plane less the low-pass filtered plane, (rows - 18, cols - 18), without the border.
+
+    The filter removes slow variation such as uneven illumination and vignetting. It is that of EMVA 1288 R4.0: 7 x 7
+    box, 11 x 11 box, 3 x 3 binomial.
+
+    Examples
+    --------
+    >>> ramp = np.add.outer(np.arange(40.0), np.arange(50.0))
+    >>> bool(abs(high_pass(ramp)).max() < 1e-12)
+    True
+    """
+    smooth = smooth_separable(np.ascontiguousarray(plane), high_pass_kernel())
+    return plane[MARGIN:-MARGIN, MARGIN:-MARGIN] - smooth
+
+
+def line_gain() -> float:
+    """Return the factor by which the filter scales the variance of independent columns or rows: 1 - 2 h(0) + sum h^2.
+
+    Examples
+    --------
+    >>> round(line_gain(), 4)
+    0.8891
+    """
+    kernel = high_pass_kernel()
+    return float(1.0 - 2.0 * kernel[MARGIN] + kernel @ kernel)
+
+
+def pixel_gain() -> float:
+    """Return the factor by which the filter scales the variance of independent pixels: 1 - 2 h(0)^2 + (sum h^2)^2.
+
+    Examples
+    --------
+    >>> round(pixel_gain(), 4)
+    0.9885
+    """
+    kernel = high_pass_kernel()
+    return float(1.0 - 2.0 * kernel[MARGIN] ** 2 + (kernel @ kernel) ** 2)
+
+
+VALUES_AT_A_TIME = 1 << 19
+"""Values in a strip: 4 MB."""
+
+
+class Plane(Protocol):
+    """A map that can be sliced by rows and columns: an array or a `Difference`."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of rows and columns."""
+
+    def __getitem__(self, part: tuple[slice, slice], /) -> NDArray[np.floating]:
+        """Return the values of a rectangle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """The difference of two maps, computed only for the part that is sliced.
+
+    Examples
+    --------
+    >>> Difference(np.full((2, 2), 5.0), np.eye(2))[0:1, :]
+    array([[4., 5.]])
+    """
+
+    bright: Array
+    dark: Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of rows and columns."""
+        return self.bright.shape
+
+    def __getitem__(self, part: tuple[slice, slice], /) -> Array:
+        return np.asarray(self.bright[part] - self.dark[part])
+
+
+def strips(plane: Plane, axis: int = 1) -> Iterator[tuple[slice, NDArray[np.floating]]]:
+    """Yield a map in strips of whole lines, so that derived values do not need memory for a second map.
+
+    Each is the slice of its lines and their values (lines, values): rows for axis 1, columns for axis 0.
+
+    Examples
+    --------
+    >>> [(part.start, lines.tolist()) for part, lines in strips(np.array([[1.0, 2.0], [3.0, 4.0]]), axis=0)]
+    [(0, [[1.0, 3.0], [2.0, 4.0]])]
+    """
+    across = plane.shape[1 - axis]
+    step = max(1, VALUES_AT_A_TIME // plane.shape[axis])
+    for first in range(0, across, step):
+        part = slice(first, min(first + step, across))
+        lines = plane[part, :] if axis == 1 else plane[:, part].T
+        yield part, np.ascontiguousarray(lines)
+
+
+def plane_mean(plane: Plane) -> float:
+    """Return the mean of a map."""
+    rows, cols = plane.shape
+    return sum(float(lines.sum(dtype=np.float64)) for _, lines in strips(plane)) / (rows * cols)
+
+
+def high_passed(plane: Plane, scale: float = 1.0) -> NDArray[np.float32]:
+    """Return the high-pass filtered map, without the border, multiplied by `scale`.
+
+    Single precision is enough: the filtered values are close to zero.
+    """
+    rows, cols = plane.shape
+    out = np.empty((rows - 2 * MARGIN, cols - 2 * MARGIN), np.float32)
+    step = max(1, VALUES_AT_A_TIME // cols)
+    for first in range(0, out.shape[0], step):
+        last = min(first + step, out.shape[0])
+        lines = np.ascontiguousarray(plane[first : last + 2 * MARGIN, :], dtype=np.float64)
+        np.multiply(high_pass(lines), scale, out=out[first:last], casting="same_kind")
+    return out
+
+
+def spread_sample(plane: Plane, most: int = 1 << 18) -> NDArray[np.floating]:
+    """Return values (n,) of evenly spaced rows, or all values if there are at most `most`."""
+    rows, cols = plane.shape
+    step = -(-rows * cols // most)
+    return np.asarray(plane[slice(None, None, step), slice(None)]).ravel()
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Spatial variance less temporal noise, in DN^2 or relative to a squared signal: total = row + column + pixel."""
+
+    total: Uncertain
+    row: Uncertain
+    column: Uncertain
+    pixel: Uncertain
+
+    def __sub__(self, other: Parts) -> Parts:
+        return Parts(*(one - two for one, two in zip(self.values, other.values, strict=True)))
+
+    def scaled(self, factor: Uncertain | float) -> Parts:
+        """Return all parts multiplied by a factor."""
+        return Parts(*(part * factor for part in self.values))
+
+    def with_rounding(self, of_pixels: float) -> Parts:
+        """Return all parts with the uncertainty from rounding (`quantisation.with_rounding`)."""
+        return Parts(*(with_rounding(part, of_pixels) for part in self.values))
+
+    @property
+    def values(self) -> tuple[Uncertain, ...]:
+        """Total, row, column, and pixel part."""
+        return self.total, self.row, self.column, self.pixel
+
+
+def pool_parts(parts: list[Parts], weights: list[float]) -> Parts:
+    """Return the weighted mean of each part."""
+    return Parts(*(weighted_mean(one, weights) for one in zip(*(entry.values for entry in parts), strict=True)))
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """Variance that independent pixels and lines of variance 1 produce in a plane and in its means."""
+
+    pixel: float  # of a pixel of the plane, due to pixels
+    line: float  # of a pixel of the plane, due to columns (or rows)
+    column_mean: float  # due to pixels, as the next two
+    row_mean: float
+    mean: float
+    columns_mean: float  # of the plane's mean, due to columns
+    rows_mean: float
+
+    @classmethod
+    def plain(cls, rows: int, cols: int) -> _Shares:
+        """Return the shares of an unfiltered plane: the two-way analysis of variance."""
+        return cls(1.0, 1.0, 1 / rows, 1 / cols, 1 / (rows * cols), 1 / cols, 1 / rows)
+
+    @classmethod
+    def filtered(cls, rows: int, cols: int) -> _Shares:
+        """Return the shares of a high-pass filtered plane, without its border."""
+        centre, power = high_pass_kernel()[MARGIN], float(high_pass_kernel() @ high_pass_kernel())
+        # Inner products for the mean over n values: plain x plain, plain x smoothed, smoothed x smoothed.
+        (r1, r2, r3), (c1, c2, c3) = _mean_products(rows), _mean_products(cols)
+        return cls(
+            pixel=pixel_gain(),
+            line=line_gain(),
+            column_mean=r1 - 2.0 * centre * r2 + power * r3,
+            row_mean=c1 - 2.0 * centre * c2 + power * c3,
+            mean=r1 * c1 - 2.0 * r2 * c2 + r3 * c3,
+            columns_mean=c1 - 2.0 * c2 + c3,
+            rows_mean=r1 - 2.0 * r2 + r3,
+        )
+
+
+def _mean_products(n: int) -> tuple[float, float, float]:
+    straight = np.pad(np.full(n, 1.0 / n), MARGIN)
+    smoothed = np.convolve(np.full(n, 1.0 / n), high_pass_kernel())
+    return float(straight @ straight), float(straight @ smoothed), float(smoothed @ smoothed)
+
+
+def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: bool) -> Parts:
+    """Split the spatial variance of a color plane of a mean frame, (rows, cols), into row, column and pixel parts.
+
+    EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
+    function uses the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
+    unbiased, and have independent left sides. If the plane is to be high-pass filtered first, the equations contain
+    the gains of the filter, so that the parts are not attenuated. The temporal noise in the mean frame, DN^2, is
+    subtracted part by part.
+    """
+    values = np.ascontiguousarray(high_pass(plane) if filtered else plane)
+    rows, cols = values.shape
+    share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
+
+    mean, line_mean, column_mean = line_means(values)
+    columns, lines = column_mean - mean, line_mean - mean
+    square, fourth = residual_moments(values, line_mean, columns)
+    sampling = max(fourth - square**2, 0.0) / values.size  # rounding, on constant planes
+    left = share.pixel - share.column_mean - share.row_mean + share.mean
+    of_pixels = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
+
+    def line_variance(means: NDArray[np.float64], from_pixels: float, lost: float) -> Uncertain:
+        found = float((means**2).mean())
+        pixels = of_pixels * (from_pixels - share.mean)
+        # The variance of few means scatters strongly. Without a pattern, the value expected from the pixels alone gives
+        # the better uncertainty.
+        expected = max(found, pixels.value)
+        # The interval is the chi-square interval of the found value.
+        source = Source.mean_square(means.size - 1).scaled(found / expected) if expected > 0.0 else None
+        line = Uncertain.of(found, expected * math.sqrt(2.0 / (means.size - 1)), source)
+        return (line - pixels) * (1.0 / (share.line - lost))
+
+    column = line_variance(columns, share.column_mean, share.columns_mean) - noise.column
+    row = line_variance(lines, share.row_mean, share.rows_mean) - noise.row
+    alone = of_pixels - noise.pixel
+    return Parts(total=alone + column + row, row=row, column=column, pixel=alone)
+
+
+def channel_parts(
+    mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: TemporalParts, *, filtered: bool
+) -> Parts | Missing:
+    """Split the spatial variance of one channel: the mean over its sites in the tile, each a separate plane.
+
+    Missing if the planes are too small for the filter.
+    """
+    tile_rows, tile_cols = tile.shape
+    planes = [mean[r::tile_rows, c::tile_cols] for r, c in np.argwhere(tile == channel)]
+    smallest = min(min(plane.shape) for plane in planes)
+    needed = SMALLEST_SIDE if filtered else 2
+    if smallest < needed:
+        return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}")
+    parts = [split_parts(plane, noise, filtered=filtered) for plane in planes]
+    return pool_parts(parts, [float(plane.size) for plane in planes])
+
+
+SHARE = 0.1
+"""Shading, as a share of PRNU, above which a warning is given."""
+
+SIGNIFICANCE = 3.29
+"""Standard uncertainties of its variance below which shading is chance: fewer than 1 in 1000."""
+
+
+def shading_variance(
+    slopes: PixelSlopes, channel: int, spread: SlopeSpread, noise: Uncertain, response: float
+) -> Value:
+    """Return the relative variance of a channel's slopes that the high-pass filter of EMVA 1288 removes.
+
+    The filtered parts of pixels, rows and columns are free of the filter's gain (`split_parts`), so independent pixels
+    have no shading. The uncertainty is that of the filtered variance, which is larger than that of the difference, and
+    that of the chance covariance of shading with pixels, rows and columns.
+
+    Parameters
+    ----------
+    slopes, channel
+        Map of slopes, and the index of the channel.
+    spread, noise
+        Statistics of the channel's slopes, and the temporal noise that was subtracted from their variance.
+    response
+        Mean slope, without dark current.
+    """
+    none = Uncertain(0.0)
+    parts = channel_parts(slopes.slopes, slopes.tile, channel, TemporalParts(noise, none, none), filtered=True)
+    if isinstance(parts, Missing):
+        return parts
+    left = spread.variance.value - parts.total.value
+    lengths = (length // of_tile for length, of_tile in zip(slopes.slopes.shape, slopes.tile.shape, strict=True))
+    samples = spread.pixels, *lengths
+    fine = parts.pixel.value + noise.value, parts.row.value, parts.column.value
+    by_chance = sum(max(variance, 0.0) / count for variance, count in zip(fine, samples, strict=True))
+    together = 2.0 * math.sqrt(max(left, 0.0) * by_chance)
+    uncertainty = math.hypot(parts.total.standard_uncertainty, together)
+    return Uncertain.of(left / response**2, uncertainty / response**2)
+
+
+def is_large(shading: Value, prnu: Value) -> bool:
+    """Return whether shading is beyond chance, and more than a tenth of PRNU; both are variances."""
+    if isinstance(shading, Missing) or isinstance(prnu, Missing):
+        return False
+    return shading.value > max(SIGNIFICANCE * shading.standard_uncertainty, SHARE**2 * prnu.value)
