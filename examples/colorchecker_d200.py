@@ -5,7 +5,7 @@ from drawing import save
 from matplotlib.figure import Figure
 
 import photosite as ps
-from photosite.develop.color_matrix import fit_color_matrix
+from photosite.develop.camera_color import fit_color_matrix
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
 from photosite.report.page import shrink

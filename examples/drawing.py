@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import photosite as ps
-from photosite.scene.preview import preview
+from photosite.scene.scene import preview
 
 DPI = 110
 GAP, TITLE, MARGIN = 10, 24, 6

@@ -3,7 +3,7 @@
 from drawing import d200, panels, photograph, save
 
 import photosite as ps
-from photosite.scene.preview import preview
+from photosite.scene.scene import preview
 
 scene = ps.render.example_scene(rows=240, cols=360)
 seen = preview(scene, white_xy=(0.4234, 0.3990))  # adapted to the lamp, a blackbody of 3200 K

@@ -47,7 +47,7 @@ _MODULE_OF = {
     "open_frames": "photosite.frames.open",
     "open_spectral": "photosite.calibration.spectral.protocol",
     "read_lens_design": "photosite.optics.io.formats",
-    "read_raw": "photosite.frames.io.read",
+    "read_raw": "photosite.frames.io.formats",
     "read_scene": "photosite.scene.io.formats",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
     "validate": "photosite.validation.validate",
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from photosite.camera.file import load_camera as load_camera
     from photosite.color import illuminants as illuminants
     from photosite.color.spectrum import Spectrum as Spectrum
-    from photosite.frames.io.read import read_raw as read_raw
+    from photosite.frames.io.formats import read_raw as read_raw
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf

@@ -42,9 +42,9 @@ MAY_IMPORT: dict[str, set[str]] = {
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("optics/diffraction.py", "photosite.optics.io.optics_file"): "DiffractionLimited.save: a value's thin method",
     ("optics/lens.py", "photosite.optics.io.optics_file"): "Lens.save: a value's thin method",
-    ("frames/raw_frame.py", "photosite.frames.io.write"): "RawFrame.save: a value's thin method",
+    ("frames/raw_frame.py", "photosite.frames.io.formats"): "RawFrame.save: a value's thin method",
     ("sensor/model.py", "photosite.sensor.io.sensor_file"): "Sensor.save: a value's thin method",
-    ("sensor/chip.py", "photosite.sensor.io.maps_file"): "MeasuredChip.save: a value's thin method",
+    ("sensor/chip.py", "photosite.sensor.io.sensor_file"): "MeasuredChip.save: a value's thin method",
     ("scene/scene.py", "photosite.scene.io.formats"): "Scene.save: a value's thin method",
     ("calibration/result.py", "photosite.report"): "Calibration.report: a value's thin method",
     ("calibration/gain_series/result.py", "photosite.report"): "GainSeries.report: a value's thin method",

@@ -14,8 +14,7 @@ from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.chip import temporal_blocks
 from photosite.sensor.chip import DefectKind
-from photosite.sensor.io.maps_file import load_measured_chip
-from photosite.sensor.io.sensor_file import load_sensor
+from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
 from photosite.sensor.readout import digital_numbers
 
 ROWS, COLS = 120, 160

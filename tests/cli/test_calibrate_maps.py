@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import photosite as ps
-from photosite.sensor.io.maps_file import load_measured_chip
+from photosite.sensor.io.sensor_file import load_measured_chip
 
 
 def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from raising import raises
 
 from photosite.color.colorimetry import delta_e_76, delta_e_94, delta_e_2000
-from photosite.develop.color_matrix import fit_color_matrix
+from photosite.develop.camera_color import fit_color_matrix
 from photosite.errors import InputError
 
 TRUTH = np.array([[0.41, 0.36, 0.18], [0.21, 0.72, 0.07], [0.02, 0.12, 0.95]])

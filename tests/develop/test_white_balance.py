@@ -3,7 +3,7 @@
 import numpy as np
 from raising import raises
 
-from photosite.develop.white_balance import gray_world_gains, saturated_neighbourhood
+from photosite.develop.camera_color import gray_world_gains, saturated_neighbourhood
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 

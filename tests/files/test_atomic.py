@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from photosite.errors import FileError
-from photosite.files.atomic import atomic_folder, atomic_path
+from photosite.files.writing import atomic_folder, atomic_path
 
 
 def names(folder: Path) -> list[str]:

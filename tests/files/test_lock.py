@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from photosite.errors import FileError
-from photosite.files.lock import LOCK_NAME, FolderLock
+from photosite.files.writing import LOCK_NAME, FolderLock
 
 HOLDER = """
 import sys
 from pathlib import Path
-from photosite.files.lock import FolderLock
+from photosite.files.writing import FolderLock
 lock = FolderLock(Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()

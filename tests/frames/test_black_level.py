@@ -8,10 +8,10 @@ from dng_builder import LONG, SHORT, hand_made_dng
 from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames.black_level import masked_border_level
 from photosite.frames.io.camera_raw import _border
-from photosite.frames.io.read import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
+from photosite.frames.raw_frame import masked_border_level
 
 MASKED_AREAS, BLACK_LEVEL, REPEAT = 50830, 50714, 50713
 

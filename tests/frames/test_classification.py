@@ -9,9 +9,9 @@ import pytest
 from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames.classification import DARK_SPREADS, LIGHT_SPREADS, classify_by_level
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.from_files import DARK_SPREADS, LIGHT_SPREADS, classify_by_level
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 

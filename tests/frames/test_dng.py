@@ -14,7 +14,7 @@ import tifffile
 from raising import raises
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.frames.io.read import read_raw
+from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import cfa_from
 

@@ -13,7 +13,7 @@ from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.frames.io.camera_raw import read_camera_raw
-from photosite.frames.io.read import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import cfa_from

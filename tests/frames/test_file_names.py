@@ -8,8 +8,7 @@ import pytest
 from raising import raises
 
 from photosite.errors import FileError
-from photosite.frames.file_names import kinds_in_name, settings_from_names
-from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.frame_settings import FrameSettings, kinds_in_name, settings_from_names
 
 
 def settings(*names):

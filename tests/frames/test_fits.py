@@ -9,7 +9,7 @@ import pytest
 from raising import raises
 
 from photosite.errors import FileError
-from photosite.frames.io.read import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.values.cfa import cfa_from
 

@@ -12,7 +12,7 @@ from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.files import hdf5
-from photosite.frames.io.read import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.values.cfa import cfa_from
 

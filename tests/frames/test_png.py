@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
-from photosite.frames.io.read import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.raw_frame import RawFrame
 
 ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))

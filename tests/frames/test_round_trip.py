@@ -15,7 +15,7 @@ from PIL import Image
 from raising import raises
 
 from photosite.errors import FileError, InputError
-from photosite.frames.io.read import detect_format, read_headers, read_raw
+from photosite.frames.io.formats import detect_format, read_headers, read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import cfa_from
 
@@ -133,7 +133,7 @@ def test_a_failing_writer_leaves_nothing(tmp_path, ending, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("photosite.files.atomic.os.replace", full)
+    monkeypatch.setattr("photosite.files.writing.os.replace", full)
     with pytest.raises(FileError, match=re.escape(str(path)) + ".*No space left"):
         make_frame(seed=6).save(path)
     assert_same(read_raw(path), old)

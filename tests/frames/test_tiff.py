@@ -11,9 +11,9 @@ import tifffile
 from raising import raises
 
 from photosite.errors import FileError
+from photosite.frames.frame_file import describe_frame
 from photosite.frames.io import tiff
-from photosite.frames.io.description import describe_frame
-from photosite.frames.io.read import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 

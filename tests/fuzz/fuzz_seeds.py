@@ -276,7 +276,7 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
 
 
 def _maps(place: Path) -> tuple[bytes, ...]:
-    from photosite.sensor.io.maps_file import write_maps
+    from photosite.sensor.io.sensor_file import write_maps
 
     write_maps(_chip(), place / "a.maps.h5")
     return ((place / "a.maps.h5").read_bytes(),)

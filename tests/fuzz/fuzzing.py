@@ -189,11 +189,10 @@ def targets(folder: Path) -> dict[str, Target]:
     from photosite.calibration.spectral.protocol import open_spectral
     from photosite.color.spectrum import read_spectrum
     from photosite.frames.io.darktable import read_darktable
+    from photosite.frames.io.formats import read_frame, read_headers
     from photosite.frames.io.libcamera import read_libcamera
-    from photosite.frames.io.read import read_frame, read_headers
     from photosite.frames.open import open_frames
-    from photosite.sensor.io.maps_file import read_maps
-    from photosite.sensor.io.sensor_file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor, read_maps
     from photosite.studies.chart_spectral import open_chart
 
     seeds = seeds_of(folder)
@@ -235,12 +234,12 @@ def targets(folder: Path) -> dict[str, Target]:
         return [getattr(found, f.name) for f in fields(Lens) if f.name != "focus_distance_m" and hasattr(found, f.name)]
 
     def design(path: Path) -> object:
-        from photosite.optics.io.npz import read_design
+        from photosite.optics.io.tables import read_design
 
         return read_design(path)
 
     def pupil(path: Path) -> object:
-        from photosite.optics.io.npz import read_amplitude
+        from photosite.optics.io.tables import read_amplitude
 
         return read_amplitude(path)
 

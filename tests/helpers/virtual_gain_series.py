@@ -9,7 +9,7 @@ from itertools import pairwise
 from os import PathLike
 
 from photosite.errors import InputError
-from photosite.files.atomic import atomic_folder
+from photosite.files.writing import atomic_folder
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol

@@ -22,7 +22,7 @@ from photosite.camera.optical_stack import channel_mixing
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.errors import InputError
-from photosite.files.atomic import atomic_folder
+from photosite.files.writing import atomic_folder
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.diffraction import DiffractionLimited

@@ -13,8 +13,15 @@ from raising import raises
 from photosite.errors import InputError
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.point_spread import FieldPsf, PlanePsf
-from photosite.optics.sampled_psf import RotatablePsf, encircled_radius, resampled, sample_positions, sampled_otf
+from photosite.optics.point_spread import (
+    FieldPsf,
+    PlanePsf,
+    RotatablePsf,
+    encircled_radius,
+    resampled,
+    sample_positions,
+    sampled_otf,
+)
 
 Array = NDArray[np.float64]
 BASE = DiffractionLimited(f_number=4, focal_length_mm=50)

@@ -15,10 +15,9 @@ from scipy.special import j1
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.optics.annular import Waves, aberration_free_otf, defocused_otf, overlap_quadrature
-from photosite.optics.autocorrelation import PupilAutocorrelation, cells_for, largest_slope
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import PlanePsf, RadialPsf
-from photosite.optics.pupil import Pupil
+from photosite.optics.pupil import Pupil, PupilAutocorrelation, cells_for, largest_slope
 from photosite.optics.wavefront import Wavefront
 from photosite.optics.zernike import zernike_terms, zernike_values
 

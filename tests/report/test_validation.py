@@ -12,7 +12,7 @@ from photosite.report.page import Details, Images, Notice, Page, Table
 from photosite.report.validation import validation_page
 from photosite.report.write import render_page
 from photosite.scene.charts import macbeth
-from photosite.scene.perspective import in_perspective
+from photosite.scene.placement import in_perspective
 from photosite.validation.frame_validation import CaptureConditions, FrameValidation, validate_frames
 from photosite.validation.lamp import Lamp
 

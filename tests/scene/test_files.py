@@ -17,7 +17,7 @@ from scene_files import radiance
 import photosite as ps
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.temporary import TemporaryFolder
+from photosite.files.writing import TemporaryFolder
 from photosite.scene.io.formats import convert, format_of, open_cube, read_scene, write_scene
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene

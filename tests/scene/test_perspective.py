@@ -7,7 +7,7 @@ import pytest
 
 from photosite.errors import InputError
 from photosite.scene.charts import MACBETH_NAMES, macbeth, macbeth_regions
-from photosite.scene.perspective import Homography, check_corners, field_corners, in_perspective, seen_patches
+from photosite.scene.placement import Homography, check_corners, field_corners, in_perspective, seen_patches
 
 CORNERS = ((12.0, 30.0), (4.0, 214.0), (146.0, 200.0), (120.0, 10.0))
 SHAPE = (160, 230)

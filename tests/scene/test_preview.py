@@ -9,7 +9,7 @@ import pytest
 
 import photosite as ps
 from photosite.errors import InputError
-from photosite.scene.preview import preview
+from photosite.scene.scene import preview
 
 
 @pytest.mark.parametrize("light", ["A", "D65", 2000, "F11"])

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scene_files import radiance
 
-import photosite.scene.reduction as reduction_module
-import photosite.scene.weights as store_module
+import photosite.scene.weights as weights_module
 from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import Spectrum, photons_from_energy
@@ -55,19 +54,19 @@ def test_fewest_spectra_keep_the_tolerance_and_the_error_is_measured(tolerance: 
 def test_blocks_of_any_size_make_the_same_scene(monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
     array = values()
     whole = radiance(reduce_cube(cube_of(array)).scene)
-    monkeypatch.setattr(reduction_module, "_BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(weights_module, "_BLOCK_BYTES", block_bytes)
     np.testing.assert_allclose(radiance(reduce_cube(cube_of(array)).scene), whole, rtol=1e-5)
 
 
 def test_large_weights_are_stored_in_a_file_and_mapped(monkeypatch: pytest.MonkeyPatch) -> None:
     array = values()
     in_memory = reduce_cube(cube_of(array)).scene
-    monkeypatch.setattr(store_module, "_LARGE_BYTES", 100)
-    monkeypatch.setattr(reduction_module, "_BLOCK_BYTES", 17 * GRID.size * 8 * 4)
+    monkeypatch.setattr(weights_module, "_LARGE_BYTES", 100)
+    monkeypatch.setattr(weights_module, "_BLOCK_BYTES", 17 * GRID.size * 8 * 4)
     mapped = reduce_cube(cube_of(array)).scene
     assert isinstance(mapped.weights.base, MappedWeights)
     np.testing.assert_allclose(mapped.weights, in_memory.weights, rtol=1e-6, atol=1e-12)
-    monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10})())
+    monkeypatch.setattr(weights_module.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10})())
     with pytest.raises(ValueError, match="Set TMPDIR to a larger disk"):
         reduce_cube(cube_of(array))
 

@@ -11,9 +11,8 @@ from raising import raises
 
 from photosite.errors import FileError, InputError
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
-from photosite.sensor.io import maps_file
-from photosite.sensor.io.maps_file import load_measured_chip
-from photosite.sensor.io.sensor_file import load_sensor
+from photosite.sensor.io import sensor_file
+from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
 from photosite.sensor.model import Maps
 
 ROWS, COLS = 6, 8
@@ -60,8 +59,8 @@ def test_round_trip(tmp_path) -> None:
     for number, wanted in enumerate((chip(), chip(system_gain_dn_per_e=None, prnu=None, defects=no_defects()))):
         path = tmp_path / f"{number}.maps.h5"
         maps = wanted.save(path)
-        assert maps.sha256 == maps_file.file_sha256(path)
-        same(maps_file.read_maps(maps.file), wanted)
+        assert maps.sha256 == sensor_file.file_sha256(path)
+        same(sensor_file.read_maps(maps.file), wanted)
 
 
 def test_the_same_chip_gives_the_same_file(tmp_path) -> None:
@@ -139,7 +138,7 @@ def test_invalid_maps(tmp_path, change, what) -> None:
     with h5py.File(path, "r+") as file:
         change(file)
     with raises(FileError, what, path=str(path)):
-        maps_file.read_maps(path)
+        sensor_file.read_maps(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"not HDF5", b"\x89HDF\r\n\x1a\n" + bytes(200)])
@@ -147,15 +146,15 @@ def test_files_that_are_not_hdf5(tmp_path, content) -> None:
     path = tmp_path / "a.maps.h5"
     path.write_bytes(content)
     with raises(FileError, "the file cannot be read as HDF5 maps"):
-        maps_file.read_maps(path)
+        sensor_file.read_maps(path)
 
 
 def test_maps_that_are_too_large(tmp_path, monkeypatch) -> None:
     path = tmp_path / "a.maps.h5"
     chip().save(path)
-    monkeypatch.setattr(maps_file, "MOST_PIXELS", ROWS * COLS - 1)
+    monkeypatch.setattr(sensor_file, "MOST_PIXELS", ROWS * COLS - 1)
     with raises(FileError, "offset_dn.shape", value=(ROWS, COLS)):
-        maps_file.read_maps(path)
+        sensor_file.read_maps(path)
 
 
 def test_maps_of_another_size_or_with_nan() -> None:

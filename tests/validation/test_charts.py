@@ -10,7 +10,7 @@ from photosite.color.colorimetry import colour_science
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.scene.charts import MACBETH_NAMES, macbeth
-from photosite.scene.perspective import in_perspective
+from photosite.scene.placement import in_perspective
 from photosite.validation.charts import chart_regions, chart_xyz_d65, find_chart
 
 SHAPE = (300, 440)

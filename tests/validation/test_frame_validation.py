@@ -14,7 +14,7 @@ from scipy.stats import kstest
 import photosite as ps
 from photosite.errors import InputError
 from photosite.scene.charts import MACBETH_NAMES, macbeth
-from photosite.scene.perspective import in_perspective
+from photosite.scene.placement import in_perspective
 from photosite.validation.fill_factor import fit_fill_factor
 from photosite.validation.frame_validation import CaptureConditions, validate_frames
 from photosite.validation.lamp import Lamp

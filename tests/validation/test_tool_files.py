@@ -8,7 +8,7 @@ from scipy.io import savemat
 from photosite.errors import FileError
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.validation.patch_values import PatchValues
-from photosite.validation.tool_files import Mosaic, ReadOptions, read_csv, read_mat, read_tool_file
+from photosite.validation.tool_comparison import Mosaic, ReadOptions, read_csv, read_mat, read_tool_file
 from photosite.values.cfa import cfa_from
 from photosite.values.region import Region
 

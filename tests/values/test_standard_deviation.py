@@ -6,7 +6,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from photosite.values.standard_deviation import (
+from photosite.values.estimate import (
     signed_root,
     standard_deviation,
     standard_deviation_interval_95,

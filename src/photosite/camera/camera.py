@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.depth import planes_electron_rate
-from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions
+from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions, planes_electron_rate
 from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
 from photosite.color.colorimetry import xyz
 from photosite.color.illuminants import illuminant

@@ -110,7 +110,7 @@ def command(
     from photosite.frames.linearization import linearize as linearized
     from photosite.frames.linearization import read_linearization
     from photosite.frames.open import open_frames
-    from photosite.sensor.io.maps_file import maps_path
+    from photosite.sensor.io.sensor_file import maps_path
 
     frames = open_frames(path, **reading)
     if linearize is not None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from photosite.validation.patch_values import PatchComparison
     from photosite.validation.result import Validation
     from photosite.validation.set_up import SetUp
-    from photosite.validation.tool_files import Content
+    from photosite.validation.tool_comparison import Content
 
 _OF_OPTIONS = (
     *("sensor_name", "illuminant", "mean_luminance_cd_m2", "distance_m"),
@@ -120,7 +120,7 @@ def _content(path: Path, settings: dict[str, Any], set_up: SetUp | None) -> Cont
     from photosite.errors import FileError
     from photosite.sensor.io.sensor_file import load_sensor
     from photosite.validation.set_up import read_set_up
-    from photosite.validation.tool_files import ReadOptions, read_tool_file
+    from photosite.validation.tool_comparison import ReadOptions, read_tool_file
     from photosite.values.cfa import cfa_from
 
     if path.suffix.lower() == ".json":

@@ -40,7 +40,7 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
     Example: photosite demo -o photosite-demo
     """
     from photosite.errors import FileError
-    from photosite.files.atomic import atomic_folder
+    from photosite.files.writing import atomic_folder
 
     sensor, note = options.prepared_sensor(sensor_name, rows, cols, None)
     if keep_frames and (output / FRAMES_NAME).exists():

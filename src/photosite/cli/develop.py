@@ -65,7 +65,7 @@ def command(
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
     """
     from photosite.develop.develop import develop, save_picture
-    from photosite.frames.io.read import read_raw
+    from photosite.frames.io.formats import read_raw
 
     frame = read_raw(raw, **reading)
     rows, cols = frame.shape

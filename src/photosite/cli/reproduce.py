@@ -58,7 +58,7 @@ def farrell2008(seed: int, output: Path, chapters: tuple[str, ...], as_json: boo
 
     Example: photosite reproduce farrell2008 -o farrell2008
     """
-    from photosite.files.atomic import atomic_folder
+    from photosite.files.writing import atomic_folder
     from photosite.studies.farrell2008.study import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, reproduce
 
     stages = Stages()

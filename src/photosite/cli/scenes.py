@@ -97,7 +97,7 @@ def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
     Example: photosite scenes show cube.hdr --picture cube.png
     """
     from photosite.develop.develop import save_picture
-    from photosite.scene.preview import preview
+    from photosite.scene.scene import preview
     from photosite.scene.scene_request import SceneRequest
 
     scene = options.request_of(SceneRequest(), given).scene()
@@ -117,7 +117,7 @@ def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
-    from photosite.scene.preview import tristimulus
+    from photosite.scene.scene import tristimulus
 
     luminance = tristimulus(scene)[..., 1]
     return options.scene_facts(scene) | {

@@ -68,7 +68,7 @@ def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibra
 
 
 def _draw(calibration: SpectralCalibration, beside: Sensor | None, path: Path) -> None:
-    from photosite.files.atomic import atomic_path
+    from photosite.files.writing import atomic_path
     from photosite.report.figures.sensor import quantum_efficiency_figure
     from photosite.report.style import png_bytes, svg_bytes
 

@@ -146,7 +146,7 @@ def _frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[Ra
 
 
 def _read(paths: Sequence[Path], bits: int | None, cfa: str | None) -> tuple[list[Path], list[RawFrame]]:
-    from photosite.frames.io.read import raw_files, read_raw
+    from photosite.frames.io.formats import raw_files, read_raw
 
     files = [file for path in paths for file in raw_files(path)]
     return files, [read_raw(file, bits=bits, cfa=cfa) for file in files]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError
-from photosite.files.small import read_small
+from photosite.files.small_files import read_small
 
 Rule = Literal["trapezoid", "rectangle"]
 

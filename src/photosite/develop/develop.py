@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, encode_srgb
-from photosite.develop.color_matrix import ColorMatrix
+from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
 from photosite.develop.demosaic import demosaic_bilinear, plane_names
-from photosite.develop.white_balance import gray_world_gains, saturated_neighbourhood
 from photosite.errors import InputError, did_you_mean
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
 
 WHITE_BALANCES = ("gray-world", "none")

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from photosite.errors import FileError, did_you_mean, message_of
-from photosite.files.small import read_small
+from photosite.files.small_files import read_small
 from photosite.values.validated import input_error
 
 LARGEST_BYTES = 1 << 22

@@ -1,16 +1,199 @@
-"""A frame's file as it was listed, before it is opened."""
+"""A frame's file: its place in a listing, its header, and the description that photosite writes into it.
+
+DNG has tags for levels, mosaic and color; TIFF and PNG have none. All three carry the same description, so that a
+frame is read back exactly as it was saved.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from photosite.errors import FileError
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, InputError
 from photosite.frames.frame_settings import FrameSettings
-from photosite.frames.io.frame_header import FrameLocation
+from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
-from photosite.values.cfa import Cfa
+from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
+
+
+@dataclass(frozen=True)
+class FrameLocation:
+    """Location of one frame in a file that can hold several.
+
+    Parameters
+    ----------
+    label
+        Text after the file's name in messages: "[3]", ":/dark[3]".
+    part
+        Name of the HDF5 dataset, number of the FITS unit, or byte offset of the TIFF directory.
+    index
+        Index of the frame in the part, counted from 0.
+    """
+
+    label: str
+    part: str | int
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class FrameHeader:
+    """What a file states about its frame; None where it states nothing.
+
+    Parameters
+    ----------
+    rows, cols
+        Size of the frame.
+    stored_bits
+        Bits per pixel in the file, 8 or 16; None if only decoding shows the bit depth (camera raw).
+    bits, cfa, black_level_dn, white_level_dn, exposure_s, color_matrix, noise_profile, metadata
+        As in `RawFrame`. The metadata kind, gain_setting (or iso), temperature_c and photons_per_pixel are settings.
+    notes
+        Limitations of the values, for a warning.
+    location
+        Location in a file of several frames; None if the file is a single frame.
+    masked_border
+        Whether the file states that pixels outside the frame are masked.
+    """
+
+    rows: int
+    cols: int
+    stored_bits: int | None
+    bits: int | None = None
+    cfa: Cfa | None = None
+    black_level_dn: float | None = None
+    white_level_dn: float | None = None
+    exposure_s: float | None = None
+    color_matrix: NDArray[np.float64] | None = None
+    noise_profile: NDArray[np.float64] | None = None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    location: FrameLocation | None = None
+    masked_border: bool = False
+
+    @property
+    def settings(self) -> FrameSettings:
+        """The settings that the file states, as it states them: not validated."""
+        gain = self.metadata.get("gain_setting")
+        return FrameSettings(
+            self.metadata.get("kind"),
+            self.exposure_s,
+            self.metadata.get("photons_per_pixel"),
+            self.metadata.get("iso") if gain is None else gain,
+            self.metadata.get("temperature_c"),
+        )
+
+    def resolve_bits(self, path: Path, bits: int | None) -> int:
+        """Return the bit depth: what the file states, else what the caller states, else what the file stores."""
+        if self.bits is not None and bits is not None and self.bits != bits:
+            raise FileError(path, "bits", value=bits, expected=f"{self.bits}, as the file states")
+        if self.stored_bits is not None and bits is not None and bits > self.stored_bits:
+            raise FileError(
+                path, "bits", value=bits, expected=f"at most the {self.stored_bits} bits that the file stores"
+            )
+        resolved = self.bits or bits or self.stored_bits
+        if resolved is None:
+            raise FileError(path, "the file does not state its bit depth", hint="Pass {bits}", arguments={"bits": 12})
+        if not 1 <= resolved <= 16:
+            raise FileError(path, "bits", value=resolved, expected="1 to 16")
+        return resolved
+
+    def resolve_cfa(self, path: Path, cfa: Cfa | None) -> Cfa | None:
+        """Return the color filter array: what the file states, else what the caller states, else None."""
+        if self.cfa is not None and cfa is not None and self.cfa != cfa:
+            raise FileError(path, "cfa", value=tile_text(cfa), expected=f"{tile_text(self.cfa)}, as the file states")
+        return self.cfa or cfa
+
+    def to_frame(self, path: Path, dn: NDArray[np.uint16], bits: int | None, cfa: Cfa | None) -> RawFrame:
+        """Return the raw frame; the caller's bits and cfa are used where the file states none."""
+        if self.exposure_s is not None and not 0 <= self.exposure_s < math.inf:
+            raise FileError(path, "exposure_s", value=self.exposure_s, expected="finite and 0 (a bias frame) or above")
+        try:
+            return RawFrame(
+                dn,
+                bits=self.resolve_bits(path, bits),
+                cfa=self.resolve_cfa(path, cfa) or MONOCHROME,
+                black_level_dn=self.black_level_dn or 0.0,
+                white_level_dn=self.white_level_dn,  # type: ignore[arg-type]  # None: the highest number
+                exposure_s=self.exposure_s,
+                color_matrix=self.color_matrix,
+                noise_profile=self.noise_profile,
+                metadata=dict(self.metadata),
+            )
+        except InputError as error:
+            raise error.in_file(path) from None
+
+
+MARK = "photosite_frame"
+"""The description's first key; its value is the version of the format."""
+
+
+def describe_frame(frame: RawFrame) -> str:
+    """Return the description of a frame: one line of ASCII JSON."""
+    check_metadata(frame)
+    content = {
+        MARK: 1,
+        "bits": frame.bits,
+        "cfa": [list(row) for row in frame.cfa],
+        "black_level_dn": frame.black_level_dn,
+        "white_level_dn": frame.white_level_dn,
+        "exposure_s": frame.exposure_s,
+        "color_matrix": None if frame.color_matrix is None else np.asarray(frame.color_matrix).tolist(),
+        "noise_profile": None if frame.noise_profile is None else np.asarray(frame.noise_profile).tolist(),
+        "metadata": dict(frame.metadata),
+    }
+    try:
+        return json.dumps(content, allow_nan=False, default=lambda number: number.item())
+    except ValueError:
+        raise InputError("the frame has numbers that are not finite and cannot be saved") from None
+
+
+def check_metadata(frame: RawFrame) -> None:
+    """Raise `InputError` for metadata that are not strings and finite numbers with names."""
+    for name, value in frame.metadata.items():
+        number = isinstance(value, int | float | np.integer | np.floating)
+        if not isinstance(name, str) or not (isinstance(value, str) or (number and np.isfinite(value))):
+            raise InputError(f"metadata[{name!r}]", value=value, expected="a string or a finite number")
+
+
+def is_description(text: str) -> bool:
+    """Return whether a text is photosite's description of a frame."""
+    return text.startswith(f'{{"{MARK}"')
+
+
+def parse_description(path: Path, text: str, rows: int, cols: int, stored_bits: int) -> FrameHeader | None:
+    """Return the header of a description, or None if another program wrote the text."""
+    if not is_description(text):
+        return None
+    try:
+        content = json.loads(text)
+        if content[MARK] != 1:
+            raise FileError(path, MARK, value=content[MARK], expected="1, the format version that is supported")
+        return FrameHeader(
+            rows,
+            cols,
+            stored_bits,
+            bits=int(content["bits"]),
+            cfa=cfa_from(content["cfa"]),
+            black_level_dn=float(content["black_level_dn"]),
+            white_level_dn=float(content["white_level_dn"]),
+            exposure_s=None if content["exposure_s"] is None else float(content["exposure_s"]),
+            color_matrix=_table(content["color_matrix"]),
+            noise_profile=_table(content["noise_profile"]),
+            metadata=dict(content["metadata"]),
+        )
+    except (ValueError, TypeError, KeyError) as error:
+        raise FileError(path, f"the description of the frame is damaged ({error})") from None
+
+
+def _table(rows: Any) -> NDArray[np.float64] | None:
+    return None if rows is None else np.asarray(rows, dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,33 @@
-"""The settings of a frame: dark or light, exposure time, light, gain setting and temperature."""
+"""The settings of a frame: dark or light, exposure time, light, gain setting and temperature.
+
+Names of files and folders may state them:
+
+| part of a name | setting |
+|---|---|
+| dark, darks, bias, `d_012` | a dark frame |
+| light, lights, flat, flats, bright, `b_012` | a light frame |
+| `10ms`, `0.04s`, `0,04s`, `250us`, `exp40000ns`, `1-8000s` (1/8000 s) | exposure time |
+| `iso400`, `gain_2.5`, `gain12dB` | gain setting |
+| `20C`, `_-10C`, `temp_21.5degC` | sensor temperature in degrees Celsius |
+
+Parts are separated by spaces, underscores, hyphens and similar characters. A comma between digits is a decimal comma.
+Names that can be read in two ways are refused: `1_8000s` (1/8000 s, or number 1 at 8000 s), `1,500ms` (1.5 ms or
+1500 ms), `gain_2,10ms` (gain 2 at 10 ms, or 2.1 ms).
+"""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
+from fractions import Fraction
+from functools import partial
 from numbers import Real
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError
 
 Kind = Literal["dark", "light"]
 KINDS: tuple[Kind, ...] = ("dark", "light")
@@ -77,3 +97,130 @@ class FrameSettings:
     def _zero_exposure(self) -> bool:
         """Whether the exposure time may be 0: descriptors label light of known photons so."""
         return self.kind == "dark" or self.photons_per_pixel is not None
+
+
+_KIND_WORDS: dict[str, Kind] = {
+    **dict.fromkeys(("dark", "darks", "bias"), "dark"),
+    **dict.fromkeys(("light", "lights", "flat", "flats", "bright"), "light"),
+}
+_EMVA_KINDS: dict[str, Kind] = {"d": "dark", "b": "light"}
+
+_NUMBER = r"\d+(?:[.,]\d+)*(?:e[+-]?\d{1,2})?"
+_END = r"(?![a-z0-9])"
+_SECONDS = {"s": 1, "sec": 1, "ms": 10**3, "us": 10**6, "µs": 10**6, "μs": 10**6, "ns": 10**9}
+_EMVA_KIND = re.compile(r"^([bd])_\d+" + _END)
+_EXPOSURE = re.compile(
+    rf"(?<![a-z0-9.])(?:(?:exposure|exp|t)[_=]?)?(1-(?=\d+s))?({_NUMBER})_?({'|'.join(_SECONDS)}){_END}"
+)
+_GAIN = re.compile(rf"(?<![a-z0-9])(?:iso|gain)[-_= ]?({_NUMBER})(?:db)?(?![a-z0-9]|[.,]\d)")
+_TEMPERATURE = re.compile(rf"(?:^|[_ ])(?:temp|t)?[_=]?(-?{_NUMBER})_?(?:degc|c){_END}")
+
+_ONE_BEFORE = re.compile(r"(?<![0-9.,])1[_ ]$")
+"""The end of a name before a whole number of seconds that may be the denominator of a fraction."""
+_DIGITS_BEFORE = re.compile(r"(\d+),$")
+_GAIN_BEFORE = re.compile(r"(?:iso|gain)[-_= ]?$")
+_THOUSANDS = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
+
+_UNKNOWN = FrameSettings()
+
+
+def settings_from_names(path: Path, names: Iterable[str], known: FrameSettings = _UNKNOWN) -> FrameSettings:
+    """Return the settings that names state; the first name that states a setting decides.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    names
+        From the most specific to the least: dataset, file without its suffix, folder.
+    known
+        Settings that the listing or the metadata state; these are not searched for in the names.
+
+    Raises
+    ------
+    FileError
+        If a name states two values of a setting, or can be read in two ways.
+
+    Examples
+    --------
+    >>> found = settings_from_names(Path("x"), ["flat_10ms_001", "iso400"])
+    >>> found.kind, found.exposure_s, found.gain_setting
+    ('light', 0.01, 400.0)
+    """
+    every = list(names)
+    found = {field: _first(path, every, *how) for field, how in _SEARCHES.items() if getattr(known, field) is None}
+    return FrameSettings(**found)
+
+
+def kinds_in_name(name: str) -> set[Kind]:
+    """Return the kinds that words of a name state.
+
+    Examples
+    --------
+    >>> kinds_in_name("Flat Field 2"), kinds_in_name("d_003_snap_1"), kinds_in_name("darkroom")
+    ({'light'}, {'dark'}, set())
+    """
+    lower = name.lower()
+    found = {_KIND_WORDS[word] for word in re.findall("[a-z]+", lower) if word in _KIND_WORDS}
+    if not found and (emva := _EMVA_KIND.match(lower)):
+        found = {_EMVA_KINDS[emva[1]]}
+    return found
+
+
+def _first(path: Path, names: Iterable[str], find: Callable[[str], set[Any]], many: str, hint: str) -> Any:
+    for name in names:
+        values = find(name)
+        if len(values) > 1:
+            raise FileError(path, f"the name '{name}' states {many}", hint=hint)
+        if values:
+            return values.pop()
+    return None
+
+
+def _exposures(name: str) -> set[float]:
+    """Return the exposure times that a name can mean."""
+    found = set()
+    for match in _EXPOSURE.finditer(name.lower()):
+        reciprocal, number, unit = match.groups()
+        before = name.lower()[: match.start(1 if reciprocal else 2)]
+        values = _readings(number)
+        if "," in number and _GAIN_BEFORE.search(before):
+            values |= _readings(number.rpartition(",")[2])  # gain_2,10ms
+        if (digits := _DIGITS_BEFORE.search(before)) is not None:
+            values |= _readings(f"{digits[1]},{number}")  # dark0,5s
+        seconds = {value / _SECONDS[unit] for value in values if value}
+        if reciprocal:
+            # run-1-30s: 1/30 s, or run 1 at 30 s
+            seconds = {1 / value for value in seconds} | (seconds if before.endswith("-") else set())
+        elif unit in ("s", "sec") and number.isdigit() and _ONE_BEFORE.search(before):
+            seconds |= {1 / value for value in seconds}  # 1_8000s
+        found |= set(map(float, seconds))
+    return found
+
+
+def _numbers(pattern: re.Pattern[str], name: str) -> set[float]:
+    return {float(value) for number in pattern.findall(name.lower()) for value in _readings(number)}
+
+
+def _readings(number: str) -> set[Fraction]:
+    """Return the numbers that a text can mean: its comma is decimal, or separates thousands."""
+    found = set()
+    if number.count(",") + number.count(".") <= 1:
+        found.add(Fraction(number.replace(",", ".")))
+    if _THOUSANDS.fullmatch(number):
+        found.add(Fraction(number.replace(",", "")))
+    return found
+
+
+_LISTED = "or list it in a protocol.yaml"
+_SEARCHES: dict[str, tuple[Callable[[str], set[Any]], str, str]] = {
+    "kind": (kinds_in_name, "both dark and light", f"Rename it, {_LISTED}"),
+    "exposure_s": (
+        _exposures,
+        "two exposure times",
+        f"Write 1-8000s for 1/8000 s, 0.5s for half a second, 8000s_1 for number 1 at 8000 s, {_LISTED}",
+    ),
+    "gain_setting": (partial(_numbers, _GAIN), "two gain settings", f"Write gain_2.5_10ms, {_LISTED}"),
+    "temperature_c": (partial(_numbers, _TEMPERATURE), "two temperatures", f"Write 21.5C, {_LISTED}"),
+}
+"""By setting: how its values are found in a name, and the problem and hint where there are two."""

@@ -13,8 +13,8 @@ from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
+from photosite.frames.io.formats import FORMATS, SUFFIXES, read_headers
 from photosite.frames.io.protocol import read_protocol
-from photosite.frames.io.read import FORMATS, SUFFIXES, read_headers
 from photosite.frames.raw_frame import check_bits
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.cfa import cfa_from
@@ -41,7 +41,7 @@ def open_frames(
     1. the protocol or descriptor, or the patterns `dark` and `light`;
     2. the file's metadata (exposure time, ISO or gain, temperature, kind): Exif and TIFF/EP in camera raw, DNG and
        TIFF, keywords in FITS, attributes in HDF5, and the description in files that photosite wrote;
-    3. the names of the file and its subfolder, such as `dark_10ms_iso400.tif` (`photosite.frames.file_names`).
+    3. the names of the file and its subfolder, such as `dark_10ms_iso400.tif` (`photosite.frames.frame_settings`).
 
     If no source states the kind, frames are classified by their signal level, with a warning. A file of several frames
     (pages of TIFF; datasets, stacks and units of HDF5 and FITS) stands for all of them.

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, number_array
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
-from photosite.optics.sampled_psf import (
+from photosite.optics.point_spread import (
+    FieldPsf,
+    PlanePsf,
+    PointSpread,
     RotatablePsf,
     box_blurred,
     check_spacing,

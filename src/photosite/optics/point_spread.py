@@ -1,4 +1,4 @@
-"""Point spread functions (PSF) on the sensor, given by their optical transfer functions (OTF).
+"""Point spread functions (PSF) on the sensor: given by their optical transfer functions (OTF), and sampled.
 
 Positions on the sensor are (y, x) in m: y down the rows of the frame, x along its columns, 0 on the optical axis. A PSF
 is normalized to unit energy. Its OTF is
@@ -6,15 +6,25 @@ is normalized to unit energy. Its OTF is
     otf(fy, fx) = integral of psf(y, x) exp(-2 pi i (fy y + fx x)) dy dx,
 
 which is 1 at (0, 0). A single mode of a `FieldPsf` may have any value there.
+
+Samples are those of a band-limited function, (rows, cols), rows downwards as in the frame, at the distance `spacing` on
+both axes; the origin is the sample (rows // 2, cols // 2). Between samples the function is a sum of sinc functions. Its
+OTF is therefore the Fourier sum of the samples up to half the sampling frequency, and 0 beyond.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from photosite.errors import InputError
+from photosite.optics.checks import check_number
 
 Array = NDArray[np.float64]
 
@@ -82,3 +92,182 @@ class FieldPsf:
 
 
 PointSpread = RadialPsf | PlanePsf | FieldPsf
+
+
+Complex = NDArray[np.complex128]
+
+_CHUNK = 2048
+_OVERSAMPLING = 4
+"""Factor before interpolation by splines of fifth order, which then err by about 1e-5 at the highest frequency."""
+_ROTATION_ORDER = 5
+_SMALLEST_SPACING_UM = 0.01
+"""A tenth of what the shortest wavelength and the fastest lens need; less indicates a wrong unit."""
+
+
+def sample_positions(count: int, spacing: float) -> Array:
+    """Return (count,) positions of samples on an axis, 0 at count // 2."""
+    return (np.arange(count, dtype=np.float64) - count // 2) * spacing
+
+
+def sampled_otf(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Array) -> Complex:
+    """Return the OTF of a sampled PSF: the Fourier sum of its (n, n) samples, 0 beyond half the sampling frequency.
+
+    The frequencies broadcast; a column and a row are fastest.
+
+    Examples
+    --------
+    >>> one = np.zeros((3, 3)); one[1, 2] = 1.0      # a sample to the right of the origin
+    >>> sampled_otf(one, 1e-6, np.zeros(1), np.array([0.25e6])).round(6)
+    array([0.-1.j])
+    """
+    fy, fx = np.asarray(fy_per_m, np.float64), np.asarray(fx_per_m, np.float64)
+    limit = 0.5 / spacing_m * (1 + 1e-12)
+    rows, cols = samples.shape
+    if fy.ndim == 2 and fx.ndim == 2 and fy.shape[1] == 1 and fx.shape[0] == 1:
+        down = _phase_factors(fy.tobytes(), rows, spacing_m) * (np.abs(fy) <= limit)
+        across = _phase_factors(fx.tobytes(), cols, spacing_m) * (np.abs(fx.T) <= limit)
+        return down @ (samples @ across.T)
+    fy, fx = np.broadcast_arrays(fy, fx)
+    flat_y, flat_x = fy.reshape(-1), fx.reshape(-1)
+    out = np.empty(flat_y.size, np.complex128)
+    for first in range(0, out.size, _CHUNK):
+        part = slice(first, first + _CHUNK)
+        down, across = (
+            _phase_factors(flat[part].tobytes(), count, spacing_m) for flat, count in ((flat_y, rows), (flat_x, cols))
+        )
+        out[part] = np.einsum("ij,ij->i", down @ samples, across)
+    out[(np.abs(flat_y) > limit) | (np.abs(flat_x) > limit)] = 0
+    return out.reshape(fy.shape)
+
+
+@lru_cache(maxsize=16)
+def _phase_factors(frequency_per_m: bytes, count: int, spacing_m: float) -> Complex:
+    """Return (frequencies, count) phase factors; cached, because the modes of a lens share their frequencies."""
+    factors: Complex = np.exp(
+        (-2j * math.pi) * np.frombuffer(frequency_per_m)[:, None] * sample_positions(count, spacing_m)
+    )
+    factors.flags.writeable = False
+    return factors
+
+
+def check_spacing(spacing_um: float | None) -> None:
+    """Raise `InputError` for a distance between samples that is not above 0, or below 0.01 um."""
+    low = _SMALLEST_SPACING_UM
+    hint = "If the value is in m, multiply it by 1e6; if in mm, by 1000"
+    check_number("spacing_um", spacing_um, f"{low} or more", at_least=low, hint=hint)
+
+
+def normalised(samples: Array, where: str) -> Array:
+    """Return samples divided by their sum; raise `InputError`, whose `where` names the PSF, if they are no PSF.
+
+    They are none with NaN, a sum that is not above 0, or a value below -2 % of the peak.
+    """
+    if not np.isfinite(samples).all():
+        raise InputError("psf", where=where, expected="finite")
+    total = float(samples.sum())
+    if not total > 0:
+        raise InputError("psf", where=where, expected="of a sum above 0", value=total)
+    if samples.min() < -0.02 * samples.max():
+        limit = f"above -2 % of its peak of {samples.max():g}"
+        raise InputError("psf", where=where, expected=limit, value=samples.min())
+    return samples / total
+
+
+def resampled(samples: Array, origin: tuple[float, float], spacing: float, count: int, to_spacing: float) -> Array:
+    """Return (count, count) samples of the same energy on another grid: sums of sinc functions, 0 beyond the samples.
+
+    `origin` is the (row, col) of the origin. `to_spacing` is at most `spacing`, to avoid aliasing.
+    """
+    matrices = []
+    for axis in (0, 1):
+        position = sample_positions(count, to_spacing)[:, None]
+        own = (np.arange(samples.shape[axis]) - origin[axis]) * spacing
+        matrices.append(np.sinc((position - own) / spacing) * (to_spacing / spacing))
+    return matrices[0] @ samples @ matrices[1].T
+
+
+class RotatablePsf:
+    """One PSF of (n, n) samples that can be rotated about its origin."""
+
+    def __init__(self, samples: Array) -> None:
+        from scipy.ndimage import spline_filter
+
+        count = samples.shape[0]
+        self.samples = samples
+        self.padded = count + 2 * (count // 8 + 2)  # a margin, because the Fourier sum is periodic
+        border = (self.padded - count) // 2
+        fine = _oversampled(np.pad(samples, border), _OVERSAMPLING)
+        self.coefficients = spline_filter(fine, order=_ROTATION_ORDER, mode="grid-wrap")
+
+    def mixed_with(self, other: RotatablePsf, share: float) -> RotatablePsf:
+        """Return (1 - share) of this PSF plus share of another of the same size."""
+        between = copy(self)
+        between.samples = (1 - share) * self.samples + share * other.samples
+        between.coefficients = (1 - share) * self.coefficients + share * other.coefficients
+        return between
+
+    def rotated(self, angle_rad: float) -> Array:
+        """Return (n, n) samples rotated from right (x) towards down (y) by an angle, of the same energy."""
+        from scipy.ndimage import map_coordinates
+
+        quarter = round(angle_rad / (math.pi / 2))
+        if abs(angle_rad - quarter * math.pi / 2) < 1e-12 and self.samples.shape[0] % 2 == 1:
+            return np.rot90(self.samples, -quarter).copy()
+        count = self.samples.shape[0]
+        y, x = sample_positions(count, 1.0)[:, None], sample_positions(count, 1.0)[None, :]
+        cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+        place = np.stack(np.broadcast_arrays(cos * y - sin * x, sin * y + cos * x))
+        middle = (self.padded // 2) * _OVERSAMPLING
+        rotated_samples = map_coordinates(
+            self.coefficients, place * _OVERSAMPLING + middle, order=_ROTATION_ORDER, mode="grid-wrap", prefilter=False
+        )
+        # The corners may have left the square, or entered it from the next period.
+        outside = np.abs(place).max(axis=0) > count // 2
+        rotated_samples[outside] = 0
+        result: Array = rotated_samples * (self.samples.sum() / rotated_samples.sum())
+        return result
+
+
+def _oversampled(samples: Array, times: int) -> Array:
+    """Return a period of the Fourier sum at `times` as many points on each axis."""
+    import scipy.fft
+
+    count = samples.shape[0]
+    spectrum = np.fft.fftshift(scipy.fft.fft2(samples))
+    size = count * times
+    whole = np.zeros((size, size), np.complex128)
+    first = size // 2 - count // 2
+    whole[first : first + count, first : first + count] = spectrum
+    result: Array = scipy.fft.ifft2(np.fft.ifftshift(whole)).real * times**2
+    return result
+
+
+def box_blurred(samples: Array, spacing: float, side: float) -> Array:
+    """Return (..., n, n) samples blurred by a square of the given side.
+
+    Examples
+    --------
+    >>> axis = np.arange(-20, 21) / 2
+    >>> gauss = np.exp(-(axis[:, None] ** 2 + axis**2) / 2)
+    >>> float(box_blurred(gauss, 0.5, 1.0)[20, 20].round(6))    # 2 pi erf(0.5 / sqrt(2))^2
+    0.921313
+    """
+    import scipy.fft
+
+    count = samples.shape[-1]
+    size = scipy.fft.next_fast_len(count + 2 * math.ceil(side / spacing), real=True)
+    f = np.fft.fftfreq(size, spacing)
+    window = np.sinc(f * side)[:, None] * np.sinc(f[: size // 2 + 1] * side)
+    spectrum = scipy.fft.rfft2(samples, s=(size, size)) * window
+    result: Array = scipy.fft.irfft2(spectrum, s=(size, size))[..., :count, :count]
+    return result
+
+
+def encircled_radius(samples: Array, spacing: float, share: float) -> float:
+    """Return the radius about the origin that encloses a share of the energy, in the unit of the spacing."""
+    y, x = (sample_positions(count, spacing) for count in samples.shape)
+    radius = np.hypot(y[:, None], x).ravel()
+    order = np.argsort(radius, kind="stable")
+    held = np.cumsum(np.abs(samples).ravel()[order])
+    index = min(int(np.searchsorted(held, share * held[-1])), held.size - 1)
+    return float(radius[order][index])

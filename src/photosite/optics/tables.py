@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, number_array
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.point_spread import PlanePsf, RadialPsf
-from photosite.optics.sampled_psf import check_spacing, encircled_radius, sampled_otf
+from photosite.optics.point_spread import PlanePsf, RadialPsf, check_spacing, encircled_radius, sampled_otf
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

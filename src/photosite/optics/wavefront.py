@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.optics.annular import LARGEST_ANNULAR_SLOPE, AnnularOtf, Waves, aberration_free_otf, defocused_otf
-from photosite.optics.autocorrelation import LARGEST_SLOPE, PupilAutocorrelation, SampledOtf, cells_for, largest_slope
 from photosite.optics.checks import camera_wavelengths, check_number, check_type
 from photosite.optics.diffraction import AIRY_REACH_PERIODS, DiffractionLimited
 from photosite.optics.point_spread import PlanePsf, RadialPsf
-from photosite.optics.pupil import Pupil
+from photosite.optics.pupil import LARGEST_SLOPE, Pupil, PupilAutocorrelation, SampledOtf, cells_for, largest_slope
 from photosite.optics.zernike import Index, Norm, Term, zernike_terms
 
 Array = NDArray[np.float64]

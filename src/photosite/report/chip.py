@@ -9,8 +9,14 @@ from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
-from photosite.report.figures.chip import defect_map_figure, noise_histogram_figure, telegraph_figure
-from photosite.report.figures.fixed_pattern import histogram_figure, profiles_figure, spectrogram_figure
+from photosite.report.figures.chip import (
+    defect_map_figure,
+    histogram_figure,
+    noise_histogram_figure,
+    profiles_figure,
+    spectrogram_figure,
+    telegraph_figure,
+)
 from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.report.page import (
     Block,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.report.page import Page
 
 

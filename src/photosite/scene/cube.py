@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError
-from photosite.files.temporary import TemporaryFolder
+from photosite.files.writing import TemporaryFolder
 from photosite.scene.units import Quantity
 
 Array = NDArray[np.float64]

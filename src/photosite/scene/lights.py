@@ -13,8 +13,8 @@ from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, photons_from_energy
 from photosite.errors import InputError
-from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import Scene
+from photosite.scene.weights import principal_spectra
 
 Array = NDArray[np.float64]
 Distribution = Callable[[Array, Array], Array]

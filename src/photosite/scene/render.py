@@ -21,9 +21,9 @@ from photosite.color.spectrum import wavelength_grid
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import reduce_cube
+from photosite.scene.weights import Progress
 
 SceneSource = str | PathLike[str] | Mapping[str, Any]
 Shape = tuple[int | None, int | None]

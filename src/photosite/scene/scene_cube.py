@@ -15,9 +15,8 @@ from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError
 from photosite.scene.cube import Array, Block, SpectralCube, band_order, within_range
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduction import Progress, reduce_to_components
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.scene.weights import WeightStore, temporary_store
+from photosite.scene.weights import Progress, WeightStore, reduce_to_components, temporary_store
 
 _BLOCK_SAMPLES = 1 << 22
 _ROUNDING = 1e-6

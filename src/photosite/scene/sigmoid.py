@@ -14,7 +14,7 @@ from photosite.color.colorimetry import color_matching_functions, colour_science
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import integration_weights, wavelength_grid
 from photosite.errors import InputError
-from photosite.scene.reduction import principal_spectra
+from photosite.scene.weights import principal_spectra
 
 Array = NDArray[np.float64]
 

@@ -281,7 +281,7 @@ class MeasuredChip:
 
         The name and SHA-256 that it returns go into a sensor file: `sensor.with_(maps=chip.save("mine.maps.h5"))`.
         """
-        from photosite.sensor.io.maps_file import write_maps
+        from photosite.sensor.io.sensor_file import write_maps
 
         return write_maps(self, path)
 

@@ -24,7 +24,7 @@ from photosite.engine.pixel_model import (
 from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.chip import Blinking, MeasuredChip, draw_chip
-from photosite.sensor.io.maps_file import load_measured_chip
+from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
 from photosite.values.validated import check_choice
 

@@ -35,7 +35,7 @@ from photosite.camera.camera import Camera
 from photosite.color.spectrum import Spectrum, read_spectrum
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.yaml import line_at, line_of, read_yaml
-from photosite.frames.io.read import read_raw
+from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.optics.diffraction import DiffractionLimited

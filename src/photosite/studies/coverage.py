@@ -18,10 +18,9 @@ from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
 from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.sensor.model import Sensor
-from photosite.studies.bent_lab import BentLab
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.truth import measured_truth
-from photosite.studies.virtual_lab import VirtualLab, virtual_lab
+from photosite.studies.virtual_lab import BentLab, VirtualLab, virtual_lab
 from photosite.values.cfa import cfa_from, channel_names
 
 NOMINAL_COVERAGE = 0.95

@@ -14,7 +14,7 @@ from photosite.errors import InputError, did_you_mean
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import macbeth
-from photosite.scene.perspective import Homography, field_corners, seen_patches
+from photosite.scene.placement import Homography, field_corners, seen_patches
 from photosite.values.cfa import channel_sites
 from photosite.values.region import Corners, Region
 from photosite.values.validated import check_choice

@@ -18,15 +18,15 @@ from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.lens import Optics
 from photosite.scene.charts import macbeth
-from photosite.scene.perspective import check_corners, in_perspective, seen_patches
+from photosite.scene.placement import check_corners, in_perspective, seen_patches
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.sensor.model import Sensor
+from photosite.validation.agreement import shared_noise, warn_of_dependence
 from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.lamp import Lamp
 from photosite.validation.result import Validation
-from photosite.validation.shared_noise import shared_noise, warn_of_dependence
 from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, tile_text
 from photosite.values.exposure import check_exposure

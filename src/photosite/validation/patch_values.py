@@ -21,9 +21,8 @@ from photosite.validation.agreement import (
     relative_difference,
 )
 from photosite.validation.charts import chart_xyz_d65
-from photosite.validation.color import compare_colors
 from photosite.validation.regression import regressions
-from photosite.validation.result import PatchDifferences
+from photosite.validation.result import PatchDifferences, compare_colors
 from photosite.values.validated import check_choice
 
 Unit = Literal["e", "dn"]

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.small import read_small
+from photosite.files.small_files import read_small
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES

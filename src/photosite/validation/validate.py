@@ -12,17 +12,18 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.validation.agreement import (
+    SharedNoise,
     check_verdict_settings,
     chi_square_of_means,
     chi_square_of_noise,
     chi_square_of_temporal_noise,
     compared,
+    shared_noise,
+    warn_of_dependence,
 )
 from photosite.validation.charts import Chart, chart_regions, chart_xyz_d65
-from photosite.validation.color import compare_colors
 from photosite.validation.regression import regressions
-from photosite.validation.result import Validation
-from photosite.validation.shared_noise import SharedNoise, shared_noise, warn_of_dependence
+from photosite.validation.result import Validation, compare_colors
 from photosite.values.cfa import tile_text
 from photosite.values.region import Region
 from photosite.values.validated import check_choice

@@ -1,14 +1,148 @@
-"""An estimated parameter: its value with uncertainty and method, or the reason why it is missing."""
+"""An estimated parameter: its value, standard deviation and method, or the reason why it is missing."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from statistics import NormalDist
 from typing import Any
 
 from photosite.errors import CalibrationError
-from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import COVERAGE_95, Measured, Missing, Source, Uncertain, Value
+
+
+def signed_root(x: float) -> float:
+    """Return sign(x) sqrt(|x|), so that a negative variance estimate keeps its sign and size."""
+    return math.copysign(math.sqrt(abs(x)), x)
+
+
+NOISY = 25.0
+"""Ratio of a variance to its uncertainty below which the bias of the root is corrected."""
+
+
+def standard_deviation(variance: Uncertain) -> Uncertain:
+    """Return the standard deviation of an estimated variance; negative if the estimate is negative.
+
+    First-order propagation, u(s) = u(v) / (2 s), fails for a variance near zero. The uncertainty here is the larger
+    distance from s to the roots of the ends of the variance's 95 % interval, divided by 1.96. It equals the first-order
+    value for a variance far from zero, stays finite at zero, and the interval keeps its coverage.
+
+    The root of a noisy variance is too small on average, by the relative amount 1 / (8 r^2) for a variance of r
+    uncertainties. The factor 1 + 1 / (8 r^2 + 4) corrects this and stays finite at zero. From r = 1.5 on the remaining
+    bias is below a tenth of the uncertainty. Variances above r = 25, where the bias is below a hundredth, and negative
+    ones are not corrected.
+
+    Examples
+    --------
+    >>> s = standard_deviation(Uncertain.of(4.0, 0.04))
+    >>> round(s.value, 4), round(s.standard_uncertainty, 4)
+    (2.0, 0.01)
+    >>> standard_deviation(Uncertain.of(-0.25, 0.5)).value
+    -0.5
+    """
+    u = variance.standard_uncertainty
+    s = signed_root(variance.value)
+    if u == 0.0:
+        return Uncertain(s)
+    below = s - signed_root(variance.value - COVERAGE_95 * u)
+    above = signed_root(variance.value + COVERAGE_95 * u) - s
+    slope = max(below, above) / (COVERAGE_95 * u)
+    if 0.0 < variance.value < NOISY * u:
+        s *= 1.0 + 0.125 / ((variance.value / u) ** 2 + 0.5)
+    return Uncertain(s, {source: slope * part for source, part in variance.parts.items()})
+
+
+def standard_deviation_interval_95(variance: Uncertain) -> tuple[float, float]:
+    """Return the 95 % interval of `standard_deviation`: the signed roots of the ends of an interval of the variance.
+
+    A symmetric interval would lie below zero for one in 40 sensors without any spread. Where the estimate is negative,
+    this interval therefore reaches up to `upper_limit_95`, and misses a small true variance from above in fewer than
+    2.5 % of cases. The lower end is raised to compensate: a true variance of 0 is excluded in 5 %. The coverage is 95 %
+    for every true variance. Far from zero the interval is that of the variance.
+
+    References
+    ----------
+    Feldman and Cousins, Phys. Rev. D 57 (1998) 3873, derive intervals from limits in this way, with another upper end.
+
+    Examples
+    --------
+    >>> low, high = standard_deviation_interval_95(Uncertain.of_variance(4.0, 4.0 * math.sqrt(2 / 7)))
+    >>> round(low, 2), round(high, 2)
+    (1.32, 4.07)
+    >>> low, high = standard_deviation_interval_95(Uncertain.of(1.645, 1.0))  # the largest with an `upper_limit_95`
+    >>> round(low, 1), round(high, 1)
+    (0.0, 1.9)
+    """
+    low, high = _positive_interval(variance.value, *variance.interval_95)
+    limit = upper_limit_95(variance) if variance.value < 0.0 else None
+    return signed_root(low), signed_root(high) if limit is None else max(signed_root(high), limit)
+
+
+def _positive_interval(value: float, low: float, high: float) -> tuple[float, float]:
+    """Return the interval of a variance that cannot be negative, from the interval with 2.5 % on either side.
+
+    The logarithm of the estimate plus a constant is taken as normal, with the interval's own ratio of its sides. This
+    is close for a mean square, and exact for a symmetric interval.
+    """
+    below, above = value - low, high - value
+    if min(below, above) <= 0.0:
+        return low, high
+    sigma = math.log(above / below) / COVERAGE_95 or 1e-12
+    size = -below / math.expm1(-COVERAGE_95 * sigma)
+    if value / size >= 1.0:
+        return low, high  # noise cannot be so large
+    x = -math.log1p(-value / size) / sigma
+    if x >= 2.0 * COVERAGE_95:
+        return low, high
+    lower = (size - value) * math.expm1(sigma * _lower_end(x))
+    return lower, (size - value) * math.expm1(sigma * _upper_end(x)) if x < 0.0 else high
+
+
+def _upper_end(x: float) -> float:
+    """Return the upper limit of the mean, 0 or more, given a normal estimate x < 0 of standard deviation 1.
+
+    The limit satisfies P(mean > limit | mean > 0) = 0.05.
+    """
+    tail = 0.05 * 0.5 * math.erfc(-x / math.sqrt(2.0))
+    return x - NormalDist().inv_cdf(tail) if tail > 0.0 else 0.0
+
+
+def _lower_end(x: float) -> float:
+    """Return the lower end for x < 3.92 that completes `_upper_end` (x + 1.96 from 0 on) to 95 % coverage."""
+    # A mean t is the upper end of an estimate -y. Estimates below -y use up P(< -y); 0.05 P(> -y) remain above t + z.
+    first, last = 0.0, 37.0
+    for _ in range(50):
+        y = 0.5 * (first + last)
+        tail = 0.5 * math.erfc(y / math.sqrt(2.0))
+        z = -NormalDist().inv_cdf(0.05 * (1.0 - tail))
+        first, last = (y, last) if _upper_end(-y) + z > x else (first, y)
+    return x - z
+
+
+def upper_limit_95(variance: Uncertain) -> float | None:
+    """Return the 95 % upper limit of a standard deviation whose variance is not distinguishable from zero, else None.
+
+    The limit is that of a normal variance estimate, given that the true variance is not negative. The result is also
+    None if the estimate lies so far below zero (37 uncertainties) that no true variance explains it.
+
+    Examples
+    --------
+    >>> round(upper_limit_95(Uncertain.of(0.0, 1.0)), 3)
+    1.4
+    >>> upper_limit_95(Uncertain.of(9.0, 1.0)) is None
+    True
+    """
+    u = variance.standard_uncertainty
+    normal = NormalDist()
+    if u == 0.0 or variance.value > normal.inv_cdf(0.95) * u:
+        return None
+    # P(true > limit | true > 0) = 0.05, written with erfc, which stays accurate far below zero.
+    tail = 0.05 * 0.5 * math.erfc(-variance.value / (u * math.sqrt(2.0)))
+    if tail == 0.0:
+        return None
+    return signed_root(variance.value - u * normal.inv_cdf(tail))
+
 
 Interval = tuple[float, float]
 

@@ -13,9 +13,8 @@ from raising import raises
 from photosite.errors import FileError, InputError
 from photosite.optics.io import zemax
 from photosite.optics.io.formats import read_lens_design
-from photosite.optics.io.listing import table_row
-from photosite.optics.io.psf_listing import Layout, PsfListing
-from photosite.optics.sampled_psf import sample_positions
+from photosite.optics.io.listing import Layout, PsfListing, table_row
+from photosite.optics.point_spread import sample_positions
 
 
 def write_grid(path: Path, rows: int, cols: int, at: tuple[float, float], sigma: float = 2.0) -> None:

@@ -21,7 +21,7 @@ from photosite.optics.io.formats import load_optics, read_lens_design
 from photosite.optics.io.iset import read_ray_trace
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.sampled_psf import sample_positions
+from photosite.optics.point_spread import sample_positions
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from raising import raises
 from photosite.errors import FileError
 from photosite.optics.distortion import RadialMapping, image_height
 from photosite.optics.io.formats import load_optics, read_lens_design
-from photosite.optics.io.psf_listing import Layout, PsfListing
+from photosite.optics.io.listing import Layout, PsfListing
 from photosite.optics.io.zemax import read_distortion, read_psf, read_relative_illumination
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.sampled_psf import sample_positions
+from photosite.optics.point_spread import sample_positions
 
 Array = NDArray[np.float64]
 FFT_HEAD = """Listing of FFT PSF Data

@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes, OutlierThresholds, spatial_analysis, spectrogram
-from photosite.report.figures.fixed_pattern import (
+from photosite.report.figures.chip import (
     _tick,
     histogram_figure,
     profiles_figure,

@@ -19,8 +19,8 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import STILL_SHARE
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.frames.black_level import levels_disagree
 from photosite.frames.frame_set import FrameSet
+from photosite.frames.raw_frame import levels_disagree
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing
 

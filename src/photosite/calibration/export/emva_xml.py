@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.calibration.result import Calibration
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.values.estimate import Estimate
 
 EMVA_XML_LOSS = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
-from photosite.sensor.io.maps_file import maps_path
+from photosite.sensor.io.sensor_file import maps_path
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
 from photosite.sensor.quantity import Covariance

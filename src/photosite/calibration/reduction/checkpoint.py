@@ -20,8 +20,7 @@ from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.groups import group_label
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
-from photosite.files.atomic import atomic_path
-from photosite.files.lock import FolderLock
+from photosite.files.writing import FolderLock, atomic_path
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 _VERSION = 5

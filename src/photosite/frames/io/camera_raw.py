@@ -1,6 +1,6 @@
 """Frames in camera makers' raw formats (NEF, CR2, CR3, ARW, RAF, ...), decoded by LibRaw through rawpy.
 
-The frame is the visible area; the level of the borders is kept in the metadata (`photosite.frames.black_level`). LibRaw
+The frame is the visible area; the level of the borders is kept in the metadata (`photosite.frames.raw_frame`). LibRaw
 gives levels as whole numbers. Exposure and ISO come from Exif or TIFF/EP if the format is based on TIFF (NEF, CR2,
 ARW, ...), otherwise from LibRaw.
 """
@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.frames.black_level import MASKED_BORDER, masked_border_level
-from photosite.frames.io.frame_header import FrameHeader
-from photosite.frames.io.tiff import camera_settings, exposure_of
-from photosite.frames.io.tiff_directory import Directory, read_directories
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.frame_file import FrameHeader
+from photosite.frames.io.tiff import Directory, camera_settings, exposure_of, read_directories
+from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_level
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
 _SUFFIXES = "3fr arw cr2 cr3 crw dcr erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.json_file import finite_number, read_json_object, valid_content, write_json_object
+from photosite.files.small_files import finite_number, read_json_object, valid_content, write_json_object
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.uncertain import Measured
 

@@ -2,7 +2,7 @@
 
 Writing. One directory, uncompressed 16-bit. A mosaic is CFA, a monochrome frame LinearRaw of one sample. Levels,
 exposure, color matrix and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
-integers, is also in ImageDescription (`photosite.frames.io.description`). AsShotNeutral is written if the metadata have
+integers, is also in ImageDescription (`photosite.frames.frame_file`). AsShotNeutral is written if the metadata have
 "as_shot_neutral"; otherwise readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens
 nothing smaller than 22 x 22 pixels, and has its own levels and matrices for known makers and models. Make is therefore
 "photosite", and the camera's name is in Model.
@@ -24,10 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.frames.black_level import MASKED_BORDER, masked_border_note
+from photosite.frames.frame_file import FrameHeader, describe_frame, parse_description
 from photosite.frames.io.camera_raw import open_libraw
-from photosite.frames.io.description import describe_frame, parse_description
-from photosite.frames.io.frame_header import FrameHeader
 from photosite.frames.io.tiff import (
     BITS,
     COMPRESSION,
@@ -35,14 +33,16 @@ from photosite.frames.io.tiff import (
     LENGTH,
     PHOTOMETRIC,
     SAMPLES,
+    SUB_IFDS,
     WIDTH,
+    Directory,
     camera_settings,
     checked_size,
     exposure_of,
+    read_directories,
     read_tiff_pixels,
 )
-from photosite.frames.io.tiff_directory import SUB_IFDS, Directory, read_directories
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_note
 from photosite.values.cfa import MONOCHROME, NAMED, Cfa, channel_names, tile_text
 
 CFA, LINEAR_RAW = 32803, 34892

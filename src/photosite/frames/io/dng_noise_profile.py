@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
+from photosite.frames.frame_file import FrameHeader, is_description
 from photosite.frames.io import dng
-from photosite.frames.io.description import is_description
 from photosite.frames.io.dng import read_dng_header
-from photosite.frames.io.frame_header import FrameHeader
-from photosite.frames.io.read import read_raw
-from photosite.frames.io.tiff import DESCRIPTION
-from photosite.frames.io.tiff_directory import read_directories
+from photosite.frames.io.formats import read_raw
+from photosite.frames.io.tiff import DESCRIPTION, read_directories
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.cfa import MONOCHROME, channel_names
 from photosite.values.uncertain import Measured

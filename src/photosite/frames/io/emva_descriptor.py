@@ -14,8 +14,8 @@ from pathlib import Path, PureWindowsPath
 from typing import Literal
 
 from photosite.errors import FileError, InputError
-from photosite.files.atomic import atomic_folder
-from photosite.files.small import read_small
+from photosite.files.small_files import read_small
+from photosite.files.writing import atomic_folder
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSet, gain_settings_text
 from photosite.frames.frame_settings import FrameSettings, Kind

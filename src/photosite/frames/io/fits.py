@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, message_of
-from photosite.frames.file_names import kinds_in_name
-from photosite.frames.io.frame_header import FrameHeader, FrameLocation
+from photosite.frames.frame_file import FrameHeader, FrameLocation
+from photosite.frames.frame_settings import kinds_in_name
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 SIGNATURE = b"SIMPLE  ="

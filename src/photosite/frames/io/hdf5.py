@@ -14,7 +14,7 @@ the groups above it and of the file state the rest; the nearest one counts:
     color_matrix, noise_profile
 
 The first five may be arrays with one value per frame. Names of datasets and groups state missing settings, as file
-names do (`photosite.frames.file_names`). Other attributes with text or numbers become metadata.
+names do (`photosite.frames.frame_settings`). Other attributes with text or numbers become metadata.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain
-from photosite.frames.io.description import check_metadata
-from photosite.frames.io.frame_header import FrameHeader, FrameLocation
+from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import NAMED, Cfa, cfa_from
 

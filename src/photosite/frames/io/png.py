@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, message_of
 from photosite.files.quiet import no_stderr
-from photosite.frames.io.description import describe_frame, parse_description
-from photosite.frames.io.frame_header import FrameHeader
+from photosite.frames.frame_file import FrameHeader, describe_frame, parse_description
 from photosite.frames.raw_frame import RawFrame
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

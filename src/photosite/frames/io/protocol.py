@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError, InputError
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_keys, check_version, dump_yaml, line_of, optional_text, read_yaml
 from photosite.frames.frame_file import FrameFile
 from photosite.frames.frame_settings import FrameSettings

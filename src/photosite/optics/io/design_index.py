@@ -21,9 +21,9 @@ from photosite.errors import FileError, InputError, in_file
 from photosite.files.yaml import check_version, line_of, read_yaml, validated
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.io import zemax
-from photosite.optics.io.psf_listing import Axes, FirstRow, Layout, PsfListing, lens_design_of, read_grid
+from photosite.optics.io.listing import Axes, FirstRow, Layout, PsfListing, lens_design_of, read_grid
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.sampled_psf import check_spacing
+from photosite.optics.point_spread import check_spacing
 from photosite.values.validated import Number, PositiveNumber, Section
 
 _SUFFIXES = (".txt", ".dat", ".psf")

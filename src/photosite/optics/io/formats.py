@@ -12,7 +12,7 @@ from typing import Any
 
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.io import design_index, iset, npz, optics_file, tables, zemax
+from photosite.optics.io import design_index, iset, optics_file, tables, zemax
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.tables import OtfTable, PsfTable
@@ -84,7 +84,7 @@ FORMATS = (
         options=("first_row", *_SUM_OPTIONS),
         matches=_is_set,
     ),
-    Format("npz", "lens design", npz.read_design, (".npz",), _SUM_OPTIONS, npz.write_design),
+    Format("npz", "lens design", tables.read_design, (".npz",), _SUM_OPTIONS, tables.write_design),
     Format("zemax", "lens design", design_index.read_folder, options=("first_row", *_SUM_OPTIONS), matches=Path.is_dir),
     Format("index", "lens design", design_index.read_index, options=("first_row", *_SUM_OPTIONS)),
     Format("zemax", "relative illumination", zemax.read_relative_illumination),
@@ -96,7 +96,7 @@ FORMATS = (
         lambda path, **options: iset.read_ray_trace(path).distortion(**options),
         options=("wavelength_nm",),
     ),
-    Format("npz", "pupil amplitude", npz.read_amplitude, write=npz.write_amplitude),
+    Format("npz", "pupil amplitude", tables.read_amplitude, write=tables.write_amplitude),
 )
 """The formats; of those that hold a kind of value, the first that fits is used."""
 
@@ -180,7 +180,7 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
         ISETPARMS.txt, or its folder, of a set that ISET's macros wrote (`photosite.optics.io.iset`).
     **options
         `tolerance`, `rank`, `detail_um`, `nodes` and `symmetric` of `LensDesign`, and `first_row` of
-        `photosite.optics.io.psf_listing.Layout`; they override those of an index.
+        `photosite.optics.io.listing.Layout`; they override those of an index.
 
     Raises
     ------

@@ -41,8 +41,17 @@ from photosite.optics.distortion import Distortion, LateralColor, combined_mappi
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable
 from photosite.optics.io import zemax
-from photosite.optics.io.listing import NUMBER, number, read_text, rows_of_numbers
-from photosite.optics.io.psf_listing import FirstRow, Layout, PsfListing, lens_design_of, read_grid
+from photosite.optics.io.listing import (
+    NUMBER,
+    FirstRow,
+    Layout,
+    PsfListing,
+    lens_design_of,
+    number,
+    read_grid,
+    read_text,
+    rows_of_numbers,
+)
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
 from photosite.values.validated import input_error

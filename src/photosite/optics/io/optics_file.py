@@ -41,15 +41,14 @@ from pydantic import (
 
 from photosite.color.spectrum import Spectrum
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.atomic import atomic_folder
+from photosite.files.writing import atomic_folder
 from photosite.files.yaml import LARGEST_BYTES, check_version, dump_yaml, read_yaml, validated
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable, VeilingGlare
-from photosite.optics.io.npz import write_amplitude, write_design
-from photosite.optics.io.tables import write_otf, write_psf
+from photosite.optics.io.tables import write_amplitude, write_design, write_otf, write_psf
 from photosite.optics.lens import Blur, Lens
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.pupil import Pupil

@@ -26,8 +26,16 @@ from photosite.errors import FileError, in_file
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.field_points import FieldPoints, even_curve
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.io.listing import NUMBER, TableRows, finite, grid_of_numbers, micrometers, number, read_text
-from photosite.optics.io.psf_listing import PsfListing
+from photosite.optics.io.listing import (
+    NUMBER,
+    PsfListing,
+    TableRows,
+    finite,
+    grid_of_numbers,
+    micrometers,
+    number,
+    read_text,
+)
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from photosite.metrics.patches import PatchStatistics
 from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, channel_style, styled, two_panels
-from photosite.validation.color import ColorComparison
-from photosite.validation.result import Validation
+from photosite.validation.result import ColorComparison, Validation
 from photosite.values.uncertain import COVERAGE_95
 
 _DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)  # decibels per small relative change of a variance

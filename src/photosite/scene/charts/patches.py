@@ -13,7 +13,7 @@ from pydantic import Field
 from photosite.color.spectrum import wavelength_grid
 from photosite.errors import InputError
 from photosite.scene.charts.chart import Chart, grey_chart, lit
-from photosite.scene.reduction import few_spectra
+from photosite.scene.weights import few_spectra
 from photosite.values.region import Region
 
 # Geometry in samples, the ColorChecker's: patches of 28 with 4 of black around them.

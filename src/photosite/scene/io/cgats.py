@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from photosite.errors import FileError
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.scene.io.patch_table import (
     PatchTable,
     checked_names,

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from photosite.errors import FileError, InputError
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.scene.cube import wavelengths_in_nm
 from photosite.scene.io.patch_table import (
     PatchTable,

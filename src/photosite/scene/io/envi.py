@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.atomic import atomic_path
+from photosite.files.writing import atomic_path
 from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, Stated, select_bands, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from photosite.color.colorimetry import colour_science
 from photosite.color.spectrum import energy_from_photons
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.atomic import atomic_path
 from photosite.files.quiet import no_stderr
+from photosite.files.writing import atomic_path
 from photosite.scene.cube import Block, SpectralCube, wavelengths_in_nm
 from photosite.scene.io.picture import scene_of_light
 from photosite.scene.options import ReadOptions

@@ -24,9 +24,9 @@ from photosite.errors import FileError, InputError, PhotositeWarning, did_you_me
 from photosite.scene.cube import SpectralCube, select_bands, within_range
 from photosite.scene.io.patch_table import chart_scene
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import Reduction, reduce_cube
+from photosite.scene.weights import Progress
 
 _HEAD_BYTES = 1 << 10
 

@@ -37,9 +37,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.atomic import atomic_path
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain, read_numbers
-from photosite.files.temporary import Piece, write_bands
+from photosite.files.writing import Piece, atomic_path, write_bands
 from photosite.scene.cube import Array, Block, Interleave, RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene

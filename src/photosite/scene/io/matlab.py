@@ -26,10 +26,9 @@ import numpy as np
 
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.atomic import atomic_path
 from photosite.files.hdf5 import SIGNATURE, Hdf5File, open_hdf5, read_numbers
 from photosite.files.mat import ArrayFile, load_mat
-from photosite.files.temporary import TemporaryFolder
+from photosite.files.writing import TemporaryFolder, atomic_path
 from photosite.scene.cube import Array, Block, RawCube, SpectralCube, wavelengths_in_nm
 from photosite.scene.io.hdf5 import MATLAB_AXES, UNIT_NAMES, WAVELENGTH_NAMES, choose_variable, cube_of_dataset
 from photosite.scene.options import ReadOptions

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.small import read_small
+from photosite.files.small_files import read_small
 from photosite.scene.charts.patches import reflectance_chart
 from photosite.scene.cube import band_order, within_range
 from photosite.scene.options import ReadOptions

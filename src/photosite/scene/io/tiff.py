@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, PhotositeError
-from photosite.files.atomic import atomic_path
-from photosite.files.temporary import Piece, write_bands
+from photosite.files.writing import Piece, atomic_path, write_bands
 from photosite.scene.cube import RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.io.color_space import space_of_tiff
 from photosite.scene.io.picture import FLATTEN, ORIENTATION, TRANSPARENT, scene_of_picture, turned

@@ -1,17 +1,25 @@
-"""Sensor files: YAML, and the presets."""
+"""Sensor files: YAML, the presets, and the maps beside them in HDF5."""
 
 from __future__ import annotations
 
+import hashlib
+import math
+import os
+import shutil
+from dataclasses import fields
 from functools import lru_cache
 from importlib import resources
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from photosite.errors import InputError
-from photosite.files.atomic import atomic_path
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, InputError
+from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_yaml, validated
-from photosite.sensor.io.maps_file import copy_maps
+from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
 from photosite.sensor.model import Maps, Sensor
 
 _SUFFIX = ".sensor.yaml"
@@ -99,3 +107,162 @@ def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
 def dump_sensor(sensor: Sensor) -> str:
     """Return a sensor file's text; `parse_sensor` returns the same sensor."""
     return dump_yaml(sensor.model_dump(mode="json", exclude_none=True))
+
+
+MAPS_FORMAT = 1
+MAPS_SUFFIX = ".maps.h5"
+MOST_PIXELS = 1 << 28
+"""Largest map that is read; eight maps of this size are 8 GiB."""
+
+_NUMBERS = ("black_level_dn", "reference_exposure_s", "row_noise_dn", "column_noise_dn")
+_LISTS: dict[str, type[Defects] | type[Blinking]] = {"defects": Defects, "blinking": Blinking}
+_COLUMN_TYPES: dict[str, type[np.generic]] = {
+    "row": np.int64,
+    "col": np.int64,
+    "kind": np.uint8,
+    **dict.fromkeys(("value", "deviation", "amplitude_dn", "high_fraction", "noise_dn"), np.float64),
+}
+
+
+def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
+    """Write the maps of a chip to an HDF5 file; raise `FileError` if it cannot be written.
+
+    The file has a dataset with a unit for each map, the groups `defects` and `blinking` with a dataset per column, and
+    the chip's numbers as attributes.
+    """
+    import h5py
+
+    with atomic_path(path) as temporary:
+        with h5py.File(temporary, "w") as file:
+            file.attrs["photosite_maps"] = MAPS_FORMAT
+            file.attrs["read_noise_freedom"] = chip.read_noise_freedom
+            for name in _NUMBERS:
+                file.attrs[name] = getattr(chip, name)
+            if chip.system_gain_dn_per_e is not None:
+                file.attrs["system_gain_dn_per_e"] = chip.system_gain_dn_per_e
+            for name, values in chip.maps().items():
+                file.create_dataset(name, data=values).attrs["unit"] = MAP_UNITS[name]
+            for name, kind in _LISTS.items():
+                group = file.create_group(name)
+                for entry in fields(kind):
+                    group.create_dataset(entry.name, data=getattr(getattr(chip, name), entry.name))
+            file["defects/kind"].attrs["meaning"] = ", ".join(f"{k.value} {k.name.lower()}" for k in DefectKind)
+        digest = file_sha256(temporary)
+    return Maps(file=os.fspath(Path(path).absolute()), sha256=digest)
+
+
+def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
+    """Copy maps beside a sensor file, unless they are there already, and return them as the sensor file names them."""
+    source = Path(maps.file)
+    _check_digest(maps)
+    if source.parent.resolve() == sensor_path.parent.resolve():
+        return Maps(file=source.name, sha256=maps.sha256)
+    target = maps_path(sensor_path)
+    with atomic_path(target) as temporary:
+        shutil.copyfile(source, temporary)
+    return Maps(file=target.name, sha256=maps.sha256)
+
+
+def maps_path(sensor_path: str | PathLike[str]) -> Path:
+    """Return the path of a sensor file's maps, mine.maps.h5 beside mine.sensor.yaml."""
+    path = Path(sensor_path)
+    return path.with_name(path.name.removesuffix(path.suffix).removesuffix(".sensor") + MAPS_SUFFIX)
+
+
+def load_measured_chip(sensor: Sensor) -> MeasuredChip | None:
+    """Return the measured chip of a sensor's maps, cached; None if its fixed pattern is drawn from the serial number.
+
+    Raises
+    ------
+    FileError
+        If the maps are missing, invalid, or not the file that the sensor file names.
+    """
+    return None if sensor.maps is None else _load(sensor.maps.file, sensor.maps.sha256)
+
+
+# A chip of 10 megapixels is 280 MB: two are cached.
+@lru_cache(maxsize=2)
+def _load(file: str, sha256: str) -> MeasuredChip:
+    _check_digest(Maps(file=file, sha256=sha256))
+    return read_maps(file)
+
+
+def read_maps(path: str | PathLike[str]) -> MeasuredChip:
+    """Read the chip in a file of maps; raise `FileError` if it is missing or invalid."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return _chip(file)
+    except FileNotFoundError:
+        raise FileError(path, "there is no such file of maps") from None
+    except InputError as error:
+        raise error.in_file(path) from None
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise FileError(path, f"the file cannot be read as HDF5 maps: {reason}") from None
+
+
+def file_sha256(path: str | PathLike[str]) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _check_digest(maps: Maps) -> None:
+    try:
+        digest = file_sha256(maps.file)
+    except FileNotFoundError:
+        hint = "Keep it where the sensor file names it"
+        raise FileError(maps.file, "there is no such file of maps", hint=hint) from None
+    except (OSError, ValueError) as error:  # ValueError: an invalid name
+        reason = getattr(error, "strerror", None) or error
+        raise FileError(maps.file, f"the file cannot be read: {reason}") from None
+    if digest != maps.sha256:
+        expected = f"{maps.sha256[:12]}..., the file that the sensor file names"
+        hint = "Restore that file, or calibrate again"
+        raise FileError(maps.file, "sha256", value=f"{digest[:12]}...", expected=expected, hint=hint)
+
+
+def _chip(file: Any) -> MeasuredChip:
+    version = file.attrs.get("photosite_maps")
+    if version != MAPS_FORMAT:
+        raise InputError("photosite_maps", value=version, expected=f"{MAPS_FORMAT}, the version of the format")
+    arguments: dict[str, Any] = {name: _number(file, name) for name in _NUMBERS}
+    freedom = _number(file, "read_noise_freedom")
+    if freedom < 1:
+        raise InputError("read_noise_freedom", value=freedom, expected="1 or above")
+    arguments["read_noise_freedom"] = int(freedom)
+    gain = _number(file, "system_gain_dn_per_e") if "system_gain_dn_per_e" in file.attrs else None
+    for name in MAP_UNITS:
+        arguments[name] = _values(file, name, 2, np.float32) if name in file else None
+    for name in ("offset_dn", "offset_uncertainty_dn", "read_noise_dn"):
+        if arguments[name] is None:
+            raise InputError(f"the map {name} is missing")
+    for name, kind in _LISTS.items():
+        columns = [_values(file, f"{name}/{entry.name}", 1, _COLUMN_TYPES[entry.name]) for entry in fields(kind)]
+        if len({len(column) for column in columns}) > 1:
+            raise InputError(f"the columns of {name} differ in length")
+        arguments[name] = kind(*columns)
+    return MeasuredChip(system_gain_dn_per_e=gain, **arguments)
+
+
+def _number(file: Any, name: str) -> float:
+    value = file.attrs.get(name)
+    number = value is not None and np.ndim(value) == 0 and np.issubdtype(np.asarray(value).dtype, np.number)
+    if not (number and math.isfinite(value)):
+        raise InputError(name, value=value, expected="a finite number")
+    return float(value)
+
+
+def _values(file: Any, name: str, dimensions: int, kind: type[np.generic]) -> NDArray[Any]:
+    import h5py
+
+    found = file.get(name)
+    if not isinstance(found, h5py.Dataset) or found.ndim != dimensions or not np.issubdtype(found.dtype, np.number):
+        raise InputError(name, expected=f"a dataset of numbers with {dimensions} dimension(s)")
+    if found.size > MOST_PIXELS:
+        raise InputError(f"{name}.shape", value=found.shape, expected=f"at most {MOST_PIXELS} numbers")
+    values = np.asarray(found[()]).astype(kind, copy=False)
+    values.flags.writeable = False
+    return values

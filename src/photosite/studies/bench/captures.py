@@ -26,8 +26,7 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import LateralColor
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
-from photosite.optics.sampled_psf import sample_positions
+from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, sample_positions
 from photosite.optics.wavefront import Wavefront
 from photosite.scene import charts
 from photosite.scene.scene import Scene

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from photosite.develop.color_matrix import ColorMatrix, fit_color_matrix
+from photosite.develop.camera_color import ColorMatrix, fit_color_matrix
 from photosite.develop.develop import develop_pair
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics
@@ -27,8 +27,7 @@ from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, bare, paragraph, text
 from photosite.studies.farrell2008.fill_factor import FillFactors, simulate_chart
 from photosite.validation.charts import chart_xyz_d65
-from photosite.validation.color import ColorComparison
-from photosite.validation.result import Validation
+from photosite.validation.result import ColorComparison, Validation
 from photosite.validation.validate import validate
 
 FORMULAS = MappingProxyType({"76": "CIE 1976", "94": "CIE 1994", "2000": "CIEDE2000"})

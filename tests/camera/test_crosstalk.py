@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from photosite.engine.crosstalk import gathered, scale_by_angle
+from photosite.camera.optical_stack import gathered, scale_by_angle
 
 
 def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""JSON objects on disk: read with an error in one line, written whole or not at all."""
+"""Small files, read whole; JSON files are read with an error in one line, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,9 +10,37 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from photosite.errors import FileError
-from photosite.files.atomic import atomic_path
-from photosite.files.small import read_small
+from photosite.errors import FileError, message_of
+from photosite.files.writing import atomic_path
+
+
+def read_small(path: str | PathLike[str], what: str, largest: int) -> bytes:
+    """Read a file's bytes; a file of more bytes than `largest` is not `what`, such as "a protocol".
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.NamedTemporaryFile() as file:
+    ...     read_small(file.name, "a protocol", 1 << 20)
+    b''
+    """
+    with reading(path), open(path, "rb") as stream:
+        content = stream.read(largest + 1)
+    if len(content) > largest:
+        raise FileError(path, f"is not {what}: it is larger than {largest >> 20} MiB")
+    return content
+
+
+@contextmanager
+def reading(path: str | PathLike[str]) -> Iterator[None]:
+    """Raise errors of the operating system as a `FileError` of the file that is read."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise FileError(path, "there is no such file") from None
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {message_of(error)}") from None
+
 
 LARGEST_BYTES = 1 << 26
 

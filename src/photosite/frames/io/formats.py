@@ -1,4 +1,4 @@
-"""Reading frames: the format is detected by content, then by suffix."""
+"""All file formats of frames: reading detects the format by content, then by suffix; writing follows the suffix."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, PhotositeWarning
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.hdf5 import SIGNATURE as HDF5_SIGNATURE
-from photosite.files.small import reading
+from photosite.files.small_files import reading
+from photosite.files.writing import atomic_path
+from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.io import camera_raw, fits, hdf5, png
 from photosite.frames.io.camera_raw import read_camera_raw, read_camera_raw_header
-from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header
-from photosite.frames.io.frame_header import FrameHeader, FrameLocation
-from photosite.frames.io.tiff import read_tiff_headers, read_tiff_pixels
-from photosite.frames.io.tiff_directory import read_directories
+from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header, write_dng
+from photosite.frames.io.hdf5 import write_hdf5
+from photosite.frames.io.png import write_png
+from photosite.frames.io.tiff import read_directories, read_tiff_headers, read_tiff_pixels, write_tiff
 from photosite.frames.raw_frame import RawFrame, check_bits
 from photosite.values.cfa import Cfa, cfa_from
 
@@ -182,3 +184,35 @@ def detect_format(path: Path) -> Format:
     if suffix in camera_raw.SUFFIXES:
         return "camera raw"
     raise FileError(path, "the file is not a frame", hint=f"A raw frame is {FORMATS}")
+
+
+_WRITERS = {
+    ".dng": write_dng,
+    ".tif": write_tiff,
+    ".tiff": write_tiff,
+    ".png": write_png,
+    ".h5": write_hdf5,
+    ".hdf5": write_hdf5,
+}
+
+
+def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
+    """Write a raw frame in the format of the suffix, as `RawFrame.save`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from photosite.frames.io.formats import read_raw
+    >>> frame = RawFrame(np.full((24, 32), 64, np.uint16), bits=12, exposure_s=1 / 8000)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_raw(frame, f"{folder}/dark.dng")
+    ...     read_raw(f"{folder}/dark.dng").exposure_s
+    0.000125
+    """
+    target = Path(path)
+    writer = _WRITERS.get(target.suffix.lower())
+    if writer is None:
+        raise InputError("path", value=target.name, expected=f"a name with the suffix {', '.join(_WRITERS)}")
+    with atomic_path(target) as temporary:
+        writer(frame, temporary)
