@@ -4,20 +4,18 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs examples test test-slow fuzz install lint format clean
+.PHONY: demo docs linkcheck test test-slow fuzz install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
 
-# The documentation site, in docs/_build/html. Warnings are errors; outputs of notebooks are cached in docs/_build.
+# The documentation site, in docs/_build/html: about ten minutes at first, a minute when notebooks and gallery are cached.
+# Warnings are errors, broken links inside the site among them. make linkcheck tries the links to other sites.
 docs: $(VENV)/installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
 
-# The pictures of docs/gallery: minutes. A script whose extra is missing fails alone.
-examples: $(VENV)/installed
-	for script in $(filter-out examples/drawing.py,$(wildcard examples/*.py)); do \
-		$(BIN)/python $$script --output docs/gallery; \
-	done
+linkcheck: $(VENV)/installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -b linkcheck docs docs/_build/linkcheck
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto
@@ -42,7 +40,7 @@ format: $(VENV)/installed-dev
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(VENV) photosite-demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) photosite-demo docs/_build docs/gallery docs/reference/api docs/reference/commands docs/reference/examples .pytest_cache .mypy_cache .ruff_cache
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "photosite needs Python 3.11 or newer, this is %d.%d; say: make PYTHON=python3.11 ..." % sys.version_info[:2])'

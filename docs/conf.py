@@ -2,26 +2,122 @@
 
 from __future__ import annotations
 
+import os
+import re
+import sys
+from pathlib import Path
+
+import click
+from sphinx.application import Sphinx
+
 import photosite
+from photosite.cli.main import COMMANDS
+
+HERE = Path(__file__).parent
+for name in ("charts", "illuminants", "lights", "pictures", "render"):
+    sys.modules[f"photosite.{name}"] = getattr(photosite, name)  # pages name photosite.charts.macbeth
+os.environ["PATH"] = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # notebooks run photosite
 
 project = "photosite"
 author = "The photosite developers"
 copyright = "2026, The photosite developers"
 version = release = photosite.__version__
-
-extensions = ["myst_nb", "sphinx_copybutton"]
-exclude_patterns = ["_build"]
 language = "en"
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_click",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py"]
+templates_path = ["_templates"]
+smartquotes = False  # -- begins an option
+default_role = "code"  # docstrings write names in single backticks
 
 html_theme = "furo"
 html_title = f"photosite {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+
+# Pages in Markdown, and notebooks
 
 myst_enable_extensions = ["attrs_block", "colon_fence", "deflist"]
 myst_heading_anchors = 4
-
 nb_execution_mode = "cache"
-nb_execution_cache_path = "_build/notebooks"
+nb_execution_cache_path = str(HERE / "_build" / "notebooks")
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
+nb_execution_in_temp = True
+nb_merge_streams = True
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
 
-copybutton_exclude = ".linenos, .gp, .go"
+# The reference from docstrings
+
+autosummary_generate = True
+autodoc_typehints = "none"  # docstrings state types with units and shapes
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_param = False
+
+# The gallery
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "ignore_pattern": r"drawing\.py$",
+    "reset_modules": (),  # drawing.py sets the style of all figures
+    "backreferences_dir": "reference/examples",
+    "doc_module": ("photosite",),
+    "download_all_examples": False,
+    "show_signature": False,
+    "show_memory": False,
+    "min_reported_time": 10_000,
+    "remove_config_comments": True,
+    "plot_gallery": "True",
+}
+
+# The reference of the commands
+
+
+def write_command_pages(app: Sphinx) -> None:
+    """Write a page for each command; existing pages with the same text stay as they are."""
+    folder = HERE / "reference" / "commands"
+    folder.mkdir(exist_ok=True)
+    for name in COMMANDS:
+        module = "import_" if name == "import" else name
+        title = f"photosite {name}"
+        directive = f".. click:: photosite.cli.{module}:command\n   :prog: {title}\n   :nested: full\n"
+        text = f"{title}\n{'=' * len(title)}\n\n{directive}"
+        page = folder / f"{name}.rst"
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def as_plain_text(app: Sphinx, context: click.Context, lines: list[str]) -> None:
+    """Escape what reStructuredText would read as markup, except code in backticks; show examples as code."""
+    outside_backticks = re.compile(r"([*|_\\])(?=[^`]*(?:`[^`]*`[^`]*)*$)")
+    plain: list[str] = []
+    for line in lines:
+        if line.startswith("Example: "):
+            plain += ["Example::", "", f"    {line.removeprefix('Example: ')}", ""]
+        elif line.lstrip().startswith((".. ", ":")):
+            plain.append(line)
+        else:
+            required, text = re.fullmatch(r"(\s*\*\*Required\*\* ?|)(.*)", line).groups()
+            plain.append(required + outside_backticks.sub(r"\\\1", text))
+    lines[:] = plain
+
+
+def setup(app: Sphinx) -> None:
+    """Connect the functions above."""
+    app.connect("builder-inited", write_command_pages, priority=100)
+    for part in ("description", "options", "arguments", "epilog"):
+        app.connect(f"sphinx-click-process-{part}", as_plain_text)

@@ -1,17 +1,19 @@
-"""The ColorChecker Classic and the ColorChecker SG under daylight, as an eye sees them."""
+"""
+Color charts
+============
 
-from drawing import as_seen, save
-from matplotlib.figure import Figure
+The ColorChecker Classic and the ColorChecker SG under daylight, as an eye sees them. The reflectances of the Classic
+were measured. Those of the SG are smooth spectra with the published colors under D50.
+"""
+
+import matplotlib.pyplot as plt
+from drawing import as_seen, pictures
 
 import photosite as ps
 
-figure = Figure(figsize=(8.8, 3.4), layout="constrained")
 charts = {
     "ColorChecker Classic, measured reflectances": ps.charts.macbeth("D65"),
     "ColorChecker SG, from published colors": ps.charts.color_checker_sg("D65"),
 }
-for axes, (title, chart) in zip(figure.subplots(1, 2), charts.items(), strict=True):
-    axes.imshow(as_seen(chart), interpolation="antialiased")
-    axes.set_title(title)
-    axes.set_axis_off()
-save(figure, "color-charts.png")
+pictures([(title, as_seen(chart)) for title, chart in charts.items()], cols=1, height_in=10.2)
+plt.show()

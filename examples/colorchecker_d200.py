@@ -1,8 +1,13 @@
-"""A ColorChecker captured with the Nikon D200 of the 2008 paper, and its patches on the sensor's noise budget."""
+"""
+A ColorChecker and the noise budget of the camera
+=================================================
 
+A virtual Nikon D200 at the conditions of the 2008 paper: a ColorChecker of 40 cd/m² under CIE A, f/8, 1/3 s. The
+signal-to-noise ratio of each patch on the raw mosaic lies on the curve that the sensor's noise parameters predict.
+"""
+
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import save
-from matplotlib.figure import Figure
 
 import photosite as ps
 from photosite.develop.camera_color import fit_color_matrix
@@ -19,14 +24,13 @@ raw = camera.capture(chart, 1 / 3, seed=7)
 patches = patch_statistics(raw, camera.image_regions(chart), sensor)
 rgb_dn = patches.mean_dn[:, [patches.channels.index(channel) for channel in "RGB"]]
 matrix = fit_color_matrix(rgb_dn, chart_xyz_d65("macbeth", patches.names))
-picture = shrink(ps.develop(raw, "none", matrix, 1.0), 660)
+picture = shrink(ps.develop(raw, "none", matrix, 1.0), 736)
 swing = sensor.pixel.voltage_swing_v.value
 budget = noise_budget(sensor, np.geomspace(5e-3 * swing, swing, 200))
 volts = patches.mean_dn * sensor.mv_per_dn * 1e-3
 
 with styled():
-    figure = Figure(figsize=(10.4, 3.9))
-    left, right = figure.subplots(1, 2, width_ratios=(1.12, 1.0))
+    figure, (left, right) = plt.subplots(2, 1, figsize=(7.36, 9.6), height_ratios=(1.0, 0.9))
     left.imshow(picture, interpolation="none")
     left.set_axis_off()
     left.set_title(f"ColorChecker, tungsten, simulated with the {sensor.name}", loc="left")
@@ -48,4 +52,4 @@ with styled():
     right.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
     right.set_title("24 patches of the raw frame on the noise budget", loc="left")
     right.legend(loc="lower right", ncols=2)
-save(figure, "colorchecker-d200.png")
+plt.show()

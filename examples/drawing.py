@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 
 import photosite as ps
 from photosite.scene.scene import preview
 
-DPI = 110
-GAP, TITLE, MARGIN = 10, 24, 6
+WIDTH, DPI = 736, 100  # pixels of a figure: the width of a page of the documentation
+GAP, TITLE = 10, 24
 matplotlib.rcParams.update({"font.size": 9, "axes.titlesize": 9, "axes.grid": True, "grid.alpha": 0.3})
+matplotlib.rcParams.update({"figure.dpi": DPI, "image.interpolation": "nearest"})
 
 
 def d200(rows, cols, **changes):
@@ -53,33 +51,27 @@ def crop(picture, rows, cols, times=1):
     return picture[rows, cols].repeat(times, axis=0).repeat(times, axis=1)
 
 
-def panels(rows, below_px=0):
-    """Return a figure of rows of (title, picture), one figure pixel per pixel, and axes for curves below them."""
+def panels(rows):
+    """Draw rows of (title, picture), one figure pixel per pixel."""
     heights = [TITLE + max(picture.shape[0] for _, picture in row) for row in rows]
-    width = 2 * MARGIN + max(sum(picture.shape[1] + GAP for _, picture in row) - GAP for row in rows)
-    height = 2 * MARGIN + sum(heights) + below_px
-    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
-    for row, top in zip(rows, MARGIN + np.cumsum([0, *heights[:-1]]), strict=True):
-        left = MARGIN
+    width = max(sum(picture.shape[1] + GAP for _, picture in row) - GAP for row in rows)
+    figure = plt.figure(figsize=(width / DPI, sum(heights) / DPI), dpi=DPI)
+    for row, top in zip(rows, np.cumsum([0, *heights[:-1]]), strict=True):
+        left = 0
         for title, picture in row:
             tall, wide = picture.shape[:2]
-            box = (left / width, 1 - (top + TITLE + tall) / height, wide / width, tall / height)
+            box = (left / width, 1 - (top + TITLE + tall) / sum(heights), wide / width, tall / sum(heights))
             axes = figure.add_axes(box)
-            axes.imshow(picture, interpolation="nearest", cmap="gray", vmin=0, vmax=1, aspect="auto")
+            axes.imshow(picture, cmap="gray", vmin=0, vmax=1, aspect="auto")
             axes.set_title(title, loc="left", pad=5)
             axes.set_axis_off()
             left += wide + GAP
-    if not below_px:
-        return figure, None
-    return figure, figure.add_axes((76 / width, 52 / height, 1 - 96 / width, (below_px - 82) / height))
 
 
-def save(figure, name):
-    """Save a figure to the folder of --output, the current folder by default."""
-    parser = argparse.ArgumentParser(description="Draw a picture of the gallery.")
-    parser.add_argument("-o", "--output", type=Path, default=Path(), help="Folder of the picture.")
-    folder = parser.parse_args().output
-    folder.mkdir(parents=True, exist_ok=True)
-    options = {"quality": 92} if name.endswith("jpg") else {"optimize": True}
-    figure.savefig(folder / name, dpi=DPI, pil_kwargs=options)
-    print(folder / name)
+def pictures(shown, cols, height_in):
+    """Draw a grid of (title, picture), scaled to the width of a page."""
+    grid = plt.figure(figsize=(WIDTH / DPI, height_in), layout="constrained").subplots(-(-len(shown) // cols), cols)
+    for axes, (title, picture) in zip(np.ravel(grid), shown, strict=True):
+        axes.imshow(picture, interpolation="antialiased")
+        axes.set_title(title, fontsize=8)
+        axes.set_axis_off()

@@ -1,12 +1,18 @@
-"""Twelve built-in test patterns, one scene sample per pixel, without a camera."""
+"""
+Built-in test patterns
+======================
 
+Twelve patterns, one scene sample per pixel. Edges lie between samples where the geometry puts them. The sweep and the
+zone plate lose contrast at the highest frequencies, because a sample is the mean over its area.
+"""
+
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import as_seen, save
-from matplotlib.figure import Figure
+from drawing import as_seen, pictures
 
 import photosite as ps
 
-SIZE = {"rows": 300, "cols": 300}
+SIZE = {"rows": 360, "cols": 360}
 
 
 def on_a_log_scale(scene, decades):
@@ -17,7 +23,7 @@ def on_a_log_scale(scene, decades):
 
 
 charts = ps.charts
-pictures = {
+patterns = {
     "slanted edge, contrast 4 : 1": as_seen(charts.slanted_edge(**SIZE)),
     "slanted star, 8 edges": as_seen(charts.edge_star(**SIZE)),
     "Siemens star, 72 cycles, sine": as_seen(charts.siemens_star(cycles=72, **SIZE)),
@@ -35,9 +41,5 @@ pictures = {
     "logarithmic ramp, 1 : 1000": as_seen(charts.ramp(logarithmic=True, **SIZE)),
     "36 gray patches, 6 decades (log scale)": on_a_log_scale(charts.hdr_patches(decades=6), 6.6),
 }
-figure = Figure(figsize=(8.8, 7.0), layout="constrained")
-for axes, (title, picture) in zip(figure.subplots(3, 4).flat, pictures.items(), strict=True):
-    axes.imshow(picture, interpolation="antialiased")
-    axes.set_title(title, fontsize=8)
-    axes.set_axis_off()
-save(figure, "patterns.png")
+pictures(list(patterns.items()), cols=2, height_in=22.0)
+plt.show()

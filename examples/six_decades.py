@@ -1,31 +1,43 @@
-"""36 gray patches over six decades of luminance, captured at three exposure times."""
+"""
+Six decades of luminance
+========================
+
+Gray patches from 35 000 to 0.035 cd/m², captured with a D200 at f/4 and three exposure times.
+"""
 
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import d200, mean_on, panels, photograph, save
+from drawing import d200, mean_on, panels, photograph
 
 import photosite as ps
 
 EXPOSURES = {"1/1000 s": 1 / 1000, "1/30 s": 1 / 30, "1 s": 1.0}
-ROWS, COLS, MARGIN = 190, 302, 100  # pixels of the chart, and of the dark border that collects scattered light
+ROWS, COLS, MARGIN = 226, 362, 100  # pixels of the chart, and of the dark border that collects scattered light
 lens = ps.DiffractionLimited(f_number=4, focal_length_mm=50)
 camera = ps.Camera(lens, d200(ROWS + 2 * MARGIN, COLS + 2 * MARGIN))
 scene = ps.charts.hdr_patches("D65", 3000.0)
 width_m = COLS * camera.sensor.pixel.width_um.value * 1e-6 / lens.magnification(scene.distance_m)
 scene = replace(scene, width_m=width_m)
+inside = np.s_[MARGIN:-MARGIN, MARGIN:-MARGIN]
+shown = [(name, photograph(camera, scene, "D65", time_s, 1.0)[inside]) for name, time_s in EXPOSURES.items()]
+panels([shown[:2], shown[2:]])
+
+# %%
+# The raw values of the green pixels against the luminance of the patches. One exposure covers about three decades
+# between full scale and noise. Light that diffraction scatters from the brightest patches exceeds the signal of the
+# darkest ones.
 
 
-def luminance_cd_m2(scene, region):
+def luminance_cd_m2(region):
     """Return the mean luminance of a region of the scene."""
     part = scene.weights[:, region.r0 : region.r1, region.c0 : region.c1]
     return replace(scene, weights=part, regions=(), width_m=None).mean_luminance_cd_m2()
 
 
-inside = np.s_[MARGIN:-MARGIN, MARGIN:-MARGIN]
-shown = [(name, photograph(camera, scene, "D65", time_s, 1.0)[inside]) for name, time_s in EXPOSURES.items()]
-figure, axes = panels([shown], below_px=396)
-luminance = [luminance_cd_m2(scene, region) for region in scene.regions]
+figure, axes = plt.subplots(figsize=(7.36, 4.6), layout="constrained")
+luminance = [luminance_cd_m2(region) for region in scene.regions]
 regions = camera.image_regions(scene)
 for (name, time_s), color, marker in zip(EXPOSURES.items(), ("C0", "C1", "C3"), "so^", strict=True):
     mean_dn = camera.mean_electrons(scene, time_s) * camera.sensor.system_gain_dn_per_e
@@ -38,4 +50,4 @@ axes.axhline(4095 - 64, color="gray", linestyle="--", linewidth=0.8)
 axes.text(min(luminance), 2000, "full scale", color="gray")
 axes.set(xlabel="patch luminance (cd/m²)", ylabel="green pixels above black level (DN)", ylim=(0.1, 12000))
 axes.legend(loc="lower right")
-save(figure, "six-decades.png")
+plt.show()

@@ -42,7 +42,7 @@ def emva_frames() -> Path:
     folder = reference_folder()
     descriptor = folder / "emva1288_ccd12" / "EMVA1288_Data.txt" if folder else None
     if descriptor is None or not descriptor.is_file():
-        pytest.skip("camera frames of the EMVA 1288 reference measurement not found; README, 'Reference frames'")
+        pytest.skip("camera frames of the EMVA 1288 reference measurement not found; see docs/validation/index.md")
     return descriptor
 
 

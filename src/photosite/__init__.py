@@ -44,6 +44,7 @@ _MODULE_OF = {
     "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
     "noise_budget": "photosite.metrics.snr",
+    "open_chart": "photosite.studies.chart_spectral",
     "open_frames": "photosite.frames.open",
     "open_spectral": "photosite.calibration.spectral.protocol",
     "read_lens_design": "photosite.optics.io.formats",
@@ -104,6 +105,7 @@ if TYPE_CHECKING:
     from photosite.scene.scene import Scene as Scene
     from photosite.sensor.io.sensor_file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor
+    from photosite.studies.chart_spectral import open_chart as open_chart
     from photosite.validation.validate import validate as validate
     from photosite.values.uncertain import Measured as Measured
 

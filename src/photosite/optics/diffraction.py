@@ -47,9 +47,9 @@ class DiffractionLimited:
 
     Notes
     -----
-    On-axis irradiance: E = pi T L / (1 + 4 N^2 (1 + |m|)^2), |m| = f / (d - f) (Farrell et al. 2008; the 1 makes it
-    exact for a uniform disc seen from the image). Diffraction: circular pupil at the working f-number N (1 + |m|),
-    cutoff 1 / (lambda N (1 + |m|)) (Goodman, Introduction to Fourier Optics, section 6.4).
+    On-axis irradiance: `E = pi T L / (1 + 4 N^2 (1 + |m|)^2)`, `|m| = f / (d - f)` (Farrell et al. 2008; the 1 makes
+    it exact for a uniform disc seen from the image). Diffraction: circular pupil at the working f-number `N (1 + |m|)`,
+    cutoff `1 / (lambda N (1 + |m|))` (Goodman, Introduction to Fourier Optics, section 6.4).
 
     Examples
     --------
@@ -80,7 +80,7 @@ class DiffractionLimited:
             raise InputError("falloff", value=self.falloff, expected="'none' or 'cos4'")
 
     def magnification(self, distance_m: float) -> float:
-        """Return |m| = f / (d - f); raise `InputError` for an object within the focal length."""
+        """Return `|m| = f / (d - f)`; raise `InputError` for an object within the focal length."""
         focal_m = self.focal_length_mm * 1e-3
         if isinstance(distance_m, bool | str) or not distance_m > focal_m:
             expected = f"above the focal length of {focal_m} m"
@@ -88,7 +88,7 @@ class DiffractionLimited:
         return 0.0 if math.isinf(distance_m) else focal_m / (distance_m - focal_m)
 
     def working_f_number(self, distance_m: float) -> float:
-        """Return N_w = N (1 + |m|)."""
+        """Return `N_w = N (1 + |m|)`."""
         return self.f_number * (1 + self.magnification(distance_m))
 
     def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:

@@ -111,11 +111,11 @@ class Lens:
         return distance_m if self.focus_distance_m is None else self.focus_distance_m
 
     def image_distance_m(self, distance_m: float) -> float:
-        """Return the distance from the lens to the sensor, f (1 + |m|) of the plane in focus."""
+        """Return the distance from the lens to the sensor, `f (1 + |m|)` of the plane in focus."""
         return self.base.focal_length_mm * 1e-3 * (1 + self.base.magnification(self._focused_m(distance_m)))
 
     def magnification(self, distance_m: float) -> float:
-        """Return |m|, image size over object size: image distance over object distance."""
+        """Return `|m|`, image size over object size: image distance over object distance."""
         if self.focus_distance_m is None:
             return self.base.magnification(distance_m)
         return 0.0 if math.isinf(distance_m) else self.image_distance_m(distance_m) / distance_m
@@ -180,7 +180,7 @@ class Optics(Protocol):
     """What a camera requires of its lens. Distances are from the lens to the object, in m."""
 
     def magnification(self, distance_m: float) -> float:
-        """Return |m|, image size over object size."""
+        """Return `|m|`, image size over object size."""
 
     def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:
         """Return on-axis irradiance over radiance, (wavelengths,) sr, transmittance included."""

@@ -25,6 +25,13 @@ class Plane:
     alpha
         (rows, cols) of the scene's samples: 1 where it is opaque, 0 where it is transparent; between, the covered share
         of a sample. None: 1 everywhere.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> leaf = ps.charts.uniform("D65", 100, distance_m=1.0, width_m=0.1)
+    >>> Plane(leaf, [[0.5]]).alpha.dtype, Plane(leaf).alpha is None
+    (dtype('float32'), True)
     """
 
     scene: Scene

@@ -178,7 +178,13 @@ def render_mitsuba(
 def example_scene(
     *, rows: int = 160, cols: int = 240, spp: int = 64, seed: int = 0, progress: Progress | None = None
 ) -> Scene:
-    """Render the built-in example, with arguments of `render_mitsuba`: painted objects under a lamp of 3200 K."""
+    """Render the built-in example, with arguments of `render_mitsuba`: painted objects under a lamp of 3200 K.
+
+    Examples
+    --------
+    >>> example_scene(rows=4, cols=6, spp=1).shape
+    (4, 6)
+    """
     return render_mitsuba(EXAMPLE, rows=rows, cols=cols, spp=spp, seed=seed, progress=progress)
 
 

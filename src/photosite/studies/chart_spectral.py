@@ -243,6 +243,24 @@ def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple
     ------
     FileError
         If the protocol or a frame cannot be read or has invalid content.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=66, cols=98, black_level_dn=64)
+    >>> camera = ps.Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     camera.capture(charts.macbeth("A", 40), 1 / 4).save(f"{folder}/a.dng")
+    ...     _ = Path(folder, "chart.yaml").write_text(
+    ...         "photosite_spectral: 1\\n"
+    ...         "lens: {f_number: 8, focal_length_mm: 50, distance_m: 1.2}\\n"
+    ...         "wavelength_nm: [400, 700, 50]\\n"
+    ...         "lights: [{illuminant: A, mean_luminance_cd_m2: 40, exposure: 1/4, files: a.dng}]\\n"
+    ...     )
+    ...     views, _ = open_chart(f"{folder}/chart.yaml", sensor)
+    >>> views.unit_electrons.shape, views.electrons.shape
+    ((24, 7), (24, 3))
     """
     file = Path(path)
     protocol, data = read_spectral_protocol(file, _ChartProtocol)

@@ -72,6 +72,22 @@ def calibrate_series(
         If a frame cannot be read.
     InputError
         If `sensor` does not match the frames.
+
+    Examples
+    --------
+    >>> from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(1)
+    >>> def group(kind, exposure_s, iso):
+    ...     electrons = 4e6 / iso * exposure_s * (kind == "light")
+    ...     stack = 64 + iso / 200 * rng.poisson(electrons, (8, 32, 32)) + rng.normal(0, 2, (8, 32, 32))
+    ...     sources = [FrameSource(f"{kind}-{i}", lambda dn=dn: dn) for i, dn in enumerate(np.uint16(stack + 0.5))]
+    ...     return FrameGroup(kind, exposure_s, tuple(sources), gain_setting=iso)
+    >>> steps = [("dark", 0.01), ("light", 0.01), ("light", 0.02), ("light", 0.03)]
+    >>> groups = [group(kind, exposure_s, iso) for iso in (100, 200) for kind, exposure_s in steps]
+    >>> series = calibrate_series(FrameSet(tuple(groups), rows=32, cols=32, bits=12))
+    >>> series.settings, [round(step.calibration.system_gain_dn_per_e.value, 1) for step in series.steps]
+    ((100, 200), [0.5, 1.0])
     """
     settings, where = frames.gain_settings, frames.source
     if len(settings) < 2:

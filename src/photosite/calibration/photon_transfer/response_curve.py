@@ -12,7 +12,7 @@ means as well, and leaves the variances those of a straight response. So the sha
 
 where the variances determine the share, between about 0 (all of it is the light) and 1 (all of it is the sensor),
 and a bend of the sensor's own, which another one of the light hides from the means. Both have wide normal priors. Where
-the variances cannot tell sensor from light, the uncertainty of K covers both (docs/theory/model.md, "Bent responses").
+the variances cannot tell sensor from light, the uncertainty of K covers both (docs/theory/estimators.md).
 
 Read noise that enters before the bend is scaled by (dy/de / K)^2 like the shot noise; read noise that enters after it
 is not. Half of its change is taken, with an uncertainty of the same size, because frames do not show which it is.

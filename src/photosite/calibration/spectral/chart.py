@@ -97,6 +97,19 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
     -----
     The regularization is not chosen but averaged over, weighted by marginal likelihood. Errors of the reflectances and
     lights beyond their stated uncertainty are estimated and included in the same way.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200")
+    >>> grid = np.arange(400.0, 701.0, 50.0)
+    >>> unit = np.random.default_rng(1).uniform(0, 1e4, (24, grid.size))    # of 24 patches
+    >>> electrons = unit @ np.stack([sensor.response_at(name, grid) for name in "RGB"], axis=1)
+    >>> known, light = np.ones((24, 3), bool), np.zeros(24, np.int64)
+    >>> views = ChartViews(grid, unit, electrons, 0.01 * electrons, known, np.arange(24), light, ("A",))
+    >>> green = calibrate_chart(views, sensor, draws=200).channels["G"]
+    >>> bool(abs(green.quantum_efficiency[3] - sensor.response_at("G", 550.0)) < 0.05)
+    True
     """
     check_gain_known(sensor)
     names = sensor.channel_names

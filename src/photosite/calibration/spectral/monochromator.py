@@ -76,6 +76,29 @@ def calibrate_spectral(
 
     A sensor file states the quantum efficiency per photon on the photodetector. That of EMVA 1288, per photon on the
     pixel area, is smaller by the fill factor.
+
+    Examples
+    --------
+    A monochrome sensor of 7.98 e⁻/DN; half of the photons become electrons:
+
+    >>> import numpy as np
+    >>> import photosite as ps
+    >>> from photosite.calibration.spectral.bands import triangular_passband
+    >>> from photosite.frames.frame_set import FrameSource
+    >>> flat = {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}
+    >>> sensor = ps.load_sensor("nikon-d200").with_(cfa="mono", channels=flat)
+    >>> rng = np.random.default_rng(1)
+    >>> def sources(electrons):
+    ...     stack = np.uint16(64 + rng.poisson(electrons, (4, 16, 16)) / 7.98 + rng.normal(0, 1, (4, 16, 16)))
+    ...     return tuple(FrameSource(f"{electrons}-{i}", lambda dn=dn: dn) for i, dn in enumerate(stack))
+    >>> bands = []
+    >>> for nm in (500.0, 550.0, 600.0):
+    ...     light = triangular_passband(nm, 10.0)
+    ...     photons = 0.01 * light.photons_per_joule * 0.01 * sensor.pixel_area_m2 * 0.9  # 0.01 W/m2, 0.01 s
+    ...     bands.append(Band(f"{nm} nm", light, 0.01, sources(0.5 * photons), Measured(0.01)))
+    >>> frames = SpectralFrames(tuple(bands), {0.01: sources(0)}, 16, 16, 12, (("M",),))
+    >>> calibrate_spectral(frames, sensor).channels["M"].quantum_efficiency.round(2)
+    array([0.5, 0.5, 0.5])
     """
     known = _checked_sensor(frames, sensor)
     levels = read_signals(frames, known, progress)

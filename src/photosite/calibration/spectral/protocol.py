@@ -161,6 +161,23 @@ def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
     ------
     FileError
         If the protocol is invalid, or a file is missing, truncated, listed twice or different from the others.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from photosite.frames.raw_frame import RawFrame
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for name, level in (("dark", 64), ("550", 900)):
+    ...         RawFrame(np.full((4, 6), level, np.uint16), bits=12).save(f"{folder}/{name}.png")
+    ...     _ = Path(folder, "bands.yaml").write_text(
+    ...         "photosite_spectral: 1\\n"
+    ...         "darks: [{exposure: 1/50, files: dark.png}]\\n"
+    ...         "bands: [{centre_nm: 550, bandwidth_nm: 10, exposure: 1/50, files: 550.png, irradiance_w_m2: 0.01}]\\n"
+    ...     )
+    ...     frames = open_spectral(f"{folder}/bands.yaml")
+    >>> [band.name for band in frames.bands], frames.rows, frames.cols
+    (['550 nm'], 4, 6)
     """
     file = Path(path)
     protocol, data = read_spectral_protocol(file, _Bands)

@@ -188,6 +188,19 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
         If a file is missing or invalid, or a PSF is missing.
     InputError
         If there is no such option.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> r2 = np.add.outer(np.arange(-10, 11) ** 2, np.arange(-10, 11) ** 2) / 4
+    >>> psf = np.stack([np.exp(-r2 / 2), np.exp(-r2 / 4)])[:, None]
+    >>> place = {"field_y": [0, 0], "field_x": [0, 8], "unit": "mm"}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savez(f"{folder}/lens.npz", wavelength_nm=[550.0], psf=psf, spacing_um=0.5, **place)
+    ...     design = read_lens_design(f"{folder}/lens.npz", rank=1)
+    >>> design.psf.shape, design.rank
+    ((2, 1, 21, 21), 1)
     """
     design: LensDesign = read("lens design", path, **options)
     return design

@@ -307,6 +307,15 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
         If the suffix is of no format that can be written, or the file cannot be written.
     InputError
         If the format has no such option.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from photosite.scene import charts
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_scene(charts.ramp("D65", 100, rows=4, cols=6), f"{folder}/ramp.tif")
+    ...     read_scene(f"{folder}/ramp.tif").shape
+    (4, 6)
     """
     file = Path(path)
     write = _format_to_write(file).load().write
