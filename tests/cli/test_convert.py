@@ -39,10 +39,11 @@ def test_components_and_error_are_reported(photosite: Any, tmp_path: Path) -> No
     assert (facts["components"], facts["bands"], facts["rows"], facts["cols"]) == (len(scene.basis), 41, 132, 196)
     assert facts["relative_error"] == scene.relative_error
     assert facts["mean_luminance_cd_m2"] == pytest.approx(scene.mean_luminance_cd_m2())
-    again = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5")
+    again = photosite("convert", tmp_path / "chart.h5", "--force", "-o", tmp_path / "b.h5")
     assert f"spectra; not reduced (RMS error {scene.relative_error:.2e}" in again.out
     assert "tolerance" not in again.out
-    assert photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5", "--json").json["tolerance"] is None
+    again = photosite("convert", tmp_path / "chart.h5", "--force", "-o", tmp_path / "b.h5", "--json")
+    assert again.json["tolerance"] is None
 
 
 def test_each_missing_option_is_asked_for(photosite: Any, bare: Path) -> None:
@@ -77,7 +78,7 @@ def test_bands_on_the_first_axis(photosite: Any, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["cube"] = values
         file["cube"].attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
-    call = ("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--json")
+    call = ("convert", tmp_path / "a.h5", "--force", "-o", tmp_path / "b.h5", "--json")
     error = photosite(*call).err
     assert "a cube of (3, 20, 30), and 3 wavelengths fit its first axis. Pass --interleave" in error
     done = photosite(*call, "--interleave", "bsq").json
@@ -106,12 +107,12 @@ def test_the_method_for_pictures(photosite: Any, tmp_path: Path) -> None:
     options = ("--luminance", "40", "--json")
     plain = photosite("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *options).json
     smooth = photosite(
-        "convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *options, "--method", "jakob-hanika"
+        "convert", tmp_path / "a.tif", "--force", "-o", tmp_path / "a.h5", *options, "--method", "jakob-hanika"
     ).json
     assert plain["components"] == 3 < smooth["components"]
     option = ("--scene-option", "method=jakob-hanika", *options)
     assert photosite("scenes", "show", tmp_path / "a.tif", *option).json["spectra"] == smooth["components"]
-    cube = photosite("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--method", "jakob-hanika")
+    cube = photosite("convert", tmp_path / "a.h5", "--force", "-o", tmp_path / "b.h5", "--method", "jakob-hanika")
     assert cube.status == 2
     assert "Omit --method jakob-hanika" in cube.err
 
@@ -123,7 +124,17 @@ def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
     tifffile.imwrite(
         tmp_path / "a.tif", values, photometric="minisblack", metadata=None, description=json.dumps(metadata)
     )
-    call = ("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", "--illuminant", "D65", "--luminance", "100")
+    call = (
+        "convert",
+        tmp_path / "a.tif",
+        "--force",
+        "-o",
+        tmp_path / "a.h5",
+        "--illuminant",
+        "D65",
+        "--luminance",
+        "100",
+    )
     refused = photosite(*call)
     assert refused.status == 2
     assert "illuminant D65" in refused.err
@@ -149,7 +160,7 @@ def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
 
 def test_spectra_of_pictures_are_reduced_to_a_tolerance(photosite: Any, tmp_path: Path) -> None:
     Image.fromarray(np.random.default_rng(5).integers(0, 256, (3, 3, 3), np.uint8)).save(tmp_path / "a.png")
-    call = ("convert", tmp_path / "a.png", "-o", tmp_path / "a.h5", "--luminance", "40")
+    call = ("convert", tmp_path / "a.png", "--force", "-o", tmp_path / "a.h5", "--luminance", "40")
     done = photosite(*call, "--method", "jakob-hanika", "--tolerance", "0.05")
     assert "(tolerance 0.05)" in done.out
     assert "not reduced" not in done.out
@@ -159,7 +170,7 @@ def test_spectra_of_pictures_are_reduced_to_a_tolerance(photosite: Any, tmp_path
 def test_patches_across_a_chart(photosite: Any, tmp_path: Path) -> None:
     lines = [f"P{k},{k / 50 + 0.1:g},0.5" for k in range(24)]
     (tmp_path / "a.csv").write_text("\n".join(["patch,500,600", *lines]))
-    call = ("convert", tmp_path / "a.csv", "-o", tmp_path / "a.h5", "--illuminant", "A", "--luminance", "40")
+    call = ("convert", tmp_path / "a.csv", "--force", "-o", tmp_path / "a.h5", "--illuminant", "A", "--luminance", "40")
     done = photosite(*call)
     assert done.status == 0
     assert "photosite: warning: " in done.err

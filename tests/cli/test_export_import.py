@@ -35,7 +35,7 @@ def test_a_sensors_profile_in_a_dng(photosite: Any, tmp_path: Path) -> None:
     assert again.system_gain_dn_per_e == pytest.approx(d200.system_gain_dn_per_e, rel=1e-9)
     assert again.noise.read_noise_mv.value == pytest.approx(np.hypot(0.52, 0.55), rel=1e-9)
     assert again.noise.dsnu_mv.value == 0
-    assert photosite("simulate", "--sensor", sensor, "--rows", 132, "--cols", 196, "-o", shot).status == 0
+    assert photosite("simulate", "--sensor", sensor, "--rows", 132, "--cols", 196, "--force", "-o", shot).status == 0
 
 
 def test_a_mono_sensor_to_darktable_and_libcamera_and_back(photosite: Any, tmp_path: Path) -> None:

@@ -133,6 +133,6 @@ def test_one_setting_of_a_series(photosite: Any, shot: tuple[Path, GainSeriesLab
     output = tmp_path / "noise.json"
     assert photosite("export", shot[0], "darktable", "--gain-setting", 800, "-o", output).status == 0
     assert [profile.gain_setting for profile in read_darktable(output)] == [800]
-    refused = photosite("export", shot[0], "darktable", "--gain-setting", 150, "-o", output)
+    refused = photosite("export", shot[0], "darktable", "--gain-setting", 150, "--force", "-o", output)
     assert refused.status == 2
     assert "one of the noise profiles': 100, 200, 400, 800, 1600, got 150" in refused.err

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import photosite as ps
 from photosite.sensor.io.sensor_file import preset_names
 
@@ -48,3 +50,48 @@ def test_export_overwrites_nothing(photosite: Any, tmp_path: Path) -> None:
     refused = photosite("sensors", "export", "nikon-d200", "-o", file)
     assert (refused.status, refused.err.count("\n")) == (2, 1)
     assert file.read_text(encoding="utf-8") == "mine"
+
+
+SHEET = ("--pixel-um", 3.45, "--full-well-e", 10500, "--qe-peak", 0.65, "--bits", 12, "--rows", 2048, "--cols", 2448)
+
+
+def test_new_marks_what_is_assumed(photosite: Any, tmp_path: Path) -> None:
+    file = tmp_path / "mine.sensor.yaml"
+    made = photosite("sensors", "new", *SHEET, "--read-noise-e", 2.4, "--cfa", "rggb", "-o", file, "--json").json
+    sensor = ps.load_sensor(file)
+    assert (sensor.name, sensor.array.cfa, sensor.pixel.width_um.value) == ("mine", (("R", "G"), ("G", "B")), 3.45)
+    assert sensor.electrons(sensor.noise.read_noise_mv.value) == pytest.approx(2.4)
+    assert sensor.saturation_capacity_e == pytest.approx(10500, rel=1e-3)
+    peaks = [max(channel.quantum_efficiency) for channel in sensor.channels.values()]
+    assert max(peaks) == pytest.approx(0.65)
+    assert made["assumed"] == photosite("sensors", "check", file, "--json").json["assumed"]
+    assert {"channels.G", "noise.dsnu_e", "readout.system_gain_dn_per_e"} <= set(made["assumed"])
+    assert not {"noise.read_noise_e", "pixel.pitch_um"} & set(made["assumed"])
+    assert file.read_text().count("  # ") >= 8
+
+
+def test_new_needs_what_every_data_sheet_states(photosite: Any, tmp_path: Path) -> None:
+    file = tmp_path / "mine.sensor.yaml"
+    refused = photosite("sensors", "new", *SHEET, "-o", file)
+    assert refused.status == 2
+    assert "--read-noise-e" in refused.err
+    assert not file.exists()
+    assert photosite("sensors", "new", *SHEET, "--read-noise-dn", 0.9, "-o", file).status == 0
+    assert photosite("sensors", "new", *SHEET, "--read-noise-dn", 0.9, "-o", file).status == 2
+    assert photosite("sensors", "new", *SHEET, "--read-noise-dn", 1.8, "-o", file, "--force").status == 0
+    sensor = ps.load_sensor(file)
+    assert sensor.noise.read_noise_mv.value / sensor.mv_per_dn == pytest.approx(1.8)
+
+
+def test_new_asks_on_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from click.testing import CliRunner
+
+    from photosite.cli import sensors
+
+    monkeypatch.setattr(sensors, "_is_terminal", lambda: True)
+    file = tmp_path / "mine.sensor.yaml"
+    given = [str(part) for part in SHEET]
+    done = CliRunner().invoke(sensors.command, ["new", *given, "-o", str(file)], input="none\n2.4\n")
+    assert done.exit_code == 0
+    sensor = ps.load_sensor(file)
+    assert sensor.electrons(sensor.noise.read_noise_mv.value) == pytest.approx(2.4)

@@ -49,7 +49,9 @@ def test_is_what_the_library_gives(photosite: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", ["macbeth", "uniform", "slanted-edge"])
 def test_scenes(photosite: Any, tmp_path: Path, scene: str) -> None:
     dim, bright = (
-        photosite("simulate", *SMALL, "--scene", scene, "--luminance", cd_m2, "-o", tmp_path / "s.png", "--json").json
+        photosite(
+            "simulate", *SMALL, "--scene", scene, "--luminance", cd_m2, "-o", tmp_path / f"{cd_m2}.png", "--json"
+        ).json
         for cd_m2 in (5, 10)
     )
     # Twice the light, twice the signal: the D200's preset has no pedestal, and shot noise leaves the mean of

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
     text="Sensor as known before: pixel size, volts, spectra. Default: the sensor file of the protocol."
 )
 @options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
+@click.option(
+    "--name",
+    metavar="TEXT",
+    help="Name of the sensor.  [default: that of --sensor or the protocol's sensor file; with a preset, the folder's]",
+)
 @options.file_option(
     "--report",
     suffixes=options.REPORT_SUFFIXES,
@@ -65,6 +70,7 @@ def command(
     path: Path,
     sensor_name: str | None,
     output: Path | None,
+    name: str | None,
     report: Path | None,
     checkpoint: Path | None,
     linearize: Path | None,
@@ -116,6 +122,12 @@ def command(
     if linearize is not None:
         frames = linearized(frames, read_linearization(linearize))
     sensor = options.sensor_or(frames.sensor, sensor_name)
+    if name is not None and sensor is None:
+        raise click.UsageError("--name needs a sensor to describe: give --sensor")
+    if name is not None and sensor is not None:
+        sensor = sensor.with_(name=name)
+    if maps and output is not None:
+        options.check_new(maps_path(output))
     is_series = len(frames.gain_settings) > 1
     if output is not None and sensor is None:
         raise click.UsageError("-o needs pixel size, volts and spectra, which frames lack: give --sensor")

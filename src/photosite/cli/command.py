@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
@@ -95,8 +96,35 @@ def _errors_in_options(command: click.Command) -> Iterator[None]:
         raise click.ClickException(error.format(OptionSpelling(command))) from error
 
 
+_FORCE = "photosite.force"
+
+
+def writes_file(parser: Callable[[str], Path]) -> Callable[[str], Path]:
+    """Mark the parser of a file that a command writes: such a command has --force."""
+    parser.writes_file = True  # type: ignore[attr-defined]
+    return parser
+
+
+def overwrites() -> bool:
+    """Return whether the current command has --force."""
+    context = click.get_current_context(silent=True)
+    return context is None or bool(context.meta.get(_FORCE))
+
+
+def _note_force(context: click.Context, _: click.Parameter, given: bool) -> None:
+    context.meta[_FORCE] = given
+
+
 class Command(click.Command):
-    """A command whose errors are written with its options."""
+    """A command whose errors are written with its options; with --force, if it writes files."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        if any(hasattr(getattr(parameter.type, "func", None), "writes_file") for parameter in self.params):
+            # Eager: known before the files are checked.
+            force = click.Option(["--force"], is_flag=True, is_eager=True, expose_value=False, callback=_note_force)
+            force.help = "Overwrite files that exist."
+            self.params.append(force)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from photosite.cli import options
-from photosite.cli.command import Command
+from photosite.cli.command import Command, writes_file
 from photosite.cli.output import Stages, say, say_if_compiling, show
 
 if TYPE_CHECKING:
@@ -21,10 +21,16 @@ if TYPE_CHECKING:
 SUFFIXES = {"darktable": (".json",), "libcamera": (".json",), "dng": (".dng",), "emva-xml": (".xml",), "emva": ()}
 
 
+@writes_file
+def _target(text: str) -> Path:
+    """The path; the format decides whether it is a file or a folder."""
+    return Path(text)
+
+
 @click.command("export", cls=Command)
 @click.argument("source", metavar="FOLDER|FILE|SENSOR")
 @click.argument("form", metavar="FORMAT", type=click.Choice(list(SUFFIXES)))
-@options.path_option("-o", "--output", required=True, text="File to write; a folder for emva.")
+@click.option("-o", "--output", type=_target, metavar="FILE", required=True, help="File to write; a folder for emva.")
 @click.option(
     "--gain-setting", type=float, metavar="ISO", help="Gain setting to export, or that of a sensor file. Default: all."
 )

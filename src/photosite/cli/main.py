@@ -31,7 +31,7 @@ EXIT_TERMINATED = 143
 
 COMMANDS = {
     "demo": "Run the whole loop on a virtual D200: frames, calibration, simulation, comparison, report.",
-    "sensors": "List, show, check and export sensor files.",
+    "sensors": "List, make, show, check and export sensor files.",
     "optics": "Check optics files; print what they hold and the MTF.",
     "scenes": "List the built-in scenes; show scenes and scene files.",
     "convert": "Reduce a spectral image to a scene of few basis spectra, and write it.",

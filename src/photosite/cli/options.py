@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from photosite.cli.command import NameValueOption
+from photosite.cli.command import NameValueOption, overwrites, writes_file
 from photosite.errors import FileError, InputError
 from photosite.values.exposure import parse_exposure
 
@@ -113,8 +113,12 @@ def name_and_value(text: str) -> tuple[str, Any]:
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path]:
-    """Return a parser of files to write; suffix and folder are checked before anything is computed."""
+    """Return a parser of files to write; suffix and folder are checked before anything is computed.
 
+    An existing file is an error without `--force`, which every command with such a parameter has.
+    """
+
+    @writes_file
     def checked(text: str) -> Path:
         path = Path(text)
         _check_place(path)
@@ -123,11 +127,19 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         if path.suffix.lower() not in suffixes:
             either = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
             raise FileError(path, f"cannot be written: its name must end in {either}")
+        check_new(path)
         return path
 
     return checked
 
 
+def check_new(path: Path) -> None:
+    """Raise `FileError` for a file to write that exists, unless the command has --force."""
+    if path.exists() and not overwrites():
+        raise FileError(path, "the file exists already", hint="Choose another name, or add --force to overwrite it")
+
+
+@writes_file
 def scene_file(text: str) -> Path:
     """Parse a scene file to write, in any format of `photosite.scene.io.formats` that holds whole scenes."""
     from photosite.scene.io.formats import suffixes_of_scenes

@@ -1,25 +1,30 @@
-"""`photosite sensors`: list presets; show, check and export sensor files."""
+"""`photosite sensors`: list presets; make, show, check and export sensor files."""
 
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from photosite.cli.command import Group
-from photosite.cli.options import SENSOR_SUFFIXES, file_option, json_option
+from photosite.cli.options import SENSOR_SUFFIXES, Whole, file_option, json_option
 from photosite.cli.output import show, table
-from photosite.errors import FileError
+from photosite.files.writing import atomic_path
+from photosite.files.yaml import parse_yaml
 from photosite.values.cfa import tile_text
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 @click.group("sensors", cls=Group, invoke_without_command=True)
 @json_option
 @click.pass_context
 def command(ctx: click.Context, as_json: bool) -> None:
-    """List the presets, or show, check and export sensor files.
+    """List the presets, or make, show, check and export sensor files.
 
     Without a subcommand, lists the presets. In all commands, a sensor is the name of a preset or the path of a sensor
     file.
@@ -101,12 +106,98 @@ def check(file: Path, as_json: bool) -> None:
 
     Example: photosite sensors check mine.sensor.yaml
     """
-    from photosite.sensor.io.sensor_file import load_sensor
+    from photosite.sensor.io.sensor_file import dump_sensor, load_sensor
 
     sensor = load_sensor(file)
-    assumed = _assumed(sensor.model_dump(mode="json", exclude_none=True))
+    assumed = _assumed(parse_yaml(dump_sensor(sensor), file))
     text = f"{file}: valid sensor file of {sensor.name}; assumed values: {', '.join(assumed) or 'none'}"
     show(as_json, {"file": file, "name": sensor.name, "assumed": assumed}, lambda: text)
+
+
+_SHEET_FIELDS = (
+    *("pitch_um", "full_well_e", "read_noise_e", "read_noise_dn", "read_noise_mv", "system_gain_dn_per_e"),
+    *("system_gain_e_per_dn", "conversion_gain_uv_per_e", "voltage_swing_v", "dsnu_e", "prnu_percent"),
+    *("dark_current_e_per_s", "dark_current_temperature_c", "dcnu_percent", "fill_factor", "black_level_dn"),
+)
+"""Fields of a sensor file with an option of `photosite sensors new`."""
+
+_ASKED = ("pitch_um", "full_well_e", "read_noise_e")
+"""Fields that are required, read noise in any unit."""
+
+
+def _sheet_options(function: F) -> F:
+    """Add an option for each of `_SHEET_FIELDS`, with the help of the file's schema."""
+    for name in reversed(_SHEET_FIELDS):
+        flag = "--pixel-um" if name == "pitch_um" else f"--{name.replace('_', '-')}"
+        function = click.option(flag, name, type=float, metavar="X", help=_description(name))(function)
+    return function
+
+
+def _description(name: str) -> str:
+    from photosite.sensor.model import SECTIONS
+
+    field = next(kind.model_fields[name] for pair in SECTIONS.values() for kind in pair if name in kind.model_fields)
+    extra = field.json_schema_extra
+    return f"{field.description} Unit: {extra['unit'] if isinstance(extra, dict) else ''}."
+
+
+@command.command("new")
+@file_option(*("-o", "--output"), suffixes=SENSOR_SUFFIXES, required=True, text="Sensor file to write (YAML).")
+@click.option("--name", metavar="TEXT", help="Name of the sensor.  [default: the file's name]")
+@click.option("--rows", type=Whole(1), metavar="N", help="Rows of the active array.")
+@click.option("--cols", type=Whole(1), metavar="N", help="Columns of the active array.")
+@click.option("--bits", type=Whole(1, 16), metavar="N", help="Bit depth of the converter.")
+@click.option("--cfa", default="mono", metavar="TILE", help="Color filter array: mono, rggb, ...")
+@click.option("--qe-peak", type=click.FloatRange(0, 1, min_open=True), metavar="X", help="Largest quantum efficiency.")
+@_sheet_options
+@click.option("--source", metavar="TEXT", help="Origin of the values, such as the data sheet.")
+@json_option
+def new(output: Path, name: str | None, source: str | None, cfa: str, as_json: bool, **given: Any) -> None:
+    """Write a commented sensor file from the figures of a data sheet.
+
+    Pixel pitch, full well, read noise, rows, columns, bits and the largest quantum efficiency are required; on a
+    terminal, the command asks for those that are missing. Whatever else is not given is assumed and marked with
+    `assumed: true`.
+
+    Example: photosite sensors new --pixel-um 3.45 --full-well-e 10500 --read-noise-e 2.4 --qe-peak 0.65 --bits 12
+    --rows 2048 --cols 2448 -o mine.sensor.yaml
+    """
+    from photosite.sensor.io.sensor_file import parse_sensor
+    from photosite.sensor.new_sensor import new_sensor_file
+
+    _ask(given)
+    stated = {field: given[field] for field in _SHEET_FIELDS if given[field] is not None}
+    text = new_sensor_file(
+        name or output.name.removesuffix(output.suffix).removesuffix(".sensor"),
+        **{field: given[field] for field in ("rows", "cols", "bits", "qe_peak")},
+        cfa=cfa,
+        values=stated,
+        source=source,
+    )
+    with atomic_path(output) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    assumed = _assumed(parse_yaml(text, output))
+    content = {"name": parse_sensor(text, output).name, "assumed": assumed}
+    show(as_json, content, lambda: f"assumed values: {', '.join(assumed) or 'none'}", sensor=output)
+
+
+def _ask(given: dict[str, Any]) -> None:
+    """Ask for required values that are missing, on a terminal; raise a usage error elsewhere."""
+    required = [name for name in (*_ASKED, "rows", "cols", "bits", "qe_peak") if given[name] is None]
+    if any(given[name] is not None for name in ("read_noise_dn", "read_noise_mv")):
+        required = [name for name in required if name != "read_noise_e"]
+    context = click.get_current_context()
+    options = {parameter.name: parameter for parameter in context.command.params}
+    if required and not _is_terminal():
+        raise click.UsageError(f"missing options: {', '.join(options[name].opts[0] for name in required)}")
+    for name in required:
+        option = options[name]
+        text = (getattr(option, "help", "") or "").rstrip(".")
+        given[name] = click.prompt(text, type=option.type, err=True)
+
+
+def _is_terminal() -> bool:
+    return sys.stdin.isatty()
 
 
 def _assumed(node: Any, path: str = "") -> list[str]:
@@ -119,21 +210,15 @@ def _assumed(node: Any, path: str = "") -> list[str]:
 
 @command.command("export")
 @click.argument("name", metavar="NAME|FILE")
-@file_option(
-    *("-o", "--output"), suffixes=SENSOR_SUFFIXES, required=True, text="Sensor file to write (YAML); a new name."
-)
+@file_option(*("-o", "--output"), suffixes=SENSOR_SUFFIXES, required=True, text="Sensor file to write (YAML).")
 @json_option
 def export(name: str, output: Path, as_json: bool) -> None:
-    """Write a sensor to a new file for editing.
-
-    Existing files are not overwritten.
+    """Write a sensor to a file for editing, with its comments.
 
     Example: photosite sensors export nikon-d200 -o mine.sensor.yaml
     """
     from photosite.sensor.io.sensor_file import load_sensor
 
-    if output.exists():
-        raise FileError(output, "the file exists already", hint="Choose another name")
     sensor = load_sensor(name)
     sensor.save(output)
     show(as_json, {"name": sensor.name}, lambda: sensor.name, sensor=output)

@@ -39,8 +39,13 @@ FILE_KINDS = {
 
 def read_yaml(file: Path, what: str) -> Any:
     """Read a YAML file; `what` names the expected content in messages, such as "a protocol"."""
+    return parse_yaml(read_text(file, what), file)
+
+
+def read_text(file: Path, what: str) -> str:
+    """Read the text of a YAML file."""
     try:
-        return parse_yaml(read_small(file, what, LARGEST_BYTES).decode("utf-8"), file)
+        return read_small(file, what, LARGEST_BYTES).decode("utf-8")
     except UnicodeDecodeError:
         raise FileError(file, f"is not {what}: it is not text in UTF-8") from None
 
@@ -65,8 +70,8 @@ def check_version(path: str | PathLike[str], data: Any, key: str) -> None:
     raise FileError(path, f"is not {FILE_KINDS[key]}", hint=f"Begin it with '{key}: 1'")
 
 
-def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
-    """Parse YAML text; `path` names it in errors.
+def parse_yaml(content: str, path: str | PathLike[str], *, keep_quotes: bool = False) -> Any:
+    """Parse YAML text; `path` names it in errors, `keep_quotes` keeps the quotes of texts for writing.
 
     Examples
     --------
@@ -83,7 +88,9 @@ def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
         if depth > _DEEPEST:
             raise FileError(path, "nests too deeply")
     try:
-        data = YAML(typ="rt").load(content)
+        yaml = YAML(typ="rt")
+        yaml.preserve_quotes = keep_quotes
+        data = yaml.load(content)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise FileError(path, f"is not YAML: {error.problem}", line) from None
@@ -135,28 +142,76 @@ def dump_yaml(data: Mapping[str, Any], width: int = 120) -> str:
     - {f: 2}
     <BLANKLINE>
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.comments import CommentedMap, CommentedSeq
+    return _dumped(_styled(dict(data)), width)
 
-    def styled(node: Any, flow: bool = False) -> Any:
-        if isinstance(node, dict):
-            mapping = CommentedMap({key: styled(value, flow) for key, value in node.items()})
-            return in_flow(mapping) if flow else mapping
-        if isinstance(node, list | tuple):
-            of_mappings = not flow and len(node) > 0 and all(isinstance(value, dict) for value in node)
-            sequence = CommentedSeq([styled(value, True) for value in node])
-            return sequence if of_mappings else in_flow(sequence)
-        return node
+
+def _dumped(document: Any, width: int) -> str:
+    from ruamel.yaml import YAML
+
+    yaml = YAML()
+    yaml.width = width
+    yaml.preserve_quotes = True
+    out = io.StringIO()
+    yaml.dump(document, out)
+    return out.getvalue()
+
+
+def _styled(node: Any, flow: bool = False) -> Any:
+    from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
     def in_flow(node: Any) -> Any:
         node.fa.set_flow_style()
         return node
 
-    yaml = YAML()
-    yaml.width = width
-    out = io.StringIO()
-    yaml.dump(styled(dict(data)), out)
-    return out.getvalue()
+    if isinstance(node, dict):
+        mapping = CommentedMap({key: _styled(value, flow) for key, value in node.items()})
+        return in_flow(mapping) if flow else mapping
+    if isinstance(node, list | tuple):
+        of_mappings = not flow and len(node) > 0 and all(isinstance(value, dict) for value in node)
+        sequence = CommentedSeq([_styled(value, True) for value in node])
+        return sequence if of_mappings else in_flow(sequence)
+    return node
+
+
+def rewrite_yaml(content: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """Return YAML text with the fields that differ between two versions of its data; comments and other fields stay.
+
+    Parameters
+    ----------
+    content
+        The text.
+    old, new
+        The data of the text, and the data to write, both in the same form. The text may state a field in another form.
+
+    Examples
+    --------
+    >>> print(rewrite_yaml("a: 1.50 # measured\\nb: 2\\n", {"a": 1.5, "b": 2}, {"a": 1.5, "b": 3, "c": [4]}))
+    a: 1.50 # measured
+    b: 3
+    c: [4]
+    <BLANKLINE>
+    """
+
+    def edit(node: Any, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+        for key in [key for key in old if key not in new and key in node]:
+            del node[key]
+        for key, value in new.items():
+            before = old.get(key)
+            if value == before and type(value) is type(before):
+                continue
+            parts = value, before, node.get(key)
+            if all(isinstance(part, Mapping) for part in parts) and "value" not in value:
+                edit(node[key], before, value)  # type: ignore[arg-type]
+            else:
+                entry = _styled(value, flow=isinstance(value, Mapping) and "value" in value)
+                if key in node:
+                    node[key] = entry
+                else:  # before the last one if that has a comment, which may be the end of the section
+                    node.insert(len(node) - (list(node)[-1] in node.ca.items if node else 0), key, entry)
+
+    document = parse_yaml(content, "the text", keep_quotes=True)
+    edit(document, old, new)
+    return _dumped(document, width=1 << 20)
 
 
 def line_of(node: Any, key: Any) -> int | None:

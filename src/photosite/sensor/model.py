@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    GetJsonSchemaHandler,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, did_you_mean
+from photosite.sensor.file_units import (
+    CONVERSION,
+    DN_PER_E,
+    E_PER_DN,
+    GAINS,
+    SWING,
+    choices_of,
+    in_model_units,
+    model_fields_of,
+)
 from photosite.sensor.optical_stack import OpticalStack
 from photosite.sensor.quantity import (
+    NO_UNIT,
     Covariance,
     Fraction,
     Increasing,
@@ -20,40 +40,66 @@ from photosite.sensor.quantity import (
     Positive,
     ResponseSpread,
     UnitInterval,
+    about,
     check_length,
 )
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Section, input_error
+from photosite.values.validated import Number, Section, input_error
 
 
 class Array(Section):
     """The pixel array: its size and the tile of its color filter array."""
 
-    rows: int = Field(gt=0, le=65_536, strict=True)
-    cols: int = Field(gt=0, le=65_536, strict=True)
-    cfa: Annotated[Cfa, BeforeValidator(cfa_from)] = MONOCHROME
+    rows: int = about("Rows of the active array.", "pixels", 2048, gt=0, le=65_536, strict=True)
+    cols: int = about("Columns of the active array.", "pixels", 2448, gt=0, le=65_536, strict=True)
+    cfa: Annotated[Cfa, BeforeValidator(cfa_from)] = about(
+        "Tile of the color filter array from the top left pixel: rows of channel names, or a name: rggb, mono, ...",
+        NO_UNIT,
+        [["R", "G"], ["G", "B"]],
+        default=MONOCHROME,
+    )
 
 
 class Pixel(Section):
     """One pixel: geometry, conversion gain, voltage swing and well capacity."""
 
-    width_um: Positive
-    height_um: Positive
-    fill_factor: Fraction
-    conversion_gain_uv_per_e: Positive
-    voltage_swing_v: Positive
-    well_capacity_e: Positive
+    width_um: Positive = about("Pixel pitch along a row.", "um", 3.45)
+    height_um: Positive = about("Pixel pitch along a column.", "um", 3.45)
+    fill_factor: Fraction = about(
+        "Light-sensitive share of the pixel's area; 1 if the quantum efficiency includes it, as that of EMVA 1288.",
+        "1",
+        0.9,
+        default=Measured(1.0),
+    )
+    conversion_gain_uv_per_e: Positive = about("Voltage at the pixel per electron.", "uV/e-", 30.0)
+    voltage_swing_v: Positive = about(
+        "Voltage at the pixel that spans all codes of the converter at an analog gain of 1.", "V", 1.08
+    )
+    well_capacity_e: Positive = about("Full well: electrons that a pixel can hold.", "e-", 10500)
+
+
+class PixelUnits(Section):
+    """Other units of `pixel` in a sensor file."""
+
+    pitch_um: Positive = about("Pitch of square pixels. Instead of width_um and height_um.", "um", 3.45)
+    full_well_e: Positive = about("Full well. Instead of well_capacity_e.", "e-", 10500)
 
 
 class Channel(Section):
     """One color channel: its quantum efficiency, color filter included."""
 
-    wavelength_nm: Increasing
-    quantum_efficiency: tuple[UnitInterval, ...]
-    standard_uncertainty: tuple[Annotated[float, Field(ge=0.0)], ...] | None = None
-    source: str | None = None
-    assumed: bool = False
+    wavelength_nm: Increasing = about("Wavelengths of the table, increasing.", "nm", [450.0, 550.0, 650.0])
+    quantum_efficiency: tuple[UnitInterval, ...] = about(
+        "Electrons per photon on the pixel at each wavelength, color filter included; 0 outside the table.",
+        "1",
+        [0.45, 0.65, 0.5],
+    )
+    standard_uncertainty: tuple[Annotated[float, Field(ge=0.0)], ...] | None = about(
+        "Standard uncertainty of each efficiency.", "1", [0.01, 0.01, 0.01], default=None
+    )
+    source: str | None = about("Origin of the table.", NO_UNIT, "data sheet, figure 4", default=None)
+    assumed: bool = about("Whether the table is an assumption.", NO_UNIT, True, default=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -88,38 +134,117 @@ class Channel(Section):
 class Noise(Section):
     """Temporal read noise, and the fixed pattern's standard deviations over pixels."""
 
-    read_noise_mv: NotNegative
-    dsnu_mv: NotNegative
-    prnu_percent: ResponseSpread
-    dark_voltage_mv_per_s: NotNegative = Measured(0.0)
-    dcnu_percent: NotNegative = Measured(0.0)
-    """Dark current nonuniformity: standard deviation over pixels relative to the mean (log-normal)."""
+    read_noise_mv: NotNegative = about("Temporal dark noise, standard deviation at the pixel.", "mV", 0.52)
+    dsnu_mv: NotNegative = about(
+        "Dark signal nonuniformity: standard deviation of the offset over pixels, at the pixel.", "mV", 0.55
+    )
+    prnu_percent: ResponseSpread = about(
+        "Photo response nonuniformity: standard deviation of the response over pixels.", "%", 0.6
+    )
+    dark_voltage_mv_per_s: NotNegative = about(
+        "Mean dark current as a voltage at the pixel per second.", "mV/s", 0.1, default=Measured(0.0)
+    )
+    dcnu_percent: NotNegative = about(
+        "Dark current nonuniformity: standard deviation over pixels relative to the mean (log-normal).",
+        "%",
+        20.0,
+        default=Measured(0.0),
+    )
+    dark_current_temperature_c: Number | None = about(
+        "Sensor temperature at which the dark current was measured.", "deg C", 25.0, default=None
+    )
+
+
+class NoiseUnits(Section):
+    """Other units of `noise` in a sensor file."""
+
+    read_noise_e: NotNegative = about("Temporal dark noise in electrons. Instead of read_noise_mv.", "e-", 2.4)
+    read_noise_dn: NotNegative = about("Temporal dark noise in DN. Instead of read_noise_mv.", "DN", 0.94)
+    dsnu_e: NotNegative = about("Dark signal nonuniformity in electrons. Instead of dsnu_mv.", "e-", 1.1)
+    dsnu_dn: NotNegative = about("Dark signal nonuniformity in DN. Instead of dsnu_mv.", "DN", 0.43)
+    dark_current_e_per_s: NotNegative = about(
+        "Mean dark current in electrons. Instead of dark_voltage_mv_per_s.", "e-/s", 1.5, default=None
+    )
+    dark_current_dn_per_s: NotNegative = about(
+        "Mean dark current in DN. Instead of dark_voltage_mv_per_s.", "DN/s", 0.6, default=None
+    )
 
 
 class Readout(Section):
     """From volts to digital numbers: DN = analog_gain * V / voltage_swing * 2^bits + black level."""
 
-    bits: int = Field(ge=1, le=16, strict=True)
-    analog_gain: Positive = Measured(1.0)
-    black_level_dn: NotNegative = Measured(0.0)
+    bits: int = about("Bit depth of the analog-to-digital converter.", "bit", 12, ge=1, le=16, strict=True)
+    analog_gain: Positive = about(
+        "Amplification between pixel and converter. Follows from the system gain, where that is stated.",
+        "1",
+        1.0,
+        default=Measured(1.0),
+    )
+    black_level_dn: NotNegative = about(
+        "Mean digital number without light or dark current.", "DN", 64, default=Measured(0.0)
+    )
+
+
+class ReadoutUnits(Section):
+    """Other units of the gain in a sensor file."""
+
+    system_gain_dn_per_e: Positive = about(
+        "Overall system gain K of EMVA 1288. Instead of conversion_gain_uv_per_e and voltage_swing_v, or with them.",
+        "DN/e-",
+        0.39,
+    )
+    system_gain_e_per_dn: Positive = about(
+        "Electrons per digital number, 1 / K. Instead of system_gain_dn_per_e.", "e-/DN", 2.56
+    )
 
 
 class Provenance(Section):
     """Origin of the description."""
 
-    source: str | None = None
-    license: str | None = None
-    created: str | None = None
-    notes: str | None = None
-    frames_sha256: tuple[str, ...] = ()
+    source: str | None = about("Origin of the description.", NO_UNIT, "data sheet, revision 3", default=None)
+    license: str | None = about("License of the data.", NO_UNIT, "CC0", default=None)
+    created: str | None = about("Date, ISO 8601.", NO_UNIT, "2026-01-31", default=None)
+    notes: str | None = about("Remarks.", NO_UNIT, "engineering sample", default=None)
+    frames_sha256: tuple[str, ...] = about(
+        "Digests of the frames that were measured.", NO_UNIT, ["9f86d081884c7d65"], default=()
+    )
 
 
 class Maps(Section):
     """The measured chip's maps beside the sensor file, used in place of a drawn fixed pattern."""
 
-    file: str = Field(min_length=1)
-    """HDF5 file, relative to the sensor file's folder; an absolute path once loaded."""
-    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+    file: str = about(
+        "HDF5 file, relative to the sensor file's folder; an absolute path once loaded.",
+        NO_UNIT,
+        "mine.maps.h5",
+        min_length=1,
+    )
+    sha256: str = about("Digest of the file, hexadecimal.", NO_UNIT, "0" * 64, pattern="^[0-9a-f]{64}$")
+
+
+SECTIONS: dict[str, tuple[type[Section], type[Section]]] = {
+    "pixel": (Pixel, PixelUnits),
+    "noise": (Noise, NoiseUnits),
+    "readout": (Readout, ReadoutUnits),
+}
+"""Sections with measured values: their fields, and their fields in other units."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """The text of the file that a sensor was read from, for its units and comments; not a part of the sensor's value.
+
+    - `text`, `is_preset`: The text, empty for a sensor that was not read; whether the file is a preset.
+    - `with_comments`: Whether its comments still apply.
+    """
+
+    text: str = field(default="", compare=False, repr=False)
+    is_preset: bool = field(default=False, compare=False)
+    with_comments: bool = field(default=True, compare=False)
+
+    def renamed(self) -> Written:
+        """Return the text for a sensor with another name: a preset's comments do not apply to it."""
+        return replace(self, is_preset=False, with_comments=not self.is_preset)
 
 
 class Sensor(Section):
@@ -136,18 +261,57 @@ class Sensor(Section):
     (2592, 0.52)
     """
 
-    photosite_sensor: Literal[1] = 1
-    name: str
-    serial: str = "0"
-    array: Array
-    pixel: Pixel
-    channels: dict[str, Channel]
-    noise: Noise
-    readout: Readout
-    optical_stack: OpticalStack | None = None
-    provenance: Provenance = Provenance()
-    maps: Maps | None = None
-    covariance: Covariance | None = None
+    photosite_sensor: Literal[1] = about("Version of the file format.", NO_UNIT, 1, default=1)
+    name: str = about("Name of the sensor or camera.", NO_UNIT, "Nikon D200")
+    serial: str = about(
+        "The chip: its fixed pattern is drawn from the serial, where there are no maps.", NO_UNIT, "0", default="0"
+    )
+    array: Array = about("The pixel array.", NO_UNIT, {"rows": 2048, "cols": 2448, "cfa": "mono"})
+    pixel: Pixel = about("One pixel.", NO_UNIT, {"pitch_um": 3.45, "full_well_e": 10500})
+    channels: dict[str, Channel] = about(
+        "A quantum efficiency for each channel of the color filter array; M for a monochrome sensor.",
+        NO_UNIT,
+        {"M": {"wavelength_nm": [450, 550], "quantum_efficiency": [0.45, 0.65]}},
+    )
+    noise: Noise = about(
+        "Temporal noise and fixed pattern.", NO_UNIT, {"read_noise_e": 2.4, "dsnu_e": 1.1, "prnu_percent": 0.6}
+    )
+    readout: Readout = about("From volts to digital numbers.", NO_UNIT, {"bits": 12, "system_gain_dn_per_e": 0.39})
+    optical_stack: OpticalStack | None = about(
+        "Filters, microlenses and crosstalk in front of the silicon.", NO_UNIT, {"cover_glass": 0.92}, default=None
+    )
+    provenance: Provenance = about(
+        "Origin of the values.", NO_UNIT, {"source": "data sheet, revision 3"}, default=Provenance()
+    )
+    maps: Maps | None = about(
+        "Measured maps of this chip.", NO_UNIT, {"file": "mine.maps.h5", "sha256": "0" * 64}, default=None
+    )
+    covariance: Covariance | None = about(
+        "Correlations of the measured values.",
+        NO_UNIT,
+        {"names": ["read_noise_mv", "dsnu_mv"], "correlation": [[1.0, 0.5], [0.5, 1.0]]},
+        default=None,
+    )
+    _written: Written = PrivateAttr(default=Written())
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        for section, (_, units) in SECTIONS.items():
+            part = handler.resolve_ref_schema({"$ref": schema["properties"][section]["$ref"]})
+            part["properties"] |= units.model_json_schema()["properties"]
+            choices = choices_of(section)
+            optional = {*GAINS, *(name for names in choices for name in names)}
+            part["required"] = [name for name in part["required"] if name not in optional]
+            part["allOf"] = [{"anyOf": [{"required": [name]} for name in names]} for names in choices]
+        gains = ("pixel", [CONVERSION, SWING]), ("readout", [DN_PER_E]), ("readout", [E_PER_DN])
+        schema["anyOf"] = [{"properties": {section: {"required": names}}} for section, names in gains]
+        return schema
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file_units(cls, raw: Any) -> Any:
+        return in_model_units(raw, SECTIONS)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -225,6 +389,11 @@ class Sensor(Section):
         return self.covariance.matrix(names, scale)
 
     @property
+    def is_preset(self) -> bool:
+        """Whether the sensor is a preset, or a changed copy of one with the preset's name."""
+        return self._written.is_preset
+
+    @property
     def channel_names(self) -> tuple[str, ...]:
         """The channels, each once, in reading order of the CFA's tile."""
         return channel_names(self.array.cfa)
@@ -271,7 +440,8 @@ class Sensor(Section):
         """Return a copy with changed fields, named as in the file, from any section.
 
         A new serial is another chip and removes measured maps; `maps=None` removes only the maps. A changed value is no
-        longer correlated with the others, unless `covariance` is changed, too.
+        longer correlated with the others, unless `covariance` is changed, too. Values in other units of the file, such
+        as `read_noise_e`, are converted; a system gain sets the analog gain.
 
         Raises
         ------
@@ -284,27 +454,35 @@ class Sensor(Section):
         >>> quiet = ps.load_sensor("nikon-d200").with_(read_noise_mv=0, serial="12", rows=8, cols=8)
         >>> quiet.noise.read_noise_mv.value, quiet.serial, quiet.array.rows
         (0.0, '12', 8)
+        >>> ps.load_sensor("nikon-d200").with_(read_noise_e=10).noise.read_noise_mv.value
+        0.3
         """
         data = self.model_dump()
         targets: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels", "maps", "covariance"), data)
         for section in ("array", "pixel", "noise", "readout", "provenance"):
-            targets |= dict.fromkeys(type(getattr(self, section)).model_fields, data[section])
+            kinds = SECTIONS.get(section, (type(getattr(self, section)),))
+            targets |= {name: data[section] for kind in kinds for name in kind.model_fields}
         stack = data["optical_stack"] = data["optical_stack"] or {}
         targets |= dict.fromkeys(OpticalStack.model_fields, stack) | {"optical_stack": data}
         if "serial" in changes:
             data["maps"] = None
         if self.covariance is not None:
-            data["covariance"] = self.covariance.without(set(changes))
+            replaced = {own for name in changes for own in (name, *model_fields_of(name))}
+            data["covariance"] = self.covariance.without(replaced)
         for name, value in changes.items():
             if name not in targets:
                 raise InputError(f"a sensor has no field '{name}'", hint=did_you_mean(name, targets))
+            for own in model_fields_of(name):
+                del targets[own][own]
             targets[name][name] = value
         if isinstance(stack := data["optical_stack"], dict) and not any(part is not None for part in stack.values()):
             data["optical_stack"] = None
         try:
-            return Sensor.model_validate(data)
+            changed = Sensor.model_validate(data)
         except ValidationError as error:
             raise input_error(error) from None
+        changed._written = self._written.renamed() if changed.name != self.name else self._written
+        return changed
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file (YAML), with its maps if it has any; raise `FileError` if it cannot be written."""

@@ -22,7 +22,16 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, did_you_mean
-from photosite.sensor.quantity import Increasing, NotNegative, Positive, UnitInterval, check_length, is_number
+from photosite.sensor.quantity import (
+    NO_UNIT,
+    Increasing,
+    NotNegative,
+    Positive,
+    UnitInterval,
+    about,
+    check_length,
+    is_number,
+)
 from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
@@ -46,10 +55,12 @@ class Transmittance(Section):
     array([0.92, 0.92])
     """
 
-    wavelength_nm: Increasing | None = None
-    transmittance: tuple[UnitInterval, ...]
-    source: str | None = None
-    assumed: bool = False
+    wavelength_nm: Increasing | None = about(
+        "Wavelengths of the table, increasing; none for one number.", "nm", [400.0, 700.0], default=None
+    )
+    transmittance: tuple[UnitInterval, ...] = about("Transmittance at each wavelength, or one number.", "1", 0.92)
+    source: str | None = about("Origin of the values.", NO_UNIT, "data sheet of the filter", default=None)
+    assumed: bool = about("Whether the values are an assumption.", NO_UNIT, True, default=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -98,8 +109,8 @@ class LowPassFilter(Section):
     Its transfer function is cos(pi f split) on each axis.
     """
 
-    split_x_um: NotNegative = Measured(0.0)
-    split_y_um: NotNegative = Measured(0.0)
+    split_x_um: NotNegative = about("Distance of the two spots along a row.", "um", 3.0, default=Measured(0.0))
+    split_y_um: NotNegative = about("Distance of the two spots along a column.", "um", 3.0, default=Measured(0.0))
 
 
 class AngularResponse(Section):
@@ -115,13 +126,20 @@ class AngularResponse(Section):
     (1.0, 0.9, 0.5)
     """
 
-    angle_deg: Increasing
-    relative_response: tuple[float, ...] | dict[str, tuple[float, ...]]
-    """One table for all channels, or one for each."""
-    exit_pupil_mm: Positive | None = None
-    """Distance of the lens's exit pupil from the sensor. None: that of a thin lens, its image distance."""
-    source: str | None = None
-    assumed: bool = False
+    angle_deg: Increasing = about("Angles of incidence, from 0, increasing.", "deg", [0.0, 10.0, 20.0])
+    relative_response: tuple[float, ...] | dict[str, tuple[float, ...]] = about(
+        "Response at each angle, relative to 0 degrees: one table for all channels, or one for each.",
+        "1",
+        [1.0, 0.97, 0.9],
+    )
+    exit_pupil_mm: Positive | None = about(
+        "Distance of the lens's exit pupil from the sensor; by default that of a thin lens, its image distance.",
+        "mm",
+        60.0,
+        default=None,
+    )
+    source: str | None = about("Origin of the table.", NO_UNIT, "data sheet, figure 7", default=None)
+    assumed: bool = about("Whether the table is an assumption.", NO_UNIT, True, default=False)
 
     @field_validator("relative_response", mode="before")
     @classmethod
@@ -168,8 +186,18 @@ class Crosstalk(Section):
     0.96
     """
 
-    optical: dict[str, Kernel] | None = None
-    electrical: dict[str, Kernel] | None = None
+    optical: dict[str, Kernel] | None = about(
+        "Per channel, where light that passed its filter is collected: odd square kernel with sum 1.",
+        "1",
+        {"M": [[0.0, 0.01, 0.0], [0.01, 0.96, 0.01], [0.0, 0.01, 0.0]]},
+        default=None,
+    )
+    electrical: dict[str, Kernel] | None = about(
+        "Per channel, where charge that it generated is collected: odd square kernel with sum 1.",
+        "1",
+        {"M": [[0.0, 0.01, 0.0], [0.01, 0.96, 0.01], [0.0, 0.01, 0.0]]},
+        default=None,
+    )
 
     @field_validator("optical", "electrical")
     @classmethod
@@ -204,11 +232,28 @@ class OpticalStack(Section):
     (array([0.92]), 6.0)
     """
 
-    infrared_filter: Transmittance | None = None
-    cover_glass: Transmittance | None = None
-    low_pass_filter: LowPassFilter | None = None
-    angular_response: AngularResponse | None = None
-    crosstalk: Crosstalk | None = None
+    infrared_filter: Transmittance | None = about(
+        "Transmittance of the infrared filter.",
+        "1",
+        {"wavelength_nm": [380, 640, 700, 1100], "transmittance": [0.95, 0.95, 0.0, 0.0]},
+        default=None,
+    )
+    cover_glass: Transmittance | None = about("Transmittance of the cover glass.", "1", 0.92, default=None)
+    low_pass_filter: LowPassFilter | None = about(
+        "Birefringent low-pass filter.", NO_UNIT, {"split_x_um": 3.0, "split_y_um": 3.0}, default=None
+    )
+    angular_response: AngularResponse | None = about(
+        "Response to light at an angle.",
+        NO_UNIT,
+        {"angle_deg": [0.0, 20.0], "relative_response": [1.0, 0.9]},
+        default=None,
+    )
+    crosstalk: Crosstalk | None = about(
+        "Light and charge that reach neighboring pixels.",
+        NO_UNIT,
+        {"electrical": {"M": [[0.0, 0.01, 0.0], [0.01, 0.96, 0.01], [0.0, 0.01, 0.0]]}},
+        default=None,
+    )
 
     @property
     def filters(self) -> dict[str, Transmittance]:

@@ -30,22 +30,39 @@ ROUNDING = 1e-5
 _DIGITS = 10
 
 
+def about(description: str, unit: str, example: Any, **constraints: Any) -> Any:
+    """Return a field with its description, unit and example, as the JSON Schema states them."""
+    stated: dict[str, Any] = {"unit": unit}
+    if isinstance(default := constraints.get("default"), Measured):
+        stated["default"] = default.value
+    return Field(description=description, json_schema_extra=stated, examples=[example], **constraints)
+
+
+NO_UNIT = "none"
+"""Unit of text, flags and sections; that of ratios and counts is 1."""
+
+
 class Quantity(Section):
     """A value with its standard uncertainty and source."""
 
-    value: Number
-    standard_uncertainty: Annotated[Number, Field(ge=0)] = 0.0
-    source: StrictStr | None = None
-    assumed: StrictBool = False
+    value: Number = about("The value, in the unit of the field.", "that of the field", 2.4)
+    standard_uncertainty: Number = about(
+        "Standard uncertainty (GUM) of the value; 0 if exact.", "that of the field", 0.05, ge=0, default=0.0
+    )
+    source: StrictStr | None = about("Origin of the value.", NO_UNIT, "data sheet, page 3", default=None)
+    assumed: StrictBool = about(
+        "Whether the value is an assumption, neither measured nor published.", NO_UNIT, True, default=False
+    )
 
 
-def _quantity(raw: Any) -> Measured:
+def as_measured(raw: Any) -> Measured:
+    """Return the quantity of a file's number or mapping; raise Pydantic's `ValidationError` if it is invalid."""
     if isinstance(raw, Measured):
         return raw
     return Measured(**dict(Quantity.model_validate(raw if isinstance(raw, Mapping) else {"value": raw})))
 
 
-def _as_file_value(quantity: Measured) -> float | dict[str, Any]:
+def as_file_value(quantity: Measured) -> float | dict[str, Any]:
     """Return the shortest lossless form: a bare number if there is only a value."""
     rest = {name: getattr(quantity, name) for name in ("standard_uncertainty", "source", "assumed")}
     given = {name: entry for name, entry in rest.items() if entry}
@@ -66,8 +83,8 @@ def _bounded(lowest: float, highest: float = math.inf, *, open_below: bool = Fal
 
 _Value = Annotated[
     Measured,
-    PlainValidator(_quantity),
-    PlainSerializer(_as_file_value),
+    PlainValidator(as_measured),
+    PlainSerializer(as_file_value),
     WithJsonSchema({"anyOf": [{"type": "number"}, Quantity.model_json_schema()]}),
 ]
 Positive = Annotated[_Value, _bounded(0.0, open_below=True)]
@@ -111,11 +128,18 @@ class Covariance(Section):
     True
     """
 
-    names: Annotated[tuple[str, ...], Field(min_length=2)]
-    correlation: tuple[tuple[float, ...], ...]
+    names: tuple[str, ...] = about(
+        "Fields of pixel, noise and readout with correlated errors.",
+        NO_UNIT,
+        ["read_noise_mv", "conversion_gain_uv_per_e"],
+        min_length=2,
+    )
+    correlation: tuple[tuple[float, ...], ...] = about(
+        "Correlation matrix, a row for each of names; 1 on the diagonal.", "1", [[1.0, 0.5], [0.5, 1.0]]
+    )
 
     @classmethod
-    def of(cls, names: Sequence[str], covariance: NDArray[np.float64]) -> Covariance | None:
+    def of(cls, names: Sequence[str], covariance: NDArray[np.float64], digits: int = _DIGITS) -> Covariance | None:
         """Return the correlations of a covariance matrix, without values of variance 0; None for fewer than two.
 
         Examples
@@ -127,7 +151,7 @@ class Covariance(Section):
         if kept.size < 2:
             return None
         scale = np.sqrt(np.diag(covariance)[kept])
-        matrix = np.round(covariance[np.ix_(kept, kept)] / np.outer(scale, scale), _DIGITS)
+        matrix = np.round(covariance[np.ix_(kept, kept)] / np.outer(scale, scale), digits) + 0.0  # no -0
         np.fill_diagonal(matrix, 1.0)
         return cls(names=tuple(names[int(k)] for k in kept), correlation=tuple(map(tuple, matrix.tolist())))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -52,11 +52,16 @@ class Section(BaseModel):
             return raw
         if not isinstance(raw, Mapping):
             raise ValueError(f"a mapping {{{', '.join(fields)}}}")
-        for name in raw:
-            if name not in fields:
-                unknown = InputError(f"unknown field '{name}'", hint=did_you_mean(str(name), fields))
-                raise located(unknown, name if isinstance(name, str | int) else str(name), kind=_UNKNOWN_FIELD)
+        reject_unknown(raw, fields)
         return raw
+
+
+def reject_unknown(raw: Mapping[Any, Any], known: Sequence[str], *location: str) -> None:
+    """Raise an error in a validator for the first unknown field, with the most similar known one."""
+    for name in raw:
+        if name not in known:
+            unknown = InputError(f"unknown field '{name}'", hint=did_you_mean(str(name), known))
+            raise located(unknown, *location, name if isinstance(name, str | int) else str(name), kind=_UNKNOWN_FIELD)
 
 
 class Validated(BaseModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import date
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from photosite.calibration.parameters import Parameters
@@ -28,6 +29,7 @@ _MEASURED_FIELDS = (
 def measured_sensor(calibration: Calibration) -> Sensor:
     """Return the base sensor with the measured values in place of the assumed ones.
 
+    A base that is a preset lends its values, and not its name: the sensor is named after the folder or file of frames.
     Parameters that could not be estimated keep their value. A negative estimate of a noise or nonuniformity is written
     as 0 with its uncertainty, because a sensor file cannot hold a negative one; its source states the estimate.
 
@@ -60,6 +62,11 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
         uncertain["well_capacity_e"] = well.uncertain
     joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
+    if base.is_preset:
+        base = base.with_(name=Path(calibration.source).stem)
+    if "dark_voltage_mv_per_s" in changes:
+        spread = calibration.temperature_c
+        base = base.with_(dark_current_temperature_c=None if spread is None else 0.5 * (spread[0] + spread[1]))
     return base.with_(
         **changes,
         covariance=Covariance.of(joint.names, joint.matrix),

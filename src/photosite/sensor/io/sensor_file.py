@@ -6,7 +6,8 @@ import hashlib
 import math
 import os
 import shutil
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from functools import lru_cache
 from importlib import resources
 from os import PathLike, fspath
@@ -18,9 +19,12 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.files.writing import atomic_path
-from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_yaml, validated
+from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
-from photosite.sensor.model import Maps, Sensor
+from photosite.sensor.file_units import in_file_units, stated_names
+from photosite.sensor.model import SECTIONS, Maps, Sensor, Written
+from photosite.sensor.quantity import as_file_value
+from photosite.values.uncertain import Measured
 
 _SUFFIX = ".sensor.yaml"
 
@@ -61,7 +65,7 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     path = Path(text)
     is_path = not isinstance(name_or_path, str) or path.suffix in (".yaml", ".yml") or path.name != text
     if text and (is_path or path.exists()):
-        return _sensor_from(read_yaml(path, "a sensor file"), path)
+        return parse_sensor(read_text(path, "a sensor file"), path)
     names = preset_names()
     if text not in names:
         expected = "a preset or a file with the suffix .yaml"
@@ -72,17 +76,17 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
 @lru_cache(maxsize=8)
 def _load_preset(name: str) -> Sensor:
     file = resources.files("photosite.sensor") / "presets" / f"{name}{_SUFFIX}"
-    return parse_sensor(file.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
+    sensor = parse_sensor(file.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
+    sensor._written = replace(sensor._written, is_preset=True)
+    return sensor
 
 
 def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
     """Return the sensor of a sensor file's text; a `FileError` names the path and the line."""
-    return _sensor_from(parse_yaml(content, path), path)
-
-
-def _sensor_from(data: Any, path: str | PathLike[str]) -> Sensor:
+    data = parse_yaml(content, path)
     check_version(path, data, "photosite_sensor")
     sensor: Sensor = validated(Sensor, data, path)
+    sensor._written = Written(content)
     if sensor.maps is None:
         return sensor
     # An absolute path, so that the sensor can be saved elsewhere.
@@ -105,8 +109,39 @@ def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
 
 
 def dump_sensor(sensor: Sensor) -> str:
-    """Return a sensor file's text; `parse_sensor` returns the same sensor."""
-    return dump_yaml(sensor.model_dump(mode="json", exclude_none=True))
+    """Return a sensor file's text; `parse_sensor` returns the same sensor.
+
+    A sensor that was read from a file keeps its comments, and its values keep their units.
+    """
+    text = sensor._written.text
+    if not text:
+        return dump_yaml(_fields(sensor, {}))
+    before = parse_sensor(text, "the file that the sensor was read from")
+    if sensor == before:
+        return text
+    data = parse_yaml(text, "")
+    if not sensor._written.with_comments:
+        text = dump_yaml(data)
+    return rewrite_yaml(text, _fields(before, data), _fields(sensor, data))
+
+
+def _fields(sensor: Sensor, file: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a sensor file in the units of a file, given by its content."""
+    content = sensor.model_dump(mode="json", exclude_none=True)
+    names = {str(name) for section in SECTIONS for name in file.get(section, ())}
+    if not any(name in other.model_fields for _, other in SECTIONS.values() for name in names):
+        return content
+    places = {name: section for section, kinds in SECTIONS.items() for kind in kinds for name in kind.model_fields}
+    measured = [(name, value) for section in SECTIONS for name, value in getattr(sensor, section)]
+    values = {name: value for name, value in measured if isinstance(value, Measured)}
+    for name in values:
+        del content[places[name]][name]
+    bits = sensor.readout.bits
+    stated, covariance = in_file_units(values, sensor.covariance, bits, stated_names(names, values))
+    for name, value in stated.items():
+        content[places[name]][name] = as_file_value(value)
+    shared = {} if covariance is None else {"covariance": covariance.model_dump(mode="json")}
+    return {key: value for key, value in content.items() if key != "covariance"} | shared
 
 
 MAPS_FORMAT = 1

@@ -1,0 +1,347 @@
+"""Units of a sensor file: values as data sheets state them, converted to those of the model and back.
+
+The gain is stated as conversion gain, voltage swing and analog gain, or as system gain K, or both:
+
+    K = conversion_gain_uv_per_e 1e-6 analog_gain 2^bits / voltage_swing_v        DN per electron
+
+Noise and dark current are stated in volts at the pixel, electrons or DN. Uncertainties and their correlations are
+propagated to first order, so that a value in electrons keeps its own uncertainty and not that of the system gain.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterable, Iterator, Mapping, Set
+from decimal import Decimal
+from functools import cache
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from photosite.errors import InputError, did_you_mean
+from photosite.files.yaml import line_of
+from photosite.sensor.quantity import Covariance
+from photosite.values.uncertain import JointCovariance, Measured, Uncertain, correlated
+from photosite.values.validated import input_error, located, reject_unknown
+
+Values = dict[str, Uncertain]
+Stated = dict[str, Measured]
+
+CONVERSION, SWING, AMPLIFIER = "conversion_gain_uv_per_e", "voltage_swing_v", "analog_gain"
+DN_PER_E, E_PER_DN = "system_gain_dn_per_e", "system_gain_e_per_dn"
+GAINS = (CONVERSION, SWING, AMPLIFIER)
+_MICRO = 1e-6
+_MILLI = 1e3
+_NEGLIGIBLE = 1e-4
+
+ASSUMED_SWING = Measured(1.0, 0.0, "assumed: only the system gain is stated; the swing scales values in volts", True)
+"""Voltage swing where a file states the gain without volts."""
+
+UNITS: dict[str, tuple[str, ...]] = {
+    "width_um": ("pitch_um",),
+    "height_um": ("pitch_um",),
+    "well_capacity_e": ("full_well_e",),
+    "read_noise_mv": ("read_noise_e", "read_noise_dn"),
+    "dsnu_mv": ("dsnu_e", "dsnu_dn"),
+    "dark_voltage_mv_per_s": ("dark_current_e_per_s", "dark_current_dn_per_s"),
+}
+"""The model's fields and their other units in a file; the gains are apart."""
+
+REQUIRED = {
+    "pixel": {"pixel width": "width_um", "pixel height": "height_um", "full well": "well_capacity_e"},
+    "noise": {"read noise": "read_noise_mv", "DSNU": "dsnu_mv"},
+}
+"""Per section, the quantities that a file must state in one of their units."""
+
+_OTHER_UNITS = {*(name for names in UNITS.values() for name in names), DN_PER_E, E_PER_DN}
+
+
+def model_fields_of(name: str) -> tuple[str, ...]:
+    """Return the model's fields that a field in another unit sets; empty for the model's own fields.
+
+    Examples
+    --------
+    >>> model_fields_of("pitch_um"), model_fields_of("width_um"), model_fields_of("system_gain_dn_per_e")
+    (('width_um', 'height_um'), (), ('analog_gain',))
+    """
+    if name in (DN_PER_E, E_PER_DN):
+        return (AMPLIFIER,)
+    return tuple(own for own, others in UNITS.items() if name in others)
+
+
+def choices_of(section: str) -> list[list[str]]:
+    """Return the fields of which a section must have one, for each required quantity."""
+    return [[own, *UNITS[own]] for own in REQUIRED.get(section, {}).values()]
+
+
+def in_model_units(raw: Any, sections: Mapping[str, tuple[type[BaseModel], type[BaseModel]]]) -> Any:
+    """Return the fields of a sensor file with all values in the units of the model.
+
+    Parameters
+    ----------
+    raw
+        The file's fields. Anything else, and sections that are not mappings, are left to the model to reject.
+    sections
+        Per section, the model of its fields and the model of its fields in other units.
+
+    Raises
+    ------
+    ValidationError
+        With an `InputError` that names the quantity that is missing, or the values that contradict each other.
+    """
+    if not isinstance(raw, Mapping) or not all(isinstance(raw.get(name), Mapping) for name in sections):
+        return raw
+    place = {}
+    for section, (own, other) in sections.items():
+        known = [*own.model_fields, *other.model_fields]
+        reject_unknown(raw[section], known, section)
+        place |= dict.fromkeys(known, section)
+    _check_complete(raw)
+    bits = raw["readout"].get("bits")
+    if not any(name in raw[place[name]] for name in _OTHER_UNITS) or not isinstance(bits, int) or bits < 1:
+        return raw
+    stated = {name: value for section in sections for name, value in _quantities(raw, section, *sections[section])}
+    _check_agreement(stated, bits, raw, place)
+    values = _to_model(_uncertain(stated, raw), bits)
+    result = copy.copy(raw) if isinstance(raw, dict) else dict(raw)
+    for section in sections:
+        result[section] = {key: value for key, value in raw[section].items() if key not in _OTHER_UNITS}
+    for name, value in values.items():
+        if name not in result[place[name]]:
+            result[place[name]][name] = _as_field(name, value, stated)
+    result.pop("covariance", None)
+    if (covariance := _covariance(values, digits=15)) is not None:
+        result["covariance"] = covariance
+    return result
+
+
+def _check_complete(raw: Mapping[str, Any]) -> None:
+    """Raise an error for quantities without a value in any unit."""
+    for section, quantities in REQUIRED.items():
+        for quantity, own in quantities.items():
+            names = [own, *UNITS[own]]
+            if not any(name in raw[section] for name in names):
+                raise located(InputError(f"{quantity} is missing", hint=f"Give {_either(names)}"), section)
+    pixel, readout = raw["pixel"], raw["readout"]
+    if not (DN_PER_E in readout or E_PER_DN in readout):
+        missing = [name for name in (CONVERSION, SWING) if name not in pixel]
+        if missing:
+            hint = f"Give {_either([f'pixel.{name}' for name in missing], 'and')}, or readout.{DN_PER_E} or {E_PER_DN}"
+            raise located(InputError("gain is incomplete", hint=hint), "pixel")
+
+
+def _either(names: list[str], word: str = "or") -> str:
+    return f" {word} ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _quantities(
+    raw: Mapping[str, Any], section: str, own: type[BaseModel], other: type[BaseModel]
+) -> Iterator[tuple[str, Measured]]:
+    """Yield the values with an uncertainty that a section states, checked."""
+    for kind in (other, own):
+        for name, field in kind.model_fields.items():
+            if field.annotation is Measured and name in raw[section]:
+                try:
+                    yield name, _adapter(kind, name).validate_python(raw[section][name])
+                except ValidationError as error:
+                    raise located(input_error(error), section, name) from None
+
+
+@cache
+def _adapter(kind: type[BaseModel], name: str) -> TypeAdapter[Measured]:
+    """Return the validator of one field."""
+    field = kind.model_fields[name]
+    return TypeAdapter(Annotated[(field.annotation, *field.metadata)])
+
+
+def _uncertain(stated: Stated, raw: Mapping[str, Any]) -> Values:
+    """Return the stated values with their uncertainties and the file's correlations."""
+    if raw.get("covariance") is None:
+        return _inputs(stated, None)
+    try:
+        shared = Covariance.model_validate(raw["covariance"])
+    except ValidationError as error:
+        raise located(input_error(error), "covariance") from None
+    if unknown := [name for name in shared.names if name not in stated]:
+        wrong = InputError(f"the file states no value '{unknown[0]}'", hint=did_you_mean(unknown[0], stated))
+        raise located(wrong, "covariance", "names")
+    return _inputs(stated, shared)
+
+
+def _inputs(values: Stated, shared: Covariance | None) -> Values:
+    """Return values for propagation, with their correlations."""
+    names, count = list(values), len(values)
+    correlation = np.eye(count) if shared is None else shared.matrix(names, np.ones(count))
+    # Unit variances: rounding errors of the decomposition would be those of the largest unit.
+    deviates = correlated(np.zeros(count), correlation)
+    return {
+        name: values[name].standard_uncertainty * deviate + values[name].value
+        for name, deviate in zip(names, deviates, strict=True)
+    }
+
+
+def _to_model(stated: Values, bits: int) -> Values:
+    """Return the values in the model's units, as far as they are stated, and all gains."""
+    values = {name: value for name, value in stated.items() if name not in _OTHER_UNITS} | _gains(stated, bits)
+    for name, others in UNITS.items():
+        given = next((other for other in others if other in stated), None)
+        if name not in values and given is not None:
+            values[name] = stated[given] * _factor(given, values, bits)
+    return values
+
+
+def _gains(stated: Values, bits: int) -> Values:
+    """Return conversion gain, voltage swing and analog gain; what the system gain leaves open is assumed."""
+    conversion, swing, amplifier = (stated.get(name) for name in GAINS)
+    one = Uncertain(1.0)
+    gain = stated[DN_PER_E] if DN_PER_E in stated else 1.0 / stated[E_PER_DN] if E_PER_DN in stated else None
+    codes = float(1 << bits)
+    if gain is not None:
+        if conversion is not None and swing is not None:
+            amplifier = amplifier or gain * swing / (conversion * _MICRO * codes)
+        elif conversion is not None:
+            swing = conversion * _MICRO * codes * (amplifier or one) / gain
+        else:
+            swing = swing or Uncertain(ASSUMED_SWING.value)
+            conversion = gain * swing / (_MICRO * codes * (amplifier or one))
+    assert conversion is not None
+    assert swing is not None
+    return {CONVERSION: conversion, SWING: swing, AMPLIFIER: amplifier or one}
+
+
+def _factor(name: str, gains: Values, bits: int) -> Uncertain:
+    """Return the model's unit per unit of a field: 1, or mV at the pixel per electron or DN."""
+    if name.endswith(("_dn", "_dn_per_s")):
+        return _MILLI * gains[SWING] / (gains[AMPLIFIER] * float(1 << bits))
+    if name in ("read_noise_e", "dsnu_e", "dark_current_e_per_s"):
+        return gains[CONVERSION] * (1.0 / _MILLI)
+    return Uncertain(1.0)
+
+
+def _in_unit(name: str, values: Values, bits: int) -> Uncertain:
+    """Return a value of the model as a field of a file."""
+    if name in values:
+        return values[name]
+    if name in (DN_PER_E, E_PER_DN):
+        gain = values[CONVERSION] * values[AMPLIFIER] * (_MICRO * float(1 << bits)) / values[SWING]
+        return gain if name == DN_PER_E else 1.0 / gain
+    return values[model_fields_of(name)[0]] / _factor(name, values, bits)
+
+
+def _check_agreement(stated: Stated, bits: int, raw: Mapping[str, Any], place: Mapping[str, str]) -> None:
+    """Raise an error for a value that the others contradict, beyond their last digits and twice their uncertainties."""
+    limits, names = {}, {}
+    for name, value in stated.items():
+        field = raw[place[name]][name]
+        number = field["value"] if isinstance(field, Mapping) else field
+        limits[name] = Uncertain.of(value.value, _half_digit(number) + 2.0 * value.standard_uncertainty)
+        names |= dict.fromkeys(limits[name].parts, name)
+    values = _to_model(limits, bits)
+    for name, value in limits.items():
+        own = UNITS.keys() & model_fields_of(name) or {name}
+        for each in own:  # a pitch is width and height
+            follows = values[each] if len(own) > 1 else _in_unit(name, values, bits)
+            off = follows - value
+            allowed = math.fsum(map(abs, off.parts.values())) + 1e-9 * abs(value.value)
+            if abs(off.value) <= allowed:
+                continue
+            others = [names[part] for part in off.parts if names[part] != name]
+            text = _either([_with_line(other, raw[place[other]]) for other in others], "and")
+            expected = f"about {follows.value:.3g}, from {text}"
+            hint = "Correct the one that is wrong, or remove it"
+            raise located(InputError(name, value=value.value, expected=expected, hint=hint), place[name], name)
+
+
+def _with_line(name: str, section: Mapping[str, Any]) -> str:
+    line = line_of(section, name)
+    return name if line is None else f"{name} (line {line})"
+
+
+def _half_digit(number: Any) -> float:
+    """Return half a unit of a number's last digit, as it was written: 0.005 for 2.40.
+
+    Examples
+    --------
+    >>> _half_digit(12), _half_digit(0.5)
+    (0.5, 0.05)
+    """
+    decimals, width = getattr(number, "_prec", None), getattr(number, "_width", None)
+    if decimals is not None and width is not None and getattr(number, "_exp", None) is None:
+        return 0.5 * 10.0 ** -(width - decimals - 1 - bool(number._m_sign))  # ruamel.yaml keeps the form of floats
+    if not isinstance(number, int):
+        number = float(number)
+    return 0.5 * 10.0 ** int(Decimal(repr(number)).as_tuple().exponent)
+
+
+def _as_field(name: str, value: Uncertain, stated: Stated) -> Measured:
+    """Return a derived value with the origin of the stated one."""
+    given = [unit for unit in (name, *UNITS.get(name, ())) if unit in stated]
+    if name in GAINS:
+        given = [unit for unit in (DN_PER_E, E_PER_DN) if unit in stated]
+        if name == SWING and CONVERSION not in stated:
+            return ASSUMED_SWING
+        if name == AMPLIFIER and not (given and CONVERSION in stated and SWING in stated):
+            return Measured(value.value)
+    origin = stated[given[0]]
+    return Measured(value.value, value.standard_uncertainty, origin.source, origin.assumed)
+
+
+def _covariance(values: Values, digits: int) -> Covariance | None:
+    """Return the correlations of values; None if all are independent."""
+    joint = JointCovariance.of(values)
+    shared = Covariance.of(joint.names, joint.matrix, digits)
+    if shared is None or np.array_equal(np.array(shared.correlation), np.eye(len(shared.names))):
+        return None
+    return shared
+
+
+def in_file_units(
+    values: Stated, covariance: Covariance | None, bits: int, names: Iterable[str]
+) -> tuple[Stated, Covariance | None]:
+    """Return values of the model in the units of a file, with their correlations.
+
+    Parameters
+    ----------
+    values, covariance, bits
+        Values of the model by their fields, their correlations, and the converter's bit depth.
+    names
+        The fields of the file.
+    """
+    inputs = _inputs(values, covariance)
+    negligible = _NEGLIGIBLE * max((value.relative for value in inputs.values() if value.value), default=0.0)
+    found, result = {}, {}
+    for name in names:
+        value = _in_unit(name, inputs, bits)
+        if name in values:
+            found[name], result[name] = value, values[name]
+            continue
+        if value.standard_uncertainty <= negligible * abs(value.value):  # parts that cancel but for their rounding
+            value = Uncertain(value.value)
+        origin = values[CONVERSION if name in (DN_PER_E, E_PER_DN) else model_fields_of(name)[0]]
+        number, uncertainty = float(f"{value.value:.12g}"), float(f"{value.standard_uncertainty:.6g}")
+        found[name], result[name] = value, Measured(number, uncertainty, origin.source, origin.assumed)
+    return result, _covariance(found, digits=10)
+
+
+def stated_names(names: Set[str], values: Stated) -> list[str]:
+    """Return the fields in which a file states the values of the model, given the fields that it had before.
+
+    A value keeps its units. Gains that follow from the system gain are left out.
+    """
+    gains = [name for name in (DN_PER_E, E_PER_DN) if name in names]
+    implied: set[str] = set()
+    if gains:
+        is_one = {name: (values[name].value, values[name].standard_uncertainty) == (1.0, 0.0) for name in GAINS}
+        if CONVERSION not in names:
+            implied = {CONVERSION, *(name for name in (SWING, AMPLIFIER) if is_one[name])}
+        else:
+            implied = {AMPLIFIER} if SWING in names else {SWING, *([AMPLIFIER] if is_one[AMPLIFIER] else [])}
+    result = []
+    for own in values:
+        others = [name for name in UNITS.get(own, ()) if name in names]
+        if own in names or not (others or own in implied):
+            result.append(own)
+        result += others
+    return list(dict.fromkeys([*result, *gains]))

@@ -1,0 +1,144 @@
+"""A sensor file from the figures of a data sheet; what the sheet does not state is assumed, and marked as such."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from photosite.sensor.file_units import CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
+from photosite.sensor.io.sensor_file import load_sensor, parse_sensor
+from photosite.sensor.model import SECTIONS
+from photosite.values.cfa import Cfa, cfa_from, channel_names
+
+_SILICON_NM = (350, 400, 450, 500, 530, 550, 600, 650, 700, 750, 800, 850, 900, 950, 1000, 1050, 1100)
+_SILICON = (0.2, 0.55, 0.8, 0.96, 1.0, 0.99, 0.91, 0.78, 0.63, 0.48, 0.34, 0.22, 0.13, 0.07, 0.02, 0.005, 0.0)
+"""A rounded curve of a monochrome sensor: reflection and surface recombination in the blue, absorption in the red."""
+
+_HEADING = """\
+# {name}
+#
+# Made by `photosite sensors new`. Values with "assumed: true" were not given: replace them by those of the data sheet.
+# Any value may be a number or {{value, standard_uncertainty, source, assumed}}.
+photosite_sensor: 1
+name: {quoted}
+array: {{rows: {rows}, cols: {cols}, cfa: {cfa}}}
+"""
+
+
+def new_sensor_file(
+    name: str,
+    *,
+    rows: int,
+    cols: int,
+    bits: int,
+    cfa: str = "mono",
+    qe_peak: float,
+    values: Mapping[str, float],
+    source: str | None = None,
+) -> str:
+    """Return the text of a commented sensor file.
+
+    Parameters
+    ----------
+    name, rows, cols, bits, cfa
+        As in the file.
+    qe_peak
+        Largest quantum efficiency of all channels. The spectral shape is assumed: a rounded curve of silicon for a
+        monochrome sensor, that of the Nikon D200 for a mosaic of R, G and B.
+    values
+        Fields of `pixel`, `noise` and `readout` in any of the file's units.
+    source
+        Origin of the values, for `provenance`.
+
+    Raises
+    ------
+    FileError
+        If values are missing, invalid, or contradict each other; with the line of the text.
+    InputError
+        If the color filter array is unknown.
+
+    Examples
+    --------
+    >>> given = {"pitch_um": 3.45, "full_well_e": 10500, "read_noise_e": 2.4}
+    >>> text = new_sensor_file("A1", rows=2048, cols=2448, bits=12, qe_peak=0.65, values=given)
+    >>> print("\\n".join(line for line in text.splitlines() if "dsnu_e:" in line))
+      dsnu_e: {value: 1.2, source: "assumed: half of the read noise", assumed: true}
+    """
+    tile = cfa_from(cfa)
+    stated = {**values, "bits": bits}
+    assumed = _assumptions(stated)
+    places = {field: section for section, kinds in SECTIONS.items() for kind in kinds for field in kind.model_fields}
+    text = _HEADING.format(name=name, quoted=json.dumps(name), rows=rows, cols=cols, cfa=json.dumps(tile))
+    for section in SECTIONS:
+        if section == "noise":
+            text += _channels(tile, qe_peak)
+        text += f"{section}:\n"
+        fields = [field for field in places if places[field] == section]
+        for field in (*filter(stated.__contains__, fields), *filter(assumed.__contains__, fields)):
+            text += f"  # {_comment(section, field)}\n  {field}: "
+            if field in stated:
+                text += f"{stated[field]:.12g}\n"
+            else:
+                value, reason = assumed[field]
+                text += f'{{value: {value:.4g}, source: "assumed: {reason}", assumed: true}}\n'
+    text += f"provenance:\n  source: {json.dumps(source or 'photosite sensors new')}\n"
+    parse_sensor(text, f"the new file of {name}")
+    return text
+
+
+def _comment(section: str, field: str) -> str:
+    """Return a field's description and unit, from the model."""
+    info = next(kind.model_fields[field] for kind in SECTIONS[section] if field in kind.model_fields)
+    unit = info.json_schema_extra["unit"] if isinstance(info.json_schema_extra, dict) else ""
+    return f"{(info.description or '').removesuffix('.')} [{unit}]"
+
+
+def _assumptions(stated: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    """Return a value and the reason for it, for each quantity that is not stated in any unit."""
+    found: dict[str, tuple[float, str]] = {"fill_factor": (1.0, "the quantum efficiency includes it")}
+    codes = (1 << int(stated["bits"])) - 1
+    full_well = stated.get("full_well_e", stated.get("well_capacity_e"))
+    read_noise = next((name for name in ("read_noise_e", "read_noise_dn", "read_noise_mv") if name in stated), None)
+    has_gain = DN_PER_E in stated or E_PER_DN in stated or (CONVERSION in stated and SWING in stated)
+    black = stated.get("black_level_dn")
+    if black is None:
+        black = 0.0
+        if read_noise == "read_noise_dn":
+            black = math.ceil(8.0 * stated[read_noise])
+        elif read_noise == "read_noise_e" and full_well is not None:
+            black = math.ceil(8.0 * stated[read_noise] * codes / full_well)
+        elif read_noise == "read_noise_mv" and SWING in stated:
+            black = math.ceil(8.0 * stated[read_noise] * codes / (1e3 * stated[SWING]))
+        black = min(black, codes // 4)
+        found["black_level_dn"] = black, "eight times the read noise, so that dark frames do not clip"
+    if not has_gain and full_well is not None:
+        found[DN_PER_E] = (codes - black) / full_well, "the full well is the highest digital number"
+    if read_noise is not None:
+        found[read_noise.replace("read_noise", "dsnu")] = 0.5 * stated[read_noise], "half of the read noise"
+    found["prnu_percent"] = 1.0, "1 %"
+    found["dark_current_e_per_s"] = 0.0, "none"
+    own = {other: name for name, others in UNITS.items() for other in others}
+    known = {own.get(name, name) for name in stated}
+    return {name: entry for name, entry in found.items() if own.get(name, name) not in known}
+
+
+def _channels(tile: Cfa, qe_peak: float) -> str:
+    """Return the section `channels`: an assumed shape, scaled to the peak."""
+    names = channel_names(tile)
+    if names == ("M",):
+        tables = {"M": (_SILICON_NM, np.array(_SILICON))}
+        shape = "a rounded curve of front-illuminated silicon"
+    else:
+        channels = load_sensor("nikon-d200").channels
+        tables = {name: (channels[name].wavelength_nm, np.array(channels[name].quantum_efficiency)) for name in names}
+        shape = "that of the Nikon D200, with its infrared filter"
+    scale = qe_peak / max(float(values.max()) for _, values in tables.values())
+    text = "# The largest quantum efficiency was given; the spectral shape is assumed.\nchannels:\n"
+    for name, (wavelengths, values) in tables.items():
+        text += f"  {name}:\n    wavelength_nm: [{', '.join(f'{nm:g}' for nm in wavelengths)}]\n"
+        text += f"    quantum_efficiency: [{', '.join(f'{value:.4g}' for value in values * scale)}]\n"
+        text += f'    source: "assumed: the shape is {shape}, scaled to a peak of {qe_peak:g}"\n    assumed: true\n'
+    return text
