@@ -93,9 +93,7 @@ def write_command_pages(app: Sphinx) -> None:
     folder.mkdir(exist_ok=True)
     for name in COMMANDS:
         module = "import_" if name == "import" else name
-        title = f"photosite {name}"
-        directive = f".. click:: photosite.cli.{module}:command\n   :prog: {title}\n   :nested: full\n"
-        text = f"{title}\n{'=' * len(title)}\n\n{directive}"
+        text = f".. click:: photosite.cli.{module}:command\n   :prog: photosite {name}\n   :nested: full\n"
         page = folder / f"{name}.rst"
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
@@ -107,7 +105,7 @@ def as_plain_text(app: Sphinx, context: click.Context, lines: list[str]) -> None
     plain: list[str] = []
     for line in lines:
         if line.startswith("Example: "):
-            plain += ["Example::", "", f"    {line.removeprefix('Example: ')}", ""]
+            plain += [".. code-block:: shell", "", f"    {line.removeprefix('Example: ')}", ""]
         elif line.lstrip().startswith((".. ", ":")):
             plain.append(line)
         else:

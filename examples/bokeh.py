@@ -15,10 +15,10 @@ import photosite as ps
 
 ROWS = 330
 random = np.random.default_rng(20)
-picture = np.full((ROWS, WIDTH, 3), 3e-4)  # a dark sky
+picture = np.full((ROWS, WIDTH, 3), 3e-5)  # a dark sky
 for row, col in zip(random.integers(4, ROWS - 6, 40), random.integers(4, WIDTH - 6, 40), strict=True):
     picture[row : row + 2, col : col + 2] = random.uniform(0.1, 1.0, 3)
-grid = np.arange(400.0, 701.0, 20.0)
+grid = np.arange(400.0, 701.0, 50.0)
 lights = ps.pictures.from_rgb(picture, "D65", 20.0, linear=True, wavelength_nm=grid, distance_m=40.0)
 pupils = {
     "round aperture": ps.Pupil(),

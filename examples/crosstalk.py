@@ -8,7 +8,7 @@ Colors lose saturation and edges lose sharpness. Both pictures use the color mat
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import auto_exposure_s, crop, d200, mean_on, panels
+from drawing import balanced, crop, d200, mean_on, panels, shoot
 
 import photosite as ps
 
@@ -21,9 +21,7 @@ matrix = np.linalg.inv(ps.Camera(lens, plain).capture(chart, 1 / 100).color_matr
 shown, edges = [], []
 for name, sensor in (("no crosstalk", plain), ("crosstalk", plain.with_(crosstalk={"optical": kernels}))):
     camera = ps.Camera(lens, sensor)
-    raw = camera.capture(chart, auto_exposure_s(camera, chart), seed=2008)
-    neutral = camera.as_shot_neutral(ps.charts.uniform("D65", 1.0))
-    picture = ps.develop(raw, [1 / float(part) for part in neutral.split(",")], matrix)
+    picture = balanced(shoot(camera, chart), camera, "D65", color_matrix=matrix)
     region = next(region for region in camera.image_regions(chart) if region.name == "red")
     mean_e = camera.mean_electrons(chart, 1 / 10)
     ratio = mean_on(mean_e, camera, region, "R") / mean_on(mean_e, camera, region)

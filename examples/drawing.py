@@ -25,17 +25,23 @@ def as_seen(scene, white_cd_m2=None):
     return preview(scene, white_cd_m2, white_xy=(0.3127, 0.3290))
 
 
-def auto_exposure_s(camera, scene, share=0.6):
-    """Return the exposure time that brings the brightest half percent of the pixels to a share of saturation."""
-    rate = np.quantile(camera.mean_electrons(scene, 1.0), 0.995)
-    return float(share * camera.sensor.saturation_capacity_e / rate)
+def shoot(camera, scene, exposure_s=None):
+    """Return a raw frame; by default the brightest half percent of the pixels reach 60 % of saturation."""
+    rate = camera.mean_electrons(scene, 1.0)
+    if exposure_s is None:
+        exposure_s = float(0.6 * camera.sensor.saturation_capacity_e / np.quantile(rate, 0.995))
+    return camera.expose(rate * np.float32(exposure_s), exposure_s, seed=2008)
 
 
-def photograph(camera, scene, light, exposure_s=None, brightness="auto"):
-    """Return a developed capture, balanced for a light; `brightness` is the exposure argument of `ps.develop`."""
-    raw = camera.capture(scene, exposure_s or auto_exposure_s(camera, scene), seed=2008)
+def balanced(raw, camera, light, brightness="auto", color_matrix=None):
+    """Return a developed frame, balanced for a light; `brightness` is the exposure argument of `ps.develop`."""
     neutral = camera.as_shot_neutral(ps.charts.uniform(light, 1.0))
-    return ps.develop(raw, [1 / float(part) for part in neutral.split(",")], exposure=brightness)
+    return ps.develop(raw, [1 / float(part) for part in neutral.split(",")], color_matrix, brightness)
+
+
+def photograph(camera, scene, light):
+    """Return a developed frame of a scene, balanced for a light."""
+    return balanced(shoot(camera, scene), camera, light)
 
 
 def mean_on(image, camera, region, channel="G"):
@@ -72,6 +78,6 @@ def pictures(shown, cols, height_in):
     """Draw a grid of (title, picture), scaled to the width of a page."""
     grid = plt.figure(figsize=(WIDTH / DPI, height_in), layout="constrained").subplots(-(-len(shown) // cols), cols)
     for axes, (title, picture) in zip(np.ravel(grid), shown, strict=True):
-        axes.imshow(picture, interpolation="antialiased")
+        axes.imshow(picture, interpolation="antialiased", cmap="gray", vmin=0, vmax=1)
         axes.set_title(title, fontsize=8)
         axes.set_axis_off()

@@ -7,7 +7,7 @@ Under fluorescent lamps and LEDs some colors remain wrong, because the sensor is
 """
 
 import matplotlib.pyplot as plt
-from drawing import auto_exposure_s, d200, panels, photograph
+from drawing import balanced, d200, panels, shoot
 
 import photosite as ps
 
@@ -15,8 +15,7 @@ LIGHTS = {"CIE A": "A", "D65": "D65", "FL11, fluorescent": "FL11", "LED-B3, whit
 camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), d200(244, 362))
 shown = []
 for name, light in LIGHTS.items():
-    chart = ps.charts.macbeth(light, 100)
-    raw = camera.capture(chart, auto_exposure_s(camera, chart), seed=2008)
-    shown.append([(name, ps.develop(raw, "none")), ("white-balanced", photograph(camera, chart, light))])
+    raw = shoot(camera, ps.charts.macbeth(light, 100))
+    shown.append([(name, ps.develop(raw, "none")), ("white-balanced", balanced(raw, camera, light))])
 panels(shown)
 plt.show()

@@ -2,7 +2,7 @@
 A portrait in low light
 =======================
 
-A portrait under CIE A at three mean luminances, D200 at f/8 and 1/60 s. Titles give the electrons of the green pixels
+A portrait under CIE A at four mean luminances, D200 at f/8 and 1/60 s. Titles give the electrons of the green pixels
 on the face and their signal-to-noise ratio, fixed pattern included. (Commodore Grace M. Hopper, U.S. Navy, 1984,
 public domain; the file is part of matplotlib.)
 """

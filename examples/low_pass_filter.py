@@ -7,7 +7,7 @@ detail into false color; the low-pass filter has its zero there.
 """
 
 import matplotlib.pyplot as plt
-from drawing import auto_exposure_s, d200, panels, photograph
+from drawing import balanced, d200, panels, shoot
 
 import photosite as ps
 
@@ -16,10 +16,9 @@ lens = ps.DiffractionLimited(f_number=4, focal_length_mm=50)
 bare = d200(363, 363)
 pitch_um = bare.pixel.width_um.value
 filtered = bare.with_(low_pass_filter={"split_x_um": pitch_um, "split_y_um": pitch_um})
-exposure_s = auto_exposure_s(ps.Camera(lens, bare, cells_per_pixel=3), plate)
-shown = [
-    (title, photograph(ps.Camera(lens, sensor, cells_per_pixel=3), plate, "D65", exposure_s, 1.5))
-    for title, sensor in (("no low-pass filter", bare), (f"four spots, {pitch_um:g} µm apart", filtered))
-]
+shown = []
+for title, sensor in (("no low-pass filter", bare), (f"four spots, {pitch_um:g} µm apart", filtered)):
+    camera = ps.Camera(lens, sensor, cells_per_pixel=3)
+    shown.append((title, balanced(shoot(camera, plate, 1 / 30), camera, "D65", 1.5)))
 panels([shown])
 plt.show()

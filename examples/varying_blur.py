@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import auto_exposure_s, crop, panels
+from drawing import crop, panels, shoot
 
 import photosite as ps
 
@@ -44,13 +44,17 @@ camera = ps.Camera(ps.Lens(BASE, blur=design), green)
 star = ps.charts.siemens_star("D65", 100, cycles=24, waveform="square", patches=False, rows=3 * SIDE, cols=3 * SIDE)
 stars = replace(star, weights=np.tile(star.weights, (1, ROWS // SIDE, COLS // SIDE)))
 points = ps.charts.point_grid("D65", 1, rows=ROWS, cols=COLS, pitch=SIDE)
-places = {"center": (np.s_[88:152], np.s_[168:232]), "lower right corner": (np.s_[-72:-8], np.s_[-72:-8])}
-shown = []
-for what, scene, balance in (("point", points, 0.9), ("star", stars, 0.6)):
-    raw = camera.capture(scene, auto_exposure_s(camera, scene, balance), seed=2008)
-    picture = ps.develop(raw, "none")
-    shown.append([(f"{what}, {name}", crop(picture, *place, 5)) for name, place in places.items()])
-panels(shown)
+places = {"center": (np.s_[88:152], np.s_[168:232]), "lower right corner": (np.s_[168:232], np.s_[328:392])}
+light = np.sqrt(camera.mean_electrons(points, 1.0))
+near = {name: tuple(slice(part.start + 18, part.stop - 18) for part in place) for name, place in places.items()}
+parts = [(f"point, {name}", light[place]) for name, place in near.items()]
+picture = ps.develop(shoot(camera, stars), "none")
+panels(
+    [
+        [(f"{title}, square root", crop(part / part.max(), np.s_[:], np.s_[:], 13)) for title, part in parts],
+        [(f"star, {name}", crop(picture, *place, 5)) for name, place in places.items()],
+    ]
+)
 
 # %%
 # The camera does not store a point spread for every pixel. It stores a few *modes* and their weights over the field;
