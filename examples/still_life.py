@@ -12,9 +12,9 @@ from drawing import d200, panels, photograph
 import photosite as ps
 from photosite.scene.scene import preview
 
-scene = ps.render.example_scene(rows=320, cols=480)
+scene = ps.render.example_scene(rows=288, cols=432, spp=40)
 seen = preview(scene, white_xy=(0.4234, 0.3990))  # adapted to the lamp, a blackbody of 3200 K
-lens = ps.DiffractionLimited(f_number=4, focal_length_mm=5.9)  # short, so that few pixels span the scene
-picture = photograph(ps.Camera(lens, d200(320, 480)), scene, "3200K")
-panels([[("the scene", seen)], [("Nikon D200, 320 x 480 pixels, f/4", picture)]])
+lens = ps.DiffractionLimited(f_number=4, focal_length_mm=5.3)  # short, so that few pixels span the scene
+picture = photograph(ps.Camera(lens, d200(288, 432)), scene, "3200K")
+panels([[("the scene", seen)], [("Nikon D200, 288 x 432 pixels, f/4", picture)]])
 plt.show()
