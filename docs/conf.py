@@ -40,8 +40,6 @@ default_role = "code"  # docstrings write names in single backticks
 
 html_theme = "furo"
 html_title = f"photosite {release}"
-html_static_path = ["_static"]
-html_css_files = ["site.css"]
 html_copy_source = False
 
 # Pages in Markdown, and notebooks
