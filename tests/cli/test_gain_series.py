@@ -64,13 +64,18 @@ def test_json_sensors_and_report(photosite: Any, shot: tuple[Path, GainSeriesLab
     assert done.status == 0
     found = done.json
     assert found["conversion_gain_switch"]["between"] == [200, 400]
-    assert found["sensors"] == [str(tmp_path / f"mine.gain{setting}.sensor.yaml") for setting in SETTINGS]
+    assert found["sensor"] == str(sensor)
+    measured = ps.load_sensor(sensor)
+    assert measured.all_gain_settings == SETTINGS
     assert found["report"] == str(report)
-    for entry, laboratory, file in zip(found["settings"], shot[1].labs, found["sensors"], strict=True):
+    for entry, laboratory in zip(found["settings"], shot[1].labs, strict=True):
         gain = entry["parameters"]["system_gain_dn_per_e"]
         true = laboratory.camera.sensor.system_gain_dn_per_e
         assert abs(gain["value"] - true) < 4.5 * gain["standard_uncertainty"]  # 5 figures: a false alarm in 30 000
-        assert ps.load_sensor(file).system_gain_dn_per_e == pytest.approx(gain["value"], rel=1e-9)
+        at_setting = measured.at_gain_setting(entry["setting"])
+        assert at_setting.system_gain_dn_per_e == pytest.approx(gain["value"], rel=1e-9)
+        noise = entry["parameters"]["read_noise_dn"]["value"]
+        assert at_setting.noise.read_noise_mv.value / at_setting.mv_per_dn == pytest.approx(noise, rel=1e-6)
     page = report.read_text(encoding="utf-8")
     assert "Gain series of Nikon D200" in page
     assert page.count("<svg") + page.count("data:image/svg+xml") >= 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
@@ -44,11 +44,13 @@ class Camera:
     cells_per_pixel
         Cells per pixel on each axis of the grid on which the scene is sampled before blurring; odd. 1 suits scenes that
         are smooth on the scale of a pixel. Measuring an edge or a position needs 3 or more.
+    gain_setting
+        One of the sensor's gain settings, such as ISO 400 (`Sensor.at_gain_setting`); default the sensor's own.
 
     Raises
     ------
     InputError
-        If the rule is unknown or cells_per_pixel is not odd and positive.
+        If the rule is unknown, cells_per_pixel is not odd and positive, or the sensor has no such gain setting.
 
     Examples
     --------
@@ -65,8 +67,11 @@ class Camera:
     sensor: Sensor
     integration: Rule = "trapezoid"
     cells_per_pixel: int = 1
+    gain_setting: InitVar[float | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, gain_setting: float | None) -> None:
+        if gain_setting is not None:
+            object.__setattr__(self, "sensor", self.sensor.at_gain_setting(gain_setting))
         check_choice("integration", self.integration, Rule)
         cells = self.cells_per_pixel
         if not isinstance(cells, int | np.integer) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
@@ -227,6 +232,8 @@ class Camera:
         readout, cfa = self.sensor.readout, self.sensor.array.cfa
         name, serial = self.sensor.name, self.sensor.serial
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
+        if self.sensor.gain_setting is not None:
+            metadata["gain_setting"] = self.sensor.gain_setting
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))

@@ -8,6 +8,7 @@ scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2}   
 exposure: 1/3
 integration: trapezoid
 cells_per_pixel: 1
+gain_setting: 400                   # of a sensor file with several
 
 File names are relative to the camera file. Missing fields have the values of the 2008 paper.
 """
@@ -15,7 +16,7 @@ File names are relative to the camera file. Missing fields have the values of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ DEFAULT_FOCAL_LENGTH_MM = 50.0
 DEFAULT_EXPOSURE_S = 1 / 3
 """The 2008 paper's set-up; `photosite.scene.scene_request` has the defaults of its scene."""
 
-_KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel")
+_KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel", "gain_setting")
 
 _SCENE_KEYS = ("source", "options", *FIELDS)
 
@@ -129,6 +130,8 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
     given |= {key: data[key] for key in ("integration", "cells_per_pixel") if data.get(key) is not None}
     set_up = SetUp(**given)
     try:
+        if (setting := data.get("gain_setting")) is not None:
+            set_up = replace(set_up, sensor=set_up.sensor.at_gain_setting(setting))
         _ = set_up.camera
     except InputError as error:
         raise error.in_file(file, line_of(data, error.what)) from None

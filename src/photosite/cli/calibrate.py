@@ -88,8 +88,8 @@ def command(
     by --sensor.
 
     Frames of several gain settings (ISO) are calibrated as a series: each setting by itself, then the switch of the
-    conversion gain and the two parts of the read noise. -o then writes a sensor file per setting,
-    mine.gain400.sensor.yaml and so on.
+    conversion gain and the two parts of the read noise. -o then writes one sensor file with all settings, for
+    `photosite simulate --gain-setting 400`.
 
     \b
     Frames are read from
@@ -207,32 +207,12 @@ def _chip(calibration: Calibration) -> list[str]:
 
 
 def _write_series(series: GainSeries, output: Path | None, report: Path | None, as_json: bool) -> None:
-    """Write a sensor file per gain setting and the report of a series."""
-    steps = [] if output is None else [(setting_path(output, step.setting), step) for step in series.steps]
-    for path, step in steps:
-        step.calibration.sensor.save(path)
+    """Write the sensor file and the report of a series."""
+    if output is not None:
+        series.save(output)
     if report is not None:
         series.report(report)
-    sensors = [str(path) for path, _ in steps]
-    content = series.to_dict() | ({"sensors": sensors} if sensors else {})
-    show(
-        as_json,
-        content,
-        lambda: "\n".join([_series_text(series), *(f"wrote {path}" for path in sensors)]),
-        report=report,
-    )
-
-
-def setting_path(path: Path, setting: float) -> Path:
-    """Return the path of a setting's sensor file: mine.sensor.yaml becomes mine.gain400.sensor.yaml.
-
-    Examples
-    --------
-    >>> setting_path(Path("out/mine.sensor.yaml"), 400.0).as_posix()
-    'out/mine.gain400.sensor.yaml'
-    """
-    ending = "".join(path.suffixes[-2:]) if path.name.endswith((".sensor.yaml", ".sensor.yml")) else path.suffix
-    return path.with_name(f"{path.name.removesuffix(ending)}.gain{setting:g}{ending}")
+    show(as_json, series.to_dict(), lambda: _series_text(series), sensor=output, report=report)
 
 
 def _series_text(series: GainSeries) -> str:

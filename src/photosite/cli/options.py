@@ -237,6 +237,13 @@ def size_options(rows: int | None = None, cols: int | None = None) -> Callable[[
     )
 
 
+gain_setting_option = quantity(
+    "--gain-setting",
+    unit="ISO",
+    text="Gain setting of a sensor file with several.  [default: that of the file's first values]",
+)
+
+
 def black_level_option(text: str) -> Callable[[F], F]:
     """Add --black-level; `text` says for what, or what happens without it."""
     return quantity("--black-level", "black_level_dn", unit="DN", zero=True, text=f"Black level in DN{text}.")

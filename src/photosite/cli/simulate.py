@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 )
 @options.sensor_option(text="Preset or sensor file (YAML).  [default: nikon-d200]")
 @options.size_options()
+@options.gain_setting_option
 @options.black_level_option("; by default the sensor's")
 @options.scene_options
 @options.path_option("--optics", "optics_file", text="Optics file (YAML, or ISETPARMS.txt).")
@@ -98,6 +99,7 @@ def command(
         "saturated_fraction": float((raw.dn >= raw.white_level_dn).mean()),
         "scene": scene.name,
         "sensor": camera.sensor.name,
+        "gain_setting": camera.sensor.gain_setting,
         "seed": seed,
     }
     text = (
@@ -114,6 +116,8 @@ def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
     sensor = options.sensor_or(base.sensor, given["sensor_name"])
+    if given["gain_setting"] is not None:
+        sensor = sensor.at_gain_setting(given["gain_setting"])
     changes = {name: given[name] for name in ("rows", "cols", "black_level_dn") if given[name] is not None}
     return replace(
         base,

@@ -10,9 +10,8 @@ propagated to first order, so that a value in electrons keeps its own uncertaint
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from decimal import Decimal
 from functools import cache
 from typing import Annotated, Any
@@ -22,7 +21,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from photosite.errors import InputError, did_you_mean
 from photosite.files.yaml import line_of
-from photosite.sensor.quantity import Covariance
+from photosite.sensor.quantity import Covariance, as_measured
 from photosite.values.uncertain import JointCovariance, Measured, Uncertain, correlated
 from photosite.values.validated import input_error, located, reject_unknown
 
@@ -54,6 +53,12 @@ REQUIRED = {
     "noise": {"read noise": "read_noise_mv", "DSNU": "dsnu_mv"},
 }
 """Per section, the quantities that a file must state in one of their units."""
+
+SETTING_VALUES = (
+    *(CONVERSION, AMPLIFIER, "well_capacity_e", "read_noise_mv", "dsnu_mv", "prnu_percent"),
+    *("dark_voltage_mv_per_s", "dcnu_percent", "black_level_dn"),
+)
+"""Fields of the model that change with the gain setting."""
 
 _OTHER_UNITS = {*(name for names in UNITS.values() for name in names), DN_PER_E, E_PER_DN}
 
@@ -100,21 +105,66 @@ def in_model_units(raw: Any, sections: Mapping[str, tuple[type[BaseModel], type[
         place |= dict.fromkeys(known, section)
     _check_complete(raw)
     bits = raw["readout"].get("bits")
-    if not any(name in raw[place[name]] for name in _OTHER_UNITS) or not isinstance(bits, int) or bits < 1:
+    settings = raw.get("gain_settings")
+    has_units = any(name in raw[place[name]] for name in _OTHER_UNITS)
+    if not (has_units or settings) or not isinstance(bits, int) or bits < 1:
         return raw
-    stated = {name: value for section in sections for name, value in _quantities(raw, section, *sections[section])}
-    _check_agreement(stated, bits, raw, place)
-    values = _to_model(_uncertain(stated, raw), bits)
-    result = copy.copy(raw) if isinstance(raw, dict) else dict(raw)
-    for section in sections:
-        result[section] = {key: value for key, value in raw[section].items() if key not in _OTHER_UNITS}
-    for name, value in values.items():
-        if name not in result[place[name]]:
-            result[place[name]][name] = _as_field(name, value, stated)
-    result.pop("covariance", None)
-    if (covariance := _covariance(values, digits=15)) is not None:
-        result["covariance"] = covariance
+    fields = {name: raw[place[name]][name] for name in place if name in raw[place[name]]}
+    stated = {
+        name: value
+        for section, kinds in sections.items()
+        for name, value in _quantities(raw[section], kinds, (section,))
+    }
+    result = dict(raw)
+    if has_units:
+        _check_agreement(stated, bits, fields, {name: (section, name) for name, section in place.items()}, raw)
+        values = _to_model(_inputs(stated, _stated_covariance(raw, stated, ())), bits)
+        for section in sections:
+            result[section] = {key: value for key, value in raw[section].items() if key not in _OTHER_UNITS}
+        for name, value in values.items():
+            if name not in result[place[name]]:
+                result[place[name]][name] = _as_field(name, value, stated)
+        result["covariance"] = _covariance(values, digits=15)
+    if isinstance(settings, Sequence) and all(isinstance(entry, Mapping) for entry in settings):
+        kinds = tuple(kind for pair in sections.values() for kind in pair)
+        top = {name: value for part in sections for name, value in result[part].items()}
+        shared = _stated_covariance(result, {name: Measured(0.0) for name in place}, ())
+        result["gain_settings"] = [
+            _setting_in_model_units(entry, ("gain_settings", number), kinds, top, shared, bits)
+            for number, entry in enumerate(settings)
+        ]
     return result
+
+
+def _setting_in_model_units(
+    entry: Mapping[str, Any],
+    place: tuple[str | int, ...],
+    kinds: tuple[type[BaseModel], ...],
+    top: Mapping[str, Any],
+    top_covariance: Covariance | None,
+    bits: int,
+) -> dict[str, Any]:
+    """Return an entry of `gain_settings` with all its values, those that it does not state from the top of the file.
+
+    Without a conversion gain, a system gain sets the analog gain.
+    """
+    units = [name for name in _OTHER_UNITS if {*model_fields_of(name)} <= {*SETTING_VALUES}]
+    reject_unknown(entry, ["setting", "covariance", *SETTING_VALUES, *units], *place)
+    stated = dict(_quantities(entry, kinds, place))
+    defaults = {AMPLIFIER: 1.0, "dark_voltage_mv_per_s": 0.0, "dcnu_percent": 0.0, "black_level_dn": 0.0}
+    replaced = {own for name in stated for own in (name, *model_fields_of(name))}
+    if AMPLIFIER in stated and (DN_PER_E in stated or E_PER_DN in stated):
+        replaced.add(CONVERSION)
+    inherited = [name for name in (*SETTING_VALUES, SWING) if name not in replaced]
+    complete = stated | {name: as_measured(top.get(name, defaults.get(name))) for name in inherited}
+    _check_agreement(complete, bits, entry, {name: (*place, name) for name in complete}, None)
+    shared = top_covariance and top_covariance.without({*top_covariance.names} - {*inherited})
+    values = _to_model(_inputs(complete, shared, _stated_covariance(entry, complete, place)), bits)
+    fields = {name: entry.get(name, complete.get(name)) for name in SETTING_VALUES}
+    result = {name: field or _as_field(name, values[name], complete) for name, field in fields.items()}
+    own = {name: value for name, value in values.items() if name in SETTING_VALUES}
+    setting = {"setting": entry["setting"]} if "setting" in entry else {}
+    return {**setting, **result, "covariance": _covariance(own, digits=15)}
 
 
 def _check_complete(raw: Mapping[str, Any]) -> None:
@@ -137,16 +187,16 @@ def _either(names: list[str], word: str = "or") -> str:
 
 
 def _quantities(
-    raw: Mapping[str, Any], section: str, own: type[BaseModel], other: type[BaseModel]
+    fields: Mapping[str, Any], kinds: tuple[type[BaseModel], ...], place: tuple[str | int, ...]
 ) -> Iterator[tuple[str, Measured]]:
-    """Yield the values with an uncertainty that a section states, checked."""
-    for kind in (other, own):
+    """Yield the values with an uncertainty that fields state, checked by the fields' models."""
+    for kind in kinds:
         for name, field in kind.model_fields.items():
-            if field.annotation is Measured and name in raw[section]:
+            if field.annotation is Measured and name in fields:
                 try:
-                    yield name, _adapter(kind, name).validate_python(raw[section][name])
+                    yield name, _adapter(kind, name).validate_python(fields[name])
                 except ValidationError as error:
-                    raise located(input_error(error), section, name) from None
+                    raise located(input_error(error), *place, name) from None
 
 
 @cache
@@ -156,24 +206,26 @@ def _adapter(kind: type[BaseModel], name: str) -> TypeAdapter[Measured]:
     return TypeAdapter(Annotated[(field.annotation, *field.metadata)])
 
 
-def _uncertain(stated: Stated, raw: Mapping[str, Any]) -> Values:
-    """Return the stated values with their uncertainties and the file's correlations."""
+def _stated_covariance(raw: Mapping[str, Any], stated: Stated, place: tuple[str | int, ...]) -> Covariance | None:
+    """Return the correlations that a file states, of values that it states."""
     if raw.get("covariance") is None:
-        return _inputs(stated, None)
+        return None
     try:
         shared = Covariance.model_validate(raw["covariance"])
     except ValidationError as error:
-        raise located(input_error(error), "covariance") from None
+        raise located(input_error(error), *place, "covariance") from None
     if unknown := [name for name in shared.names if name not in stated]:
         wrong = InputError(f"the file states no value '{unknown[0]}'", hint=did_you_mean(unknown[0], stated))
-        raise located(wrong, "covariance", "names")
-    return _inputs(stated, shared)
+        raise located(wrong, *place, "covariance", "names")
+    return shared
 
 
-def _inputs(values: Stated, shared: Covariance | None) -> Values:
+def _inputs(values: Stated, *shared: Covariance | None) -> Values:
     """Return values for propagation, with their correlations."""
     names, count = list(values), len(values)
-    correlation = np.eye(count) if shared is None else shared.matrix(names, np.ones(count))
+    correlation = np.eye(count)
+    for part in shared:
+        correlation += 0.0 if part is None else part.matrix(names, np.ones(count)) - np.eye(count)
     # Unit variances: rounding errors of the decomposition would be those of the largest unit.
     deviates = correlated(np.zeros(count), correlation)
     return {
@@ -230,13 +282,23 @@ def _in_unit(name: str, values: Values, bits: int) -> Uncertain:
     return values[model_fields_of(name)[0]] / _factor(name, values, bits)
 
 
-def _check_agreement(stated: Stated, bits: int, raw: Mapping[str, Any], place: Mapping[str, str]) -> None:
-    """Raise an error for a value that the others contradict, beyond their last digits and twice their uncertainties."""
+def _check_agreement(
+    stated: Stated,
+    bits: int,
+    fields: Mapping[str, Any],
+    places: Mapping[str, tuple[str | int, ...]],
+    raw: Mapping[str, Any] | None,
+) -> None:
+    """Raise an error for a value that the others contradict, beyond their last digits and twice their uncertainties.
+
+    - `fields`, `places`, `raw`: The fields as they were written, their locations, and the file with its lines.
+    """
     limits, names = {}, {}
     for name, value in stated.items():
-        field = raw[place[name]][name]
+        field = fields.get(name, value.value)
         number = field["value"] if isinstance(field, Mapping) else field
-        limits[name] = Uncertain.of(value.value, _half_digit(number) + 2.0 * value.standard_uncertainty)
+        digit = _half_digit(value.value if isinstance(number, Measured) else number)
+        limits[name] = Uncertain.of(value.value, digit + 2.0 * value.standard_uncertainty)
         names |= dict.fromkeys(limits[name].parts, name)
     values = _to_model(limits, bits)
     for name, value in limits.items():
@@ -248,13 +310,13 @@ def _check_agreement(stated: Stated, bits: int, raw: Mapping[str, Any], place: M
             if abs(off.value) <= allowed:
                 continue
             others = [names[part] for part in off.parts if names[part] != name]
-            text = _either([_with_line(other, raw[place[other]]) for other in others], "and")
+            text = _either([_with_line(other, raw and raw[places[other][0]]) for other in others], "and")
             expected = f"about {follows.value:.3g}, from {text}"
             hint = "Correct the one that is wrong, or remove it"
-            raise located(InputError(name, value=value.value, expected=expected, hint=hint), place[name], name)
+            raise located(InputError(name, value=value.value, expected=expected, hint=hint), *places[name])
 
 
-def _with_line(name: str, section: Mapping[str, Any]) -> str:
+def _with_line(name: str, section: Mapping[str, Any] | None) -> str:
     line = line_of(section, name)
     return name if line is None else f"{name} (line {line})"
 

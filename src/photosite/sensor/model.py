@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
@@ -25,6 +26,7 @@ from photosite.sensor.file_units import (
     DN_PER_E,
     E_PER_DN,
     GAINS,
+    SETTING_VALUES,
     SWING,
     choices_of,
     in_model_units,
@@ -45,7 +47,7 @@ from photosite.sensor.quantity import (
 )
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Number, Section, input_error
+from photosite.values.validated import NonNegativeNumber, Number, Section, input_error
 
 
 class Array(Section):
@@ -222,6 +224,27 @@ class Maps(Section):
     sha256: str = about("Digest of the file, hexadecimal.", NO_UNIT, "0" * 64, pattern="^[0-9a-f]{64}$")
 
 
+class GainSetting(Section):
+    """The values at another gain setting."""
+
+    setting: NonNegativeNumber = about("The gain setting, as the camera states it: ISO, or gain.", "1", 400)
+    conversion_gain_uv_per_e: Positive = about("As in pixel, at this setting.", "uV/e-", 30.0)
+    analog_gain: Positive = about("As in readout, at this setting.", "1", 4.0)
+    well_capacity_e: Positive = about("As in pixel, at this setting.", "e-", 10500)
+    read_noise_mv: NotNegative = about("As in noise, at this setting.", "mV", 0.2)
+    dsnu_mv: NotNegative = about("As in noise, at this setting.", "mV", 0.3)
+    prnu_percent: ResponseSpread = about("As in noise, at this setting.", "%", 0.6)
+    dark_voltage_mv_per_s: NotNegative = about("As in noise, at this setting.", "mV/s", 0.1)
+    dcnu_percent: NotNegative = about("As in noise, at this setting.", "%", 20.0)
+    black_level_dn: NotNegative = about("As in readout, at this setting.", "DN", 64)
+    covariance: Covariance | None = about(
+        "Correlations of the values at this setting.",
+        NO_UNIT,
+        {"names": ["read_noise_mv", "dsnu_mv"], "correlation": [[1.0, 0.5], [0.5, 1.0]]},
+        default=None,
+    )
+
+
 SECTIONS: dict[str, tuple[type[Section], type[Section]]] = {
     "pixel": (Pixel, PixelUnits),
     "noise": (Noise, NoiseUnits),
@@ -277,6 +300,15 @@ class Sensor(Section):
         "Temporal noise and fixed pattern.", NO_UNIT, {"read_noise_e": 2.4, "dsnu_e": 1.1, "prnu_percent": 0.6}
     )
     readout: Readout = about("From volts to digital numbers.", NO_UNIT, {"bits": 12, "system_gain_dn_per_e": 0.39})
+    gain_setting: NonNegativeNumber | None = about(
+        "The gain setting of the values above, such as ISO 100.", "1", 100, default=None
+    )
+    gain_settings: tuple[GainSetting, ...] = about(
+        "Other gain settings, ascending: the values that differ from those above, in any of their units.",
+        NO_UNIT,
+        [{"setting": 400, "system_gain_dn_per_e": 1.56, "read_noise_e": 1.9}],
+        default=(),
+    )
     optical_stack: OpticalStack | None = about(
         "Filters, microlenses and crosstalk in front of the silicon.", NO_UNIT, {"cover_glass": 0.92}, default=None
     )
@@ -304,6 +336,13 @@ class Sensor(Section):
             optional = {*GAINS, *(name for names in choices for name in names)}
             part["required"] = [name for name in part["required"] if name not in optional]
             part["allOf"] = [{"anyOf": [{"required": [name]} for name in names]} for names in choices]
+        setting = handler.resolve_ref_schema(schema["properties"]["gain_settings"]["items"])
+        setting["required"] = ["setting"]
+        for _, units in SECTIONS.values():
+            fields = units.model_json_schema()["properties"].items()
+            setting["properties"] |= {
+                name: field for name, field in fields if {*model_fields_of(name)} <= {*SETTING_VALUES}
+            }
         gains = ("pixel", [CONVERSION, SWING]), ("readout", [DN_PER_E]), ("readout", [E_PER_DN])
         schema["anyOf"] = [{"properties": {section: {"required": names}}} for section, names in gains]
         return schema
@@ -325,6 +364,12 @@ class Sensor(Section):
             raise InputError(f"{', '.join(missing)} of array.cfa is missing", where="channels")
         if extra := sorted(set(self.channels) - named):
             raise InputError(f"{', '.join(extra)} is not in array.cfa", where="channels")
+        settings = [entry.setting for entry in self.gain_settings]
+        if settings and (self.gain_setting is None or self.gain_setting in settings):
+            expected = f"that of the values above, and not one of gain_settings, {settings}"
+            raise InputError("gain_setting", value=self.gain_setting, expected=expected)
+        if any(b <= a for a, b in pairwise(settings)):
+            raise InputError("gain_settings", value=settings, expected="ascending")
         if (black := self.readout.black_level_dn.value) >= self.white_level_dn:
             expected = f"below the highest number, {self.white_level_dn:g}"
             raise InputError("black_level_dn", where="readout", value=black, expected=expected)
@@ -387,6 +432,58 @@ class Sensor(Section):
         if self.covariance is None:
             return np.diag(np.square(scale))
         return self.covariance.matrix(names, scale)
+
+    def at_gain_setting(self, setting: float) -> Sensor:
+        """Return the sensor at another of its gain settings; measured maps are those of one setting, and are removed.
+
+        Raises
+        ------
+        InputError
+            If the sensor has no such setting.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(
+        ...     gain_setting=100, gain_settings=[{"setting": 400, "analog_gain": 4.4, "read_noise_e": 9}]
+        ... )
+        >>> fast = sensor.at_gain_setting(400)
+        >>> round(fast.system_gain_dn_per_e / sensor.system_gain_dn_per_e, 2), fast.all_gain_settings
+        (3.99, (100.0, 400.0))
+        >>> fast.at_gain_setting(100) == sensor
+        True
+        """
+        if setting == self.gain_setting:
+            return self
+        entry = next((entry for entry in self.gain_settings if entry.setting == setting), None)
+        if entry is None:
+            known = ", ".join(f"{known:g}" for known in self.all_gain_settings)
+            hint = None if known else "The sensor file states values for one gain setting only"
+            raise InputError("gain_setting", value=setting, expected=f"one of {known or 'none'}", hint=hint)
+        values = {name: getattr(entry, name) for name in SETTING_VALUES}
+        others = sorted(
+            (self.own_gain_setting, *(other for other in self.gain_settings if other is not entry)),
+            key=lambda e: e.setting,
+        )
+        changed = self.with_(
+            **values, maps=None, covariance=entry.covariance, gain_setting=entry.setting, gain_settings=()
+        )
+        return changed.model_copy(update={"gain_settings": tuple(sorted(others, key=lambda each: each.setting))})
+
+    @property
+    def own_gain_setting(self) -> GainSetting:
+        """The values of the sensor's own gain setting, as another sensor's `gain_settings` has them."""
+        return GainSetting(
+            setting=0.0 if self.gain_setting is None else self.gain_setting,
+            **{name: self.measured(name) for name in SETTING_VALUES},
+            covariance=self.covariance,
+        )
+
+    @property
+    def all_gain_settings(self) -> tuple[float, ...]:
+        """The gain settings that the sensor has values for, ascending; empty if none is stated."""
+        own = () if self.gain_setting is None else (self.gain_setting,)
+        return tuple(sorted((*own, *(entry.setting for entry in self.gain_settings))))
 
     @property
     def is_preset(self) -> bool:
@@ -458,7 +555,8 @@ class Sensor(Section):
         0.3
         """
         data = self.model_dump()
-        targets: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels", "maps", "covariance"), data)
+        top = "name", "serial", "channels", "maps", "covariance", "gain_setting", "gain_settings"
+        targets: dict[str, dict[str, Any]] = dict.fromkeys(top, data)
         for section in ("array", "pixel", "noise", "readout", "provenance"):
             kinds = SECTIONS.get(section, (type(getattr(self, section)),))
             targets |= {name: data[section] for kind in kinds for name in kind.model_fields}
@@ -470,6 +568,8 @@ class Sensor(Section):
             replaced = {own for name in changes for own in (name, *model_fields_of(name))}
             data["covariance"] = self.covariance.without(replaced)
         for name, value in changes.items():
+            if name == "gain_settings":
+                value = [entry.model_dump() if isinstance(entry, GainSetting) else entry for entry in value]
             if name not in targets:
                 raise InputError(f"a sensor has no field '{name}'", hint=did_you_mean(name, targets))
             for own in model_fields_of(name):

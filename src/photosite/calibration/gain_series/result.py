@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from photosite.calibration.gain_series.series_statistics import SettingScale
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
 from photosite.values.estimate import Estimate
+
+if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,23 @@ class GainSeries:
             return self.steps[self.settings.index(setting)].calibration
         expected = f"one of {', '.join(f'{known:g}' for known in self.settings)}"
         raise InputError("setting", value=setting, expected=expected)
+
+    @property
+    def sensor(self) -> Sensor:
+        """The measured sensor with all gain settings that have a system gain, at the lowest.
+
+        Raises
+        ------
+        CalibrationError
+            If there is no base sensor.
+        """
+        measured = [step for step in self.steps if step.calibration.system_gain_dn_per_e.value is not None]
+        lowest, *others = (step.calibration.sensor.with_(gain_setting=step.setting) for step in measured)
+        return lowest.with_(gain_settings=[other.own_gain_setting for other in others])
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the sensor file with all gain settings. Raises as `sensor`, and `FileError` if it cannot be written."""
+        self.sensor.save(path)
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write an HTML report of the series with tables and figures, as a single file.

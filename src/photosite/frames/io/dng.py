@@ -32,6 +32,7 @@ from photosite.frames.io.tiff import (
     DESCRIPTION,
     LENGTH,
     PHOTOMETRIC,
+    RECOMMENDED_EXPOSURE_INDEX,
     SAMPLES,
     SUB_IFDS,
     WIDTH,
@@ -123,9 +124,12 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
     ]
     if frame.exposure_s is not None:
         tags.append((EXPOSURE_TIME, "2I", 1, _ratio(frame.exposure_s, "exposure_s"), True))
-    iso = frame.metadata.get("iso")
-    if isinstance(iso, int | float) and iso == int(iso) and 0 < iso < 65536:
-        tags.append((ISO, "H", 1, int(iso), True))
+    iso = frame.metadata.get("iso", frame.metadata.get("gain_setting"))
+    if isinstance(iso, int | float) and iso == int(iso) and 0 < iso < 1 << 32:
+        # 16 bits; higher values are 65535 and RecommendedExposureIndex (CIPA DC-008, 4.6.6).
+        tags.append((ISO, "H", 1, min(int(iso), 65535), True))
+        if iso >= 65535:
+            tags.append((RECOMMENDED_EXPOSURE_INDEX, "I", 1, int(iso), True))
     if frame.noise_profile is not None:
         profile = _by_plane(frame, frame.noise_profile, 2, "noise_profile")
         tags.append((NOISE_PROFILE, "d", profile.size, tuple(profile.ravel().tolist()), True))

@@ -21,9 +21,19 @@ from photosite.errors import FileError, InputError
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
-from photosite.sensor.file_units import in_file_units, stated_names
+from photosite.sensor.file_units import (
+    AMPLIFIER,
+    CONVERSION,
+    DN_PER_E,
+    E_PER_DN,
+    SETTING_VALUES,
+    SWING,
+    in_file_units,
+    model_fields_of,
+    stated_names,
+)
 from photosite.sensor.model import SECTIONS, Maps, Sensor, Written
-from photosite.sensor.quantity import as_file_value
+from photosite.sensor.quantity import Covariance, as_file_value
 from photosite.values.uncertain import Measured
 
 _SUFFIX = ".sensor.yaml"
@@ -128,8 +138,12 @@ def dump_sensor(sensor: Sensor) -> str:
 def _fields(sensor: Sensor, file: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of a sensor file in the units of a file, given by its content."""
     content = sensor.model_dump(mode="json", exclude_none=True)
+    if not sensor.gain_settings:
+        del content["gain_settings"]
     names = {str(name) for section in SECTIONS for name in file.get(section, ())}
     if not any(name in other.model_fields for _, other in SECTIONS.values() for name in names):
+        for entry in content.get("gain_settings", ()):
+            _keep_differences(entry, {name: value for section in SECTIONS for name, value in content[section].items()})
         return content
     places = {name: section for section, kinds in SECTIONS.items() for kind in kinds for name in kind.model_fields}
     measured = [(name, value) for section in SECTIONS for name, value in getattr(sensor, section)]
@@ -140,8 +154,34 @@ def _fields(sensor: Sensor, file: Mapping[str, Any]) -> dict[str, Any]:
     stated, covariance = in_file_units(values, sensor.covariance, bits, stated_names(names, values))
     for name, value in stated.items():
         content[places[name]][name] = as_file_value(value)
+    for entry, setting in zip(content.get("gain_settings", ()), sensor.gain_settings, strict=True):
+        own = {name: getattr(setting, name) for name in SETTING_VALUES}
+        units = {name for name in names if {*model_fields_of(name)} <= {*SETTING_VALUES}} - {SWING}
+        own_and_swing = {**own, SWING: values[SWING]}
+        written = {AMPLIFIER, *stated_names(units, own_and_swing)} - {SWING}
+        converted, entry_covariance = in_file_units(own_and_swing, setting.covariance, bits, sorted(written))
+        for name in own:
+            del entry[name]
+        entry |= {name: as_file_value(value) for name, value in converted.items()}
+        entry.pop("covariance", None)
+        if entry_covariance is not None:
+            entry["covariance"] = entry_covariance.model_dump(mode="json")
+        _keep_differences(entry, {name: as_file_value(value) for name, value in stated.items()})
     shared = {} if covariance is None else {"covariance": covariance.model_dump(mode="json")}
     return {key: value for key, value in content.items() if key != "covariance"} | shared
+
+
+def _keep_differences(entry: dict[str, Any], top: Mapping[str, Any]) -> None:
+    """Remove the values of a gain setting that are those of the top of the file."""
+    gains = {CONVERSION, AMPLIFIER, DN_PER_E, E_PER_DN} & entry.keys()
+    kept = gains if any(entry[name] != top.get(name) for name in gains) else set()  # gains go together
+    same = {name for name in entry if name in top and entry[name] == top[name]} - kept
+    for name in same:
+        del entry[name]
+    if "covariance" in entry:
+        shared = Covariance(**entry.pop("covariance")).without(same)
+        if shared is not None:
+            entry["covariance"] = shared.model_dump(mode="json")
 
 
 MAPS_FORMAT = 1

@@ -1,0 +1,128 @@
+"""Sensor files with several gain settings, and frames simulated at them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from raising import raises
+
+import photosite as ps
+from photosite.errors import FileError, InputError
+from photosite.sensor.io.sensor_file import dump_sensor, parse_sensor
+from photosite.values.uncertain import Measured
+
+FILE = """\
+photosite_sensor: 1
+name: Mine
+array: {rows: 24, cols: 32, cfa: mono}
+pixel: {pitch_um: 3.45, full_well_e: 10500}
+channels:
+  M: {wavelength_nm: [400, 700], quantum_efficiency: [0.5, 0.6]}
+noise: {read_noise_e: 2.4, dsnu_e: 1.1, prnu_percent: 0.6, dark_current_e_per_s: 1.5}
+readout:
+  bits: 12
+  black_level_dn: 64
+  system_gain_dn_per_e: {value: 0.39, standard_uncertainty: 0.004}
+gain_setting: 100
+gain_settings:
+- {setting: 200, system_gain_dn_per_e: 0.78, read_noise_e: 2.0} # the same pixel
+- setting: 800
+  system_gain_dn_per_e: {value: 3.12, standard_uncertainty: 0.02}
+  read_noise_dn: 4.68
+  full_well_e: 4000
+"""
+
+
+def facts(sensor: ps.Sensor) -> list[float]:
+    noise = sensor.noise
+    in_volts = [noise.read_noise_mv, noise.dsnu_mv, noise.dark_voltage_mv_per_s]
+    electrons = [sensor.electrons(entry.value) for entry in in_volts]
+    return [sensor.system_gain_dn_per_e, *electrons, sensor.pixel.well_capacity_e.value]
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [(100, [0.39, 2.4, 1.1, 1.5, 10500]), (200, [0.78, 2.0, 1.1, 1.5, 10500]), (800, [3.12, 1.5, 1.1, 1.5, 4000])],
+)
+def test_values_at_a_setting(setting: float, expected: list[float]) -> None:
+    sensor = parse_sensor(FILE, "mine.yaml")
+    assert sensor.all_gain_settings == (100, 200, 800)
+    at = sensor.at_gain_setting(setting)
+    assert (at.gain_setting, at.all_gain_settings) == (setting, (100, 200, 800))
+    assert facts(at) == pytest.approx(expected)
+    assert at.at_gain_setting(100) == sensor
+    again = parse_sensor(dump_sensor(at), "again.yaml")
+    for each in (100, 200, 800):
+        assert facts(again.at_gain_setting(each)) == pytest.approx(facts(sensor.at_gain_setting(each)))
+
+
+def test_uncertainty_of_the_gain_at_a_setting() -> None:
+    """The read noise at 200 is in electrons, and K is exact there; DSNU has that of the first setting, in electrons."""
+    sensor = parse_sensor(FILE, "mine.yaml")
+    relative = {}
+    for setting in (100, 800):
+        at = sensor.at_gain_setting(setting)
+        names = ["conversion_gain_uv_per_e", "analog_gain"]
+        share = 1.0 / np.array([at.measured(name).value for name in names])
+        relative[setting] = float(np.sqrt(share @ at.covariance_of(names) @ share))  # swing is exact
+    assert relative == pytest.approx({100: 0.004 / 0.39, 800: 0.02 / 3.12})
+
+
+def test_files_keep_the_units_of_their_settings() -> None:
+    sensor = parse_sensor(FILE, "mine.yaml")
+    lines = dump_sensor(sensor.with_(read_noise_e=Measured(2.3))).splitlines()
+    assert [line for line in lines if line not in FILE.splitlines()] == [
+        "noise: {read_noise_e: 2.3, dsnu_e: 1.1, prnu_percent: 0.6, dark_current_e_per_s: 1.5}"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("setting: 200", "setting: 100", "gain_setting"),
+        ("setting: 200", "setting: 900", "gain_settings"),
+        ("gain_setting: 100\n", "", "gain_setting"),
+        ("read_noise_e: 2.0", "read_noise_e: -2.0", "value"),
+        ("read_noise_e: 2.0", "read_noise_e: 2.0, read_noise_dn: 9.0", "read_noise_dn"),
+        ("read_noise_e: 2.0", "pitch_um: 2.0", "unknown field 'pitch_um'"),
+        ("{setting: 200, ", "{", "field 'setting' is missing"),
+    ],
+)
+def test_invalid_settings(old: str, new: str, what: str) -> None:
+    assert old in FILE
+    with raises(FileError, what, path="mine.yaml"):
+        parse_sensor(FILE.replace(old, new, 1), "mine.yaml")
+
+
+def test_unknown_settings() -> None:
+    with raises(InputError, "gain_setting", value=400, expected="one of 100, 200, 800"):
+        parse_sensor(FILE, "mine.yaml").at_gain_setting(400)
+    with raises(InputError, "gain_setting", value=100):
+        ps.load_sensor("nikon-d200").at_gain_setting(100)
+
+
+def test_frames_at_a_setting(tmp_path: Path) -> None:
+    sensor = parse_sensor(FILE, "mine.yaml")
+    lens = ps.DiffractionLimited(f_number=4, focal_length_mm=8)
+    grey = ps.charts.uniform("A", 20)
+    slow, fast = (ps.Camera(lens, sensor, gain_setting=setting).capture(grey, 0.004) for setting in (100, 200))
+    assert (fast.dn.mean() - 64) / (slow.dn.mean() - 64) == pytest.approx(2.0, rel=0.05)
+    fast.save(tmp_path / "fast.dng")
+    assert ps.read_raw(tmp_path / "fast.dng").metadata["gain_setting"] == 200
+    import tifffile
+
+    with tifffile.TiffFile(tmp_path / "fast.dng") as file:
+        assert file.pages[0].tags[34855].value == 200  # type: ignore[union-attr]
+
+
+def test_camera_file_with_a_setting(tmp_path: Path) -> None:
+    (tmp_path / "mine.sensor.yaml").write_text(FILE)
+    camera = tmp_path / "mine.camera.yaml"
+    camera.write_text("photosite_camera: 1\nsensor: mine.sensor.yaml\ngain_setting: 800\n")
+    assert ps.load_camera(camera).camera.sensor.gain_setting == 800
+    camera.write_text("photosite_camera: 1\nsensor: mine.sensor.yaml\ngain_setting: 400\n")
+    with raises(FileError, "gain_setting") as caught:
+        ps.load_camera(camera)
+    assert caught.value.line == 3
