@@ -89,7 +89,7 @@ def test_table_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Pat
     gain = next(line for line in lines if line.startswith("System gain"))
     assert "0.12" in gain
     assert "±" in gain
-    efficiency = next(line for line in lines if line.startswith("Quantum efficiency"))
+    efficiency = next(line for line in lines if line.startswith("quantum_efficiency_percent"))
     assert "photons per pixel are not known" in efficiency
     assert lines[-2:] == [f"wrote {sensor}", f"wrote {report}"]
     measured = ps.load_sensor(sensor)

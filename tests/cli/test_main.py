@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import subprocess
 import sys
 import warnings
@@ -32,6 +33,23 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("arguments", [[], ["optics"], ["reproduce"]])
+def test_bare_groups_print_their_help(photosite: Any, arguments: list[str]) -> None:
+    shown = photosite(*arguments)
+    asked = photosite(*arguments, "--help")
+    assert (shown.status, shown.err) == (0, "")
+    assert shown.out == asked.out
+
+
+def test_shell_completion() -> None:
+    code = "import sys; sys.argv = ['photosite']; from photosite.cli.main import main; main()"
+    given = {"_PHOTOSITE_COMPLETE": "bash_complete", "COMP_WORDS": "photosite sim", "COMP_CWORD": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | given, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "plain,simulate\n"
 
 
 def _leaves() -> list[tuple[str, click.Command]]:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import time
+import warnings
+
 import pytest
 
 import photosite.cli.output as output
-from photosite.cli.output import Stages
+from photosite.cli.output import Stages, held_warnings, not_listed, table, working
+from photosite.errors import PhotositeWarning
 
 
 def test_a_log_gets_a_line_every_ten_seconds(
@@ -20,3 +25,41 @@ def test_a_log_gets_a_line_every_ten_seconds(
         now = 100.0 + done
         stages(done, 25, "rows")
     assert capsys.readouterr().err.splitlines() == ["reading ...", "  10 of 25 rows", "  20 of 25 rows"]
+
+
+def test_tables_fit_the_terminal() -> None:
+    rows = [("name", "value", "method"), ("read noise", "3.14", "the paper's, from dark frames at one exposure time")]
+    whole = table(rows, "<><")
+    assert whole.splitlines()[1].endswith("exposure time")
+    narrow = table(rows, "<><", width=40)
+    assert max(map(len, narrow.splitlines())) <= 40
+    assert narrow.split() == whole.split()
+    assert "3.14" in narrow
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_long_commands_show_that_they_work_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(output, "_WORKING_AFTER_S", 0.02)
+    for stream, shown in ((_Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(output.sys, "stderr", stream)
+        with working("photosite develop"):
+            time.sleep(0.1)
+        assert ("photosite develop: working" in stream.getvalue()) == shown
+        assert stream.getvalue() == "" or stream.getvalue().endswith("\r\033[K")
+
+
+def test_held_warnings_appear_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        monkeypatch.setattr(output.warnings, "showwarning", lambda message, *rest: seen.append(str(message)))
+        with held_warnings() as held:
+            for text in ("listed", "shown by itself"):
+                warnings.warn(PhotositeWarning(text), stacklevel=1)
+            assert seen == []
+            not_listed(held, ["listed"])
+    assert seen == ["shown by itself"]

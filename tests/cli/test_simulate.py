@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 import photosite as ps
+from photosite.values.exposure import format_exposure
 
 SMALL = ("--rows", 66, "--cols", 98)
 
@@ -65,6 +69,25 @@ def test_preview_is_a_picture_of_the_frame(photosite: Any, tmp_path: Path) -> No
         assert (picture.size, picture.mode) == ((98, 66), "RGB")
 
 
+@pytest.mark.parametrize("illuminant", ["A", "D65", "FL2"])
+def test_gray_patches_are_gray(photosite: Any, tmp_path: Path, illuminant: str) -> None:
+    """White and neutral 8 of a ColorChecker in preview and developed frame: linear values within 1 %.
+
+    The reflectance of the darker gray patches itself is up to 1.3 % from neutral.
+    """
+    files = ("-o", tmp_path / "shot.dng", "--preview", tmp_path / "preview.png")
+    light = ("--illuminant", illuminant, "--black-level", 64, "--exposure", "auto")
+    photosite("simulate", "--rows", 132, "--cols", 196, *light, *files)
+    photosite("develop", tmp_path / "shot.dng", "-o", tmp_path / "developed.png", "--depth", 8)
+    for name in ("preview", "developed"):
+        with Image.open(tmp_path / f"{name}.png") as image:
+            picture = np.asarray(image) / 255
+        linear = np.where(picture <= 0.04045, picture / 12.92, ((picture + 0.055) / 1.055) ** 2.4)
+        for col in (4, 36):
+            means = linear[102:124, col + 6 : col + 24].mean(axis=(0, 1))
+            np.testing.assert_allclose(means / means[1], 1, atol=0.01, err_msg=f"{name}, column {col}")
+
+
 @pytest.mark.parametrize("illuminant", ["A", "D65"])
 def test_libraw_balances_by_the_light(photosite: Any, tmp_path: Path, illuminant: str) -> None:
     """An even gray comes out gray by the file's own balance: its channels' means, good to 0.3 %, against the tag."""
@@ -99,3 +122,79 @@ def test_dng_is_read_by_libraw_in_a_fresh_process(photosite: Any, tmp_path: Path
     expected = camera.capture(ps.charts.macbeth("A", 40), exposure_s=1 / 3, seed=3)
     assert expected.shape == (rows, cols)
     np.testing.assert_array_equal(np.load(pixels), expected.dn)
+
+
+def test_automatic_exposure_and_hints(photosite: Any, tmp_path: Path) -> None:
+    """auto puts the 99.5th percentile at 80 % of saturation; other times far from it get a hint with that time."""
+    shot = ("simulate", *SMALL, "-o", tmp_path / "shot.tif", "--json", "--force")
+    automatic = photosite(*shot, "--exposure", "auto")
+    frame = ps.read_raw(tmp_path / "shot.tif")
+    assert np.percentile(frame.dn, 99.5) == pytest.approx(0.8 * 4095, rel=0.05)
+    assert automatic.err == ""
+    time_s = automatic.json["exposure_s"]
+    assert time_s == automatic.json["suggested_exposure_s"] == frame.exposure_s
+    for factor, what in ((8, "saturated"), (1e-3, "almost black")):
+        hinted = photosite(*shot, "--exposure", f"{factor * time_s}s")
+        assert hinted.err.count("\n") == 1, hinted.err
+        assert what in hinted.err
+        assert f"--exposure {format_exposure(time_s)} (or auto)" in hinted.err
+        assert hinted.json["suggested_exposure_s"] == time_s
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".h5"])
+def test_frames_with_their_clean_mosaic(photosite: Any, tmp_path: Path, suffix: str) -> None:
+    """Without a fixed pattern, the mean of many frames approaches the clean mosaic."""
+    clean = tmp_path / f"clean{suffix}"
+    sensor = ps.load_sensor("nikon-d200").with_(black_level_dn=64, dsnu_mv=0, prnu_percent=0)
+    sensor.save(tmp_path / "even.sensor.yaml")
+    more = ("--sensor", tmp_path / "even.sensor.yaml", "--frames", 12, "--clean", clean, "--seed", 4)
+    done = photosite("simulate", *SMALL, *more, "-o", tmp_path / "noisy.tif", "--json")
+    paths = [tmp_path / f"noisy-{number:02d}.tif" for number in range(1, 13)]
+    assert done.json["paths"] == [str(path) for path in paths]
+    frames = np.stack([ps.read_raw(path).dn for path in paths]).astype(float)
+    if suffix == ".tif":
+        mosaic = tifffile.imread(clean)
+    else:
+        with h5py.File(clean) as file:
+            mosaic = file["clean"][()]
+            assert file["clean"].attrs["black_level_dn"] == 64
+    assert mosaic.dtype == np.float32
+    assert (frames[0] != frames[1]).mean() > 0.5
+    residual = frames.mean(axis=0) - mosaic
+    assert abs(residual.mean()) < 0.5
+    assert residual.std() < 0.5 * (frames[0] - mosaic).std()
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor.with_(rows=66, cols=98))
+    third = list(camera.stream(ps.charts.macbeth("A", 40), 1 / 3, frames=3, seed=4))[2]
+    np.testing.assert_array_equal(third.dn, frames[2])
+
+
+def test_metadata_of_the_dng(photosite: Any, tmp_path: Path) -> None:
+    lens = ("--f-number", 5.6, "--focal-length", 85)
+    photosite("simulate", *SMALL, *lens, "-o", tmp_path / "shot.dng")
+    with tifffile.TiffFile(tmp_path / "shot.dng") as file:
+        tags = {code: file.pages[0].tags[code].value for code in (33437, 37386, 306, 50778, 50779, 50721, 50722)}
+    assert tags[33437][0] / tags[33437][1] == pytest.approx(5.6)
+    assert tags[37386][0] / tags[37386][1] == pytest.approx(85)
+    datetime.strptime(tags[306], "%Y:%m:%d %H:%M:%S")
+    assert (tags[50778], tags[50779]) == (17, 21)  # Exif's LightSource: CIE A, D65
+    frame = ps.read_raw(tmp_path / "shot.dng")
+    matrices = [np.reshape(tags[code], (9, 2)) for code in (50721, 50722)]
+    for table, expected in zip(matrices, (frame.color_matrix_a, frame.color_matrix), strict=True):
+        order = ["RGB".index(name) for name in frame.channels]
+        np.testing.assert_allclose((table[:, 0] / table[:, 1]).reshape(3, 3)[order], expected, atol=1e-6)
+
+
+def test_a_color_filter_array_that_dng_does_not_hold(photosite: Any, tmp_path: Path) -> None:
+    quad = [list(row) for row in ("RRGG", "RRGG", "GGBB", "GGBB")]
+    sensor = ps.load_sensor("nikon-d200").with_(cfa=quad, black_level_dn=64)
+    sensor.save(tmp_path / "quad.sensor.yaml")
+    shot = ("simulate", "--sensor", tmp_path / "quad.sensor.yaml", *SMALL)
+    refused = photosite(*shot, "-o", tmp_path / "shot.dng")
+    assert (refused.status, refused.err.count("\n")) == (2, 1)
+    assert ".tif" in refused.err
+    assert ".h5" in refused.err
+    taken = photosite(*shot, "-o", tmp_path / "shot.h5", "--preview", tmp_path / "shot.jpg")
+    assert (taken.status, taken.err) == (0, "")
+    with Image.open(tmp_path / "shot.jpg") as picture:
+        white = np.asarray(picture)[52:60, 4:12].reshape(-1, 3).mean(axis=0)
+    assert np.ptp(white) < 0.03 * white.mean()

@@ -5,9 +5,9 @@ import pytest
 from raising import raises
 from scipy.ndimage import convolve
 
-from photosite.develop.demosaic import demosaic_bilinear, plane_names
+from photosite.develop.demosaic import demosaic_bilinear
 from photosite.errors import InputError
-from photosite.values.cfa import NAMED, channel_mask
+from photosite.values.cfa import NAMED, channel_mask, plane_names
 
 BAYER = ("rggb", "bggr", "gbrg", "grbg")
 
@@ -87,10 +87,25 @@ def test_input_of_any_type_and_memory_order_gives_the_same():
         assert (demosaic_bilinear(other, NAMED["rggb"]) == wanted).all()
 
 
-def test_a_channel_too_far_away_is_an_error():
-    quad = tuple(tuple(row) for row in ("RRGG", "RRGG", "GGBB", "GGBB"))
-    with raises(InputError, "cfa"):
-        demosaic_bilinear(np.ones((8, 8)), quad)
+@pytest.mark.parametrize(
+    "tile",
+    [
+        ("RRGG", "RRGG", "GGBB", "GGBB"),
+        ("RWGW", "WRWG", "GWBW", "WGWB"),
+        ("GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG"),
+    ],
+)
+@pytest.mark.parametrize("shape", [(8, 8), (9, 11)])
+def test_large_tiles_keep_even_colors(tile, shape):
+    """Quad Bayer, RGBW and X-Trans; at corners some channels are more than half a tile away."""
+    cfa = tuple(tuple(row) for row in tile)
+    names = plane_names(cfa)
+    mosaic = sum((10.0 + k) * channel_mask(cfa, name, shape) for k, name in enumerate(names))
+    planes = demosaic_bilinear(mosaic, cfa)
+    np.testing.assert_allclose(planes, np.broadcast_to(10.0 + np.arange(len(names)), planes.shape), rtol=1e-6)
+
+
+def test_a_missing_channel_is_an_error():
     with raises(InputError, "cfa"):
         demosaic_bilinear(np.ones((1, 8)), NAMED["rggb"])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import imagecodecs
@@ -49,6 +50,48 @@ def test_a_known_colour_becomes_its_srgb(cfa, xyz):
     np.testing.assert_allclose(balanced, np.broadcast_to(wanted, (8, 10, 3)), atol=2e-4)
     explicit = develop(flat_frame(FROM_XYZ @ xyz / neutral.max(), cfa), "none", 7 * np.linalg.inv(FROM_XYZ), 1)
     np.testing.assert_allclose(explicit, np.broadcast_to(wanted, (8, 10, 3)), atol=2e-4)
+
+
+@pytest.mark.parametrize("matrix", [None, np.linalg.inv(FROM_XYZ)])
+def test_as_shot_makes_gray_surfaces_gray_whatever_else_is_in_the_frame(matrix):
+    """A blue wall with a gray patch: gray world would make the wall gray and the patch yellow."""
+    frame = flat_frame((0.2, 0.3, 0.6), shape=(24, 24), metadata={"as_shot_neutral": "1,0.8,0.4"})
+    frame.dn[8:16, 8:16] = flat_frame((0.5, 0.4, 0.2), shape=(8, 8)).dn
+    patch = develop(frame, color_matrix=matrix, exposure=1)[9:15, 9:15]
+    assert np.ptp(patch, axis=-1).max() < 1e-4
+    np.testing.assert_allclose(patch, encode_srgb(np.float32([0.5]))[0], atol=1e-4)
+    assert np.ptp(develop(frame, "gray-world", matrix)[9:15, 9:15], axis=-1).max() > 0.1
+    without = replace(frame, metadata={})
+    np.testing.assert_array_equal(develop(without), develop(without, "gray-world"))
+
+
+@pytest.mark.parametrize("neutral", ["1,0.8", "1,0,0.5", "1,2,0.5", "daylight"])
+def test_an_invalid_white_of_the_light(neutral):
+    with raises(InputError, "as_shot_neutral", where="metadata", value=neutral):
+        develop(flat_frame((0.3, 0.3, 0.3), metadata={"as_shot_neutral": neutral}))
+
+
+def test_other_channels_than_red_green_blue():
+    """Four channels with a matrix give the colors of their patches; without one, gray."""
+    cfa = (("R", "W"), ("G", "B"))
+    from_xyz = np.vstack([FROM_XYZ[0], FROM_XYZ.sum(axis=0), FROM_XYZ[1:]])
+    xyz = np.array([0.20, 0.22, 0.18])
+    neutral = from_xyz @ D65_WHITE_XYZ
+    signal = from_xyz @ xyz / neutral.max()
+    dn = np.rint(60000 * sum(v * channel_mask(cfa, c, (8, 8)) for c, v in zip("RWGB", signal, strict=True)))
+    shot = ",".join(str(part) for part in neutral / neutral.max())
+    frame = RawFrame(
+        dn.astype(np.uint16),
+        16,
+        cfa,
+        white_level_dn=60000.0,
+        color_matrix=from_xyz,
+        metadata={"as_shot_neutral": shot},
+    )
+    wanted = colour_science().XYZ_to_sRGB(xyz)
+    np.testing.assert_allclose(develop(frame, exposure=1), np.broadcast_to(wanted, (8, 8, 3)), atol=1e-3)
+    gray = develop(replace(frame, color_matrix=None, color_matrix_a=None))
+    assert np.ptp(gray, axis=-1).max() < 1e-6
 
 
 @pytest.mark.parametrize("matrix", [None, np.linalg.inv(FROM_XYZ)])
@@ -118,7 +161,7 @@ def test_invalid_arguments(arguments):
 
 
 def test_a_matrix_with_an_impossible_white():
-    with raises(InputError, "white would need the camera RGB", where="color_matrix"):
+    with raises(InputError, "white would need the camera values", where="color_matrix"):
         develop(flat_frame((0.3, 0.4, 0.2)), color_matrix=-np.eye(3))
 
 
@@ -128,8 +171,6 @@ def test_frames_that_cannot_be_developed():
         develop(dark, "none")
     with raises(InputError, "mean above black"):
         develop(dark)
-    with raises(InputError, "channels", value=("C", "M")):
-        develop(RawFrame(np.ones((4, 4), np.uint16), bits=12, cfa=(("C", "M"), ("M", "C"))))
     mono = RawFrame(np.ones((4, 4), np.uint16), bits=12)
     with raises(InputError, "a monochrome frame has no white balance"):
         develop(mono, (1, 1, 1))
@@ -166,6 +207,14 @@ def test_16_bits(picture: np.ndarray, tmp_path: Path) -> None:
     np.testing.assert_array_equal(values, np.rint(picture * 65535))
 
 
+def test_jpeg(tmp_path: Path) -> None:
+    even = np.full((37, 23, 3), [0.8, 0.5, 0.2], np.float32)
+    save_picture(even, tmp_path / "p.jpg")
+    with Image.open(tmp_path / "p.jpg") as image:
+        assert (image.format, image.mode, image.size) == ("JPEG", "RGB", (23, 37))
+        np.testing.assert_allclose(np.asarray(image), np.rint(even * 255), atol=2)
+
+
 @pytest.mark.parametrize(
     ("shape", "value", "name", "bits"),
     [
@@ -175,7 +224,8 @@ def test_16_bits(picture: np.ndarray, tmp_path: Path) -> None:
         ((4, 4, 3), 1.5, "p.png", 8),
         ((4, 4, 3), -0.1, "p.png", 8),
         ((4, 4, 3), float("nan"), "p.png", 8),
-        ((4, 4, 3), 0.5, "p.jpg", 8),
+        ((4, 4, 3), 0.5, "p.gif", 8),
+        ((4, 4, 3), 0.5, "p.jpg", 16),
         ((4, 4, 3), 0.5, "p.png", 12),
     ],
 )

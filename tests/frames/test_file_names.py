@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from raising import raises
 
-from photosite.errors import FileError
-from photosite.frames.frame_settings import FrameSettings, kinds_in_name, settings_from_names
+from photosite.errors import FileError, InputError
+from photosite.frames.frame_settings import FrameSettings, exposure_by_pattern, kinds_in_name, settings_from_names
 
 
 def settings(*names):
@@ -29,6 +29,11 @@ def settings(*names):
         ("t=2.5s", 2.5),
         ("exposure_30sec", 30.0),
         ("flat_1e-3s", 1e-3),
+        ("flat_exp0.001", 0.001),
+        ("exposure_0,5_dark", 0.5),
+        ("exp1.5ms_1", 0.0015),
+        ("exp001", None),
+        ("exp0.001x", None),
         ("flat_10_ms", 0.01),
         ("10ms", 0.01),
         ("flat_10ms_again_10ms", 0.01),
@@ -140,6 +145,28 @@ def test_temperatures(name, celsius):
 )
 def test_kinds(name, kinds):
     assert kinds_in_name(name) == kinds
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "exposure_s"),
+    [
+        (r"t([0-9.]+ms)", "flat_t2.5ms_001.tif", 0.0025),
+        (r"_(?P<us>[0-9]+)_", "flat_250_001.tif", 250e-6),
+        (r"s([0-9-]+)", "s1-60.tif", 1 / 60),
+        (r"@(.*)\.tif", "a@0.02.tif", 0.02),
+    ],
+)
+def test_a_pattern_of_exposure_times(pattern, name, exposure_s):
+    assert exposure_by_pattern(Path(name), [name], pattern) == pytest.approx(exposure_s, rel=1e-15)
+
+
+def test_invalid_patterns_of_exposure_times():
+    for pattern in ("(", "[0-9]+", "([0-9]+)-([0-9]+)", "(?P<minutes>[0-9]+)"):
+        with raises(InputError, "exposure_from_name", value=pattern):
+            exposure_by_pattern(Path("flat_10.tif"), ["flat_10.tif"], pattern)
+    for pattern in ("t([0-9]+)", "(flat)"):
+        with raises(FileError, "" if pattern == "t([0-9]+)" else "exposure_s", path="flat_10.tif"):
+            exposure_by_pattern(Path("flat_10.tif"), ["flat_10.tif"], pattern)
 
 
 def test_the_first_name_that_states_a_setting_decides():

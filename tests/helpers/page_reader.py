@@ -41,7 +41,7 @@ class PageReader(HTMLParser):
             self._in_cell = False
 
     def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] != "style":
+        if self.open and self.open[-1] not in ("style", "script"):
             self.words.append(data)
         if self._in_cell:
             self.rows[-1][-1] += data

@@ -42,8 +42,8 @@ def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Cali
     assert counts["Hot"] == 1
     assert counts["Dead"] == 1
     lists = {block.summary.split(":")[0]: block.blocks[0] for block in blocks if isinstance(block, Details)}
-    assert lists["Hot"].rows[0][:2] == (str(HOT[0]), str(HOT[1]))
-    assert lists["Dead"].rows[0][:2] == (str(DEAD[0]), str(DEAD[1]))
+    assert lists["Hot"].rows[0][:3] == ("pixel", f"row {HOT[0]}, column {HOT[1]}", "1")
+    assert lists["Dead"].rows[0][:3] == ("pixel", f"row {DEAD[0]}, column {DEAD[1]}", "1")
     assert sum(isinstance(block, Images) for block in blocks) == 1
     page = read_page(render_page(Page("Chip", "", (Section("Defects", blocks),))))
     assert "Dead: response below half of the channel's" in page.text

@@ -125,9 +125,24 @@ def test_outline_and_alternative_texts(of_loop) -> None:
     assert pdf.count(b"/Alt ") == len(figures) == 3
 
 
-def test_pdf_is_reproducible_and_self_contained(of_loop) -> None:
-    page, one = of_loop
+def test_digests_are_in_a_file_beside_the_pdf(tmp_path: Path) -> None:
+    frames = tuple((f"dark_{n}.tif", f"{n:064x}") for n in range(300))
+    table = Table("Digests of the frames.", (Column("Frame"), Column("SHA-256")), frames, beside="frames")
+    page = Page("t", "l", (Section("Provenance", (Details("All frames", (table,)),)),))
+    write_report(page, tmp_path / "chip.pdf")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["chip.frames.csv", "chip.pdf"]
+    lines = (tmp_path / "chip.frames.csv").read_text(encoding="utf-8").splitlines()
+    assert (lines[0], lines[-1], len(lines)) == ("Frame,SHA-256", f"dark_299.tif,{299:064x}", 301)
+    (text,) = text_of((tmp_path / "chip.pdf").read_bytes())
+    assert "300 rows in the file chip.frames.csv" in text
+
+
+def test_pdf_is_reproducible_and_self_contained(of_loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    page, _ = of_loop
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    one = pdf_bytes(page)
     assert one == pdf_bytes(page)
+    assert b"D:20231114221320" in one
     assert one.startswith(b"%PDF-")
     assert one.rstrip().endswith(b"%%EOF")
     assert b"/URI" not in one
@@ -145,7 +160,7 @@ def test_suffix_selects_the_format_and_writing_is_atomic(
     with pytest.raises(FileError, match=r"report\.PDF: cannot be written: No space left"):
         write_report(Page("t", "l", ()), path)
     assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["report.PDF", "report.frames.csv"]
 
 
 def _full_disk(*args: object) -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import InitVar, dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 
 from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions, planes_electron_rate
 from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
+from photosite.camera.sampled_otf import Progress
 from photosite.color.colorimetry import xyz
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, integration_weights, photons_from_energy
 from photosite.errors import InputError
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import RawFrame, neutral_text
 from photosite.optics.lens import Optics
 from photosite.scene.charts import macbeth_reflectance
 from photosite.scene.planes import Planes
@@ -25,10 +27,13 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.sensor.readout import Device, Rectangle, digital_numbers
-from photosite.values.cfa import shifted
+from photosite.values.cfa import plane_names, shifted
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Region
 from photosite.values.validated import check_choice
+
+_AUTO_EXPOSURE_PERCENTILE, _AUTO_EXPOSURE_LEVEL = 99.5, 0.8
+_ONE_SECOND = {"exposure_s": 1.0}
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,9 @@ class Camera:
         if not isinstance(cells, int | np.integer) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
             raise InputError("cells_per_pixel", value=cells, expected="odd and positive: 1, 3, 5, ...")
 
-    def mean_electrons(self, scene: Scene | Planes, exposure_s: float) -> NDArray[np.float32]:
+    def mean_electrons(
+        self, scene: Scene | Planes, exposure_s: float, progress: Progress | None = None
+    ) -> NDArray[np.float32]:
         """Return the mean electrons from light in every pixel, without noise, fixed pattern or dark current.
 
         Irradiance from the lens, times quantum efficiency, pixel area, fill factor and exposure, over wavelength.
@@ -87,6 +94,8 @@ class Camera:
         ----------
         scene, exposure_s
             A scene, or `Planes` in depth, and the exposure time.
+        progress
+            Called with the number of parts done, of how many, and what they are: "wavelengths", then "transforms".
 
         Returns
         -------
@@ -105,14 +114,14 @@ class Camera:
             If the sensor responds to light beyond the scene's wavelengths.
         """
         time_s = check_exposure(exposure_s)
-        rate = self._electron_rate(scene)
+        rate = self._electron_rate(scene, progress)
         return _exposed(rate, time_s, out=rate)
 
-    def _electron_rate(self, scene: Scene | Planes) -> NDArray[np.float32]:
+    def _electron_rate(self, scene: Scene | Planes, progress: Progress | None = None) -> NDArray[np.float32]:
         warn_of_transmittance_range(self.optics, self.sensor)
         if isinstance(scene, Planes):
-            return planes_electron_rate(scene, self)
-        return electron_rate(scene, self)
+            return planes_electron_rate(scene, self, progress)
+        return electron_rate(scene, self, progress)
 
     def capture(
         self,
@@ -158,7 +167,7 @@ class Camera:
         (True, (('G', 'R'), ('B', 'G')))
         """
         mean = self.mean_electrons(scene, exposure_s)
-        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region, device=device)
+        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region, device=device, scene=scene)
 
     def stream(
         self,
@@ -200,7 +209,7 @@ class Camera:
         for exposure_s in checked:
             _exposed(rate, exposure_s, out=mean)
             for _ in range(frames):
-                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device)
+                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device, scene=scene)
                 number += 1
 
     def expose(
@@ -212,6 +221,7 @@ class Camera:
         frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
+        scene: Scene | Planes | None = None,
     ) -> RawFrame:
         """Return a raw frame from mean electrons, which several frames may share.
 
@@ -221,6 +231,8 @@ class Camera:
             (rows, cols) of the whole chip, as from `mean_electrons`; not negative.
         exposure_s, seed, frame, region, device
             As for `capture`; the exposure time is that of the dark current.
+        scene
+            The scene of the mean electrons, whose light gives `RawFrame.as_shot_neutral`; None leaves it out.
 
         Raises
         ------
@@ -234,6 +246,10 @@ class Camera:
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
         if self.sensor.gain_setting is not None:
             metadata["gain_setting"] = self.sensor.gain_setting
+        lens = getattr(self.optics, "base", self.optics)
+        metadata |= {key: value for key in ("f_number", "focal_length_mm") if (value := getattr(lens, key, None))}
+        if (neutral := None if scene is None else self._neutral_of(scene)) is not None:
+            metadata["as_shot_neutral"] = neutral
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))
@@ -244,18 +260,75 @@ class Camera:
             black_level_dn=readout.black_level_dn.value,
             exposure_s=exposure_s,
             color_matrix=color_matrix(self.sensor),
+            color_matrix_a=color_matrix(self.sensor, "A"),
             noise_profile=noise_profile(self.sensor, exposure_s),
             metadata=MappingProxyType(metadata),
         )
 
+    def auto_exposure_s(self, electrons_per_s: NDArray[np.float32]) -> float:
+        """Return the exposure time at which the bright parts of a scene stay just below saturation.
+
+        The 99.5th percentile of the pixels then has 80 % of the sensor's saturation capacity. Rounded down to two
+        digits, below 0.1 s of its reciprocal: 1/33.
+
+        Parameters
+        ----------
+        electrons_per_s
+            (rows, cols) mean electrons in 1 s: `mean_electrons(scene, 1.0)`.
+
+        Raises
+        ------
+        InputError
+            If no pixel receives light.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> 1 / camera.auto_exposure_s(camera.mean_electrons(ps.charts.uniform("D65", 1000), 1.0))
+        33.0
+        """
+        bright = float(np.percentile(electrons_per_s, _AUTO_EXPOSURE_PERCENTILE)) or float(electrons_per_s.max())
+        if not bright > 0:
+            raise InputError("the scene sends no light to the sensor", hint="Pass {exposure_s}", arguments=_ONE_SECOND)
+        exposure_s = _AUTO_EXPOSURE_LEVEL * self.sensor.saturation_capacity_e / bright
+        if exposure_s < 0.1:
+            return 1.0 / _two_digits(1.0 / exposure_s, math.ceil)
+        return _two_digits(exposure_s, math.floor)
+
+    def clean_dn(self, mean_electrons: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the noise-free frame of mean electrons: black level plus gain times electrons, not rounded.
+
+        Well capacity and the highest number limit it as they limit a frame; noise, fixed pattern and dark current are
+        left out.
+
+        Returns
+        -------
+        ndarray
+            (rows, cols) float32, in digital numbers.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=1, cols=2, black_level_dn=64)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> camera.clean_dn(np.array([[798.0, 1e6]], np.float32)).round(2)
+        array([[ 164., 4095.]], dtype=float32)
+        """
+        sensor = self.sensor
+        filled = np.minimum(mean_electrons, np.float32(sensor.pixel.well_capacity_e.value))
+        dn = filled * np.float32(sensor.system_gain_dn_per_e) + np.float32(sensor.readout.black_level_dn.value)
+        return np.minimum(dn, np.float32(sensor.white_level_dn))
+
     def as_shot_neutral(self, light: Scene) -> str | None:
-        """Return the reading of a uniform field in R, G and B, relative to the largest, for DNG's AsShotNeutral.
+        """Return the signal of a uniform field in each channel, relative to the largest, for DNG's AsShotNeutral.
 
         Returns
         -------
         str or None
-            Three numbers, comma-separated (DNG specification 1.7); None if the channels are not R, G and B, or one
-            receives no light.
+            Comma-separated numbers in the order of `photosite.values.cfa.plane_names`: R, G, B (DNG specification 1.7);
+            None for a monochrome sensor, or if a channel receives no light.
 
         Examples
         --------
@@ -265,14 +338,20 @@ class Camera:
         '1,0.927022,0.323447'
         """
         names = self.sensor.channel_names
-        if set(names) != {"R", "G", "B"}:
+        if len(names) == 1:
             return None
         alone = electrons_per_weight(light, self).sum(axis=(1, 2))
         electrons = channel_mixing(self.sensor) @ alone
-        reading = np.array([electrons[names.index(name)] for name in "RGB"])
-        if not reading.min() > 0:
+        signal = np.array([electrons[names.index(name)] for name in plane_names(self.sensor.array.cfa)])
+        if not signal.min() > 0:
             return None
-        return ",".join(f"{part:.6g}" for part in reading / reading.max())
+        return neutral_text(signal.tolist())
+
+    def _neutral_of(self, scene: Scene | Planes) -> str | None:
+        """Return `as_shot_neutral` of a scene's light where its reflectance is known; of planes, the first such."""
+        scenes = [plane.scene for plane in scene.planes] if isinstance(scene, Planes) else [scene]
+        lit = next((one for one in scenes if one.reflectance is not None), None)
+        return None if lit is None else self.as_shot_neutral(Scene.uniform(lit.light(), lit.wavelength_nm))
 
     def image_regions(self, scene: Scene | Planes) -> tuple[Region, ...]:
         """Return the scene's named regions in pixels of the frame; with distortion, rectangles inside their images.
@@ -284,6 +363,11 @@ class Camera:
         """
         scenes = [plane.scene for plane in scene.planes] if isinstance(scene, Planes) else [scene]
         return tuple(region for one in scenes for region in image_regions(one, self))
+
+
+def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{rounded(round(value / step, 9)) * step:.2g}")
 
 
 def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -299,17 +383,18 @@ def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32])
 # The color matrix and the noise profile of a camera, as DNG defines them for raw files.
 
 
-def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
-    """Return the matrix from CIE XYZ under D65 to the camera's channels: ColorMatrix1 of DNG 1.7.
+def color_matrix(sensor: Sensor, illuminant_name: str = "D65") -> NDArray[np.float64] | None:
+    """Return the matrix from CIE XYZ under an illuminant to the camera's channels: ColorMatrix of DNG 1.7.
 
-    It is the inverse of the least-squares 3 x 3 matrix from camera R, G, B to XYZ over the ColorChecker's 24 patches
-    under D65 (Farrell, Okincha and Parmar 2008, section 3). It is scaled so that the largest channel is 1 for D65.
+    It is the (pseudo)inverse of the least-squares matrix from camera channels to XYZ over the ColorChecker's 24 patches
+    under the illuminant (Farrell, Okincha and Parmar 2008, section 3). It is scaled so that the largest channel is 1
+    for the illuminant's white.
 
     Returns
     -------
     ndarray or None
-        (channels, 3) in the order of the sensor's channels; None if these are not R, G and B, or if their responses are
-        linearly dependent.
+        (channels, 3) in the order of the sensor's channels; None if these are fewer than three, or if their responses
+        are linearly dependent.
 
     Examples
     --------
@@ -318,23 +403,23 @@ def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
     (3, 3)
     """
     names = sensor.channel_names
-    if set(names) != {"R", "G", "B"}:
+    if len(names) < 3:
         return None
     responses = channel_mixing(sensor) @ np.stack([sensor.response_at(name, DEFAULT_WAVELENGTH_NM) for name in names])
-    return _color_matrix(tuple(tuple(response.tolist()) for response in responses))
+    return _color_matrix(tuple(tuple(response.tolist()) for response in responses), illuminant_name)
 
 
 @lru_cache(maxsize=8)
-def _color_matrix(responses: tuple[tuple[float, ...], ...]) -> NDArray[np.float64] | None:
+def _color_matrix(responses: tuple[tuple[float, ...], ...], illuminant_name: str) -> NDArray[np.float64] | None:
     grid = DEFAULT_WAVELENGTH_NM
-    light = photons_from_energy(illuminant("D65", grid), grid)
+    light = photons_from_energy(illuminant(illuminant_name, grid), grid)
     patches = macbeth_reflectance(grid) * light
     camera = patches @ (np.array(responses) * integration_weights(grid)).T
-    if np.linalg.matrix_rank(camera) < 3:
+    if np.linalg.matrix_rank(camera) < len(responses):
         return None
     white = xyz(light, grid)
     to_xyz, *_ = np.linalg.lstsq(camera, xyz(patches, grid) / white[1], rcond=None)
-    matrix = np.asarray(np.linalg.inv(to_xyz.T), dtype=np.float64)
+    matrix = np.asarray(np.linalg.pinv(to_xyz.T), dtype=np.float64)
     matrix /= (matrix @ (white / white[1])).max()
     matrix.flags.writeable = False
     return matrix

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from photosite.camera.sampled_otf import MapTransfers, SampledOtf, sample_otf
+from photosite.camera.sampled_otf import MapTransfers, Progress, SampledOtf, sample_otf
 from photosite.engine.transfer import Sampling, Transfer
 from photosite.optics.point_spread import FieldPsf, PointSpread
 
@@ -76,7 +76,12 @@ _cache_lock = Lock()
 
 
 def reduced_transfers(
-    spread: PointSpread, coupling: Array, wavelength_nm: Array, sampling: Sampling, node_shares: Array | None = None
+    spread: PointSpread,
+    coupling: Array,
+    wavelength_nm: Array,
+    sampling: Sampling,
+    node_shares: Array | None = None,
+    progress: Progress | None = None,
 ) -> tuple[ReducedTransfer, ...]:
     """Return the transfers of a lens, summed over wavelength, with as few terms as the tolerance permits.
 
@@ -84,6 +89,7 @@ def reduced_transfers(
     - `coupling`, `wavelength_nm`: (channels, K, wavelengths) electrons per second that a map of weight 1 gives a
       channel; (wavelengths,).
     - `node_shares`: (N, wavelengths) share of each wavelength's light at each of N wavelength nodes; None: one node.
+    - `progress`: Receives the number of sampled wavelengths.
 
     Returns one result for all channels; or, if N > 1 and that is less work, one for each channel that receives light.
     Results are cached and must not be changed.
@@ -102,7 +108,7 @@ def reduced_transfers(
     arrays = coupling, wavelength_nm, node_shares
     key = (*((array.shape, array.tobytes()) for array in arrays), astuple(sampling), tolerance)
     if (found := cached.get(key)) is None:
-        found = tuple(_reduce(sample_otf(spread, wavelength_nm, sampling), coupling, node_shares, tolerance))
+        found = tuple(_reduce(sample_otf(spread, wavelength_nm, sampling, progress), coupling, node_shares, tolerance))
     with _cache_lock:
         cached.pop(key, None)
         cached[key] = found  # the most recently used entry is last

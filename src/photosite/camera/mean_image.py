@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from photosite.camera.channel_transfers import ReducedTransfer, reduced_transfers
 from photosite.camera.optical_stack import apply_optical_stack, low_pass_split_m
-from photosite.camera.sampled_otf import field_scale
+from photosite.camera.sampled_otf import Progress, field_scale
 from photosite.camera.veiling_glare import add_glare
 from photosite.color.spectrum import integration_weights
 from photosite.engine.jit import threads_for
@@ -70,14 +70,16 @@ Pitch = tuple[float, float]
 Array = NDArray[np.float64]
 
 
-def electron_rate(scene: Scene, camera: Camera) -> Mosaic:
+def electron_rate(scene: Scene, camera: Camera, progress: Progress | None = None) -> Mosaic:
     """Return (rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
     warn_of_missing_light(scene, camera.sensor)
     relative_error = scene.relative_error + low_rank_error(camera.optics, scene.distance_m)
-    return finish_mosaic(image_rate(scene, camera), camera, [scene], relative_error)
+    return finish_mosaic(image_rate(scene, camera, progress=progress), camera, [scene], relative_error)
 
 
-def image_rate(scene: Scene, camera: Camera, occluders: Sequence[Scene] = ()) -> Mosaic:
+def image_rate(
+    scene: Scene, camera: Camera, occluders: Sequence[Scene] = (), progress: Progress | None = None
+) -> Mosaic:
     """Return (rows, cols) electrons per second of a scene's image; rounding may leave values slightly below 0.
 
     Occluders are scenes whose only weights are opacities: what hides parts of the scene, before the lens blurs it.
@@ -93,7 +95,7 @@ def image_rate(scene: Scene, camera: Camera, occluders: Sequence[Scene] = ()) ->
     if scene.shape == (1, 1) and not occluders:
         mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), camera.sensor)
     else:
-        mosaic = _blurred_mosaic(scene, camera, coupling, occluders)
+        mosaic = _blurred_mosaic(scene, camera, coupling, occluders, progress)
     _apply_relative_illumination(mosaic, camera, scene.distance_m)
     return mosaic
 
@@ -153,7 +155,13 @@ def electrons_per_weight(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     return responses[:, None, :] * (irradiance * integration_weights(grid, camera.integration) * area_m2)
 
 
-def _blurred_mosaic(scene: Scene, camera: Camera, coupling: NDArray[np.float64], occluders: Sequence[Scene]) -> Mosaic:
+def _blurred_mosaic(
+    scene: Scene,
+    camera: Camera,
+    coupling: NDArray[np.float64],
+    occluders: Sequence[Scene],
+    progress: Progress | None,
+) -> Mosaic:
     """Return (rows, cols) electrons per second of a scene that is not uniform."""
     optics, sensor, cells = camera.optics, camera.sensor, camera.cells_per_pixel
     array, pitch = sensor.array, pitch_m(sensor)
@@ -161,7 +169,7 @@ def _blurred_mosaic(scene: Scene, camera: Camera, coupling: NDArray[np.float64],
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
     nodes_nm, shares = frame_wavelength_nodes(mapping, scene.wavelength_nm, shape, pitch)
-    transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
+    transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares, progress)
     if not transfers:  # no channel receives light
         return np.zeros(shape, np.float32)
     padding = math.ceil(max(reduced.padding_m for reduced in transfers) / min(pitch))
@@ -174,9 +182,8 @@ def _blurred_mosaic(scene: Scene, camera: Camera, coupling: NDArray[np.float64],
     field = _field(spread, sensor) if isinstance(spread, FieldPsf) else None
     layers = [_layer(reduced, tuple(views), field) for reduced in transfers]
     with threads_for(array.rows * array.cols * cells**2):
-        return mosaic_of_layers(
-            layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
-        )
+        sites = [channel_sites(array.cfa, name) for name in sensor.channel_names]
+        return mosaic_of_layers(layers, sampling, grid, sites, progress)
 
 
 def _layer(reduced: ReducedTransfer, views: tuple[View, ...], field: Field | None) -> Layer:
@@ -351,7 +358,7 @@ _FREQUENCIES = 33
 _DIRECTIONS = 8
 
 
-def planes_electron_rate(planes: Planes, camera: Camera) -> NDArray[np.float32]:
+def planes_electron_rate(planes: Planes, camera: Camera, progress: Progress | None = None) -> NDArray[np.float32]:
     """Return (rows, cols) mean electrons from light per second of a scene in depth; see `Camera.mean_electrons`."""
     sensor = camera.sensor
     for plane in planes.planes:
@@ -364,7 +371,7 @@ def planes_electron_rate(planes: Planes, camera: Camera) -> NDArray[np.float32]:
         covers = [plane.cover(True, *_mean_light(group)) for plane in group]
         for index, plane in enumerate(group):
             ends = bool(behind) or index < len(group) - 1
-            mosaic += image_rate(plane.light(ends), camera, covers[:index])
+            mosaic += image_rate(plane.light(ends), camera, covers[:index], progress)
         behind = (*group, *behind)
     scenes = [plane.scene for plane in planes.planes]
     relative_error = max(scene.relative_error + low_rank_error(camera.optics, scene.distance_m) for scene in scenes)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -24,6 +24,9 @@ from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf
 
 Array = NDArray[np.float64]
+
+Progress = Callable[[int, int, str], object]
+"""Receives the number of parts done, of how many, and what they are."""
 
 FREQUENCY_NODES = 4097
 _INTERPOLATION_TOLERANCE = 1e-5
@@ -121,8 +124,10 @@ class MapTransfers:
         return max(float(np.abs(block).max()) for block in self.blocks(stride))
 
 
-def sample_otf(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
-    """Sample the transfer function of a lens at the (wavelengths,) of the light.
+def sample_otf(
+    spread: PointSpread, wavelength_nm: Array, sampling: Sampling, progress: Progress | None = None
+) -> SampledOtf:
+    """Sample the transfer function of a lens at the (wavelengths,) of the light; report wavelengths done.
 
     The modes of a `FieldPsf` are multiplied by `field_scale`.
 
@@ -133,8 +138,8 @@ def sample_otf(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) ->
     if isinstance(spread, RadialPsf):
         return _sample_radial(spread, wavelength_nm, sampling)
     if isinstance(spread, PlanePsf):
-        return _sample_modes((spread,), np.ones(1), wavelength_nm, sampling)
-    return _sample_modes(spread.modes, field_scale(spread), wavelength_nm, sampling)
+        return _sample_modes((spread,), np.ones(1), wavelength_nm, sampling, progress)
+    return _sample_modes(spread.modes, field_scale(spread), wavelength_nm, sampling, progress)
 
 
 def field_scale(spread: FieldPsf) -> Array:
@@ -192,12 +197,16 @@ def refined(radial: RadialTransfer) -> RadialTransfer:
     return RadialTransfer(CubicSpline(nodes, table, axis=2)(fine), radial.step_per_m / factor)
 
 
-def _sample_modes(modes: tuple[PlanePsf, ...], scale: Array, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
+def _sample_modes(
+    modes: tuple[PlanePsf, ...], scale: Array, wavelength_nm: Array, sampling: Sampling, progress: Progress | None
+) -> SampledOtf:
     node_shares, nodes_nm = _spectral_nodes(modes[0], wavelength_nm)
     samples = _ModeSamples(modes, scale, nodes_nm, sampling)
     samples.fill(0)  # alone: what all wavelengths share is computed once, in the first
     with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS)) as pool:
-        list(pool.map(samples.fill, range(1, nodes_nm.size)))
+        for done, _ in enumerate(pool.map(samples.fill, range(1, nodes_nm.size)), 2):
+            if progress is not None:
+                progress(done, nodes_nm.size, "wavelengths")
     padding_m = (samples.size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
     radial = samples.cones if samples.cones.any() else None
     return SampledOtf(node_shares, radial, samples.step_per_m, samples.spectra, padding_m)

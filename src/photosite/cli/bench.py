@@ -32,25 +32,30 @@ def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
     """
     from photosite.studies.bench.cases import memory, run_cases, scaling
 
-    measured = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
+    measured, left_out = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
     whole = not (quick or cases)
     if whole:
         click.echo("measuring the growth of time and memory ...", err=True)
     laws, growth = (scaling(), memory()) if whole else ((), None)
     content = {
         "cases": {name: case.to_dict() for name, case in measured.items()},
+        "left_out": left_out,
         "scaling": {law.what: law.to_dict() for law in laws},
         "memory": asdict(growth) if growth else {},
     }
-    show(as_json, content, lambda: _text(measured, laws, growth))
+    show(as_json, content, lambda: _text(measured, left_out, laws, growth))
 
 
-def _text(measured: Mapping[str, Case], laws: Iterable[Scaling], growth: Memory | None) -> str:
+def _text(
+    measured: Mapping[str, Case], left_out: Mapping[str, str], laws: Iterable[Scaling], growth: Memory | None
+) -> str:
     rows: list[tuple[str, ...]] = [("case", "seconds", "baseline", "ratio", "peak MB", "megapixels")]
     for name, case in measured.items():
         figures = (case.seconds, case.baseline_seconds, case.ratio, case.peak_mb, case.megapixels)
         rows.append((name, *(f"{figure:.{digits}f}" for figure, digits in zip(figures, (3, 3, 1, 0, 1), strict=True))))
     lines = [table(rows, "<>>>>>")]
+    if left_out:
+        lines.append("\n" + table([("left out", "reason"), *left_out.items()], "<<"))
     for law in laws:
         points = ", ".join(f"{size:g}: {seconds:.3f} s" for size, seconds in zip(law.sizes, law.seconds, strict=True))
         lines.append(f"\n{law.what} ({law.unit})\n  {points}; exponent {law.exponent:.2f}")

@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, listed, say_if_compiling, show, table
+from photosite.cli.output import Stages, held_warnings, listed, not_listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
     from photosite.calibration.gain_series.result import GainSeries
@@ -48,6 +48,12 @@ if TYPE_CHECKING:
 )
 @click.option("--dark", multiple=True, metavar="PATTERN", help="Dark frames of the folder, by file name: 'IMG_00*'.")
 @click.option("--light", multiple=True, metavar="PATTERN", help="Light frames of the folder, by file name.")
+@click.option(
+    "--exposure-from-name",
+    metavar="REGEX",
+    help="Regular expression that finds the exposure time in the name of a file or its subfolder, in one group: "
+    "'t([0-9.]+ms)'. A group named after a unit holds a number in it: '_(?P<us>[0-9]+)_'.",
+)
 @options.quantity(
     "--outlier-dark",
     unit="DN",
@@ -102,7 +108,7 @@ def command(
     \b
     Missing metadata are read from the name of the file or its subfolder
       dark, bias, d_012; light, flat, bright, b_012   dark or light
-      10ms, 0.04s, 250us, 1-8000s                     exposure time (1-8000s is 1/8000 s)
+      10ms, 0.04s, 250us, 1-8000s, exp0.001           exposure time (1-8000s is 1/8000 s)
       iso400, gain_2.5; _-10C                         gain setting; temperature
 
     A protocol overrides metadata and file names. Without any of them, the level of the frames decides between dark and
@@ -118,6 +124,7 @@ def command(
     from photosite.frames.open import open_frames
     from photosite.sensor.io.sensor_file import maps_path
 
+    held = click.get_current_context().with_resource(held_warnings())
     frames = open_frames(path, **reading)
     if linearize is not None:
         frames = linearized(frames, read_linearization(linearize))
@@ -138,10 +145,12 @@ def command(
     say_if_compiling()
     if is_series:
         series = calibrate_series(frames, sensor, progress=Stages(), checkpoint=checkpoint)
+        not_listed(held, series.warnings)
         _write_series(series, output, report, as_json)
         return
     outliers = OutlierThresholds(outlier_dark, outlier_light)
     calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
+    not_listed(held, calibration.warnings)
     if output is not None:
         _ = calibration.sensor  # raises before anything is written
     if report is not None:
@@ -154,21 +163,18 @@ def command(
 
 def _text(calibration: Calibration) -> str:
     from photosite.calibration.parameters import PARAMETER_LABELS
-    from photosite.report.numbers import format_uncertain
+    from photosite.report.tables import format_estimate
 
-    rows = [("parameter", "value", "unit", "method")]
+    rows = [("parameter", "value", "unit", "name", "method")]
     missing = [("not estimated", "reason")]
     for name, entry in calibration.estimates().items():
         shown = PARAMETER_LABELS[name]
-        if entry.value is None or entry.standard_uncertainty is None:
-            missing.append((f"{shown.label}, {shown.unit}", entry.reason or ""))
+        if entry.value is None:
+            missing.append((name, entry.reason or ""))
             continue
-        value = format_uncertain(entry.value, entry.standard_uncertainty)
-        if entry.upper_limit_95 is not None:
-            value += f" (< {entry.upper_limit_95:.3g})"
-        rows.append((shown.label, value, shown.unit, entry.method))
+        rows.append((shown.label, format_estimate(entry), shown.unit, name, entry.method))
     heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
-    parts = [heading, table(rows, "<<<<"), *([table(missing, "<<")] if len(missing) > 1 else []), *_chip(calibration)]
+    parts = [heading, table(rows, "<<<<<"), *([table(missing, "<<")] if len(missing) > 1 else []), *_chip(calibration)]
     for what, lines in (("warnings", calibration.warnings), ("left out", calibration.rejected)):
         if lines:
             parts.append(listed(f"{what}:", lines))
@@ -177,8 +183,11 @@ def _text(calibration: Calibration) -> str:
 
 def _chip(calibration: Calibration) -> list[str]:
     """Return the tables of noise, defects and bands, where maps were measured."""
+    from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
     from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
     from photosite.report.numbers import format_uncertain
+    from photosite.report.tables import format_estimate
+    from photosite.sensor.chip import DefectKind
 
     chip, temporal = calibration.chip, calibration.temporal
     if chip is None or temporal is None:
@@ -195,15 +204,19 @@ def _chip(calibration: Calibration) -> list[str]:
         (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "", temporal.shape.tukey_lambda),
     ):
         if entry.value is not None and entry.standard_uncertainty is not None:
-            noise.append((label, format_uncertain(entry.value, entry.standard_uncertainty), unit, entry.method))
-    defects = [("defective pixels", "number")] + [(kind, str(n)) for kind, n in chip.defects.counts().items()]
+            noise.append((label, format_estimate(entry), unit, entry.method))
+    defects = [("defective pixels", "number", "shapes")]
+    for kind, count in chip.defects.counts().items():
+        found, size = chip.defects.of(DefectKind[kind.upper()]), (calibration.rows, calibration.cols)
+        shapes = shapes_text(group_defects(found.row, found.col, size)) if count else ""
+        defects.append((kind, str(count), shapes))
     bands = [
         (name, f"{band.cycles_per_pixel:.4f}", format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn))
         for name, found in temporal.bands.items()
         for band in found
     ]
     heading = ("bands", "cycles per pixel", "amplitude, DN")
-    return [table(noise, "<<<<"), table(defects, "<>"), *([table([heading, *bands], "<><")] if bands else [])]
+    return [table(noise, "<<<<"), table(defects, "<><"), *([table([heading, *bands], "<><")] if bands else [])]
 
 
 def _write_series(series: GainSeries, output: Path | None, report: Path | None, as_json: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -136,8 +136,11 @@ class Command(click.Command):
                 raise
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run as click does."""
-        with _errors_in_options(self):
+        """Run as click does; on a terminal, show that a long command works."""
+        from photosite.cli.output import working
+
+        runs_others = isinstance(self, click.Group)
+        with _errors_in_options(self), nullcontext() if runs_others else working(ctx.command_path):
             return super().invoke(ctx)
 
 

@@ -51,7 +51,7 @@ _OF_OPTIONS = (
 @options.luminance_option("Mean luminance of the patches, in cd/m2.", default=40.0)
 @options.distance_option("Distance from lens to chart, in m.", default=1.2)
 @options.lens_options()
-@options.exposure_option(text="Exposure time in s, such as 0.01 or 1/3.", default="1/3")
+@options.exposure_option(text="Exposure time: 0.01, 1/100 or 10ms.", default="1/3")
 @options.seed_option()
 @options.json_option
 @click.pass_context

@@ -13,13 +13,13 @@ from photosite.cli.output import show
 
 
 def white_balance_of(text: str) -> str | list[float]:
-    """Parse a name, or three gains such as 2.1,1,1.4."""
+    """Parse a name, or gains such as 2.1,1,1.4."""
     if "," not in text:
         return text
     try:
         return [float(gain) for gain in text.split(",")]
     except ValueError:
-        raise click.BadParameter(f"must be a name or three gains such as 2.1,1,1.4, got '{text}'") from None
+        raise click.BadParameter(f"must be a name or gains such as 2.1,1,1.4, got '{text}'") from None
 
 
 def brightness_of(text: str) -> str | float:
@@ -30,14 +30,15 @@ def brightness_of(text: str) -> str | float:
 @click.command("develop", cls=Command)
 @click.argument("raw", type=click.Path(path_type=Path))
 @options.file_option(
-    "-o", "--output", suffixes=options.PICTURE_SUFFIXES, required=True, text="Picture to write (.png)."
+    "-o", "--output", suffixes=options.PICTURE_SUFFIXES, required=True, text="Picture to write: .png or .jpg."
 )
 @click.option(
     "--white-balance",
     type=white_balance_of,
     metavar="BALANCE",
-    default="gray-world",
-    help="gray-world, none, or gains for R, G and B: 2.1,1,1.4.",
+    default="as-shot",
+    help="as-shot (the light's white that the file states, else gray-world), gray-world, none, or gains for R, G and "
+    "B: 2.1,1,1.4.",
 )
 @click.option(
     "--brightness",
@@ -46,7 +47,9 @@ def brightness_of(text: str) -> str | float:
     default="auto",
     help="auto, or a factor for the linear picture.",
 )
-@click.option("--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture.")
+@click.option(
+    "--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture; .jpg has 8."
+)
 @options.reading_options()
 @options.json_option
 def command(
@@ -58,15 +61,18 @@ def command(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG, sRGB).
+    """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG or JPEG, sRGB).
 
-    Steps: bilinear demosaic, white balance, the file's color matrix, sRGB encoding.
+    Steps: bilinear demosaic, white balance, the file's color matrix, sRGB encoding. Gray surfaces are gray if the file
+    states the white of its light, as frames of `photosite simulate`, DNG and camera raw do.
 
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
     """
     from photosite.develop.develop import develop, save_picture
     from photosite.frames.io.formats import read_raw
 
+    if depth == "16" and output.suffix.lower() != ".png":
+        raise click.UsageError("--depth 16 needs a picture in .png")
     frame = read_raw(raw, **reading)
     rows, cols = frame.shape
     save_picture(develop(frame, white_balance=white_balance, exposure=brightness), output, bits=int(depth))

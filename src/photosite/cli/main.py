@@ -46,6 +46,7 @@ COMMANDS = {
     "validate": "Compare measured with simulated raw frames of a chart.",
     "compare": "Compare another simulator's patches or mosaics with photosite's.",
     "develop": "Develop a raw frame to a picture.",
+    "mtf": "Measure sharpness on a slanted edge in a raw frame.",
     "reproduce": "Repeat the studies, such as the coverage of the intervals.",
     "bench": "Time photosite on this machine against a plain implementation.",
 }
@@ -108,6 +109,9 @@ def run(arguments: Sequence[str]) -> int:
         warnings.showwarning = partial(_show_warning, warnings.showwarning)
         try:
             status = cli.main(list(arguments), prog_name="photosite", standalone_mode=False)
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.message)
+            return 0
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "photosite"
             return _fail(f"{_usage_message(error)} (see {command} --help)")
@@ -123,8 +127,6 @@ def run(arguments: Sequence[str]) -> int:
 
 def _usage_message(error: click.UsageError) -> str:
     """Return click's message as one clause: `--unit must be one of 'e', 'dn', got 'v'`."""
-    if isinstance(error, click.exceptions.NoArgsIsHelpError):
-        return "a command is required"
     message = error.format_message().rstrip(".")
     if not isinstance(error, click.BadParameter) or isinstance(error, click.MissingParameter):
         return message

@@ -24,7 +24,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png", ".h5", ".hdf5")
-PICTURE_SUFFIXES = (".png",)
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 REPORT_SUFFIXES = (".html", ".pdf")
 SENSOR_SUFFIXES = (".yaml", ".yml")
 
@@ -56,11 +56,16 @@ class Whole(click.IntRange):
 
 
 def exposure_time(text: str) -> float:
-    """Parse seconds: a number, or a fraction such as 1/8000."""
+    """Parse an exposure time: 0.005, 1/200 or 5ms."""
     try:
         return parse_exposure(text)
     except InputError as error:
         raise click.BadParameter(str(error).removeprefix("exposure_s ")) from None
+
+
+def exposure_time_or_auto(text: str) -> float | str:
+    """Parse an exposure time, or auto."""
+    return text if text == "auto" else exposure_time(text)
 
 
 def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | float], float]:
@@ -298,7 +303,7 @@ def exposure_option(
     name: str = "--exposure", argument: str = "exposure_s", *, text: str, default: str | None = None
 ) -> Callable[[F], F]:
     """Add an exposure time, by default --exposure."""
-    return option(name, argument, type=exposure_time, metavar="SECONDS", default=default, help=text)
+    return option(name, argument, type=exposure_time, metavar="TIME", default=default, help=text)
 
 
 def tolerance_percent_option(default: float, text: str) -> Callable[[F], F]:

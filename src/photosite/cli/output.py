@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import textwrap
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import zip_longest
 from os import PathLike
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from photosite.errors import PhotositeWarning
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -45,21 +53,46 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
-def table(rows: Sequence[Sequence[str]], align: str) -> str:
+def table(rows: Sequence[Sequence[str]], align: str, width: int | None = None) -> str:
     """Return rows of text in columns; the first row is the heading, `align` has `<` or `>` for each column.
+
+    Parameters
+    ----------
+    rows, align
+        Texts, and the alignment of each column.
+    width
+        Characters per line, for which the widest columns of text are wrapped. Default: those of the terminal; no limit
+        where standard output is not a terminal.
 
     Examples
     --------
-    >>> print(table([("name", "value"), ("gain", "30")], "<>"))
-    name  value
-    gain     30
+    >>> print(table([("name", "value", "method"), ("gain", "30", "photon transfer")], "<><", width=20))
+    name  value  method
+    gain     30  photon
+                 transfer
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = (
-        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True)).rstrip()
-        for row in rows
-    )
+    if width is None and sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns
+    text_columns = [index for index, side in enumerate(align) if side == "<"]
+    while width is not None and text_columns and sum(widths) + 2 * (len(widths) - 1) > width:
+        widest = max(text_columns, key=lambda index: widths[index])
+        if widths[widest] <= _NARROWEST:
+            break
+        widths[widest] -= 1
+    lines = []
+    for row in rows:
+        cells = [
+            [cell] if len(cell) <= size else textwrap.wrap(cell, size) for cell, size in zip(row, widths, strict=True)
+        ]
+        for parts in zip_longest(*cells, fillvalue=""):
+            padded = (f"{part:{side}{size}}" for part, side, size in zip(parts, align, widths, strict=True))
+            lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+_NARROWEST = 8
+"""Characters below which a column of text is not wrapped further."""
 
 
 def verdict(agrees: bool) -> str:
@@ -85,8 +118,72 @@ def say_if_compiling() -> None:
         say("compiling kernels (once; about 20 s) ...")
 
 
+_BAR_AFTER_S = 1.0
+"""What takes less needs no bar."""
 _LOG_EVERY_S = 10.0
 """Interval of the lines where standard error is not a terminal."""
+
+
+def not_listed(held: list[PhotositeWarning], shown: Sequence[str]) -> None:
+    """Remove the warnings that a result lists, so that each is shown once."""
+    held[:] = [warning for warning in held if not any(text in str(warning) or str(warning) in text for text in shown)]
+
+
+_WORKING_AFTER_S = 2.0
+_shows_progress = False
+"""Whether a bar of progress is on the terminal."""
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """Show on a terminal's standard error that a command works, and for how long, from two seconds on.
+
+    A bar of progress takes its place; logs get nothing.
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    done, begun = Event(), time.monotonic()
+
+    def show_time() -> None:
+        shown = False
+        while not done.wait(_WORKING_AFTER_S if not shown else 1.0):
+            if not _shows_progress:
+                sys.stderr.write(f"\r{what}: working, {time.monotonic() - begun:.0f} s\033[K")
+                sys.stderr.flush()
+                shown = True
+        if shown:
+            sys.stderr.write("\r\033[K")
+            sys.stderr.flush()
+
+    clock = Thread(target=show_time, daemon=True)
+    clock.start()
+    try:
+        yield
+    finally:
+        done.set()
+        clock.join()
+
+
+@contextmanager
+def held_warnings() -> Iterator[list[PhotositeWarning]]:
+    """Hold back warnings, which the caller shows with its result; show those that are left in the list, at the end."""
+    held: list[PhotositeWarning] = []
+    show_now = warnings.showwarning
+
+    def hold(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if isinstance(message, PhotositeWarning):
+            held.append(message)
+        else:
+            show_now(message, category, *place, **more)
+
+    warnings.showwarning = hold
+    try:
+        yield held
+    finally:
+        warnings.showwarning = show_now
+        for message in held:
+            warnings.showwarning(message, type(message), "", 0)
 
 
 class Stages:
@@ -117,7 +214,8 @@ class Stages:
             from tqdm import tqdm
 
             self._close()
-            self._bar = tqdm(total=total, unit=f" {unit}", leave=False)
+            _set_shows_progress(True)
+            self._bar = tqdm(total=total, unit=f" {unit}", leave=False, delay=_BAR_AFTER_S)
         self._bar.update(done - self._bar.n)
         if done >= total:
             self._close()
@@ -126,3 +224,9 @@ class Stages:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+            _set_shows_progress(False)
+
+
+def _set_shows_progress(value: bool) -> None:
+    global _shows_progress
+    _shows_progress = value

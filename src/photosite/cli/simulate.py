@@ -1,27 +1,30 @@
-"""`photosite simulate`: one raw frame of a scene."""
+"""`photosite simulate`: raw frames of a scene."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import say_if_compiling, show
+from photosite.cli.output import Stages, say, say_if_compiling, show
 from photosite.errors import InputError
 from photosite.values.exposure import format_exposure
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from photosite.camera.camera import Camera
     from photosite.camera.file import SetUp
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.lens import Optics
-    from photosite.scene.planes import Planes
-    from photosite.scene.scene import Scene
     from photosite.scene.scene_request import PlanesRequest, SceneRequest
+    from photosite.sensor.model import Sensor
 
 
 @click.command("simulate", cls=Command)
@@ -36,7 +39,13 @@ if TYPE_CHECKING:
 @options.scene_options
 @options.path_option("--optics", "optics_file", text="Optics file (YAML, or ISETPARMS.txt).")
 @options.lens_options(late=True)
-@options.exposure_option(text="Exposure time in s, such as 0.01 or 1/100.  [default: 1/3]")
+@click.option(
+    "--exposure",
+    "exposure_s",
+    type=options.exposure_time_or_auto,
+    metavar="TIME|auto",
+    help="Exposure time: 0.01, 1/100 or 10ms; auto puts the bright parts just below saturation.  [default: 1/3]",
+)
 @click.option(
     "--cells",
     "cells_per_pixel",
@@ -45,24 +54,40 @@ if TYPE_CHECKING:
     help="Cells across a pixel in which the image is computed; use 3 or more to measure edges.  [default: 1]",
 )
 @options.seed_option()
+@click.option(
+    "--frames",
+    type=options.Whole(1, 2**32),
+    default=1,
+    metavar="N",
+    help="Frames of the same scene, with independent noise; with several, their number is added to the file names.",
+)
 @options.file_option(
     *("-o", "--output"),
     suffixes=options.RAW_SUFFIXES,
     default="shot.dng",
     text="Raw frame to write: .dng, .tif, .png or .h5.",
 )
-@options.file_option("--preview", suffixes=options.PICTURE_SUFFIXES, text="Also write a developed picture (PNG).")
+@options.file_option(
+    "--preview", suffixes=options.PICTURE_SUFFIXES, text="Also write a developed picture: .png or .jpg."
+)
+@options.file_option(
+    "--clean",
+    suffixes=(".tif", ".tiff", ".h5", ".hdf5"),
+    text="Also write the noise-free mosaic in DN, 32-bit floats: .tif or .h5.",
+)
 @options.json_option
 def command(
     camera_file: Path | None,
-    exposure_s: float | None,
+    exposure_s: float | str | None,
     seed: int,
+    frames: int,
     output: Path,
     preview: Path | None,
+    clean: Path | None,
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Simulate a raw frame of a scene.
+    """Simulate raw frames of a scene.
 
     The defaults are the 2008 paper's: a Nikon D200 with a 50 mm lens at f/8, a ColorChecker of 40 cd/m2 under tungsten
     light (CIE A), 1/3 s. The same seed gives the same frame. The sensor's fixed pattern belongs to its serial and is
@@ -77,37 +102,99 @@ def command(
     center and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
+    \b
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
+    Example: photosite simulate --exposure auto --frames 8 --clean clean.tif -o noisy.tif
     """
+    from photosite.frames.io.clean_mosaic import write_clean_mosaic
+
     set_up = _set_up(camera_file, given)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure_s is None else exposure_s
+    _check_format(camera.sensor, output)
+    paths = [output] if frames == 1 else [_numbered(output, n, frames) for n in range(frames)]
+    for path in paths:
+        options.check_new(path)
     scene = set_up.seen.scene()
     say_if_compiling()
-    raw = _with_white_balance(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
-    _save(raw, output, preview)
+    per_second = camera.mean_electrons(scene, 1.0, progress=Stages())
+    time_s = camera.auto_exposure_s(per_second) if isinstance(time_s, str) else time_s
+    mean = per_second * np.float32(time_s)
+    taken = datetime.now().isoformat(timespec="seconds")
+    progress = Stages()
+    for number, path in enumerate(paths):
+        raw = camera.expose(mean, time_s, seed=seed, frame=number, scene=scene)
+        raw = replace(raw, metadata={**raw.metadata, "date_time": taken})
+        raw = _with_white_balance(raw, camera, set_up.scene.light)
+        _save(raw, path, preview if number == 0 else None)
+        if number == 0:
+            first = raw
+            if clean is not None:
+                write_clean_mosaic(camera.clean_dn(mean), raw, clean)
+        progress(number + 1, frames)
+    saturated = float((first.dn >= first.white_level_dn).mean())
+    suggested_s = camera.auto_exposure_s(per_second) if per_second.any() else None
     facts: dict[str, Any] = {
-        "path": output,
+        "path": paths[0],
+        "paths": [str(path) for path in paths],
         "preview": preview,
-        "rows": raw.shape[0],
-        "cols": raw.shape[1],
-        "bits": raw.bits,
-        "black_level_dn": raw.black_level_dn,
-        "white_level_dn": raw.white_level_dn,
-        "exposure_s": raw.exposure_s,
-        "mean_dn": float(raw.dn.mean()),
-        "max_dn": int(raw.dn.max()),
-        "saturated_fraction": float((raw.dn >= raw.white_level_dn).mean()),
+        "clean": clean,
+        "rows": first.shape[0],
+        "cols": first.shape[1],
+        "bits": first.bits,
+        "black_level_dn": first.black_level_dn,
+        "white_level_dn": first.white_level_dn,
+        "exposure_s": first.exposure_s,
+        "suggested_exposure_s": suggested_s,
+        "mean_dn": float(first.dn.mean()),
+        "max_dn": int(first.dn.max()),
+        "saturated_fraction": saturated,
         "scene": scene.name,
         "sensor": camera.sensor.name,
         "gain_setting": camera.sensor.gain_setting,
         "seed": seed,
     }
+    names = str(output) if frames == 1 else f"{frames} frames, {paths[0]} to {paths[-1].name}"
     text = (
-        f"wrote {output}: {raw.shape[0]} x {raw.shape[1]} pixels of {camera.sensor.name}, {scene.name}, "
+        f"wrote {names}: {first.shape[0]} x {first.shape[1]} pixels of {camera.sensor.name}, {scene.name}, "
         f"{format_exposure(time_s)} s; mean {facts['mean_dn']:.1f} DN, max {facts['max_dn']} DN, "
-        f"{100 * facts['saturated_fraction']:.3g} % saturated"
+        f"{100 * saturated:.3g} % saturated"
     )
-    show(as_json, facts, lambda: text, preview=preview)
+    if (hint := _exposure_hint(camera, mean, saturated, suggested_s)) is not None:
+        say(f"photosite: hint: {hint}")
+    show(as_json, facts, lambda: text, preview=preview, clean=clean)
+
+
+_SATURATED_HINT = 0.02
+"""Saturated share of the pixels above which another exposure time is suggested."""
+_BLACK_HINT = 0.01
+"""Share of the saturation capacity that the 99.5th percentile of the pixels stays below where a frame is black."""
+
+
+def _exposure_hint(
+    camera: Camera, mean: NDArray[np.float32], saturated: float, suggested_s: float | None
+) -> str | None:
+    """Return what to do with a frame that is mostly saturated or black; None for others."""
+    if suggested_s is None:
+        return "the frame is black: the scene sends no light to the sensor"
+    what = f"--exposure {format_exposure(suggested_s)} (or auto) puts the bright parts just below saturation"
+    if saturated > _SATURATED_HINT:
+        return f"{100 * saturated:.3g} % of the pixels are saturated; {what}"
+    if float(np.percentile(mean, 99.5)) < _BLACK_HINT * camera.sensor.saturation_capacity_e:
+        return f"the frame is almost black; {what}"
+    return None
+
+
+def _check_format(sensor: Sensor, output: Path) -> None:
+    """Reject a DNG of a color filter array that DNG does not hold, before anything is computed."""
+    from photosite.frames.io.dng import check_dng_cfa
+
+    if output.suffix.lower() == ".dng":
+        check_dng_cfa(sensor.array.cfa)
+
+
+def _numbered(path: Path, number: int, count: int) -> Path:
+    """Return the path of one of several frames: shot.dng becomes shot-01.dng."""
+    return path.with_name(f"{path.stem}-{number + 1:0{len(str(count))}d}{path.suffix}")
 
 
 def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
@@ -158,23 +245,14 @@ def _request(base: SceneRequest | PlanesRequest, given: dict[str, Any]) -> Scene
     return base
 
 
-def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scene | None:
-    """Return a field of the scene's light, where it is known from the request or from the scene's reflectances."""
+def _with_white_balance(raw: RawFrame, camera: Camera, light: Any) -> RawFrame:
+    """Return the frame with the white of a light that the scene itself does not state."""
     from photosite.scene.charts import uniform
-    from photosite.scene.scene import Scene
 
-    if request.light is not None:
-        return uniform(request.light, 1.0)
-    if isinstance(scene, Scene) and scene.reflectance is not None:
-        return Scene.uniform(scene.light(), scene.wavelength_nm)
-    return None
-
-
-def _with_white_balance(raw: RawFrame, camera: Camera, light: Scene | None) -> RawFrame:
-    """Return the frame with the camera's response to gray under its light, which a DNG stores as its white balance."""
-    if light is None or (neutral := camera.as_shot_neutral(light)) is None:
+    if light is None or "as_shot_neutral" in raw.metadata:
         return raw
-    return replace(raw, metadata={**raw.metadata, "as_shot_neutral": neutral})
+    neutral = camera.as_shot_neutral(uniform(light, 1.0))
+    return raw if neutral is None else replace(raw, metadata={**raw.metadata, "as_shot_neutral": neutral})
 
 
 def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:

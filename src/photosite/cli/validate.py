@@ -54,7 +54,7 @@ _only_with_measured = options.stacked(
     ),
     options.distance_option("Distance from lens to chart, in m.", default=1.2),
     options.lens_options(),
-    options.exposure_option(text="Exposure time in s, such as 0.01 or 1/3; overrides that of the files."),
+    options.exposure_option(text="Exposure time: 0.01, 1/100 or 10ms; overrides that of the files."),
     options.black_level_option(" of files without it"),
     click.option(
         "--corners",

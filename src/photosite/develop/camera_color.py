@@ -14,20 +14,22 @@ from photosite.frames.raw_frame import RawFrame
 _EXAMPLE = {"white_balance": [2.0, 1.0, 1.5]}
 
 
-def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the gains that scale the means of red and blue to that of green.
+def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None, reference: int = 1) -> NDArray[np.float64]:
+    """Return the gains that scale the means of all channels to that of one, by default green.
 
     Parameters
     ----------
     rgb
-        (rows, cols, 3), linear, black at 0.
+        (rows, cols, channels), linear, black at 0; R, G and B or others.
     left_out
         (rows, cols), true at pixels to exclude, such as saturated ones (`saturated_neighbourhood`). None includes all.
+    reference
+        Index of the channel whose gain is 1.
 
     Returns
     -------
     numpy.ndarray
-        (3,), factors for red, green and blue; that of green is 1.
+        (channels,), factors; that of the reference is 1.
 
     Raises
     ------
@@ -44,8 +46,8 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
     array([0.5, 1. , 2. ])
     """
     values = np.asarray(rgb)
-    if values.ndim != 3 or values.shape[2] != 3:
-        raise InputError("rgb", value=values.shape, expected="of shape (rows, cols, 3)")
+    if values.ndim != 3:
+        raise InputError("rgb", value=values.shape, expected="of shape (rows, cols, channels)")
     if left_out is None:
         means = values.mean(axis=(0, 1), dtype=np.float64)
     else:
@@ -55,17 +57,17 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
         if not counted.any():
             hint = "Pass {white_balance}, or expose for less"
             raise InputError("gray world finds no pixel that is not saturated", hint=hint, arguments=_EXAMPLE)
-        means = np.array([values[..., k].mean(dtype=np.float64, where=counted) for k in range(3)])
+        means = np.array([values[..., k].mean(dtype=np.float64, where=counted) for k in range(values.shape[2])])
     if not (means > 0).all():
         raise InputError(
-            "mean above black of R, G, B",
+            "mean above black of the channels",
             where="gray world",
             value=[round(float(m), 4) for m in means],
             expected="above 0",
             hint="Check the black level, or pass {white_balance}",
             arguments=_EXAMPLE,
         )
-    return np.asarray(means[1] / means, dtype=np.float64)
+    return np.asarray(means[reference] / means, dtype=np.float64)
 
 
 def saturated_neighbourhood(raw: RawFrame) -> NDArray[np.bool_]:

@@ -6,33 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
-from photosite.values.cfa import Cfa, channel_names, tile_text
-
-_NEIGHBOURS: tuple[tuple[int, int, float], ...] = tuple(
-    (dr, dc, 2.0 if 0 in (dr, dc) else 1.0) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0)
-)
-"""(row step, column step, weight) of the bilinear kernel without its center."""
-
-
-def plane_names(cfa: Cfa) -> tuple[str, ...]:
-    """Return the order of a demosaiced picture's planes: R, G, B, or the tile's reading order for other channels.
-
-    Examples
-    --------
-    >>> plane_names((("G", "B"), ("R", "G"))), plane_names((("M",),))
-    (('R', 'G', 'B'), ('M',))
-    """
-    names = channel_names(cfa)
-    return ("R", "G", "B") if set(names) == {"R", "G", "B"} else names
+from photosite.values.cfa import Cfa, plane_names, tile_text
 
 
 def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
     """Interpolate every channel of a mosaic to every pixel.
 
-    A pixel keeps its channel's value. For another channel it gets the mean of that channel's pixels among the
-    eight neighbors, with weight 2 for direct neighbors and 1 for diagonal ones. At the borders the mean is over the
-    neighbors that exist. A constant channel stays constant; one that is linear in row and column stays linear except
-    in the outermost rows and columns.
+    A pixel keeps its channel's value. For another channel it gets the weighted mean of that channel's pixels at most r
+    rows and columns away, with r half the tile's larger side (1 for a Bayer tile), or more where none is that near. The
+    weight is (r + 1 - rows away) (r + 1 - columns away): in a Bayer mosaic 2 for direct neighbors and 1 for diagonal
+    ones. At the borders the mean is over the neighbors that exist. A constant channel stays constant; in a Bayer mosaic
+    one that is linear in row and column stays linear except in the outermost rows and columns.
 
     Parameters
     ----------
@@ -49,7 +33,7 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
     Raises
     ------
     InputError
-        If the mosaic is not two-dimensional, or a pixel has no neighbor of some channel.
+        If the mosaic is not two-dimensional, or too small to have a pixel of every channel.
 
     References
     ----------
@@ -67,33 +51,47 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
         raise InputError("mosaic", value=values.shape, expected="of shape (rows, cols)")
     names = plane_names(cfa)
     planes = np.empty((*values.shape, len(names)), dtype=np.float32)
-    padded = np.pad(values, 1)
     height, width = len(cfa), len(cfa[0])
+    radius = max(height, width) // 2
     for r in range(min(height, values.shape[0])):
         for c in range(min(width, values.shape[1])):
             for k, name in enumerate(names):
                 if cfa[r][c] == name:
                     planes[r::height, c::width, k] = values[r::height, c::width]
                 else:
-                    planes[r::height, c::width, k] = _from_neighbours(padded, cfa, (r, c), name)
+                    planes[r::height, c::width, k] = _from_neighbours(values, cfa, (r, c), name, radius)
     return planes
 
 
-def _from_neighbours(padded: NDArray[np.float32], cfa: Cfa, site: tuple[int, int], name: str) -> NDArray[np.float32]:
+def _from_neighbours(
+    values: NDArray[np.float32], cfa: Cfa, site: tuple[int, int], name: str, radius: int
+) -> NDArray[np.float32]:
     """Return the channel's weighted mean over the neighbors of all pixels at one site of the tile."""
-    rows, cols = padded.shape[0] - 2, padded.shape[1] - 2
     height, width = len(cfa), len(cfa[0])
-    row, col = np.arange(site[0], rows, height), np.arange(site[1], cols, width)
-    total = np.zeros((row.size, col.size), dtype=np.float32)
-    weight = np.zeros_like(total)
-    for dr, dc, w in _NEIGHBOURS:
-        if cfa[(site[0] + dr) % height][(site[1] + dc) % width] == name:
-            total += w * padded[site[0] + dr + 1 : rows + dr + 1 : height, site[1] + dc + 1 : cols + dc + 1 : width]
-            # The padding is 0, so only the weights depend on the border.
-            exists_row = (row + dr >= 0) & (row + dr < rows)
-            exists_col = (col + dc >= 0) & (col + dc < cols)
-            weight += np.float32(w) * np.outer(exists_row, exists_col)
-    if not weight.all():
-        expected = f"one with channel {name} next to every pixel of a {rows} x {cols} mosaic, as in a Bayer tile"
+    if radius > 2 * max(height, width):
+        expected = f"one whose channel {name} has pixels in a {values.shape[0]} x {values.shape[1]} mosaic"
         raise InputError("cfa", where="bilinear demosaic", value=tile_text(cfa), expected=expected)
+    (rows, cols), (first_row, first_col) = values.shape, site
+    shape = len(range(first_row, rows, height)), len(range(first_col, cols, width))
+    total, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    steps = range(-radius, radius + 1)
+    for dr, dc in ((dr, dc) for dr in steps for dc in steps):
+        if cfa[(first_row + dr) % height][(first_col + dc) % width] != name:
+            continue
+        w = np.float32((radius + 1 - abs(dr)) * (radius + 1 - abs(dc)))
+        target_rows, source_rows = _overlap(first_row, dr, height, rows)
+        target_cols, source_cols = _overlap(first_col, dc, width, cols)
+        total[target_rows, target_cols] += w * values[source_rows, source_cols]
+        weight[target_rows, target_cols] += w
+    if not (seen := weight > 0).all():
+        wider = _from_neighbours(values, cfa, site, name, radius + 1)
+        return np.divide(total, weight, out=wider, where=seen)
     return total / weight
+
+
+def _overlap(first: int, step: int, period: int, size: int) -> tuple[slice, slice]:
+    """Return the pixels of a site, counted along an axis, that have a neighbor at a step, and these neighbors."""
+    skipped = -(min(first + step, 0) // period)
+    start = first + skipped * period + step
+    count = min(len(range(start, size, period)), len(range(first + skipped * period, size, period)))
+    return slice(skipped, skipped + count), slice(start, start + count * period, period)

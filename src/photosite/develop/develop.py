@@ -1,4 +1,4 @@
-"""Developing a raw frame into a display picture, and writing it as PNG."""
+"""Developing a raw frame into a display picture, and writing it as PNG or JPEG."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, encode_srgb
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
-from photosite.develop.demosaic import demosaic_bilinear, plane_names
+from photosite.develop.demosaic import demosaic_bilinear
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
+from photosite.values.cfa import plane_names
 
-WHITE_BALANCES = ("gray-world", "none")
+WHITE_BALANCES = ("as-shot", "gray-world", "none")
 
 AUTO_EXPOSURE_PERCENTILE = 99.5
 """Automatic exposure maps this percentile of the brightest primary of each pixel to display white."""
@@ -29,6 +30,8 @@ _BLOCK_ROWS = 256
 
 BITS = (8, 16)
 
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+
 _AFTER_HEADER = 33
 """Bytes of the signature and the chunk IHDR."""
 _SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
@@ -37,28 +40,31 @@ _SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
 
 def develop(
     raw: RawFrame,
-    white_balance: str | Sequence[float] = "gray-world",
+    white_balance: str | Sequence[float] = "as-shot",
     color_matrix: ColorMatrix | ArrayLike | None = None,
     exposure: float | str = "auto",
 ) -> NDArray[np.float32]:
     """Develop a raw frame into a display picture.
 
     Steps: scale black level to 0 and white level to 1, bilinear demosaic, white balance, color matrix to linear sRGB,
-    exposure, sRGB encoding. A monochrome frame becomes gray, without the steps for color.
+    exposure, sRGB encoding. A monochrome frame becomes gray, without the steps for color. So does a frame with other
+    channels than R, G and B and without a matrix: its balanced channels are averaged.
 
     Parameters
     ----------
     raw
-        The frame: channels R, G and B in any tile, or one channel.
+        The frame, with any color filter array.
     white_balance
-        "gray-world": scale red and blue to the mean of green, without saturated pixels and their neighbors. "none":
-        unbalanced. Or three gains for red, green and blue. With a white balance, equal balanced values become neutral,
-        whatever the matrix. Saturated pixels are limited to the level at which the first channel saturates, so that
-        they are not tinted.
+        "as-shot": the light's own white, `raw.as_shot_neutral`, so that gray surfaces are gray, as in other raw
+        developers; gray world for frames that do not state it. "gray-world": scale the means of all channels to that of
+        green, without saturated pixels and their neighbors. "none": unbalanced. Or a gain for each channel, in the
+        order of `plane_names(raw.cfa)`: red, green and blue. With a white balance, equal balanced values become
+        neutral, whatever the matrix. Saturated pixels are limited to the level at which the first channel saturates,
+        so that they are not tinted.
     color_matrix
-        (3, 3), camera RGB to XYZ under D65, or the result of `fit_color_matrix`; its scale is free. Default: the
-        inverse of `raw.color_matrix`. Without that, camera RGB is taken as linear sRGB: a recognizable picture with
-        wrong colors.
+        (3, channels), camera channels to XYZ under D65, or the result of `fit_color_matrix`; its scale is free.
+        Default: the inverse of `raw.color_matrix`. Without that, camera RGB is taken as linear sRGB: a recognizable
+        picture with wrong colors.
     exposure
         "auto": the 99.5th percentile over pixels of the brightest primary becomes display white. Or a factor; with 1 a
         neutral surface at the sensor's white level becomes display white.
@@ -71,8 +77,8 @@ def develop(
     Raises
     ------
     InputError
-        If the channels are neither R, G, B nor one, an argument is invalid, the matrix has no inverse or needs negative
-        camera RGB for white, or "auto" finds no light.
+        If an argument or the frame's white is invalid, the matrix has no inverse or needs negative camera values for
+        white, or "auto" finds no light.
 
     Notes
     -----
@@ -97,12 +103,12 @@ def develop(
         linear = np.repeat(planes, 3, axis=2)
     else:
         to_xyz = _camera_to_xyz(raw, color_matrix)
-        linear = planes
         if white_balance != "none":
-            _balance(linear, raw, white_balance)
-        to_srgb = _to_srgb(to_xyz, balanced=white_balance != "none")
-        for block in _blocks(linear):
-            block[...] = block @ to_srgb.T.astype(np.float32)
+            _balance(planes, raw, white_balance)
+        to_srgb = _to_srgb(to_xyz, plane_names(raw.cfa), balanced=white_balance != "none").T.astype(np.float32)
+        linear = planes if planes.shape[2] == 3 else np.empty((*planes.shape[:2], 3), np.float32)
+        for block, seen in zip(_blocks(linear), _blocks(planes), strict=True):
+            block[...] = seen @ to_srgb
     scale = np.float32(_auto_exposure(linear) if exposure == "auto" else exposure)
     for block in _blocks(linear):
         block[...] = encode_srgb(block * scale)
@@ -149,17 +155,16 @@ def _check_exposure(exposure: float | str) -> None:
         raise InputError("exposure", value=exposure, expected="'auto' or a factor above 0")
 
 
-def _check_white_balance(name: str) -> None:
+def _check_white_balance(name: str) -> str:
     if name not in WHITE_BALANCES:
         hint = did_you_mean(name, WHITE_BALANCES)
-        raise InputError("white_balance", value=name, expected="'gray-world', 'none' or three gains", hint=hint)
+        expected = "'as-shot', 'gray-world', 'none' or a gain for each channel"
+        raise InputError("white_balance", value=name, expected=expected, hint=hint)
+    return name
 
 
 def _normalised_planes(raw: RawFrame) -> NDArray[np.float32]:
     """Return the demosaiced frame, black level at 0 and white level at 1."""
-    names = plane_names(raw.cfa)
-    if len(names) != 1 and names != ("R", "G", "B"):
-        raise InputError("channels", where="raw frame", value=names, expected="R, G and B, or one")
     signal = raw.dn.astype(np.float32)
     signal -= np.float32(raw.black_level_dn)
     signal /= np.float32(raw.white_level_dn - raw.black_level_dn)
@@ -169,14 +174,16 @@ def _normalised_planes(raw: RawFrame) -> NDArray[np.float32]:
 def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Sequence[float]) -> None:
     """Apply the gains in place; limit saturated pixels so that they are not tinted."""
     saturated = saturated_neighbourhood(raw)
-    if isinstance(white_balance, str):
-        _check_white_balance(white_balance)
-        gains = gray_world_gains(planes, saturated)
-    else:
+    names = plane_names(raw.cfa)
+    if not isinstance(white_balance, str):
         gains = np.asarray(white_balance, dtype=np.float64)
-        if gains.shape != (3,) or not (np.isfinite(gains).all() and (gains > 0).all()):
-            expected = "three numbers above 0, for R, G and B"
+        if gains.shape != (len(names),) or not (np.isfinite(gains).all() and (gains > 0).all()):
+            expected = f"{len(names)} numbers above 0, for {', '.join(names)}"
             raise InputError("white_balance", value=white_balance, expected=expected)
+    elif _check_white_balance(white_balance) == "as-shot" and (neutral := raw.as_shot_neutral) is not None:
+        gains = 1.0 / np.array(neutral)
+    else:
+        gains = gray_world_gains(planes, saturated, names.index("G") if "G" in names else 0)
     planes *= gains.astype(np.float32)
     if saturated.any():
         # If a channel is clipped, its ratio to the others does not follow the light's color.
@@ -186,46 +193,48 @@ def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Se
 
 
 def _camera_to_xyz(raw: RawFrame, color_matrix: ColorMatrix | ArrayLike | None) -> NDArray[np.float64] | None:
-    """Return (3, 3), camera R, G, B to XYZ, or None if it is unknown."""
+    """Return (3, channels), camera channels to XYZ in the order of the planes, or None if it is unknown."""
+    names = plane_names(raw.cfa)
     if color_matrix is None:
         if raw.color_matrix is None:
             return None
         from_xyz = np.asarray(raw.color_matrix, dtype=np.float64)
-        if from_xyz.shape != (3, 3):
-            raise InputError("color_matrix", where="raw frame", value=from_xyz.shape, expected="of shape (3, 3)")
-        order = [raw.channels.index(name) for name in plane_names(raw.cfa)]
-        return _inverse(from_xyz[order])
+        if from_xyz.shape != (len(names), 3):
+            expected = f"of shape ({len(names)}, 3)"
+            raise InputError("color_matrix", where="raw frame", value=from_xyz.shape, expected=expected)
+        return _inverse(from_xyz[[raw.channels.index(name) for name in names]])
     matrix = color_matrix.matrix if isinstance(color_matrix, ColorMatrix) else color_matrix
     to_xyz = np.asarray(matrix, dtype=np.float64)
-    if to_xyz.shape != (3, 3):
-        raise InputError("color_matrix", value=to_xyz.shape, expected="of shape (3, 3)")
+    if to_xyz.shape != (3, len(names)):
+        raise InputError("color_matrix", value=to_xyz.shape, expected=f"of shape (3, {len(names)})")
     _inverse(to_xyz)
     return to_xyz
 
 
 def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse, for more than three channels the pseudoinverse."""
     if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 3:
-        raise InputError("color_matrix", value=matrix.tolist(), expected="an invertible matrix")
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        raise InputError("color_matrix", value=matrix.tolist(), expected="a matrix of rank 3")
+    return np.asarray(np.linalg.pinv(matrix), dtype=np.float64)
 
 
 def _neutral(to_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the camera RGB that the matrix maps to the white of D65."""
-    neutral = np.asarray(np.linalg.solve(to_xyz, D65_WHITE_XYZ), dtype=np.float64)
+    """Return the camera values that the matrix maps to the white of D65; of several, the least."""
+    neutral = np.asarray(np.linalg.pinv(to_xyz) @ D65_WHITE_XYZ, dtype=np.float64)
     if not (neutral > 0).all():
-        problem = f"white would need the camera RGB ({', '.join(f'{n:.4g}' for n in neutral)}), not all above 0"
-        hint = "Check that the matrix is camera RGB to XYZ, not its inverse"
+        problem = f"white would need the camera values ({', '.join(f'{n:.4g}' for n in neutral)}), not all above 0"
+        hint = "Check that the matrix is camera channels to XYZ, not its inverse"
         raise InputError(problem, where="color_matrix", hint=hint)
     return neutral
 
 
-def _to_srgb(to_xyz: NDArray[np.float64] | None, balanced: bool) -> NDArray[np.float64]:
-    """Return camera RGB to linear sRGB.
+def _to_srgb(to_xyz: NDArray[np.float64] | None, names: Sequence[str], balanced: bool) -> NDArray[np.float64]:
+    """Return (3, channels), camera channels to linear sRGB.
 
-    Balanced (1, 1, 1) stays (1, 1, 1). Unbalanced, the neutral that just saturates a channel becomes (1, 1, 1).
+    Balanced values of 1 stay 1. Unbalanced, the neutral that just saturates a channel becomes (1, 1, 1).
     """
     if to_xyz is None:
-        return np.eye(3)
+        return np.eye(3) if tuple(names) == ("R", "G", "B") else np.full((3, len(names)), 1 / len(names))
     neutral = _neutral(to_xyz)
     return np.asarray(SRGB_FROM_XYZ @ to_xyz @ np.diag(neutral) if balanced else SRGB_FROM_XYZ @ to_xyz * neutral.max())
 
@@ -239,16 +248,16 @@ def _auto_exposure(linear: NDArray[np.float32]) -> float:
 
 
 def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: int = 8) -> None:
-    """Write a developed picture as PNG.
+    """Write a developed picture as PNG or JPEG.
 
     Parameters
     ----------
     picture
         (rows, cols, 3), display sRGB, 0 to 1, from `develop`.
     path
-        A name with the suffix .png.
+        A name with the suffix .png, .jpg or .jpeg.
     bits
-        Bits per channel, 8 or 16.
+        Bits per channel, 8 or 16; JPEG has 8.
 
     Raises
     ------
@@ -259,7 +268,8 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
 
     References
     ----------
-    ISO/IEC 15948, with an sRGB chunk. Pillow has no 16-bit color.
+    ISO/IEC 15948 (PNG), with an sRGB chunk; Pillow has no 16-bit color. ISO/IEC 10918-5 (JFIF), quality 95, all
+    channels at full resolution.
 
     Examples
     --------
@@ -270,7 +280,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     ...     Image.open(f"{folder}/gray.png").getpixel((0, 0))
     (128, 128, 128)
     """
-    from imagecodecs import png_encode
+    from imagecodecs import jpeg8_encode, png_encode
 
     values = np.asarray(picture)
     if values.ndim != 3 or values.shape[2] != 3 or values.size == 0:
@@ -280,9 +290,16 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     if bits not in BITS:
         raise InputError("bits", value=bits, expected="8 or 16")
     target = Path(path)
-    if target.suffix.lower() != ".png":
-        raise InputError("path", value=target.name, expected="a name with the suffix .png")
+    suffix = target.suffix.lower()
+    if suffix not in PICTURE_SUFFIXES:
+        raise InputError("path", value=target.name, expected=f"a name with the suffix {', '.join(PICTURE_SUFFIXES)}")
+    if suffix != ".png" and bits != 8:
+        raise InputError("bits", value=bits, expected="8 in JPEG", hint="Save as .png")
     codes = np.rint(values * ((1 << bits) - 1)).astype(np.uint8 if bits == 8 else np.uint16)
-    encoded = png_encode(codes, level=3)
+    if suffix == ".png":
+        encoded = png_encode(codes, level=3)
+        encoded = encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:]
+    else:
+        encoded = jpeg8_encode(codes, level=95, subsampling="444")
     with atomic_path(target) as temporary:
-        temporary.write_bytes(encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:])
+        temporary.write_bytes(encoded)

@@ -10,7 +10,7 @@ quarter of the size. All terms of all layers are added before the inverse.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,20 +28,29 @@ _OVERSAMPLING = 2
 
 
 def mosaic_of_layers(
-    layers: Sequence[Layer], sampling: Sampling, grid: Grid, sites: Sequence[Sequence[tuple[int, int]]]
+    layers: Sequence[Layer],
+    sampling: Sampling,
+    grid: Grid,
+    sites: Sequence[Sequence[tuple[int, int]]],
+    progress: Callable[[int, int, str], object] | None = None,
 ) -> F32:
     """Return (rows, cols), the mosaic of weight maps, seen through a lens by a sensor.
 
     The light of all layers adds up. `sites` are (row, col) of each channel in the color filter array's tile.
+    `progress` receives the number of terms done, of how many, and their name.
     """
     places = [(r, c, channel) for channel, of_channel in enumerate(sites) for r, c in of_channel]
     folds = _empty_folds(grid, places)
     spectrum = np.empty((grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
+    done, total = 0, sum(len(layer.mixing) for layer in layers)
     for layer in layers:
         response = _Response(layer.transfer, sampling, grid)
         reached = folds if layer.channel is None else _of_channel(folds, layer.channel)
         for term, lines in enumerate(term_spectra(layer, grid, spectrum)):  # one spectrum is in memory at a time
             response.add(scipy.fft.fft(lines, axis=0, overwrite_x=True, workers=WORKERS), term, reached)
+            done += 1
+            if progress is not None:
+                progress(done, total, "transforms")
     return _mosaic_of_folds(folds.values, places, grid)
 
 

@@ -52,7 +52,7 @@ class FrameHeader:
         Size of the frame.
     stored_bits
         Bits per pixel in the file, 8 or 16; None if only decoding shows the bit depth (camera raw).
-    bits, cfa, black_level_dn, white_level_dn, exposure_s, color_matrix, noise_profile, metadata
+    bits, cfa, black_level_dn, white_level_dn, exposure_s, color_matrix, color_matrix_a, noise_profile, metadata
         As in `RawFrame`. The metadata kind, gain_setting (or iso), temperature_c and photons_per_pixel are settings.
     notes
         Limitations of the values, for a warning.
@@ -71,6 +71,7 @@ class FrameHeader:
     white_level_dn: float | None = None
     exposure_s: float | None = None
     color_matrix: NDArray[np.float64] | None = None
+    color_matrix_a: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -123,6 +124,7 @@ class FrameHeader:
                 white_level_dn=self.white_level_dn,  # type: ignore[arg-type]  # None: the highest number
                 exposure_s=self.exposure_s,
                 color_matrix=self.color_matrix,
+                color_matrix_a=self.color_matrix_a,
                 noise_profile=self.noise_profile,
                 metadata=dict(self.metadata),
             )
@@ -134,18 +136,20 @@ MARK = "photosite_frame"
 """The description's first key; its value is the version of the format."""
 
 
+_TABLES = ("color_matrix", "color_matrix_a", "noise_profile")
+
+
 def describe_frame(frame: RawFrame) -> str:
     """Return the description of a frame: one line of ASCII JSON."""
     check_metadata(frame)
-    content = {
+    content: dict[str, Any] = {
         MARK: 1,
         "bits": frame.bits,
         "cfa": [list(row) for row in frame.cfa],
         "black_level_dn": frame.black_level_dn,
         "white_level_dn": frame.white_level_dn,
         "exposure_s": frame.exposure_s,
-        "color_matrix": None if frame.color_matrix is None else np.asarray(frame.color_matrix).tolist(),
-        "noise_profile": None if frame.noise_profile is None else np.asarray(frame.noise_profile).tolist(),
+        **{name: None if (rows := getattr(frame, name)) is None else np.asarray(rows).tolist() for name in _TABLES},
         "metadata": dict(frame.metadata),
     }
     try:
@@ -184,8 +188,7 @@ def parse_description(path: Path, text: str, rows: int, cols: int, stored_bits: 
             black_level_dn=float(content["black_level_dn"]),
             white_level_dn=float(content["white_level_dn"]),
             exposure_s=None if content["exposure_s"] is None else float(content["exposure_s"]),
-            color_matrix=_table(content["color_matrix"]),
-            noise_profile=_table(content["noise_profile"]),
+            **{name: _table(content.get(name)) for name in _TABLES},
             metadata=dict(content["metadata"]),
         )
     except (ValueError, TypeError, KeyError) as error:

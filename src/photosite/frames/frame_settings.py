@@ -6,7 +6,7 @@ Names of files and folders may state them:
 |---|---|
 | dark, darks, bias, `d_012` | a dark frame |
 | light, lights, flat, flats, bright, `b_012` | a light frame |
-| `10ms`, `0.04s`, `0,04s`, `250us`, `exp40000ns`, `1-8000s` (1/8000 s) | exposure time |
+| `10ms`, `0.04s`, `0,04s`, `250us`, `exp40000ns`, `1-8000s` (1/8000 s), `exp0.001` (in s) | exposure time |
 | `iso400`, `gain_2.5`, `gain12dB` | gain setting |
 | `20C`, `_-10C`, `temp_21.5degC` | sensor temperature in degrees Celsius |
 
@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from photosite.errors import FileError, InputError
+from photosite.values.exposure import PER_SECOND, parse_exposure
 
 Kind = Literal["dark", "light"]
 KINDS: tuple[Kind, ...] = ("dark", "light")
@@ -107,11 +108,14 @@ _EMVA_KINDS: dict[str, Kind] = {"d": "dark", "b": "light"}
 
 _NUMBER = r"\d+(?:[.,]\d+)*(?:e[+-]?\d{1,2})?"
 _END = r"(?![a-z0-9])"
-_SECONDS = {"s": 1, "sec": 1, "ms": 10**3, "us": 10**6, "µs": 10**6, "μs": 10**6, "ns": 10**9}
 _EMVA_KIND = re.compile(r"^([bd])_\d+" + _END)
 _EXPOSURE = re.compile(
-    rf"(?<![a-z0-9.])(?:(?:exposure|exp|t)[_=]?)?(1-(?=\d+s))?({_NUMBER})_?({'|'.join(_SECONDS)}){_END}"
+    rf"(?<![a-z0-9.])(?:(?:exposure|exp|t)[_=]?)?(1-(?=\d+s))?({_NUMBER})_?({'|'.join(PER_SECOND)}){_END}"
 )
+_EXPOSURE_WITHOUT_UNIT = re.compile(
+    rf"(?<![a-z0-9])(?:exposure|exp)[_=]?(\d+[.,]\d+(?:e[+-]?\d{{1,2}})?)(?![.,]\d|_?(?:{'|'.join(PER_SECOND)}){_END}){_END}"
+)
+"""The decimal point tells a time from a number such as exp001."""
 _GAIN = re.compile(rf"(?<![a-z0-9])(?:iso|gain)[-_= ]?({_NUMBER})(?:db)?(?![a-z0-9]|[.,]\d)")
 _TEMPERATURE = re.compile(rf"(?:^|[_ ])(?:temp|t)?[_=]?(-?{_NUMBER})_?(?:degc|c){_END}")
 
@@ -167,6 +171,48 @@ def kinds_in_name(name: str) -> set[Kind]:
     return found
 
 
+def exposure_by_pattern(path: Path, names: Iterable[str], pattern: str) -> float:
+    """Return the exposure time in seconds that a regular expression finds in a file's names.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    names
+        Texts to search, the first match counts.
+    pattern
+        Regular expression with one group, which is a time as in `photosite.values.exposure.parse_exposure` or 1-60 for
+        1/60 s. A group named after a unit holds a number in that unit: `(?P<us>[0-9]+)`.
+
+    Raises
+    ------
+    InputError
+        If the pattern is not a regular expression with one group.
+    FileError
+        If the names do not match, or the group is no time.
+
+    Examples
+    --------
+    >>> exposure_by_pattern(Path("x"), ["shot_0250_us.tif"], r"shot_(?P<us>[0-9]+)")
+    0.00025
+    """
+    try:
+        compiled = re.compile(pattern)
+    except re.error as error:
+        raise InputError("exposure_from_name", value=pattern, expected=f"a regular expression ({error})") from None
+    units = tuple(compiled.groupindex)
+    if compiled.groups != 1 or not set(units) <= PER_SECOND.keys():
+        expected = "a regular expression with one group, without a name or named after a unit: (?P<ms>[0-9]+)"
+        raise InputError("exposure_from_name", value=pattern, expected=expected)
+    found = next((match[1] for name in names if (match := compiled.search(name)) and match[1]), None)
+    if found is None:
+        raise FileError(path, f"the name does not match the pattern '{pattern}' of exposure times")
+    try:
+        return parse_exposure("".join((re.sub(r"(?<=\d)-(?=\d)", "/", found), *units)))
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
 def _first(path: Path, names: Iterable[str], find: Callable[[str], set[Any]], many: str, hint: str) -> Any:
     for name in names:
         values = find(name)
@@ -188,14 +234,15 @@ def _exposures(name: str) -> set[float]:
             values |= _readings(number.rpartition(",")[2])  # gain_2,10ms
         if (digits := _DIGITS_BEFORE.search(before)) is not None:
             values |= _readings(f"{digits[1]},{number}")  # dark0,5s
-        seconds = {value / _SECONDS[unit] for value in values if value}
+        seconds = {value / PER_SECOND[unit] for value in values if value}
         if reciprocal:
             # run-1-30s: 1/30 s, or run 1 at 30 s
             seconds = {1 / value for value in seconds} | (seconds if before.endswith("-") else set())
         elif unit in ("s", "sec") and number.isdigit() and _ONE_BEFORE.search(before):
             seconds |= {1 / value for value in seconds}  # 1_8000s
         found |= set(map(float, seconds))
-    return found
+    stated = _EXPOSURE_WITHOUT_UNIT.findall(name.lower())
+    return found | {float(value) for number in stated for value in _readings(number) if value}
 
 
 def _numbers(pattern: re.Pattern[str], name: str) -> set[float]:

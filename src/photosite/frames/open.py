@@ -10,7 +10,7 @@ from pathlib import Path
 from photosite.errors import FileError, InputError
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSet
-from photosite.frames.frame_settings import FrameSettings, Kind
+from photosite.frames.frame_settings import FrameSettings, Kind, exposure_by_pattern
 from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
 from photosite.frames.io.formats import FORMATS, SUFFIXES, read_headers
@@ -32,6 +32,7 @@ def open_frames(
     cfa: str | Sequence[Sequence[str]] | None = None,
     dark: str | Sequence[str] = (),
     light: str | Sequence[str] = (),
+    exposure_from_name: str | None = None,
 ) -> FrameSet:
     """Open the frames of a measurement, grouped by kind, exposure and gain setting.
 
@@ -58,6 +59,10 @@ def open_frames(
     dark, light
         Glob patterns (`"DSC_00*.NEF"`, `"run1/*"`) of the dark and the light frames. They override metadata and names,
         and apply to folders and files without a protocol or descriptor.
+    exposure_from_name
+        Regular expression that finds the exposure time in the name of a file or its subfolder
+        (`photosite.frames.frame_settings.exposure_by_pattern`). It overrides metadata, and applies to folders without a
+        protocol or descriptor.
 
     Returns
     -------
@@ -94,7 +99,10 @@ def open_frames(
         raise FileError(place, "there is no such file or folder")
     listing = _find_listing(place) if place.is_dir() else place
     if listing is None:
-        return frame_set_from_files(_frame_files_in_folder(place, patterns), str(place), given)
+        return frame_set_from_files(_frame_files_in_folder(place, patterns, exposure_from_name), str(place), given)
+    if exposure_from_name is not None:
+        what = "exposure_from_name applies to folders without a protocol or descriptor"
+        raise InputError(what, hint=f"Omit it: {listing} states the exposure times")
     if listing is place and place.suffix.lower() in SUFFIXES:
         return frame_set_from_files([_stack(place, patterns)], str(place), given)
     if any(patterns.values()):
@@ -154,7 +162,7 @@ def _find_listing(folder: Path) -> Path | None:
     return descriptors[0] if descriptors else None
 
 
-def _frame_files_in_folder(folder: Path, patterns: KindPatterns) -> list[FrameFile]:
+def _frame_files_in_folder(folder: Path, patterns: KindPatterns, times: str | None) -> list[FrameFile]:
     """List the frames in a folder, or in its subfolders if it has none itself."""
     images = [p for p in _files(folder) if p.suffix.lower() in SUFFIXES]
     names: dict[Path, tuple[str, ...]] = {image: (image.stem,) for image in images} or {
@@ -164,10 +172,12 @@ def _frame_files_in_folder(folder: Path, patterns: KindPatterns) -> list[FrameFi
         if not any(image.match(pattern) for image in names):
             example = next(iter(names)).name
             raise FileError(folder, "pattern", value=pattern, expected=f"one that matches a frame, such as {example}")
-    return [
-        FrameFile(image, FrameSettings(kind=_kind_by_pattern(image, patterns)), names=texts)
-        for image, texts in names.items()
-    ]
+
+    def settings(image: Path, texts: tuple[str, ...]) -> FrameSettings:
+        exposure_s = None if times is None else exposure_by_pattern(image, (image.name, *texts[1:]), times)
+        return FrameSettings(_kind_by_pattern(image, patterns), exposure_s)
+
+    return [FrameFile(image, settings(image, texts), names=texts) for image, texts in names.items()]
 
 
 def _kind_by_pattern(image: Path, patterns: KindPatterns) -> Kind | None:

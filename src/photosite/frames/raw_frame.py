@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from types import MappingProxyType
@@ -12,13 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
-from photosite.values.cfa import MONOCHROME, Cfa, channel_names
+from photosite.values.cfa import MONOCHROME, Cfa, channel_names, plane_names
 
 
 def check_bits(bits: int | None) -> None:
     """Raise `InputError` for a bit depth outside 1 to 16."""
     if bits is not None and not 1 <= bits <= 16:
         raise InputError("bits", value=bits, expected="1 to 16")
+
+
+def neutral_text(signal: Sequence[float]) -> str:
+    """Return the channels' signal of a gray surface as the metadata "as_shot_neutral" state it, the largest 1.
+
+    Examples
+    --------
+    >>> neutral_text([2.0, 1.8, 0.7])
+    '1,0.9,0.35'
+    """
+    return ",".join(f"{part / max(signal):.6g}" for part in signal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +52,8 @@ class RawFrame:
         Exposure time, or None if unknown.
     color_matrix
         (channels, 3), CIE XYZ under D65 to camera channels (in the order of `channels`), as DNG's ColorMatrix, or None.
+    color_matrix_a
+        (channels, 3), the same under CIE A, or None.
     noise_profile
         (channels, 2), DNG's NoiseProfile, or None: a signal s in 0..1 (black 0, white 1) has variance scale s + offset.
     metadata
@@ -65,6 +78,7 @@ class RawFrame:
     white_level_dn: float = field(default=None)  # type: ignore[assignment]  # set from bits below
     exposure_s: float | None = None
     color_matrix: NDArray[np.float64] | None = None
+    color_matrix_a: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
@@ -102,6 +116,29 @@ class RawFrame:
     def is_mosaic(self) -> bool:
         """Whether the frame has more than one channel."""
         return len(self.channels) > 1
+
+    @property
+    def as_shot_neutral(self) -> tuple[float, ...] | None:
+        """White of the light: a gray surface's signal in the order of `plane_names(cfa)`, the largest 1, or None.
+
+        It is in the metadata, under "as_shot_neutral", as text: "1,0.9,0.4".
+
+        Raises
+        ------
+        InputError
+            If the metadata have something else than one number above 0 and at most 1 for each channel.
+        """
+        stated = self.metadata.get("as_shot_neutral")
+        if stated is None:
+            return None
+        try:
+            neutral = tuple(float(part) for part in str(stated).split(","))
+        except ValueError:
+            neutral = ()
+        if len(neutral) != len(self.channels) or not all(0 < part <= 1 for part in neutral):
+            expected = f"a number above 0 and at most 1 for each of {', '.join(plane_names(self.cfa))}"
+            raise InputError("as_shot_neutral", where="metadata", value=stated, expected=expected)
+        return neutral
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the frame in the format of the suffix: .dng, .tif / .tiff, .png or .h5 / .hdf5.

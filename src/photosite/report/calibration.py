@@ -133,7 +133,7 @@ def provenance_blocks(calibration: Calibration) -> tuple[Block, ...]:
     except FileError as error:
         reason = Notice(f"No digests of the frames: {error}.", warning=True)
         return opened, reason, Details(title, (Listing(tuple(names), code=True),))
-    table = Table(_DIGESTS, columns("Frame", "SHA-256"), tuple(zip(names, digests, strict=True)))
+    table = Table(_DIGESTS, columns("Frame", "SHA-256"), tuple(zip(names, digests, strict=True)), "frames")
     return opened, Details(f"{title}, with their digests", (table,))
 
 
@@ -156,8 +156,8 @@ _READING = (
     "Hollow points lie outside the linear range and were not. Each color channel has its own color, marker and line "
     "style.",
     "A standard deviation is the root of a variance, and a small variance is the difference of two larger ones, which "
-    "chance can make negative. The value then has a minus sign, and an upper limit below which the true value lies "
-    "with 95 % probability.",
+    "chance can make negative. The report then states an upper limit, < 0.16 for example, below which the true value "
+    "lies with 95 % probability; the signed root of the variance is in the JSON output.",
 )
 
 _TERMS = (

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.chip_maps.defect_groups import SHAPES, DefectGroup, group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.result import Calibration
@@ -182,7 +186,7 @@ def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return the defects of the chip, if it was mapped: counts by kind, a map, and lists."""
     if (chip := calibration.chip) is None:
         return ()
-    defects = chip.defects
+    defects, size = chip.defects, (chip.offset_dn.shape[0], chip.offset_dn.shape[1])
     by_kind = {kind: defects.of(kind) for kind in DefectKind}
     rows = tuple(
         (_DEFECTS[kind][0], str(len(found)), format_number(100.0 * len(found) / chip.offset_dn.size, 3))
@@ -208,17 +212,15 @@ def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
                 "two levels.",
             )
         )
-    return (counts, *figures, *(_defect_list(kind, found) for kind, found in by_kind.items() if len(found)))
+    return (counts, *figures, *(_defect_list(kind, found, size) for kind, found in by_kind.items() if len(found)))
 
 
-def _defect_list(kind: DefectKind, found: Defects) -> Details:
+def _defect_list(kind: DefectKind, found: Defects, size: tuple[int, int]) -> Details:
     label, unit = _DEFECTS[kind]
-    some = f"the first {_LISTED} of {len(found)}" if len(found) > _LISTED else str(len(found))
-    pixels = []
-    for i in abs(found.deviation).argsort(kind="stable")[::-1][:_LISTED]:
-        value, deviation = format_number(float(found.value[i]), 4), format_number(float(found.deviation[i]), 3)
-        pixels.append((str(found.row[i]), str(found.col[i]), value, deviation))
-    return _pixel_list(f"{label}: {some}", pixels, f"Value ({unit})", "Deviation (standard deviations)")
+    groups = group_defects(found.row, found.col, size)
+    return _group_list(
+        label, groups, found.deviation, found.value, f"Value ({unit})", "Deviation (standard deviations)"
+    )
 
 
 def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
@@ -238,23 +240,39 @@ def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
             "list; the application decides what counts as a defect."
         ),
         Table("Candidates for a defect list", titles, rows),
-        *(_outlier_list(channel, pattern) for channel, pattern in patterns if len(pattern.outliers.row)),
+        *(_outlier_list(channel, pattern, calibration) for channel, pattern in patterns if len(pattern.outliers.row)),
     )
 
 
-def _outlier_list(channel: str, pattern: FramePattern) -> Details:
+def _outlier_list(channel: str, pattern: FramePattern, calibration: Calibration) -> Details:
     found = pattern.outliers
-    count = len(found.row)
-    some = f"the {_LISTED} farthest of {count} pixels" if count > _LISTED else f"{count} pixel{'s' * (count != 1)}"
-    where = f"channel {channel}, " if channel != "M" else ""
-    pixels = [
-        (str(row), str(col), format_number(float(deviation), 4))
-        for row, col, deviation in zip(found.row[:_LISTED], found.col[:_LISTED], found.deviation[:_LISTED], strict=True)
-    ]
-    title = f"Outlier pixels of {_FRAMES[pattern.kind]}: {where}{some}"
-    return _pixel_list(title, pixels, f"Deviation ({pattern.unit})")
+    size, reach = (calibration.rows, calibration.cols), max(len(calibration.cfa), len(calibration.cfa[0]))
+    where = f", channel {channel}" if channel != "M" else ""
+    groups = group_defects(found.row, found.col, size, reach)
+    title = f"Outlier pixels of {_FRAMES[pattern.kind]}{where}"
+    return _group_list(title, groups, found.deviation, None, f"Deviation ({pattern.unit})")
 
 
-def _pixel_list(title: str, pixels: Sequence[tuple[str, ...]], *quantities: str) -> Details:
-    titles = tuple(map(numeric, ("Row", "Column", *quantities)))
-    return Details(title, (Table("Positions counted from 0, sorted by deviation", titles, tuple(pixels)),))
+def _group_list(
+    title: str,
+    groups: Sequence[DefectGroup],
+    deviation: NDArray[np.float64],
+    value: NDArray[np.float64] | None,
+    *quantities: str,
+) -> Details:
+    """Return columns, rows, clusters and single pixels as a table, with the numbers of the farthest pixel of each."""
+    farthest = [int(group.index[np.argmax(np.abs(deviation[group.index]))]) for group in groups]
+    order = sorted(
+        range(len(groups)),
+        key=lambda n: (SHAPES.index(groups[n].shape), -len(groups[n]), -abs(deviation[farthest[n]])),
+    )
+    rows = []
+    for n in order[:_LISTED]:
+        numbers = [] if value is None else [format_number(float(value[farthest[n]]), 4)]
+        numbers.append(format_number(float(deviation[farthest[n]]), 3))
+        rows.append((groups[n].shape, groups[n].place, str(len(groups[n])), *numbers))
+    caption = "Rows and columns counted from 0; the last columns are those of the farthest pixel"
+    if len(order) > _LISTED:
+        caption += f"; the first {_LISTED} of {len(order)} entries"
+    titles = columns("Shape", "Place", *map(numeric, ("Pixels", *quantities)))
+    return Details(f"{title}: {shapes_text(groups)}", (Table(caption, titles, tuple(rows)),))

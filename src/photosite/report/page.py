@@ -92,17 +92,32 @@ class Heading:
 
 @dataclass(frozen=True)
 class Table:
-    """A table. Each row has one text per column, or is a `Heading`; `ValueError` for a row of another length."""
+    """A table. Each row has one text per column, or is a `Heading`; `ValueError` for a row of another length.
+
+    With a name in `beside`, a PDF refers to a file beside it instead of showing the table.
+    """
 
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...] | Heading, ...]
+    beside: str = ""
     kind: ClassVar[str] = "table"
 
     def __post_init__(self) -> None:
         for row in self.rows:
             if not isinstance(row, Heading) and len(row) != len(self.columns):
                 raise ValueError(f"table '{self.caption}': expected {len(self.columns)} texts in a row, got {row}")
+
+
+def beside_name(stem: str, table: Table) -> str:
+    """Return the name of the file of a table beside the PDF `stem`.pdf.
+
+    Examples
+    --------
+    >>> beside_name("report", Table("Digests", (Column("Frame"),), (), beside="frames"))
+    'report.frames.csv'
+    """
+    return f"{stem}.{table.beside}.csv"
 
 
 @dataclass(frozen=True)

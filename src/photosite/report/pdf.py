@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -34,6 +35,7 @@ from photosite.report.page import (
     Subheading,
     Table,
     Terms,
+    beside_name,
 )
 
 _TEXT, _SMALL, _TINY = 9.5, 8.0, 6.5  # sizes of letters, in points
@@ -48,13 +50,15 @@ _DRAWING_MM = 124.0  # of a figure; two fit on a page
 _GAP = 4.0  # between images side by side
 _PADDING = 3.4  # horizontal padding of a cell, both sides together
 
-_CODES, _HEX = ("SHA-256",), 64 * "0"  # columns of codes, and the width of one
 _NARROW, _WIDE = 14.0, 62.0
 """Bounds of what a column of a table asks for at least, in mm: a long word, and a sentence that may be broken."""
 
 
-def pdf_bytes(page: Page) -> bytes:
-    """Return the page as a PDF; equal pages give equal bytes.
+def pdf_bytes(page: Page, stem: str = "report") -> bytes:
+    """Return the page as a PDF; equal pages give equal bytes, but for the creation date.
+
+    The creation date is now, or the seconds since 1970 in the environment variable SOURCE_DATE_EPOCH. Tables for a file
+    beside the PDF (`Table.beside`) are replaced by that file's name, which begins with `stem`.
 
     Examples
     --------
@@ -62,7 +66,7 @@ def pdf_bytes(page: Page) -> bytes:
     >>> pdf_bytes(Page("Chip", "A chip.", (Section("Result", (Paragraph("3 e⁻"),)),)))[:5]
     b'%PDF-'
     """
-    document = _Document(page)
+    document = _Document(page, stem)
     for section in page.sections:
         if section.blocks:
             document.section(section)
@@ -72,10 +76,11 @@ def pdf_bytes(page: Page) -> bytes:
 class _Document(FPDF):
     """A PDF document that adds page breaks where a block does not fit."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Page, stem: str) -> None:
         super().__init__(format="A4")
-        # A fixed date, so that equal pages give equal bytes.
-        self.set_creation_date(datetime(1970, 1, 1, tzinfo=UTC))
+        self._stem = stem
+        stated = os.environ.get("SOURCE_DATE_EPOCH")  # reproducible-builds.org
+        self.set_creation_date(datetime.now(UTC) if stated is None else datetime.fromtimestamp(int(stated), UTC))
         logging.getLogger("fontTools").setLevel(logging.ERROR)
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
         self.add_font("text", "", fonts / "DejaVuSans.ttf")
@@ -220,10 +225,10 @@ class _Document(FPDF):
 
     def _table(self, table: Table) -> None:
         self._room(30)
-        self._write(table.caption, size=_SMALL, color=_QUIET, above=1, below=0.8)
-        if any(column.title in _CODES for column in table.columns):
-            self._code_table(table)
+        if table.beside:
+            self._write(f"{len(table.rows)} rows in the file {beside_name(self._stem, table)}. {table.caption}")
             return
+        self._write(table.caption, size=_SMALL, color=_QUIET, above=1, below=0.8)
         self.set_draw_color(*_RULE)
         widths = self._widths(table)
         self._look(_SMALL)
@@ -245,22 +250,6 @@ class _Document(FPDF):
                     laid.row().cell(row.text, colspan=len(table.columns), style=style)
                 else:
                     laid.row(row)
-        self.ln(2)
-
-    def _code_table(self, table: Table) -> None:
-        """Write a table of digests as plain lines, digests at the right; long names get a separate line."""
-        self._look(_TINY, code=True)
-        line = _LINE * _TINY * _MM_PER_POINT
-        for row in ([column.title for column in table.columns], *table.rows):
-            assert not isinstance(row, Heading)
-            *names, digest = row
-            name = "  ".join(names)
-            if self.get_string_width(name) + self.get_string_width(digest) + 4 > self.epw:
-                self._paragraph(_TINY, name)
-                name = ""
-            left = self.epw - self.get_string_width(_HEX)
-            self.cell(left, line, name)
-            self.cell(0, line, digest, new_x="LMARGIN", new_y="NEXT")
         self.ln(2)
 
     def _widths(self, table: Table) -> list[float]:

@@ -46,15 +46,19 @@ def _label_and_unit(name: str) -> tuple[str, str]:
 
 
 def format_estimate(entry: Estimate) -> str:
-    """Format value and standard uncertainty, or return "not estimated".
+    """Format value and standard uncertainty, an upper limit where a variance came out negative, or "not estimated".
 
     Examples
     --------
     >>> format_estimate(Estimate(0.5218, 0.0034)), format_estimate(Estimate(reason="no flats"))
     ('0.5218 ± 0.0034', 'not estimated')
+    >>> format_estimate(Estimate(-0.12, 0.05, upper_limit_95=0.16))
+    '< 0.16'
     """
     if entry.value is None or entry.standard_uncertainty is None:
         return "not estimated"
+    if entry.value < 0 and entry.upper_limit_95 is not None:
+        return f"< {format_number(entry.upper_limit_95, 2)}"
     return format_uncertain(entry.value, entry.standard_uncertainty)
 
 
@@ -69,6 +73,8 @@ def interval_text(entry: Estimate) -> str:
     interval = entry.interval_95
     if interval is None or entry.standard_uncertainty is None:
         return ""
+    if (entry.value or 0.0) < 0 and entry.upper_limit_95 is not None:
+        return "upper limit, 95 %"
     text = format_interval(*interval, entry.standard_uncertainty).replace(" ", "\u00a0")  # on one line
     if entry.upper_limit_95 is not None:
         text += f"; upper limit {format_number(entry.upper_limit_95, 3)}"

@@ -59,6 +59,18 @@ def channel_names(cfa: Cfa) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for row in cfa for name in row))
 
 
+def plane_names(cfa: Cfa) -> tuple[str, ...]:
+    """Return the order of a demosaiced picture's planes: R, G, B, or the tile's reading order for other channels.
+
+    Examples
+    --------
+    >>> plane_names((("G", "B"), ("R", "G"))), plane_names((("M",),))
+    (('R', 'G', 'B'), ('M',))
+    """
+    names = channel_names(cfa)
+    return ("R", "G", "B") if set(names) == {"R", "G", "B"} else names
+
+
 def tile_text(cfa: Sequence[Sequence[str]]) -> str:
     """Return the tile on one line, for messages and tables.
 

@@ -1,8 +1,9 @@
-"""Exposure times: validation, and text such as 1/8000."""
+"""Exposure times: validation, and text such as 1/8000 or 0.5 ms."""
 
 from __future__ import annotations
 
 import math
+import re
 from fractions import Fraction
 from numbers import Real
 from typing import Any
@@ -10,7 +11,14 @@ from typing import Any
 from photosite.errors import InputError
 
 _EXPECTED = "a number of seconds above 0"
-_HINT = "Give seconds, such as 0.005 or 1/8000"
+_HINT = "Write 0.005, 1/200, 5ms or 5000us"
+
+PER_SECOND = {"s": 1, "sec": 1, "ms": 10**3, "us": 10**6, "µs": 10**6, "μs": 10**6, "ns": 10**9}
+"""Units of exposure times, and how many of them make a second."""
+
+_TEXT = re.compile(
+    rf"(?:(?:exposure|exp)[_= ]*)?(?P<number>[^\s_a-z]+(?:e[+-]?\d+)?)[ _]?(?P<unit>{'|'.join(PER_SECOND)})?"
+)
 
 
 def check_exposure(exposure_s: Any) -> float:
@@ -34,7 +42,13 @@ def check_exposure(exposure_s: Any) -> float:
 
 
 def parse_exposure(text: Any) -> float:
-    """Return an exposure time in seconds from a number or from text such as 1/8000, 0.005 or 5e-3.
+    """Return an exposure time in seconds from a number or from text.
+
+    Parameters
+    ----------
+    text
+        A number of seconds, or text: a decimal number or a fraction, then a unit of `PER_SECOND`; seconds without one.
+        A prefix "exp" or "exposure" is allowed, as in file names.
 
     Raises
     ------
@@ -43,17 +57,21 @@ def parse_exposure(text: Any) -> float:
 
     Examples
     --------
-    >>> parse_exposure("1/8000")
-    0.000125
+    >>> [parse_exposure(text) for text in ("1/8000", "0.5ms", "5 ms", "1/60 s", "exp0.001")]
+    [0.000125, 0.0005, 0.005, 0.016666666666666666, 0.001]
     """
     if not isinstance(text, str):
         return check_exposure(text)
+    found = _TEXT.fullmatch(text.strip().lower())
     try:
+        if found is None:
+            raise ValueError
+        number = found["number"]
         # A fraction of decimals would be computed digit by digit, a billion of them for 1e999999999.
-        seconds = float(Fraction(text)) if "/" in text else float(text)
+        seconds = float(Fraction(number)) if "/" in number else float(number)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError("exposure_s", value=text, expected=_EXPECTED, hint=_HINT) from None
-    return check_exposure(seconds)
+    return check_exposure(seconds / PER_SECOND[found["unit"] or "s"])
 
 
 def format_exposure(exposure_s: float) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError
 from photosite.frames.frame_file import FrameHeader
 from photosite.frames.io.tiff import Directory, camera_settings, exposure_of, read_directories
-from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_level
+from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_level, neutral_text
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
 _SUFFIXES = "3fr arw cr2 cr3 crw dcr erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
@@ -74,10 +74,14 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
         matrix = np.asarray(decoder.rgb_xyz_matrix, dtype=np.float64)
         shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
         border_dn = masked_border_level(_border(decoder))
+        gains = [float(gain) for gain in decoder.camera_whitebalance[:3]]
     tile = MONOCHROME if colors is None else tuple(tuple(names[c] for c in row) for row in colors)
     tags = _tags(path)
     used = [0] if colors is None else sorted({int(c) for c in colors.ravel()})
     black_level_dn, notes = _black_level(levels, colors)
+    metadata = _metadata(tags, iso) | ({} if border_dn is None else {MASKED_BORDER: border_dn})
+    if set(channel_names(tile)) == {"R", "G", "B"} and names.startswith("RGB") and min(gains) > 0:
+        metadata["as_shot_neutral"] = neutral_text([1 / gain for gain in gains])
     header = FrameHeader(
         dn.shape[0],
         dn.shape[1],
@@ -88,7 +92,7 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
         white_level_dn=float(white),
         exposure_s=_exposure_s(tags, shutter_s),
         color_matrix=_color_matrix(matrix, names, used, tile),
-        metadata=_metadata(tags, iso) | ({} if border_dn is None else {MASKED_BORDER: border_dn}),
+        metadata=metadata,
     )
     return header.to_frame(path, dn, bits, cfa), notes
 

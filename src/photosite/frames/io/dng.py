@@ -1,9 +1,10 @@
 """Frames in Adobe DNG 1.4: written for LibRaw, and read from any DNG of one sample per pixel.
 
 Writing. One directory, uncompressed 16-bit. A mosaic is CFA, a monochrome frame LinearRaw of one sample. Levels,
-exposure, color matrix and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
-integers, is also in ImageDescription (`photosite.frames.frame_file`). AsShotNeutral is written if the metadata have
-"as_shot_neutral"; otherwise readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens
+exposure, color matrices and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
+integers, is also in ImageDescription (`photosite.frames.frame_file`). AsShotNeutral, ISO, FNumber, FocalLength and
+DateTime are written if the metadata have as_shot_neutral, iso or gain_setting, f_number, focal_length_mm and date_time
+(ISO 8601); without the first, readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens
 nothing smaller than 22 x 22 pixels, and has its own levels and matrices for known makers and models. Make is therefore
 "photosite", and the camera's name is in Model.
 
@@ -15,7 +16,9 @@ file states none.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -43,11 +46,12 @@ from photosite.frames.io.tiff import (
     read_directories,
     read_tiff_pixels,
 )
-from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_note
+from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_note, neutral_text
 from photosite.values.cfa import MONOCHROME, NAMED, Cfa, channel_names, tile_text
 
 CFA, LINEAR_RAW = 32803, 34892
 NEW_SUBFILE_TYPE, MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, ISO = 254, 271, 272, 274, 33434, 34855
+F_NUMBER, FOCAL_LENGTH, DATE_TIME = 33437, 37386, 306
 CFA_REPEAT_DIM, CFA_PATTERN = 33421, 33422
 DNG_VERSION, DNG_BACKWARD_VERSION, UNIQUE_CAMERA_MODEL = 50706, 50707, 50708
 CFA_PLANE_COLOR, CFA_LAYOUT = 50710, 50711
@@ -56,10 +60,8 @@ DEFAULT_CROP_ORIGIN, DEFAULT_CROP_SIZE = 50719, 50720
 COLOR_MATRIX_1, COLOR_MATRIX_2, CALIBRATION_1, CALIBRATION_2 = 50721, 50722, 50723, 50724
 ANALOG_BALANCE, AS_SHOT_NEUTRAL, ILLUMINANT_1, ILLUMINANT_2 = 50727, 50728, 50778, 50779
 ACTIVE_AREA, MASKED_AREAS, NOISE_PROFILE = 50829, 50830, 51041
-D65 = 21
-
-NEUTRAL_NAME = "as_shot_neutral"
-"""Metadata name of a gray surface's R, G and B above black, the largest 1, such as "1,0.9,0.4"."""
+ILLUMINANT_A, D65 = 17, 21
+"""Exif's LightSource."""
 
 PLANES = ("R", "G", "B")
 """The colors in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile."""
@@ -70,7 +72,9 @@ _COLORS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
 """TIFF/EP CFAPattern, and white as DNG adds it."""
 
 _BAYER = {NAMED[name] for name in ("rggb", "bggr", "gbrg", "grbg")}
-_D65_WHITE_XYZ = (0.3127 / 0.3290, 1.0, (1 - 0.3127 - 0.3290) / 0.3290)  # CIE 15, 2 degree observer
+# CIE 15, 2 degree observer
+_D65_WHITE_XYZ = (0.3127 / 0.3290, 1.0, (1 - 0.3127 - 0.3290) / 0.3290)
+_A_WHITE_XYZ = (0.44758 / 0.40745, 1.0, (1 - 0.44758 - 0.40745) / 0.40745)
 
 Tag = tuple[int, str, int, Any, bool]
 Area = tuple[int, int, int, int]
@@ -103,6 +107,13 @@ def write_dng(frame: RawFrame, path: Path) -> None:
             file.pages.first.tags["PhotometricInterpretation"].overwrite(LINEAR_RAW)
 
 
+def check_dng_cfa(cfa: Cfa) -> None:
+    """Raise `InputError` for a color filter array that readers of DNG do not take: Quad Bayer, RGBW, X-Trans, ..."""
+    if len(channel_names(cfa)) > 1 and cfa not in _BAYER:
+        expected = "rggb, bggr, gbrg, grbg or monochrome in DNG"
+        raise InputError("cfa", value=tile_text(cfa), expected=expected, hint="Save as TIFF (.tif) or HDF5 (.h5)")
+
+
 def _common_tags(frame: RawFrame) -> list[Tag]:
     rows, cols = frame.shape
     if frame.white_level_dn != int(frame.white_level_dn):
@@ -130,6 +141,11 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         tags.append((ISO, "H", 1, min(int(iso), 65535), True))
         if iso >= 65535:
             tags.append((RECOMMENDED_EXPOSURE_INDEX, "I", 1, int(iso), True))
+    for name, tag in (("f_number", F_NUMBER), ("focal_length_mm", FOCAL_LENGTH)):
+        if (value := frame.metadata.get(name)) is not None:
+            tags.append((tag, "2I", 1, _ratio(float(value), name), True))
+    if (taken := frame.metadata.get("date_time")) is not None:
+        tags.append((DATE_TIME, "s", 0, datetime.fromisoformat(str(taken)).strftime("%Y:%m:%d %H:%M:%S"), True))
     if frame.noise_profile is not None:
         profile = _by_plane(frame, frame.noise_profile, 2, "noise_profile")
         tags.append((NOISE_PROFILE, "d", profile.size, tuple(profile.ravel().tolist()), True))
@@ -139,9 +155,7 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
 def _color_tags(frame: RawFrame) -> list[Tag]:
     if not frame.is_mosaic:
         return []
-    if frame.cfa not in _BAYER:
-        expected = "rggb, bggr, gbrg, grbg or monochrome in DNG"
-        raise InputError("cfa", value=tile_text(frame.cfa), expected=expected, hint="Save as .tif or .png")
+    check_dng_cfa(frame.cfa)
     pattern = bytes(PLANES.index(name) for row in frame.cfa for name in row)
     tags: list[Tag] = [
         (CFA_REPEAT_DIM, "H", 2, (2, 2), True),
@@ -151,28 +165,26 @@ def _color_tags(frame: RawFrame) -> list[Tag]:
     ]
     if frame.color_matrix is None:
         return tags
-    matrix = _by_plane(frame, frame.color_matrix, 3, "color_matrix")
-    white = matrix @ np.array(_D65_WHITE_XYZ)
-    if white.min() <= 0:
-        expected = "one that gives positive camera values for the white of D65"
-        raise InputError("color_matrix", value=matrix.tolist(), expected=expected)
-    ratios = sum((_ratio(x, "color_matrix", signed=True) for x in matrix.ravel()), ())
-    return [*tags, (COLOR_MATRIX_1, "2i", 9, ratios, True), (ILLUMINANT_1, "H", 1, D65, True), *_neutral_tags(frame)]
+    two = frame.color_matrix_a is not None
+    if frame.color_matrix_a is not None:  # the lower color temperature is the first (DNG 1.7, chapter 6)
+        tags += _matrix_tags(frame, frame.color_matrix_a, "color_matrix_a", ILLUMINANT_A, _A_WHITE_XYZ, second=False)
+    tags += _matrix_tags(frame, frame.color_matrix, "color_matrix", D65, _D65_WHITE_XYZ, second=two)
+    if (neutral := frame.as_shot_neutral) is not None:
+        tags.append((AS_SHOT_NEUTRAL, "2I", 3, sum((_ratio(x, "as_shot_neutral") for x in neutral), ()), True))
+    return tags
 
 
-def _neutral_tags(frame: RawFrame) -> list[Tag]:
-    """Return AsShotNeutral if the metadata have it; a frame does not show the light it was taken in."""
-    stated = frame.metadata.get(NEUTRAL_NAME)
-    if stated is None:
-        return []
-    try:
-        neutral = [float(part) for part in str(stated).split(",")]
-    except ValueError:
-        neutral = []
-    if len(neutral) != 3 or not all(0 < part <= 1 for part in neutral):
-        expected = "three numbers above 0 and at most 1, for R, G and B"
-        raise InputError(NEUTRAL_NAME, where="metadata", value=stated, expected=expected)
-    return [(AS_SHOT_NEUTRAL, "2I", 3, sum((_ratio(x, NEUTRAL_NAME) for x in neutral), ()), True)]
+def _matrix_tags(
+    frame: RawFrame, rows: NDArray[np.float64], what: str, light: int, white_xyz: Sequence[float], *, second: bool
+) -> list[Tag]:
+    """Return ColorMatrix and CalibrationIlluminant, of the first or second illuminant."""
+    matrix = _by_plane(frame, rows, 3, what)
+    if (matrix @ np.array(white_xyz)).min() <= 0:
+        expected = "one that gives positive camera values for the illuminant's white"
+        raise InputError(what, value=matrix.tolist(), expected=expected)
+    ratios = sum((_ratio(x, what, signed=True) for x in matrix.ravel()), ())
+    matrix_tag, light_tag = (COLOR_MATRIX_2, ILLUMINANT_2) if second else (COLOR_MATRIX_1, ILLUMINANT_1)
+    return [(matrix_tag, "2i", 9, ratios, True), (light_tag, "H", 1, light, True)]
 
 
 def _by_plane(frame: RawFrame, rows: NDArray[np.float64], cols: int, what: str) -> NDArray[np.float64]:
@@ -226,9 +238,10 @@ def _header_from_tags(path: Path, top: Directory, raw: Directory) -> FrameHeader
         black_level_dn=black_level_dn,
         white_level_dn=float(white),
         exposure_s=exposure_of(top),
-        color_matrix=_color_matrix(top, raw, cfa),
+        color_matrix=_color_matrix(top, raw, cfa, D65),
+        color_matrix_a=_color_matrix(top, raw, cfa, ILLUMINANT_A),
         noise_profile=_noise_profile(top, raw, cfa),
-        metadata=_metadata(top),
+        metadata=_metadata(top, raw, cfa),
         notes=notes,
         masked_border=bool(raw.numbers(MASKED_AREAS)),
     )
@@ -349,14 +362,14 @@ def _black_level(raw: Directory) -> tuple[float | None, tuple[str, ...]]:
     return mean, (f"black levels differ between pixels, {spread}; their mean, {mean:g} DN, is used",)
 
 
-def _color_matrix(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
-    """Return the ColorMatrix of D65, with CameraCalibration and AnalogBalance (DNG 1.4, chapter 6)."""
+def _color_matrix(top: Directory, raw: Directory, cfa: Cfa, wanted: int) -> NDArray[np.float64] | None:
+    """Return an illuminant's ColorMatrix, with CameraCalibration and AnalogBalance (DNG 1.4, chapter 6)."""
     for matrix_tag, light_tag, calibration_tag in (
         (COLOR_MATRIX_1, ILLUMINANT_1, CALIBRATION_1),
         (COLOR_MATRIX_2, ILLUMINANT_2, CALIBRATION_2),
     ):
         values, light = top.numbers(matrix_tag), top.number(light_tag)
-        if values is None or light != D65:
+        if values is None or light != wanted:
             continue
         planes = len(values) // 3
         matrix = np.reshape(values, (planes, 3))
@@ -389,6 +402,10 @@ def _by_channel(table: NDArray[np.float64], raw: Directory, cfa: Cfa) -> NDArray
     return np.asarray(table[[planes.index(name) for name in channels]], dtype=np.float64)
 
 
-def _metadata(top: Directory) -> dict[str, Any]:
+def _metadata(top: Directory, raw: Directory, cfa: Cfa) -> dict[str, Any]:
     camera = top.text(UNIQUE_CAMERA_MODEL)
-    return camera_settings(top) if camera is None else {"camera": camera, **camera_settings(top)}
+    found = camera_settings(top) if camera is None else {"camera": camera, **camera_settings(top)}
+    neutral, planes = top.numbers(AS_SHOT_NEUTRAL), raw.numbers(CFA_PLANE_COLOR) or (0, 1, 2)
+    if neutral is None or planes != (0, 1, 2) or len(neutral) != 3 or set(channel_names(cfa)) != set(PLANES):
+        return found
+    return found | ({"as_shot_neutral": neutral_text(neutral)} if min(neutral) > 0 else {})

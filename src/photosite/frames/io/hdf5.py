@@ -11,7 +11,7 @@ the groups above it and of the file state the rest; the nearest one counts:
     bits                bit depth of the converter
     black_level_dn, white_level_dn
     cfa                 "rggb", "RG/GB", or the tile as an array of names
-    color_matrix, noise_profile
+    color_matrix, color_matrix_a, noise_profile
 
 The first five may be arrays with one value per frame. Names of datasets and groups state missing settings, as file
 names do (`photosite.frames.frame_settings`). Other attributes with text or numbers become metadata.
@@ -49,7 +49,7 @@ def write_hdf5(frame: RawFrame, path: Path) -> None:
 
     check_metadata(frame)
     attributes: dict[str, Any] = {"bits": frame.bits, "cfa": _cfa_attribute(frame.cfa)}
-    for name in ("black_level_dn", "white_level_dn", "exposure_s", "color_matrix", "noise_profile"):
+    for name in ("black_level_dn", "white_level_dn", "exposure_s", "color_matrix", "color_matrix_a", "noise_profile"):
         if (value := getattr(frame, name)) is not None:
             attributes[name] = value
     for name, value in frame.metadata.items():
@@ -199,6 +199,7 @@ _FIELDS: Mapping[str, Callable[[Any], Any]] = {
     "black_level_dn": float,
     "white_level_dn": float,
     "color_matrix": _table,
+    "color_matrix_a": _table,
     "noise_profile": _table,
 }
 """Attributes that are fields of the header, with their conversions."""

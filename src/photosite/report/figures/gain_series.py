@@ -41,7 +41,7 @@ def gain_series_figure(series: GainSeries) -> Figure:
     for axes in (noise, gain):
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-    noise.yaxis.set_minor_formatter(FuncFormatter(_between_decades))
+        axes.yaxis.set_minor_formatter(FuncFormatter(_between_decades))
     noise.set_ylim(bottom=_bottom(series))
     noise.set_ylabel("read noise (e⁻)")
     gain.set_ylabel("system gain K (DN/e⁻)")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -39,10 +39,8 @@ Residuals = Literal["percent", "standard"]
 def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard") -> Figure:
     """Draw points and fitted line of each channel, and the residuals below.
 
-    Filled points were fitted, hollow ones were not. The abscissa is logarithmic if all points are positive and span
-    more than a factor of 30; so is the ordinate, if the fitted points do. Points at or below 0 are then triangles at
-    the lower border. Error bars are 95 % intervals from sampling; bands are those of the lines, from the covariance of
-    each fit.
+    Filled points were fitted, hollow ones were not. The axes are linear, so that a straight line is straight. Error
+    bars are 95 % intervals from sampling; bands are those of the lines, from the covariance of each fit.
 
     Parameters
     ----------
@@ -58,7 +56,6 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     figure, upper, lower = two_panels(upper_share=2.6)
     some = next(iter(curves.values()))
     drawn = {channel: _finite(curve) for channel, curve in curves.items()}
-    upper.set(**_scales(drawn.values()))
     for position, (channel, curve) in enumerate(drawn.items()):
         _draw_points(upper, curve, channel, position)
         _draw_residuals(lower, curve, channel, position, residuals)
@@ -89,31 +86,14 @@ def _finite(curve: Curve) -> Curve:
     return replace(curve, **points)
 
 
-def _scales(curves: Collection[Curve]) -> dict[str, str]:
-    """Return the scale of each axis."""
-    x = np.concatenate([curve.x for curve in curves])
-    fitted = np.concatenate([curve.y[curve.used] for curve in curves])
-    if not (fitted.size and x.min() > 0 and fitted.min() > 0):
-        return {"xscale": "linear", "yscale": "linear"}
-    log_x = x.max() > _WIDE * x.min()
-    log_y = log_x and fitted.max() > _WIDE * fitted.min()
-    return {name: "log" if wide else "linear" for name, wide in (("xscale", log_x), ("yscale", log_y))}
-
-
 def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
     color, marker, line = channel_style(channel, position)
     draw_points(axes, curve.x, curve.y, COVERAGE_95 * curve.y_uncertainty, curve.used, (color, marker))
-    below = curve.x[curve.y <= 0] if axes.get_yscale() == "log" else curve.x[:0]
-    if below.size:
-        border = axes.get_xaxis_transform()
-        axes.plot(below, np.full(below.size, 0.025), "v", color=color, markerfacecolor="white", transform=border)
     if curve.intercept is None or curve.slope is None or not curve.used.any():
         return
-    ends = curve.x[curve.used].min(), curve.x[curve.used].max()
-    x = np.geomspace(*ends, _POINTS) if axes.get_xscale() == "log" else np.linspace(*ends, _POINTS)
+    x = np.linspace(curve.x[curve.used].min(), curve.x[curve.used].max(), _POINTS)
     y = curve.intercept + curve.slope * x
-    shown = y > 0 if axes.get_yscale() == "log" else np.isfinite(y)
-    axes.plot(x[shown], y[shown], line, color=color, linewidth=1.3)
+    axes.plot(x, y, line, color=color, linewidth=1.3)
     if (band := curve.line(x)) is not None:
         draw_band(axes, x, y, COVERAGE_95 * band[1], color)
 

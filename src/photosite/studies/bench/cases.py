@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from photosite.engine.jit import ITEMS_PER_THREAD, threads_for
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import InputError, PhotositeError, did_you_mean
 from photosite.scene import charts
 from photosite.studies.bench.captures import (
     EXPOSURE_S,
@@ -47,8 +47,10 @@ CASES: dict[str, Callable[[bool], Case]] = {
 Size = TypeVar("Size", int, float)
 
 
-def run_cases(names: Sequence[str], quick: bool, report: Callable[[str], object]) -> dict[str, Case]:
-    """Measure cases.
+def run_cases(
+    names: Sequence[str], quick: bool, report: Callable[[str], object]
+) -> tuple[dict[str, Case], dict[str, str]]:
+    """Measure cases; a case that cannot run here, for example without an extra, does not stop the others.
 
     Parameters
     ----------
@@ -59,6 +61,11 @@ def run_cases(names: Sequence[str], quick: bool, report: Callable[[str], object]
     report
         Called with each name before it is measured.
 
+    Returns
+    -------
+    dict of str to Case, dict of str to str
+        The measured cases, and the reasons why others could not run.
+
     Raises
     ------
     InputError
@@ -67,11 +74,14 @@ def run_cases(names: Sequence[str], quick: bool, report: Callable[[str], object]
     for name in names:
         if name not in CASES:
             raise InputError("case", value=name, expected="a known name", hint=did_you_mean(name, CASES))
-    measured = {}
+    measured, left_out = {}, {}
     for name in names or CASES:
         report(name)
-        measured[name] = CASES[name](quick)
-    return measured
+        try:
+            measured[name] = CASES[name](quick)
+        except (PhotositeError, ImportError, OSError) as error:
+            left_out[name] = str(error)
+    return measured, left_out
 
 
 # Growth of time with pixels, wavelengths, frames and threads, and of memory with pixels.
