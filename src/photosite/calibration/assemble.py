@@ -11,7 +11,7 @@ import numpy as np
 from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
-from photosite.calibration.dark import DarkResult, without_mean_slope
+from photosite.calibration.dark import DarkResult, with_shared_charge, without_mean_slope
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
@@ -48,6 +48,7 @@ def assemble(
 ) -> Calibration:
     """Return the calibration."""
     frames, names, channels = reduction.frames, reduction.names, light.channels
+    dark = with_shared_charge(dark, light.noise.shared)
     dark = without_mean_slope(dark, _contradiction(dark, light.gain))
     scale, mv_per_dn = _electrical_scale(sensor)
     measured, together = _measurements(reduction, dark, light, patterns.channels, by_line=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ from photosite.calibration.clipped_blacks.clipped_darks import (
 )
 from photosite.calibration.measurements import Measurements, mean_for_sensor
 from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
+from photosite.calibration.photon_transfer.summed_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantisation import differing_share, with_rounding
@@ -37,7 +39,7 @@ from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
-from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
+from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
 
 PartsPair = tuple[Parts | Missing, Parts | Missing]
 """Row, column and pixel parts of a channel: plain and high-passed."""
@@ -201,6 +203,27 @@ class DarkResult:
         return self.mean
 
 
+def with_shared_charge(dark: DarkResult, shared: SharedNoise | None) -> DarkResult:
+    """Return the result with summed covariances of the dark charge, which pixels share as they share that of light."""
+    if shared is None or isinstance(shared.charge, Missing):
+        return dark
+    factors = [charge.factor for charge in shared.charge]
+
+    def scaled(value: Value, factor: Uncertain) -> Value:
+        return derive(lambda slope: slope * factor, value)
+
+    channels = tuple(
+        replace(m, dark_variance_slope=scaled(m.dark_variance_slope, factor))
+        for m, factor in zip(dark.channels, factors, strict=True)
+    )
+    mean = Uncertain.of(
+        float(np.mean([factor.value for factor in factors])),
+        float(np.mean([factor.standard_uncertainty for factor in factors])),
+    )
+    together = replace(dark.together, dark_variance_slope=scaled(dark.together.dark_variance_slope, mean))
+    return replace(dark, channels=channels, together=together)
+
+
 def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkResult:
     """Return the result without the dark current from the mean, where that from the variance contradicts it."""
     if found is None:
@@ -241,19 +264,38 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         )
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
+        if clipped is None:
+            measured = replace(
+                measured, read_variance=measured.read_variance + _of_lines([mean.noise[k]], reader, reference)
+            )
         if clipped is not None:
             plain, filtered = clipped.parts(k, *mean.parts(k))
             measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
             measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
         channels.append(measured)
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
-    if clipped is not None:
+    if clipped is None:
+        together = replace(together, read_variance=together.read_variance + _of_lines(mean.noise, reader, reference))
+    else:
         spread: Value = NO_PIXEL_SLOPES
         if slopes is not None:
             spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
         together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
     found = tuple(channels), together, pooled.mean.sampling
     return DarkResult(tuple(groups), change, lines, scatter, mean, slope_map, slopes, clipped, *found)
+
+
+def _of_lines(noise: Sequence[TemporalParts], reader: FrameReader, group: GroupStatistics) -> Uncertain:
+    """Return 0 with the uncertainty of the temporal variance from the noise of rows and columns, which are few."""
+    lines = [
+        length // step for length, step in zip((reader.frames.rows, reader.frames.cols), reader.tile.shape, strict=True)
+    ]
+    parts = [np.mean([part.value for part in each]) for each in zip(*((n.row, n.column) for n in noise), strict=True)]
+    scatter = [
+        part * group.frames / math.sqrt(0.5 * count * (group.frames - 1))
+        for part, count in zip(parts, lines, strict=True)
+    ]
+    return Uncertain.of(0.0, math.hypot(*scatter))
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
+from scipy.special import chdtri
 
 from photosite.calibration.dark import GroupMean
 from photosite.calibration.photon_transfer.noise_covariance import (
@@ -17,6 +17,7 @@ from photosite.calibration.photon_transfer.noise_covariance import (
     Run,
     SharedNoise,
     find_shared_noise,
+    mean_covariance,
     noise_covariances,
 )
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
@@ -66,22 +67,58 @@ class NoiseStructure:
 def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseStructure:
     """Return the structure of the temporal noise.
 
-    A few runs of successive frames are read again: of the reference dark frames, and of the brightest flat fields in
-    the linear range.
+    A few runs of successive frames are read again: of the reference dark frames, and of flat fields in the linear
+    range, the brightest first, until there are enough pixels.
     """
     frames = reduction.frames
-    flats = _brightest_linear(reduction)
-    if flats is None or min(frames.rows // reader.tile.shape[0], frames.cols // reader.tile.shape[1]) < LEAST_SIDE:
+    flats = _linear(reduction)
+    if not flats or min(frames.rows // reader.tile.shape[0], frames.cols // reader.tile.shape[1]) < LEAST_SIDE:
         return NoiseStructure()
     dark = reduction.reference_group
-    light_noise, dark_noise = (_covariances(reader, group, PIXELS) for group in (flats, dark))
-    signal = [light.mean - level.mean for light, level in zip(flats.levels, dark.levels, strict=True)]
-    flicker = find_flicker(light_noise, dark_noise, signal)
+    dark_noise = _covariances(reader, dark, PIXELS)
+    light_noise, square = _of_levels(reader, flats, dark, dark_noise, PIXELS)
+    flicker = find_flicker(light_noise, dark_noise, square)
     shared = find_shared_noise(light_noise, dark_noise)
-    if shared is not None and frames.rows * frames.cols * (min(flats.frames, dark.frames) // 2) > PIXELS:
-        light_noise, dark_noise = (_covariances(reader, group, PIXELS_CORRELATED) for group in (flats, dark))
+    if shared is not None and sum(_pairs(reader, group) for group in flats) > PIXELS:
+        dark_noise = _covariances(reader, dark, PIXELS_CORRELATED)
+        light_noise, _ = _of_levels(reader, flats, dark, dark_noise, PIXELS_CORRELATED)
         shared = find_shared_noise(light_noise, dark_noise) or shared
     return NoiseStructure(shared, flicker)
+
+
+def _of_levels(
+    reader: FrameReader,
+    flats: Sequence[GroupStatistics],
+    dark: GroupStatistics,
+    dark_noise: Sequence[NoiseCovariance],
+    pixels: int,
+) -> tuple[list[NoiseCovariance], list[float]]:
+    """Return each channel's noise covariances and squared signal, the mean over levels until there are enough pixels.
+
+    The weights make the correlation of the shot noise as precise as possible.
+    """
+    found, used, pairs = [], [], []
+    for group in flats:
+        if (left := pixels - sum(pairs)) <= 0:
+            break
+        found.append(_covariances(reader, group, left))
+        pairs.append(min(_pairs(reader, group), left))
+        used.append(group)
+    means, squares = [], []
+    for k, of_dark in enumerate(dark_noise):
+        noise = [entry[k] for entry in found]
+        variance = np.array([entry.variance for entry in noise])
+        weights = np.array(pairs) * np.maximum(variance - of_dark.variance, 0.0) / variance**2
+        weights = weights / weights.sum() if weights.any() else np.eye(len(noise))[0]
+        signal = np.array([group.levels[k].mean - dark.levels[k].mean for group in used])
+        means.append(mean_covariance(noise, weights))
+        squares.append(float(weights @ signal**2))
+    return means, squares
+
+
+def _pairs(reader: FrameReader, group: GroupStatistics) -> int:
+    """Return the pixels of a group, over all pairs of its frames."""
+    return reader.frames.rows * reader.frames.cols * (group.frames // 2)
 
 
 def without_flicker(
@@ -117,20 +154,20 @@ def without_flicker(
     return replace(reduction, lights=tuple(lights)), replace(flicker, share=share or flicker.share)
 
 
-def _brightest_linear(reduction: Reduction) -> GroupStatistics | None:
-    """Return the brightest flat fields of several frames, up to 70 % of the signal at the largest variance."""
+def _linear(reduction: Reduction) -> list[GroupStatistics]:
+    """Return flat fields of several frames, up to 70 % of the signal at the largest variance, the brightest first."""
     flats = [
         entry for entry in reduction.lights if entry.frames > 1 and not any(level.clipped for level in entry.levels)
     ]
     if not flats:
-        return None
+        return []
     levels = [pooled_level(entry.levels) for entry in flats]
     dark = pooled_level(reduction.darks[reduction.reference].levels).mean
     limit = LINEAR_SHARE * (max(levels, key=lambda level: level.variance).mean - dark)
     signals = [level.mean - dark for level in levels]
     # Without a level in the linear range, the darkest.
-    chosen = max((signal for signal in signals if signal <= limit), default=min(signals))
-    return flats[signals.index(chosen)]
+    chosen = [k for k, signal in enumerate(signals) if signal <= limit] or [int(np.argmin(signals))]
+    return [flats[k] for k in sorted(chosen, key=lambda k: -signals[k])]
 
 
 def _covariances(reader: FrameReader, group: GroupStatistics, pixels: int) -> list[NoiseCovariance]:
@@ -175,7 +212,7 @@ class Flicker:
 
 
 def find_flicker(
-    light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance], signal_dn: Sequence[float]
+    light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance], square_dn2: Sequence[float]
 ) -> Flicker | None:
     """Return the flicker of the light; None where rows vary no more than in dark frames.
 
@@ -183,12 +220,15 @@ def find_flicker(
     ----------
     light, dark
         Noise covariances of the channels in flat fields and in dark frames.
-    signal_dn
-        Signal of the flat fields in each channel, DN.
+    square_dn2
+        Mean squared signal of the flat fields in each channel, DN^2.
     """
     extra = [a - b for a, b in zip(light, dark, strict=True)]
     scores = [entry.row / entry.row_uncertainty for entry in extra]
-    if max(scores) < NormalDist().inv_cdf(1.0 - BY_CHANCE / len(extra)):
+    # The variance of the row means follows a chi-square distribution.
+    freedom = np.array([entry.row_freedom for entry in extra])
+    limits = (chdtri(freedom, BY_CHANCE / len(extra)) / freedom - 1.0) / np.sqrt(2.0 / freedom)
+    if (scores < limits).all():
         return None
-    shares = [max(entry.row, 0.0) / signal**2 for entry, signal in zip(extra, signal_dn, strict=True)]
+    shares = [max(entry.row, 0.0) / square for entry, square in zip(extra, square_dn2, strict=True)]
     return Flicker(math.sqrt(float(np.mean(shares))), light[int(np.argmax(scores))].row_period)

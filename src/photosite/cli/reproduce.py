@@ -30,6 +30,12 @@ CONDITION_NAMES = (
     "warm-mono-12",
     "clipped-mono-12",
     "bent-mono-12",
+    "crosstalk-mono-12",
+    "flicker-mono-12",
+    "rows-mono-12",
+    "hot-mono-12",
+    "shaded-mono-12",
+    "level-mono-12",
 )
 """Names in `photosite.studies.coverage`, copied so that --help stays fast; a test compares the two."""
 
@@ -175,7 +181,8 @@ def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, proc
     """Count how often 95 % intervals contain the truth.
 
     Virtual sensors are drawn, shot and calibrated under several conditions: bright and dim light, few frames, clipped
-    dark frames, bent responses, monochrome and Bayer, 8 to 16 bits. For every parameter the table lists the share of
+    dark frames, monochrome and Bayer, 8 to 16 bits, and frames that are not clean (bends, crosstalk, flicker, row
+    noise, hot pixels, shading, a wrong level). For every parameter the table lists the share of
     intervals that contain the truth (covered), the mean error over the mean standard uncertainty (bias), and the root
     mean square of error over uncertainty (width; 1 is correct). With 500 sensors the standard error of a coverage of
     95 % is 1 %; that takes ten minutes on two cores.
@@ -213,6 +220,8 @@ def _text(study: CoverageStudy) -> str:
             count = sum(entry.sensors for entry in refusals)
             failed = f"{count} of {study.sensors} calibrations failed with an error and are not in the table:"
             lines.append(listed(failed, (f"{entry.sensors}, for example: {entry.example}" for entry in refusals)))
+        if warnings := study.warnings.get(name, ()):
+            lines.append(listed("warnings:", (f"{entry.sensors}, for example: {entry.example}" for entry in warnings)))
         rows = [row for row in study.rows if row.condition == name]
         if rows:
             heading = ("parameter", "sensors", "covered", "bias", "width", "")

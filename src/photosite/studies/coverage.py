@@ -18,9 +18,11 @@ from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
 from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.sensor.model import Sensor
+from photosite.studies import disturbed_lab
+from photosite.studies.disturbed_lab import DisturbedLab, Draw
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.truth import measured_truth
-from photosite.studies.virtual_lab import BentLab, VirtualLab, virtual_lab
+from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.cfa import cfa_from, channel_names
 
 NOMINAL_COVERAGE = 0.95
@@ -143,8 +145,8 @@ class Coverage:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
-    """Number of sensors of one condition whose calibration failed for the same reason, and one of the messages."""
+class Message:
+    """Number of sensors of one condition with the same error or warning but for its numbers, and one of the texts."""
 
     sensors: int
     example: str
@@ -152,11 +154,12 @@ class Refusal:
 
 @dataclass(frozen=True)
 class CoverageStudy:
-    """Coverage by condition and parameter, where at least one sensor has an estimate; failed calibrations by condition,
-    grouped by reason; and the number of virtual sensors per condition."""
+    """Coverage by condition and parameter, where at least one sensor has an estimate; failed calibrations and warnings
+    by condition, grouped by text; and the number of virtual sensors per condition."""
 
     rows: tuple[Coverage, ...]
-    refused: Mapping[str, tuple[Refusal, ...]]
+    refused: Mapping[str, tuple[Message, ...]]
+    warnings: Mapping[str, tuple[Message, ...]]
     sensors: int
 
     def to_dict(self) -> dict[str, Any]:
@@ -171,6 +174,7 @@ class CoverageStudy:
                     "parameters": {row.parameter: row.to_dict() for row in self.rows if row.condition == name},
                     "refused": sum(entry.sensors for entry in self.refused.get(name, ())),
                     "why_refused": [asdict(entry) for entry in self.refused.get(name, ())],
+                    "warnings": [asdict(entry) for entry in self.warnings.get(name, ())],
                 }
                 for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
             },
@@ -206,13 +210,16 @@ def coverage_study(
     tasks = [(name, batch) for name in chosen for batch in batches]
     found: dict[str, dict[str, list[Outcome | str]]] = {name: {} for name in chosen}
     refused: dict[str, list[str]] = {name: [] for name in chosen}
+    warned: dict[str, list[str]] = {name: [] for name in chosen}
     done = 0
     for (name, batch), results in zip(tasks, _work(tasks, processes), strict=True):
         for result in results:
             if isinstance(result, str):
                 refused[name].append(result)
                 continue
-            for parameter, outcome in result.items():
+            outcomes, warnings = result
+            warned[name].extend(warnings)
+            for parameter, outcome in outcomes.items():
                 found[name].setdefault(parameter, []).append(outcome)
         done += len(batch)
         if progress is not None:
@@ -220,25 +227,29 @@ def coverage_study(
     rows = []
     for name, parameters in found.items():
         for parameter, entries in parameters.items():
-            outcomes = [entry for entry in entries if isinstance(entry, Outcome)]
+            known = [entry for entry in entries if isinstance(entry, Outcome)]
             reasons = [entry for entry in entries if isinstance(entry, str)]
-            if outcomes:
-                rows.append(_row(name, parameter, outcomes, reasons))
-    return CoverageStudy(tuple(rows), {name: _refusals(why) for name, why in refused.items() if why}, sensors)
+            if known:
+                rows.append(_row(name, parameter, known, reasons))
+    failed = {name: _grouped(texts) for name, texts in refused.items() if texts}
+    return CoverageStudy(
+        tuple(rows), failed, {name: _grouped(texts) for name, texts in warned.items() if texts}, sensors
+    )
 
 
-def _refusals(reasons: Sequence[str]) -> tuple[Refusal, ...]:
-    """Group messages that differ in numbers and sensor names only, the most frequent first."""
+def _grouped(texts: Sequence[str]) -> tuple[Message, ...]:
+    """Group texts that differ in numbers and sensor names only, the most frequent first."""
     kinds: dict[str, list[str]] = {}
-    for reason in reasons:
-        kind = re.sub(r"[\d.e+-]*\d", "#", reason.partition("clipped at 0 DN: ")[2] or reason)
-        kinds.setdefault(kind, []).append(reason)
+    for text in texts:
+        kind = re.sub(r"[\d.e+-]*\d", "#", text.partition("clipped at 0 DN: ")[2] or text)
+        kinds.setdefault(kind, []).append(text)
     groups = sorted(kinds.values(), key=len, reverse=True)
-    return tuple(Refusal(len(group), group[0]) for group in groups)
+    return tuple(Message(len(group), group[0]) for group in groups)
 
 
-_Result = dict[str, Outcome | str] | str
-"""Of one sensor: its outcome, or the reason for a missing estimate, by parameter; or why the calibration failed."""
+_Result = tuple[dict[str, Outcome | str], tuple[str, ...]] | str
+"""Of one sensor: by parameter, its outcome, or the reason for a missing estimate, and the warnings; or why the
+calibration failed."""
 
 
 def _work(tasks: Sequence[tuple[str, Sequence[int]]], processes: int) -> Iterator[list[_Result]]:
@@ -260,14 +271,14 @@ def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
         return [measure_sensor(CONDITIONS[name].lab(number)) for number in numbers]
 
 
-def measure_sensor(lab: VirtualLab | BentLab) -> _Result:
+def measure_sensor(lab: VirtualLab | DisturbedLab) -> _Result:
     """Shoot and calibrate one virtual sensor and compare with the truth."""
     try:
         calibration = calibrate(lab.frame_set())
     except CalibrationError as error:
         return str(error)
-    truth = lab.truth(calibration) if isinstance(lab, BentLab) else measured_truth(lab, calibration)
-    return compare(calibration, truth)
+    truth = lab.truth(calibration) if isinstance(lab, DisturbedLab) else measured_truth(lab, calibration)
+    return compare(calibration, truth), tuple(calibration.warnings)
 
 
 def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
@@ -333,7 +344,7 @@ class Condition:
     protocol: ShootingProtocol
     black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
     photons_known: bool = False  # whether the light is metered
-    bend: Range | None = None  # deviation of the response at full scale, of either sign
+    disturbed: Draw | None = None  # what spoils the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
         """Return a sensor with all parameters drawn from its number.
@@ -384,21 +395,15 @@ class Condition:
             }
         )
 
-    def lab(self, number: int) -> VirtualLab | BentLab:
-        """Return the laboratory that measures a sensor.
-
-        A bend grows with the second, third or fourth power of the signal, in turn.
-        """
+    def lab(self, number: int) -> VirtualLab | DisturbedLab:
+        """Return the laboratory that measures a sensor."""
         # The light level varies, so that saturation falls anywhere between two exposures.
         level = self.level * (0.92 + 0.16 * ((number * _GOLDEN_RATIO) % 1.0))
-        lab = virtual_lab(
-            self.sensor(number), self.protocol, level=level, seed=number, photons_known=self.photons_known
-        )
-        if self.bend is None:
-            return lab
-        low, high = self.bend
-        size = low * (high / low) ** ((number * _SILVER_RATIO) % 1.0)
-        return BentLab(lab, size if number // 6 % 2 else -size, 2 + number // 2 % 3)
+        sensor = self.sensor(number)
+        if self.disturbed is None:
+            return virtual_lab(sensor, self.protocol, level=level, seed=number, photons_known=self.photons_known)
+        effect, factors = self.disturbed(sensor, np.random.default_rng([number]))
+        return DisturbedLab(sensor, self.protocol, level, effect, factors, seed=zlib.crc32(self.name.encode()) + number)
 
 
 def _protocol(
@@ -422,7 +427,7 @@ FULL = _protocol("full", darks=24, repeats=4, levels=16, flats=4, stack=16)
 WARM = _protocol("warm", darks=24, repeats=4, levels=16, flats=4, stack=16, reference_s=1.0)
 FEW = _protocol("few frames", darks=4, repeats=2, levels=8, flats=2, stack=0)
 
-_MONO, _BAYER = (48, 64), (72, 88)
+_MONO, _BAYER, _LARGE = (48, 64), (72, 88), (96, 128)
 _PEDESTAL = "black level at 10 standard deviations of a dark frame"
 
 CONDITIONS: dict[str, Condition] = {
@@ -474,9 +479,33 @@ CONDITIONS: dict[str, Condition] = {
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, black_sigma=1.0, photons_known=True,
         ),
         Condition(
-            "bent-mono-12", "response bent by 0.5 to 10 % at full scale, second to fourth power; nothing at saturation "
-            "is compared", "mono",
-            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend=(0.005, 0.1),
+            "bent-mono-12", "response bent by 0.5 to 10 % at saturation, of either sign, second to fourth power",
+            "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.bend,
+        ),
+        Condition(
+            "crosstalk-mono-12", "crosstalk of 0.5 to 3 % of the charge to each next pixel", "mono",
+            12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.crosstalk,
+        ),
+        Condition(
+            "flicker-mono-12", "flicker of the light: bands of 0.2 to 2 %, with a period of 10 to 40 rows", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.flicker,
+        ),
+        Condition(
+            "rows-mono-12", "row noise of 0.1 to 1 times the read noise", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.row_noise,
+        ),
+        Condition(
+            "hot-mono-12", "0.1 to 1 % hot pixels with 1000 to 10 000 e-/s", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.hot_pixels,
+        ),
+        Condition(
+            "shaded-mono-12", "corners 2 to 20 % darker than the center", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.shading,
+        ),
+        Condition(
+            "level-mono-12", "light of one level 1 to 10 % off the stated one", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.wrong_level,
         ),
     )
 }  # fmt: skip

@@ -4,54 +4,52 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import convolve
 
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import PhotositeError
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
-from photosite.frames.frame_settings import Kind
+from photosite.frames.frame_set import FrameSet
+from photosite.studies.plain_camera import Change, Effect, Frame, PlainCamera, bands, bent, convolved, darker_corners
+from photosite.studies.protocol import ShootingProtocol, Step
+from photosite.values.cfa import MONOCHROME, Cfa
 
-Frame = NDArray[np.float64]
-
-# The virtual sensor: pixels, frames of each level, exposure times, light, and its true figures.
+# The virtual camera: pixels, frames of each level, exposure times, light, and its true figures.
 SHAPE = (192, 240)
 FRAMES = 8
-DARK_S = (0.01, 0.1, 1.0)
 LIGHT_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
+PROTOCOL = ShootingProtocol(
+    "eight levels",
+    (*(Step("dark", t, FRAMES) for t in (0.01, 0.1, 1.0)), *(Step("light", t, FRAMES) for t in LIGHT_S)),
+)
 ELECTRONS_PER_S = 1.5e5
 GAIN = 0.3
-READ_NOISE_E = 6.0
-DSNU_DN = 0.6
 PRNU = 0.008
 BLACK_DN = 64.0
 WHITE_DN = 4095
 SATURATION_E = (WHITE_DN - BLACK_DN) / GAIN
-
-
-def _unchanged(values: Frame, rng: np.random.Generator) -> Frame:
-    return values
+CAMERA = PlainCamera(
+    shape=SHAPE,
+    gain=GAIN,
+    black_dn=BLACK_DN,
+    read_noise_e=6.0,
+    dsnu_dn=0.6,
+    prnu=PRNU,
+    electrons_per_s=ELECTRONS_PER_S,
+)
 
 
 @dataclass(frozen=True)
-class StackKind:
-    """A kind of imperfect stack: what happens to light, charge and digital numbers of every frame.
+class StackKind(Effect):
+    """A kind of imperfect stack.
 
     Parameters
     ----------
     name, size
         Name, and size of the effect in words.
-    light, charge, numbers
-        Functions of (rows, cols) expected electrons of the light, of electrons, and of digital numbers before rounding;
-        the second argument draws random numbers.
-    lag, blend
-        Share of the charge that the next frame receives; share of the saved frame that is blended into the next one.
     cfa
         Color filter array that is stated for the frames.
     prnu
@@ -62,50 +60,13 @@ class StackKind:
 
     name: str
     size: str
-    light: Callable[[Frame, np.random.Generator], Frame] = _unchanged
-    charge: Callable[[Frame, np.random.Generator], Frame] = _unchanged
-    numbers: Callable[[Frame, np.random.Generator], Frame] = _unchanged
-    lag: float = 0.0
-    blend: float = 0.0
-    cfa: tuple[tuple[str, ...], ...] = (("mono",),)
+    cfa: Cfa = MONOCHROME
     prnu: float = PRNU
     gain: float = GAIN
 
     def frames(self, seed: int) -> FrameSet:
         """Return a stack: dark frames at three exposure times, flat fields at eight levels up to saturation."""
-        rng = np.random.default_rng(seed)
-        response = 1.0 + PRNU * rng.normal(size=SHAPE)
-        offset = BLACK_DN + DSNU_DN * rng.normal(size=SHAPE)
-        left, last = np.zeros(SHAPE), offset
-
-        def group(kind: Kind, exposure_s: float, electrons: float) -> FrameGroup:
-            nonlocal left, last
-            sources = []
-            for i in range(FRAMES):
-                light = self.light(np.full(SHAPE, electrons) * response, rng)
-                charge = self.charge(rng.poisson(light).astype(np.float64), rng)
-                left, charge = self.lag * charge, (1.0 - self.lag) * charge + left
-                read = rng.normal(0.0, READ_NOISE_E, SHAPE)
-                numbers = self.numbers(offset + GAIN * (charge + read), rng)
-                last = (1.0 - self.blend) * numbers + self.blend * last
-                dn = np.clip(np.rint(last), 0, WHITE_DN).astype(np.uint16)
-                sources.append(FrameSource(f"{kind} {exposure_s:g} s, frame {i}", partial(np.array, dn)))
-            return FrameGroup(kind, exposure_s, tuple(sources))
-
-        darks = [group("dark", exposure_s, 0.0) for exposure_s in DARK_S]
-        lights = [group("light", exposure_s, ELECTRONS_PER_S * exposure_s) for exposure_s in LIGHT_S]
-        return FrameSet((*darks, *lights), rows=SHAPE[0], cols=SHAPE[1], bits=12, cfa=self.cfa)
-
-
-def _convolved(weights: Sequence[Sequence[float]]) -> Callable[[Frame, np.random.Generator], Frame]:
-    kernel = np.array(weights)
-    return lambda values, rng: np.asarray(convolve(values, kernel, mode="nearest"))
-
-
-def _rolling_bands(values: Frame, rng: np.random.Generator) -> Frame:
-    rows = np.arange(len(values))[:, None]
-    bands: Frame = values * (1.0 + 0.01 * np.sin(2.0 * math.pi * rows / 37.0 + rng.uniform(0.0, 2.0 * math.pi)))
-    return bands
+        return replace(CAMERA, cfa=self.cfa).frame_set(PROTOCOL, self, seed)
 
 
 def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
@@ -114,26 +75,17 @@ def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
     return filtered
 
 
-def _digital_gain(gain: float | Frame) -> Callable[[Frame, np.random.Generator], Frame]:
+def _digital_gain(gain: float | Frame) -> Change:
     return lambda values, rng: np.floor(np.clip(np.rint(values), 0, WHITE_DN) * gain + 0.5)
 
 
-def _tone_curve(curve: Callable[[Frame], Frame]) -> Callable[[Frame, np.random.Generator], Frame]:
+def _tone_curve(curve: Callable[[Frame], Frame]) -> Change:
     return lambda values, rng: WHITE_DN * curve(np.clip(np.rint(values), 0, WHITE_DN) / WHITE_DN)
 
 
 def _even_columns(values: Frame, rng: np.random.Generator) -> Frame:
     brighter: Frame = values * (1.0 + 0.01 * (np.arange(values.shape[1]) % 2 == 0))
     return brighter
-
-
-def _bent(size: float, power: int) -> Callable[[Frame, np.random.Generator], Frame]:
-    """Return a response with a deviation at saturation that grows with a power of the electrons."""
-
-    def charge(values: Frame, rng: np.random.Generator) -> Frame:
-        return np.asarray(values * (1.0 + size * (values / SATURATION_E) ** (power - 1)))
-
-    return charge
 
 
 def _knee(values: Frame, rng: np.random.Generator) -> Frame:
@@ -144,23 +96,12 @@ def _soft(values: Frame, rng: np.random.Generator) -> Frame:
     return np.asarray(values / (1.0 + 0.1 * values / SATURATION_E))
 
 
-def _wrong_level(values: Frame, rng: np.random.Generator) -> Frame:
-    wrong = abs(float(values.mean()) / (ELECTRONS_PER_S * LIGHT_S[2]) - 1.0) < 0.01
-    return 1.04 * values if wrong else values
-
-
 def _another_chip(values: Frame, rng: np.random.Generator) -> Frame:
     foreign: Frame = values.mean() * (1.0 + PRNU * rng.normal(size=values.shape))
     return foreign if rng.random() < 0.03 else values
 
 
-def _fall_off() -> Frame:
-    rows, cols = (np.linspace(-1.0, 1.0, length) for length in SHAPE)
-    fall = 1.0 - 0.05 * np.add.outer(rows**2, cols**2)
-    even: Frame = fall / fall.mean()
-    return even
-
-
+CORNERS = darker_corners(SHAPE, 0.05)
 _RGGB = (("R", "G"), ("G", "B"))
 _CROSSTALK = ((0.0, 0.02, 0.0), (0.02, 0.92, 0.02), (0.0, 0.02, 0.0))
 
@@ -169,23 +110,23 @@ KINDS = (
     StackKind("clean mosaic", "RGGB", light=_mosaic, cfa=_RGGB),
     StackKind(
         "crosstalk", "2 % of the charge to each next pixel",
-        charge=_convolved(_CROSSTALK), prnu=PRNU * float(np.linalg.norm(_CROSSTALK)),
+        charge=convolved(_CROSSTALK), prnu=PRNU * float(np.linalg.norm(_CROSSTALK)),
     ),
     StackKind(
         "smoothing in the camera", "5 % of each next pixel",
-        numbers=_convolved([[0, 0.05, 0], [0.05, 0.8, 0.05], [0, 0.05, 0]]),
+        numbers=convolved([[0, 0.05, 0], [0.05, 0.8, 0.05], [0, 0.05, 0]]),
     ),
     StackKind(
         "sharpening in the camera", "-10 % of each next pixel",
-        numbers=_convolved([[0, -0.1, 0], [-0.1, 1.4, -0.1], [0, -0.1, 0]]),
+        numbers=convolved([[0, -0.1, 0], [-0.1, 1.4, -0.1], [0, -0.1, 0]]),
     ),
     StackKind("image lag", "3 % of the charge to the next frame", lag=0.03),
     StackKind("noise reduction over time", "20 % of the last frame", blend=0.2),
     StackKind("row noise", "1 DN", numbers=lambda v, rng: v + rng.normal(0.0, 1.0, (len(v), 1))),
-    StackKind("flicker of the light", "bands of 1 %, 37 rows", light=_rolling_bands),
+    StackKind("flicker of the light", "bands of 1 %, 37 rows", light=bands(0.01, 37.0)),
     StackKind("drift of the light", "2 % from frame to frame", light=lambda v, rng: v * (1 + 0.02 * rng.normal())),
-    StackKind("bent response", "-2 % at saturation", charge=_bent(-0.02, 2)),
-    StackKind("bent response, 4th power", "+5 % at saturation", charge=_bent(0.05, 4)),
+    StackKind("bent response", "-2 % at saturation", charge=bent(-0.02, 2, SATURATION_E)),
+    StackKind("bent response, 4th power", "+5 % at saturation", charge=bent(0.05, 4, SATURATION_E)),
     StackKind("knee of the response", "6 % less slope above 40 %", charge=_knee),
     StackKind("soft saturation", "-9 % at saturation", charge=_soft),
     StackKind(
@@ -211,9 +152,9 @@ KINDS = (
     ),
     StackKind(
         "uneven light", "10 % darker corners",
-        light=lambda v, rng: v * _fall_off(), prnu=math.hypot(PRNU, float(_fall_off().std())),
+        light=lambda v, rng: v * CORNERS, prnu=math.hypot(PRNU, float(CORNERS.std())),
     ),
-    StackKind("wrong level", "light of one level 4 % off", light=_wrong_level),
+    StackKind("wrong level", "light of one level 4 % off", wrong_level=(5, 1.04)),
     StackKind("frames of another chip", "3 % of the frames", light=_another_chip),
 )  # fmt: skip
 """The kinds of stacks."""

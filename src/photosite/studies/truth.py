@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -173,14 +174,19 @@ def variance_peak_e(sensor: Sensor) -> float:
 
 
 def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float]:
-    """Return `true_parameters` of a laboratory, with the definitions that a calibration of it used.
+    """Return `true_parameters` of a laboratory, with the definitions that a calibration of it used."""
+    sensor = lab.camera.sensor
+    return as_defined(true_parameters(sensor, lab.light, lab.camera.optics), sensor, calibration)
+
+
+def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibration) -> dict[str, float]:
+    """Return true parameters with the definitions that a calibration used.
 
     Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
     DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames; chips too small for
     the high-pass filter count as exposed for 0 s. The virtual chip's pattern has no row or column component.
     """
-    sensor = lab.camera.sensor
-    truth = true_parameters(sensor, lab.light, lab.camera.optics)
+    truth = dict(truth)
     spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
     sites = [calibration.spatial[name] for row in sensor.array.cfa for name in row]
     exposures = [0.0 if isinstance(found, Missing) else found.dark.exposure_s for found in sites]
@@ -197,7 +203,8 @@ def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float
     if "largest temporal variance" in calibration.saturation_capacity_e.method:
         old, new = truth["saturation_capacity_e"], variance_peak_e(sensor)
         truth["saturation_capacity_e"] = new
-        truth["saturation_capacity_photons"] *= new / old
+        if "saturation_capacity_photons" in truth:
+            truth["saturation_capacity_photons"] *= new / old
         truth["snr_max_db"] += 10 * math.log10(new / old)
         truth["dynamic_range_db"] += 20 * math.log10(new / old)
     return truth

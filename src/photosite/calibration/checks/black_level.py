@@ -66,38 +66,37 @@ def black_level_change(darks: Sequence[GroupStatistics]) -> BlackLevelChange:
     """Return the change of the black level between the dark frames.
 
     Frame means are compared with the line through those of their group, in the order of the frames. Their scatter
-    about the lines follows a chi-square distribution if only the noise of the pixels contributes, and the ratio of what
-    the slopes explain to that scatter an F distribution if there is no drift.
+    about the lines, relative to the noise of the pixels, follows a chi-square distribution if only that noise
+    contributes, and the ratio of what the slopes explain to that scatter an F distribution if there is no drift.
     """
     from scipy.special import chdtri, fdtri
 
-    white = scatter = trend = drift = 0.0
+    scatter = trend = drift = excess = 0.0
     freedom = trends = 0
     for entry in darks:
         n, means = entry.frames, np.asarray(entry.frame_means)
-        if n < 2:
-            continue
         level = pooled_level(entry.levels)
+        if n < 2 or (white := level.variance / level.pixels) == 0.0:
+            continue
         left = means - means.mean()
         if n > 2:
             steps = np.arange(n) - 0.5 * (n - 1)
             squares = float(steps @ steps)
             slope = float(steps @ left) / squares
             left = left - slope * steps
-            trend += slope**2 * squares
+            trend += slope**2 * squares / white
             drift += abs(slope) * n
             trends += 1
-        own = n - 1 - (n > 2)
-        scatter, freedom = scatter + float(left @ left), freedom + own
-        white += own * level.variance / level.pixels
+        own, square = n - 1 - (n > 2), float(left @ left)
+        scatter, freedom = scatter + square / white, freedom + own
+        excess += square - own * white
     noise = math.sqrt(max(pooled_level(entry.levels).variance for entry in darks if entry.frames > 1))
-    if freedom == 0 or white == 0.0:
+    if freedom == 0:
         return BlackLevelChange(0.0, 0.0, noise)
-    shifts = scatter / white > float(chdtri(freedom, BY_CHANCE)) / freedom
-    rest = scatter if shifts else max(scatter, white)
-    drifts = trends > 0 and trend / trends > float(fdtri(trends, freedom, 1.0 - BY_CHANCE)) * rest / freedom
-    shift = math.sqrt((scatter - white) / freedom) if shifts else 0.0
-    return BlackLevelChange(shift, drift if drifts else 0.0, noise)
+    shifts = scatter > float(chdtri(freedom, BY_CHANCE)) and excess > 0.0
+    rest = (scatter if shifts else max(scatter, freedom)) / freedom
+    drifts = trends > 0 and trend / trends > float(fdtri(trends, freedom, 1.0 - BY_CHANCE)) * rest
+    return BlackLevelChange(math.sqrt(excess / freedom) if shifts else 0.0, drift if drifts else 0.0, noise)
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,9 @@ NOISE_FRAMES, NOISE_CHANGE, NOISE_SCATTER = 4, 0.3, 8.0
 """Least frames for the comparison of their noise; least relative difference of a variance; the same as a multiple of
 its scatter, that of the others (median absolute deviation) or of chance."""
 
+CLIPPED = 0.002
+"""Share of a frame's pixels at the highest number of all, above which its noise may be clipped and is not compared."""
+
 TAILS = 5.0
 """Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
 
@@ -157,7 +160,8 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
     reason = "its fixed pattern is not that of the others: another chip, or another readout"
     found = dict.fromkeys(find_foreign(patterns, shifted), reason)
     rest = np.setdiff1d(np.arange(n), list(found))
-    if len(rest) < NOISE_FRAMES:
+    highest = max(int(sample.max()) for sample in samples)
+    if len(rest) < NOISE_FRAMES or max(np.mean(sample == highest) for sample in samples) > CLIPPED:
         return found
     variance = _noise(patterns[rest])
     usual = float(np.median(variance))

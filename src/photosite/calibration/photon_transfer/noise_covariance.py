@@ -21,6 +21,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,18 @@ class FrameCovariance:
 
 UNKNOWN = FrameCovariance(np.empty(0), np.empty((0, 0)))
 """Fewer than `LEAST_RUN` successive frames."""
+
+
+def mean_of_frames(levels: Sequence[FrameCovariance], weights: NDArray[np.float64]) -> FrameCovariance:
+    """Return the weighted mean of several levels; the weights sum to 1."""
+    known = [(w, level) for w, level in zip(weights, levels, strict=True) if w > 0.0]
+    if not all(len(level.values) for _, level in known):
+        return UNKNOWN
+    values, covariance = np.zeros(FRAME_REACH), np.zeros((FRAME_REACH, FRAME_REACH))
+    for w, level in known:
+        values += w * level.values
+        covariance += w**2 * level.covariance
+    return FrameCovariance(values, covariance)
 
 
 class FrameProducts:
@@ -166,6 +179,8 @@ Run = Sequence[NDArray[np.unsignedinteger]]
 """Two or more successive frames of one level."""
 
 _LAGS = range(-REACH, REACH + 1)
+_NEXT = (REACH - 1, REACH, REACH, REACH + 1), (REACH, REACH - 1, REACH + 1, REACH)
+"""Places of the next pixels of the column and of the row."""
 _Planes = dict[tuple[int, int], NDArray[np.float64]]
 
 
@@ -182,10 +197,11 @@ class NoiseCovariance:
         in the middle.
     uncertainty
         Standard uncertainty of each for independent pixels, DN^2.
-    sum_uncertainty
-        That of the sum over all neighbors, DN^2.
-    row, row_uncertainty
-        Variance that the pixels of a row share, DN^2, and its standard uncertainty for independent rows.
+    sum_uncertainty, next_uncertainty
+        That of the sum over all neighbors, and over the next pixels of the row and of the column, DN^2.
+    row, row_uncertainty, row_freedom
+        Variance that the pixels of a row share, DN^2, its standard uncertainty for independent rows, and its degrees of
+        freedom.
     row_period
         Period of this variance in rows; None where no frequency stands out.
     frames
@@ -195,8 +211,10 @@ class NoiseCovariance:
     covariance: NDArray[np.float64]
     uncertainty: NDArray[np.float64]
     sum_uncertainty: float
+    next_uncertainty: float
     row: float
     row_uncertainty: float
+    row_freedom: float
     row_period: float | None
     frames: FrameCovariance
 
@@ -217,17 +235,53 @@ class NoiseCovariance:
             self.covariance - other.covariance,
             np.hypot(self.uncertainty, other.uncertainty),
             math.hypot(self.sum_uncertainty, other.sum_uncertainty),
+            math.hypot(self.next_uncertainty, other.next_uncertainty),
             self.row - other.row,
             math.hypot(self.row_uncertainty, other.row_uncertainty),
+            self.row_freedom,
             self.row_period,
             self.frames - other.frames,
         )
 
     def scores(self) -> NDArray[np.float64]:
-        """Return the sum over the neighbors and every covariance, in standard uncertainties; normal within chance."""
+        """Return covariances in standard uncertainties, normal within chance.
+
+        They are the sum over the neighbors, the sum over the next pixels, every neighbor, and every frame.
+        """
         of_sum = self.of_neighbors.sum() / self.sum_uncertainty
+        of_next = self.covariance[_NEXT].sum() / self.next_uncertainty
         of_lags = self.of_neighbors / _without_middle(self.uncertainty)
-        return np.concatenate([[of_sum], of_lags, self.frames.values / self.frames.uncertainty])
+        return np.concatenate([[of_sum, of_next], of_lags, self.frames.values / self.frames.uncertainty])
+
+
+def mean_covariance(levels: Sequence[NoiseCovariance], weights: NDArray[np.float64]) -> NoiseCovariance:
+    """Return the weighted mean of the noise covariances of several levels; the weights sum to 1.
+
+    The period of the rows is that of the level whose rows vary most, in standard uncertainties.
+    """
+
+    def mean(field: str) -> Any:
+        return sum(w * getattr(level, field) for w, level in zip(weights, levels, strict=True))
+
+    def root(field: str) -> Any:
+        return np.sqrt(sum((w * getattr(level, field)) ** 2 for w, level in zip(weights, levels, strict=True)))
+
+    rows = max(levels, key=lambda level: level.row / level.row_uncertainty)
+    spread = root("row_uncertainty")
+    # Welch and Satterthwaite.
+    parts = (w * level.row_uncertainty for w, level in zip(weights, levels, strict=True))
+    freedom = spread**4 / sum(part**4 / level.row_freedom for part, level in zip(parts, levels, strict=True))
+    return NoiseCovariance(
+        mean("covariance"),
+        root("uncertainty"),
+        float(root("sum_uncertainty")),
+        float(root("next_uncertainty")),
+        mean("row"),
+        float(spread),
+        float(freedom),
+        rows.row_period,
+        mean_of_frames([level.frames for level in levels], weights),
+    )
 
 
 def _without_middle(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -288,16 +342,13 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     result = []
     for k in range(channels):
         uncertainty = 0.5 * np.sqrt(squares[k]) / counts[k]
-        of_sum = np.sqrt(_without_middle((squares[k] + again[k]) / counts[k] ** 2).sum())
+        of_sums = (squares[k] + again[k]) / counts[k] ** 2
+        of_sum, of_next = (0.5 * math.sqrt(each.sum()) for each in (_without_middle(of_sums), of_sums[_NEXT]))
         covariance = 0.5 * products[k] / counts[k]
         # Crosstalk along a row adds to the variance of its mean.
-        row, row_uncertainty = _row_noise(means[k], float(covariance[REACH].sum()))
+        row = _row_noise(means[k], float(covariance[REACH].sum()))
         period = _row_period(means[k], tile.shape[0])
-        result.append(
-            NoiseCovariance(
-                covariance, uncertainty, 0.5 * float(of_sum), row, row_uncertainty, period, between[k].covariance()
-            )
-        )
+        result.append(NoiseCovariance(covariance, uncertainty, of_sum, of_next, *row, period, between[k].covariance()))
     return result
 
 
@@ -334,11 +385,17 @@ class _RowMeans:
         return cls(plane.shape[0], plane.shape[1], float(means @ means) / (len(means) - 1), spectrum)
 
 
-def _row_noise(means: Sequence[_RowMeans], of_pixels: float) -> tuple[float, float]:
-    """Return the variance that rows share and its uncertainty; `of_pixels` is the covariance summed along a row."""
+def _row_noise(means: Sequence[_RowMeans], of_pixels: float) -> tuple[float, float, float]:
+    """Return the variance that rows share, its uncertainty and its degrees of freedom.
+
+    `of_pixels` is the covariance summed along a row. It comes from the same pixels: its own noise, and what far pixels
+    of the row have in common, widen the uncertainty on frames of few columns.
+    """
     shared = [0.5 * entry.square - of_pixels / entry.cols for entry in means]
     square = 0.5 * float(np.mean([entry.square for entry in means]))
-    return float(np.mean(shared)), square * math.sqrt(2.0 / sum(entry.rows for entry in means))
+    freedom = float(sum(entry.rows - 1 for entry in means))
+    share = len(_LAGS) / means[0].cols
+    return float(np.mean(shared)), square * math.sqrt(2.0 / freedom) * (1.0 + share) ** 1.5, freedom
 
 
 def _row_period(means: Sequence[_RowMeans], tile_rows: int) -> float | None:
@@ -512,7 +569,7 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
     limit = NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / scores.size)
     if scores.max() < limit:
         return None
-    of_neighbors, of_frames = np.split(scores, [1 + len(shot[0].of_neighbors)], axis=1)
+    of_neighbors, of_frames = np.split(scores, [2 + len(shot[0].of_neighbors)], axis=1)
     neighbors = frames = None
     if of_neighbors.max() >= limit:
         across, down = (
