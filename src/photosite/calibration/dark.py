@@ -20,7 +20,7 @@ from photosite.calibration.clipped_blacks.clipped_darks import (
 )
 from photosite.calibration.measurements import Measurements, mean_for_sensor
 from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
-from photosite.calibration.photon_transfer.summed_covariance import SharedNoise
+from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantisation import differing_share, with_rounding
@@ -265,9 +265,8 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is None:
-            measured = replace(
-                measured, read_variance=measured.read_variance + _of_lines([mean.noise[k]], reader, reference)
-            )
+            read = measured.read_variance + _of_lines(mean.noise[k : k + 1], reader, reference)
+            measured = replace(measured, read_variance=read)
         if clipped is not None:
             plain, filtered = clipped.parts(k, *mean.parts(k))
             measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
@@ -287,13 +286,12 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
 
 def _of_lines(noise: Sequence[TemporalParts], reader: FrameReader, group: GroupStatistics) -> Uncertain:
     """Return 0 with the uncertainty of the temporal variance from the noise of rows and columns, which are few."""
-    lines = [
-        length // step for length, step in zip((reader.frames.rows, reader.frames.cols), reader.tile.shape, strict=True)
-    ]
-    parts = [np.mean([part.value for part in each]) for each in zip(*((n.row, n.column) for n in noise), strict=True)]
+    row = float(np.mean([parts.row.value for parts in noise]))
+    column = float(np.mean([parts.column.value for parts in noise]))
+    shape, tile = (reader.frames.rows, reader.frames.cols), reader.tile.shape
     scatter = [
-        part * group.frames / math.sqrt(0.5 * count * (group.frames - 1))
-        for part, count in zip(parts, lines, strict=True)
+        part * group.frames * math.sqrt(2.0 / (length // step * (group.frames - 1)))
+        for part, length, step in zip((row, column), shape, tile, strict=True)
     ]
     return Uncertain.of(0.0, math.hypot(*scatter))
 

@@ -496,8 +496,8 @@ CONDITIONS: dict[str, Condition] = {
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.row_noise,
         ),
         Condition(
-            "hot-mono-12", "0.1 to 1 % hot pixels with 1000 to 10 000 e-/s", "mono",
-            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.hot_pixels,
+            "hot-mono-12", "0.3 to 1 % hot pixels with 100 to 500 e-/s", "mono",
+            12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.hot_pixels,
         ),
         Condition(
             "shaded-mono-12", "corners 2 to 20 % darker than the center", "mono",

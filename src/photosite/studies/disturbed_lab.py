@@ -125,9 +125,14 @@ def row_noise(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[st
 
 
 def hot_pixels(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
-    """Draw 0.1 to 1 % hot pixels with 1000 to 10 000 e-/s."""
-    share, rate = _between(rng, 0.001, 0.01), _between(rng, 1e3, 1e4)
-    return Effect(hot=(share, rate)), {}
+    """Draw 0.3 to 1 % hot pixels with 100 to 500 e-/s."""
+    share, hot = _between(rng, 0.003, 0.01), _between(rng, 100.0, 500.0)
+    truth = true_parameters(sensor)
+    usual, spread = truth["dark_current_e_per_s"], truth["dcnu_percent"] / 100.0
+    mean = (1.0 - share) * usual + share * hot
+    variance = (1.0 - share) * ((spread * usual) ** 2 + (usual - mean) ** 2) + share * (hot - mean) ** 2
+    of_mean = dict.fromkeys(("dark_current_e_per_s", "dark_current_dn_per_s", "dark_voltage_mv_per_s"), mean / usual)
+    return Effect(hot=(share, hot)), of_mean | {"dcnu_percent": math.sqrt(variance) / mean / spread}
 
 
 def shading(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
