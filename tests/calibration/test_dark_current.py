@@ -78,14 +78,14 @@ def test_maps_of_a_clamped_camera_have_its_read_noise_but_no_dark_rate():
     assert read_e == pytest.approx(READ_E, rel=0.1)
 
 
-def reduced(seed, steps, exposures_s=(0.01, 0.1, 1.0), rows=40, cols=48, frames=8):
-    """Dark groups, noise 2 DN and 5 DN/s of dark signal; `steps(group, frame, rng)` in DN moves
-    the black level."""
+def reduced(seed, steps, exposures_s=(0.01, 0.1, 1.0), rows=40, cols=48, frames=(8, 8, 8), dark_e_per_s=5.0):
+    """Dark groups of 1 DN/e-, noise 2 DN and some dark current; `steps(group, frame, rng)` in DN moves the black
+    level."""
     rng = np.random.default_rng(seed)
     listed = []
-    for g, t in enumerate(exposures_s):
-        for i in range(frames):
-            dark = 100.0 + rng.poisson(5.0 * t, (rows, cols)) + steps(g, i, rng)
+    for g, (t, count) in enumerate(zip(exposures_s, frames, strict=False)):
+        for i in range(count):
+            dark = 100.0 + rng.poisson(dark_e_per_s * t, (rows, cols)) + steps(g, i, rng)
             listed.append(("dark", t, np.uint16(np.round(dark + rng.normal(0.0, 2.0, (rows, cols))))))
     with FrameReader(frame_set_from_arrays(listed, bits=12)) as reader:
         return reduce_frames(reader).darks
@@ -96,6 +96,13 @@ def test_a_steady_black_level_neither_shifts_nor_drifts():
     found = [black_level_change(reduced(seed, lambda g, i, rng: 0.0)) for seed in range(60)]
     assert BY_CHANCE <= 0.0005
     assert sum(change.shift > 0.0 or change.drift > 0.0 for change in found) <= 1
+
+
+def test_a_noisy_group_is_compared_with_its_own_noise():
+    """At 1 s the dark current has a hundred times the variance of the read noise, in few frames."""
+    noisy = {"rows": 16, "cols": 16, "frames": (24, 3), "dark_e_per_s": 400.0}
+    found = [black_level_change(reduced(seed, lambda g, i, rng: 0.0, (0.01, 1.0), **noisy)) for seed in range(20)]
+    assert not [change for change in found if change.shift > 0.0 or change.drift > 0.0]
 
 
 def test_shifts_are_found_with_their_size():
