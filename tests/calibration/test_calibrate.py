@@ -175,8 +175,8 @@ def test_few_frames_are_held_at_a_time(mono, calibration, monkeypatch, thread_sa
 
     groups = tuple(replace(group, frames=tuple(map(guard, group.frames))) for group in frames.groups)
     assert calibrate(replace(frames, groups=groups)).to_dict() == calibration.to_dict()
-    # Read again: for the row and column noise of two stacks, and pairs of frames of linear levels, of which small frames
-    # need all, for the noise structure.
+    # Read again: for the row and column noise of two stacks, and pairs of frames of linear levels, of which small
+    # frames need all, for the noise structure.
     assert frames.frame_count + 2 * LINE_FRAMES < len(alive) <= 2 * (frames.frame_count + LINE_FRAMES)
     assert max(held) <= 3 + 2 + 2  # summed together, read ahead, and one at either end of the queue
     assert (threads == {threading.main_thread()}) is not thread_safe
