@@ -265,8 +265,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is None:
-            read = measured.read_variance + _of_lines(mean.noise[k : k + 1], reader, reference)
-            measured = replace(measured, read_variance=read)
+            measured = _with_lines(measured, mean.noise[k : k + 1], reader, reference)
         if clipped is not None:
             plain, filtered = clipped.parts(k, *mean.parts(k))
             measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
@@ -274,7 +273,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         channels.append(measured)
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
     if clipped is None:
-        together = replace(together, read_variance=together.read_variance + _of_lines(mean.noise, reader, reference))
+        together = _with_lines(together, mean.noise, reader, reference)
     else:
         spread: Value = NO_PIXEL_SLOPES
         if slopes is not None:
@@ -284,8 +283,10 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     return DarkResult(tuple(groups), change, lines, scatter, mean, slope_map, slopes, clipped, *found)
 
 
-def _of_lines(noise: Sequence[TemporalParts], reader: FrameReader, group: GroupStatistics) -> Uncertain:
-    """Return 0 with the uncertainty of the temporal variance from the noise of rows and columns, which are few."""
+def _with_lines(
+    measured: Measurements, noise: Sequence[TemporalParts], reader: FrameReader, group: GroupStatistics
+) -> Measurements:
+    """Return the result with the uncertainty of the read noise from the noise of rows and columns, which are few."""
     row = float(np.mean([parts.row.value for parts in noise]))
     column = float(np.mean([parts.column.value for parts in noise]))
     shape, tile = (reader.frames.rows, reader.frames.cols), reader.tile.shape
@@ -293,7 +294,8 @@ def _of_lines(noise: Sequence[TemporalParts], reader: FrameReader, group: GroupS
         part * group.frames * math.sqrt(2.0 / (length // step * (group.frames - 1)))
         for part, length, step in zip((row, column), shape, tile, strict=True)
     ]
-    return Uncertain.of(0.0, math.hypot(*scatter))
+    of_lines = Uncertain.of(0.0, math.hypot(*scatter))
+    return replace(measured, read_variance=derive(lambda variance: variance + of_lines, measured.read_variance))
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:

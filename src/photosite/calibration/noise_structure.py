@@ -97,7 +97,9 @@ def _of_levels(
 
     The weights make the correlation of the shot noise as precise as possible.
     """
-    found, used, pairs = [], [], []
+    found: list[list[NoiseCovariance]] = []
+    used: list[GroupStatistics] = []
+    pairs: list[int] = []
     for group in flats:
         if (left := pixels - sum(pairs)) <= 0:
             break
