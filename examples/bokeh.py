@@ -9,7 +9,7 @@ diameter.
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import WIDTH, d200, panels, photograph
+from drawing import WIDTH, d200, panels, shoot
 
 import photosite as ps
 
@@ -29,6 +29,6 @@ base = ps.DiffractionLimited(f_number=2, focal_length_mm=50)
 shown = []
 for name, pupil in pupils.items():
     lens = ps.Lens(base, ps.Wavefront(pupil=pupil), focus_distance_m=3.0)
-    shown.append([(name, photograph(ps.Camera(lens, d200(ROWS, WIDTH)), lights, "D65"))])
+    shown.append([(name, ps.develop(shoot(ps.Camera(lens, d200(ROWS, WIDTH)), lights)))])
 panels(shown)
 plt.show()

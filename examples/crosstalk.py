@@ -8,7 +8,7 @@ Colors lose saturation and edges lose sharpness. Both pictures use the color mat
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import balanced, crop, d200, mean_on, panels, shoot
+from drawing import crop, d200, mean_on, panels, shoot
 
 import photosite as ps
 
@@ -21,7 +21,7 @@ matrix = np.linalg.inv(ps.Camera(lens, plain).capture(chart, 1 / 100).color_matr
 shown, edges = [], []
 for name, sensor in (("no crosstalk", plain), ("crosstalk", plain.with_(crosstalk={"optical": kernels}))):
     camera = ps.Camera(lens, sensor)
-    picture = balanced(shoot(camera, chart), camera, "D65", color_matrix=matrix)
+    picture = ps.develop(shoot(camera, chart), color_matrix=matrix)
     region = next(region for region in camera.image_regions(chart) if region.name == "red")
     mean_e = camera.mean_electrons(chart, 1 / 10)
     ratio = mean_on(mean_e, camera, region, "R") / mean_on(mean_e, camera, region)

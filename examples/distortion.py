@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import GAP, WIDTH, crop, d200, panels, photograph
+from drawing import GAP, WIDTH, crop, d200, panels, shoot
 
 import photosite as ps
 
@@ -32,7 +32,7 @@ lenses = {
 rows, cols = ROWS + 4 * SQUARE, COLS + 4 * SQUARE
 board = ps.charts.checkerboard("D65", 100, square=SQUARE, rows=rows, cols=cols)
 board = replace(board, width_m=cols * pixel_m / BASE.magnification(board.distance_m))
-whole = {name: photograph(ps.Camera(lens, sensor), board, "D65") for name, lens in lenses.items()}
+whole = {name: ps.develop(shoot(ps.Camera(lens, sensor), board)) for name, lens in lenses.items()}
 panels([[shown] for shown in whole.items()])
 
 # %%

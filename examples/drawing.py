@@ -26,22 +26,11 @@ def as_seen(scene, white_cd_m2=None):
 
 
 def shoot(camera, scene, exposure_s=None):
-    """Return a raw frame; by default the brightest half percent of the pixels reach 60 % of saturation."""
+    """Return a raw frame; by default the brightest half percent of the pixels stay just below saturation."""
     rate = camera.mean_electrons(scene, 1.0)
     if exposure_s is None:
-        exposure_s = float(0.6 * camera.sensor.saturation_capacity_e / np.quantile(rate, 0.995))
-    return camera.expose(rate * np.float32(exposure_s), exposure_s, seed=2008)
-
-
-def balanced(raw, camera, light, brightness="auto", color_matrix=None):
-    """Return a developed frame, balanced for a light; `brightness` is the exposure argument of `ps.develop`."""
-    neutral = camera.as_shot_neutral(ps.charts.uniform(light, 1.0))
-    return ps.develop(raw, [1 / float(part) for part in neutral.split(",")], color_matrix, brightness)
-
-
-def photograph(camera, scene, light):
-    """Return a developed frame of a scene, balanced for a light."""
-    return balanced(shoot(camera, scene), camera, light)
+        exposure_s = camera.auto_exposure_s(rate)
+    return camera.expose(rate * np.float32(exposure_s), exposure_s, seed=2008, scene=scene)
 
 
 def mean_on(image, camera, region, channel="G"):

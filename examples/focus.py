@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import WIDTH, d200, panels, photograph
+from drawing import WIDTH, d200, panels, shoot
 
 import photosite as ps
 
@@ -28,9 +28,18 @@ field_m = COLS * sensor.pixel.width_um.value * 1e-6 / LENS.magnification(2.0)
 chart = ps.charts.macbeth("D65", 60, distance_m=2.0, width_m=0.6 * field_m)
 leaves = ps.charts.dead_leaves("D65", 60, rows=ROWS, cols=COLS, contrast=10, distance_m=3.0)
 scene = ps.Planes((ps.Plane(wood, opacity), ps.Plane(chart), ps.Plane(leaves)))
+daylight = ps.Camera(LENS, sensor).as_shot_neutral(ps.charts.uniform("D65", 1.0))  # the light of chart and leaves
+neutral = [float(part) for part in daylight.split(",")]
 shown = []
 for distance_m, what in ((1.7, "slats"), (2.0, "chart"), (3.0, "leaves")):
     camera = ps.Camera(ps.Lens(LENS, focus_distance_m=distance_m), sensor)
-    shown.append([(f"focused at {distance_m:g} m, on the {what}", photograph(camera, scene, "D65"))])
+    shown.append(
+        [
+            (
+                f"focused at {distance_m:g} m, on the {what}",
+                ps.develop(shoot(camera, scene), [1 / part for part in neutral]),
+            )
+        ]
+    )
 panels(shown)
 plt.show()

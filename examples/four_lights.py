@@ -7,7 +7,7 @@ Under fluorescent lamps and LEDs some colors remain wrong, because the sensor is
 """
 
 import matplotlib.pyplot as plt
-from drawing import balanced, d200, panels, shoot
+from drawing import d200, panels, shoot
 
 import photosite as ps
 
@@ -16,6 +16,6 @@ camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), d200(2
 shown = []
 for name, light in LIGHTS.items():
     raw = shoot(camera, ps.charts.macbeth(light, 100))
-    shown.append([(name, ps.develop(raw, "none")), ("white-balanced", balanced(raw, camera, light))])
+    shown.append([(name, ps.develop(raw, "none")), ("white-balanced", ps.develop(raw))])
 panels(shown)
 plt.show()

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import WIDTH, balanced, d200, mean_on, panels
+from drawing import WIDTH, d200, mean_on, panels
 
 import photosite as ps
 
@@ -34,8 +34,8 @@ for name, glare in glares.items():
     camera = ps.Camera(lens, sensor)
     mean_e = camera.mean_electrons(scene, EXPOSURE_S)
     green = {region.name: mean_on(mean_e, camera, region) for region in camera.image_regions(scene)}
-    raw = camera.expose(mean_e, EXPOSURE_S, seed=2008)
-    picture = balanced(raw, camera, "D65", 1.0)[:, :WIDTH]
+    raw = camera.expose(mean_e, EXPOSURE_S, seed=2008, scene=scene)
+    picture = ps.develop(raw, exposure=1.0)[:, :WIDTH]
     shown.append([(f"{name}; white : black = {green['white'] / green['black']:.1f}", picture)])
 panels(shown)
 plt.show()

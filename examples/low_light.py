@@ -28,12 +28,12 @@ for luminance_cd_m2 in (500.0, 50.0, 15.0, 5.0):
     # The portrait is half a meter wide and fills the frame: |m| = f / (d - f).
     scene = replace(scene, distance_m=0.05 * (1 + 0.5 / chip_m), width_m=None)
     mean_e = camera.mean_electrons(scene, 1 / 60)
-    raw = camera.expose(mean_e, 1 / 60, seed=2008)
+    raw = camera.expose(mean_e, 1 / 60, seed=2008, scene=scene)
     read_e = (raw.dn - raw.black_level_dn) / camera.sensor.system_gain_dn_per_e
     # Green pixels of the R G / G B tile in every second row.
     green_e, error_e = mean_e[FACE][0::2, 1::2], (read_e - mean_e)[FACE][0::2, 1::2]
     snr_db = 20 * np.log10(green_e.mean() / np.sqrt(np.mean(error_e**2)))
     title = f"{luminance_cd_m2:g} cd/m²: {green_e.mean():,.0f} e⁻ on the face, {snr_db:.1f} dB"
-    shown.append((title, ps.develop(raw, "gray-world")))
+    shown.append((title, ps.develop(raw)))
 panels([shown[:2], shown[2:]])
 plt.show()

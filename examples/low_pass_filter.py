@@ -7,7 +7,7 @@ detail into false color; the low-pass filter has its zero there.
 """
 
 import matplotlib.pyplot as plt
-from drawing import balanced, d200, panels, shoot
+from drawing import d200, panels, shoot
 
 import photosite as ps
 
@@ -19,6 +19,6 @@ filtered = bare.with_(low_pass_filter={"split_x_um": pitch_um, "split_y_um": pit
 shown = []
 for title, sensor in (("no low-pass filter", bare), (f"four spots, {pitch_um:g} µm apart", filtered)):
     camera = ps.Camera(lens, sensor, cells_per_pixel=3)
-    shown.append((title, balanced(shoot(camera, plate, 1 / 30), camera, "D65", 1.5)))
+    shown.append((title, ps.develop(shoot(camera, plate, 1 / 30), exposure=1.5)))
 panels([shown])
 plt.show()

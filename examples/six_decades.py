@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import balanced, d200, mean_on, panels, shoot
+from drawing import d200, mean_on, panels, shoot
 
 import photosite as ps
 
@@ -22,7 +22,7 @@ width_m = COLS * camera.sensor.pixel.width_um.value * 1e-6 / lens.magnification(
 scene = replace(scene, width_m=width_m)
 inside = np.s_[MARGIN:-MARGIN, MARGIN:-MARGIN]
 raws = {name: shoot(camera, scene, time_s) for name, time_s in EXPOSURES.items()}
-panels([[(name, balanced(raw, camera, "D65", 1.0)[inside])] for name, raw in raws.items()])
+panels([[(name, ps.develop(raw, exposure=1.0)[inside])] for name, raw in raws.items()])
 
 # %%
 # The raw values of the green pixels against the luminance of the patches. One exposure covers about three decades

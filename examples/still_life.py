@@ -7,7 +7,7 @@ Below: captured with a D200 at f/4 and white-balanced. Needs the extra ``render`
 """
 
 import matplotlib.pyplot as plt
-from drawing import d200, panels, photograph
+from drawing import d200, panels, shoot
 
 import photosite as ps
 from photosite.scene.scene import preview
@@ -15,6 +15,8 @@ from photosite.scene.scene import preview
 scene = ps.render.example_scene(rows=288, cols=432, spp=40)
 seen = preview(scene, white_xy=(0.4234, 0.3990))  # adapted to the lamp, a blackbody of 3200 K
 lens = ps.DiffractionLimited(f_number=4, focal_length_mm=5.3)  # short, so that few pixels span the scene
-picture = photograph(ps.Camera(lens, d200(288, 432)), scene, "3200K")
+camera = ps.Camera(lens, d200(288, 432))
+neutral = camera.as_shot_neutral(ps.charts.uniform("3200K", 1.0))
+picture = ps.develop(shoot(camera, scene), [1 / float(part) for part in neutral.split(",")])
 panels([[("the scene", seen)], [("Nikon D200, 288 x 432 pixels, f/4", picture)]])
 plt.show()
