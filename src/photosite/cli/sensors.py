@@ -54,6 +54,8 @@ def list_(as_json: bool) -> None:
             "pixel_width_um": sensor.pixel.width_um.value,
             "bits": sensor.readout.bits,
             "read_noise_mv": sensor.noise.read_noise_mv.value,
+            "read_noise_e": sensor.electrons(sensor.noise.read_noise_mv.value),
+            "gain_settings": sensor.all_gain_settings,
             "saturation_capacity_e": sensor.saturation_capacity_e,
         }
         for name, sensor in presets.items()
@@ -62,7 +64,7 @@ def list_(as_json: bool) -> None:
     for name, sensor in presets.items():
         size = f"{sensor.array.rows} x {sensor.array.cols}"
         tile = tile_text(sensor.array.cfa).replace("/", "").lower()
-        noise = f"{sensor.noise.read_noise_mv.value:g} mV"
+        noise = f"{sensor.electrons(sensor.noise.read_noise_mv.value):.1f} e-"
         bits = str(sensor.readout.bits)
         rows.append((name, f"{sensor.pixel.width_um.value:g} um", size, tile, bits, noise, sensor.name))
     show(as_json, {"sensors": facts}, lambda: table(rows, "<><<>><"))

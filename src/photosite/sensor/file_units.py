@@ -122,8 +122,8 @@ def in_model_units(raw: Any, sections: Mapping[str, tuple[type[BaseModel], type[
         for section in sections:
             result[section] = {key: value for key, value in raw[section].items() if key not in _OTHER_UNITS}
         for name, value in values.items():
-            if name not in result[place[name]]:
-                result[place[name]][name] = _as_field(name, value, stated)
+            if name not in result[place[name]] and (derived := _as_field(name, value, stated)) is not None:
+                result[place[name]][name] = derived
         result["covariance"] = _covariance(values, digits=15)
     if isinstance(settings, Sequence) and all(isinstance(entry, Mapping) for entry in settings):
         kinds = tuple(kind for pair in sections.values() for kind in pair)
@@ -337,15 +337,15 @@ def _half_digit(number: Any) -> float:
     return 0.5 * 10.0 ** int(Decimal(repr(number)).as_tuple().exponent)
 
 
-def _as_field(name: str, value: Uncertain, stated: Stated) -> Measured:
-    """Return a derived value with the origin of the stated one."""
+def _as_field(name: str, value: Uncertain, stated: Stated) -> Measured | None:
+    """Return a derived value with the origin of the stated one; None for the model's default."""
     given = [unit for unit in (name, *UNITS.get(name, ())) if unit in stated]
     if name in GAINS:
         given = [unit for unit in (DN_PER_E, E_PER_DN) if unit in stated]
         if name == SWING and CONVERSION not in stated:
             return ASSUMED_SWING
         if name == AMPLIFIER and not (given and CONVERSION in stated and SWING in stated):
-            return Measured(value.value)
+            return None
     origin = stated[given[0]]
     return Measured(value.value, value.standard_uncertainty, origin.source, origin.assumed)
 

@@ -45,7 +45,8 @@ def preset_names() -> tuple[str, ...]:
     Examples
     --------
     >>> preset_names()
-    ('nikon-d200', 'vendor-1.4um', 'vendor-2.2um')
+    ('google-pixel-4a', 'nikon-d200', 'raspberry-pi-hq', 'sony-a7r2', 'sony-imx174', 'sony-imx571', 'vendor-1.4um',
+    'vendor-2.2um')
     """
     folder = resources.files("photosite.sensor") / "presets"
     return tuple(sorted(f.name.removesuffix(_SUFFIX) for f in folder.iterdir() if f.name.endswith(_SUFFIX)))
@@ -83,7 +84,7 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     return _load_preset(text)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def _load_preset(name: str) -> Sensor:
     file = resources.files("photosite.sensor") / "presets" / f"{name}{_SUFFIX}"
     sensor = parse_sensor(file.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
