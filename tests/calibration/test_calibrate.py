@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from photosite.calibration.reduction import frame_reader
 from photosite.calibration.spatial.line_noise import LINE_FRAMES
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
+from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor
+from photosite.sensor.new_sensor import new_sensor_file
 
 
 @pytest.fixture(scope="module")
@@ -303,3 +306,31 @@ def test_curves_hold_the_points_and_the_line(mono, calibration):
     assert transfer.used.sum() == calibration.linear_range["M"].levels
     assert len(curves["response"].x) == len(frames.of_kind("light"))
     assert isinstance(frames, FrameSet)
+
+
+def test_a_measured_sensor_is_never_named_after_a_preset(calibration):
+    preset = load_sensor("nikon-d200")
+    measured = replace(calibration, base=preset, source="shots/camera7").sensor
+    assert measured.name == "camera7"
+    assert "#" not in dump_sensor(measured)  # comments of the preset do not apply
+    assert replace(calibration, base=preset.with_(name="Mine")).sensor.name == "Mine"
+
+
+def test_a_measured_sensor_keeps_units_and_comments_of_its_file(calibration):
+    text = new_sensor_file(
+        "Mine",
+        rows=10,
+        cols=10,
+        bits=12,
+        qe_peak=0.6,
+        values={"pitch_um": 3.0, "full_well_e": 9000, "read_noise_e": 3.0},
+    ).replace("  read_noise_e: 3\n", "  read_noise_e: 3 # data sheet\n")
+    base = parse_sensor(text, "mine.yaml").with_(gain_setting=100, gain_settings=[{"setting": 200, "analog_gain": 2}])
+    found = replace(calibration, base=base, gain_setting=400.0)
+    written = dump_sensor(found.sensor)
+    assert re.search(r"read_noise_e: \{value: .*standard_uncertainty: .*\} # data sheet", " ".join(written.split()))
+    again = parse_sensor(written, "again.yaml")
+    assert (again.name, again.all_gain_settings) == ("Mine", (400,))
+    names = ["read_noise_mv", "conversion_gain_uv_per_e"]
+    assert [again.measured(n).value for n in names] == pytest.approx([getattr(found, n).value for n in names])
+    np.testing.assert_allclose(again.covariance_of(names), found.sensor.covariance_of(names), rtol=1e-4)

@@ -11,6 +11,7 @@ import pytest
 
 import photosite as ps
 from photosite.cli.main import run
+from photosite.frames.io.darktable import read_darktable
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +106,16 @@ def test_wrong_imports(photosite: Any, tmp_path: Path) -> None:
     profile.write_text("{}")
     assert "neither a darktable noise profile" in photosite("import", profile).err
     assert "required together" in photosite("import", profile, "-o", tmp_path / "s.yaml").err
+
+
+def test_darktable_profiles_of_a_sensor_with_gain_settings(photosite: Any, tmp_path: Path) -> None:
+    output = tmp_path / "noise.json"
+    sensor = ps.load_sensor("sony-a7r2")
+    assert photosite("export", "sony-a7r2", "darktable", "-o", output).status == 0
+    profiles = read_darktable(output)
+    assert tuple(profile.gain_setting for profile in profiles) == sensor.all_gain_settings
+    slopes = [profile.slope[1].value for profile in profiles]
+    gains = [sensor.at_gain_setting(iso).system_gain_dn_per_e / (16383 - 512) for iso in sensor.all_gain_settings]
+    assert slopes == pytest.approx(gains, rel=1e-3)
+    assert photosite("export", "sony-a7r2", "darktable", "--gain-setting", 800, "-o", output, "--force").status == 0
+    assert [profile.gain_setting for profile in read_darktable(output)] == [800]

@@ -83,7 +83,7 @@ def test_files_keep_the_units_of_their_settings() -> None:
     [
         ("setting: 200", "setting: 100", "gain_setting"),
         ("setting: 200", "setting: 900", "gain_settings"),
-        ("gain_setting: 100\n", "", "gain_setting"),
+        ("gain_setting: 100\n", "", "field 'gain_setting' is missing"),
         ("read_noise_e: 2.0", "read_noise_e: -2.0", "value"),
         ("read_noise_e: 2.0", "read_noise_e: 2.0, read_noise_dn: 9.0", "read_noise_dn"),
         ("read_noise_e: 2.0", "pitch_um: 2.0", "unknown field 'pitch_um'"),

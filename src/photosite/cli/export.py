@@ -138,11 +138,11 @@ class _Source:
 
         frames = self.frames()
         if frames is None:
-            sensor = load_sensor(self.name)
-            if not sensor.gain_settings:
-                return [sensor_noise_profile(sensor, gain_setting=self.gain_setting or sensor.gain_setting)]
-            settings = sensor.all_gain_settings if self.gain_setting is None else (self.gain_setting,)
-            return [sensor_noise_profile(sensor.at_gain_setting(each), gain_setting=each) for each in settings]
+            own = load_sensor(self.name)
+            if not own.gain_settings:
+                return [sensor_noise_profile(own, gain_setting=self.gain_setting or own.gain_setting)]
+            settings = own.all_gain_settings if self.gain_setting is None else (self.gain_setting,)
+            return [sensor_noise_profile(own.at_gain_setting(each), gain_setting=each) for each in settings]
         say_if_compiling()
         if len(frames.gain_settings) == 1:
             setting = frames.gain_settings[0] if self.gain_setting is None else self.gain_setting

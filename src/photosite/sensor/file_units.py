@@ -22,7 +22,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from photosite.errors import InputError, did_you_mean
 from photosite.files.yaml import line_of
 from photosite.sensor.quantity import Covariance, as_measured
-from photosite.values.uncertain import JointCovariance, Measured, Uncertain, correlated
+from photosite.values.uncertain import JointCovariance, Measured, Source, Uncertain, correlated
 from photosite.values.validated import input_error, located, reject_unknown
 
 Values = dict[str, Uncertain]
@@ -98,7 +98,7 @@ def in_model_units(raw: Any, sections: Mapping[str, tuple[type[BaseModel], type[
     """
     if not isinstance(raw, Mapping) or not all(isinstance(raw.get(name), Mapping) for name in sections):
         return raw
-    place = {}
+    place: dict[str, str] = {}
     for section, (own, other) in sections.items():
         known = [*own.model_fields, *other.model_fields]
         reject_unknown(raw[section], known, section)
@@ -203,7 +203,8 @@ def _quantities(
 def _adapter(kind: type[BaseModel], name: str) -> TypeAdapter[Measured]:
     """Return the validator of one field."""
     field = kind.model_fields[name]
-    return TypeAdapter(Annotated[(field.annotation, *field.metadata)])
+    annotated: Any = Annotated[(field.annotation, *field.metadata)]
+    return TypeAdapter(annotated)
 
 
 def _stated_covariance(raw: Mapping[str, Any], stated: Stated, place: tuple[str | int, ...]) -> Covariance | None:
@@ -293,12 +294,13 @@ def _check_agreement(
 
     - `fields`, `places`, `raw`: The fields as they were written, their locations, and the file with its lines.
     """
-    limits, names = {}, {}
-    for name, value in stated.items():
-        field = fields.get(name, value.value)
+    limits: Values = {}
+    names: dict[Source, str] = {}
+    for name, quantity in stated.items():
+        field = fields.get(name, quantity.value)
         number = field["value"] if isinstance(field, Mapping) else field
-        digit = _half_digit(value.value if isinstance(number, Measured) else number)
-        limits[name] = Uncertain.of(value.value, digit + 2.0 * value.standard_uncertainty)
+        digit = _half_digit(quantity.value if isinstance(number, Measured) else number)
+        limits[name] = Uncertain.of(quantity.value, digit + 2.0 * quantity.standard_uncertainty)
         names |= dict.fromkeys(limits[name].parts, name)
     values = _to_model(limits, bits)
     for name, value in limits.items():
@@ -310,7 +312,7 @@ def _check_agreement(
             if abs(off.value) <= allowed:
                 continue
             others = [names[part] for part in off.parts if names[part] != name]
-            text = _either([_with_line(other, raw and raw[places[other][0]]) for other in others], "and")
+            text = _either([_with_line(other, raw and raw[str(places[other][0])]) for other in others], "and")
             expected = f"about {follows.value:.3g}, from {text}"
             hint = "Correct the one that is wrong, or remove it"
             raise located(InputError(name, value=value.value, expected=expected, hint=hint), *places[name])
@@ -331,7 +333,9 @@ def _half_digit(number: Any) -> float:
     """
     decimals, width = getattr(number, "_prec", None), getattr(number, "_width", None)
     if decimals is not None and width is not None and getattr(number, "_exp", None) is None:
-        return 0.5 * 10.0 ** -(width - decimals - 1 - bool(number._m_sign))  # ruamel.yaml keeps the form of floats
+        return float(
+            0.5 * 10.0 ** -(width - decimals - 1 - bool(number._m_sign))
+        )  # ruamel.yaml keeps the form of floats
     if not isinstance(number, int):
         number = float(number)
     return 0.5 * 10.0 ** int(Decimal(repr(number)).as_tuple().exponent)

@@ -365,7 +365,10 @@ class Sensor(Section):
         if extra := sorted(set(self.channels) - named):
             raise InputError(f"{', '.join(extra)} is not in array.cfa", where="channels")
         settings = [entry.setting for entry in self.gain_settings]
-        if settings and (self.gain_setting is None or self.gain_setting in settings):
+        if settings and self.gain_setting is None:
+            hint = "State the setting of the values above"
+            raise InputError("field 'gain_setting' is missing", where="gain_settings", hint=hint)
+        if self.gain_setting in settings:
             expected = f"that of the values above, and not one of gain_settings, {settings}"
             raise InputError("gain_setting", value=self.gain_setting, expected=expected)
         if any(b <= a for a, b in pairwise(settings)):

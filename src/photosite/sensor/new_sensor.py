@@ -13,7 +13,25 @@ from photosite.sensor.io.sensor_file import load_sensor, parse_sensor
 from photosite.sensor.model import SECTIONS
 from photosite.values.cfa import Cfa, cfa_from, channel_names
 
-_SILICON_NM = (350, 400, 450, 500, 530, 550, 600, 650, 700, 750, 800, 850, 900, 950, 1000, 1050, 1100)
+_SILICON_NM: tuple[float, ...] = (
+    350,
+    400,
+    450,
+    500,
+    530,
+    550,
+    600,
+    650,
+    700,
+    750,
+    800,
+    850,
+    900,
+    950,
+    1000,
+    1050,
+    1100,
+)
 _SILICON = (0.2, 0.55, 0.8, 0.96, 1.0, 0.99, 0.91, 0.78, 0.63, 0.48, 0.34, 0.22, 0.13, 0.07, 0.02, 0.005, 0.0)
 """A rounded curve of a monochrome sensor: reflection and surface recombination in the blue, absorption in the red."""
 

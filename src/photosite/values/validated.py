@@ -57,7 +57,7 @@ class Section(BaseModel):
         return raw
 
 
-def reject_unknown(raw: Mapping[Any, Any], known: Sequence[str], *location: str) -> None:
+def reject_unknown(raw: Mapping[Any, Any], known: Sequence[str], *location: int | str) -> None:
     """Raise an error in a validator for the first unknown field, with the most similar known one."""
     for name in raw:
         if name not in known:

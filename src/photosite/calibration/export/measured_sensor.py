@@ -64,9 +64,9 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
     if base.is_preset:
         base = base.with_(name=Path(calibration.source).stem)
-    if (setting := calibration.gain_setting) is not None:
-        known = setting in base.all_gain_settings
-        base = base.at_gain_setting(setting) if known else base.with_(gain_settings=(), gain_setting=setting)
+    # The values in volts are those at the base's analog gain, so the base stays at its own setting.
+    measured_at = base.gain_setting if calibration.gain_setting is None else calibration.gain_setting
+    base = base.with_(gain_settings=(), gain_setting=measured_at)
     if "dark_voltage_mv_per_s" in changes:
         spread = calibration.temperature_c
         base = base.with_(dark_current_temperature_c=None if spread is None else 0.5 * (spread[0] + spread[1]))
