@@ -198,3 +198,13 @@ def test_a_color_filter_array_that_dng_does_not_hold(photosite: Any, tmp_path: P
     with Image.open(tmp_path / "shot.jpg") as picture:
         white = np.asarray(picture)[52:60, 4:12].reshape(-1, 3).mean(axis=0)
     assert np.ptp(white) < 0.03 * white.mean()
+
+
+def test_existing_files_are_overwritten_with_force_only(photosite: Any, tmp_path: Path) -> None:
+    (tmp_path / "shot-2.tif").write_text("mine")
+    call = ("simulate", *SMALL, "--frames", 2, "-o", tmp_path / "shot.tif")
+    assert photosite(*call).status == 2
+    assert (tmp_path / "shot-2.tif").read_text() == "mine"
+    assert not (tmp_path / "shot-1.tif").exists()
+    assert photosite(*call, "--force").status == 0
+    assert ps.read_raw(tmp_path / "shot-2.tif").shape == (66, 98)

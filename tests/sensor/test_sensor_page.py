@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ def rows_of(schema: dict[str, Any]) -> list[str]:
         required = name in schema.get("required", ())
         text = "required" if required else "one of" if name in choices | GAINS else ""
         if not text and default is not None and default != [] and not isinstance(default, dict):
-            text = f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
+            text = f"`{default:g}`" if isinstance(default, float) else f"`{json.dumps(default)}`"
         unit = "" if field["unit"] == "none" else field["unit"]
         rows.append(f"| `{name}` | {unit} | {text} | {field['description']} |")
     return rows
