@@ -36,6 +36,13 @@ def test_fixed_patterns_are_no_structure(pattern):
         assert found(flat(rng, shape=shape, **pattern)) is None
 
 
+def test_cells_of_large_frames_are_sampled_with_their_shading():
+    """Every second cell of 1560 rows and every third of 1600 columns is compared."""
+    values = flat(np.random.default_rng(12), shape=(1560, 1600), pixel=0.005, shading=0.5)
+    assert found(values) is None
+    assert found(tiled(values, [[1.0, 1.004]])).difference == pytest.approx(0.004, rel=0.1)
+
+
 @pytest.mark.parametrize("axis", ["columns", "rows"])
 def test_readout_channels_are_found_with_their_size(axis):
     rng = np.random.default_rng(2)

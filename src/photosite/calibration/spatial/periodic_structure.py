@@ -21,6 +21,9 @@ CELL = 12
 LEAST_CELLS = 16
 """Cells below which a frame is too small to show a period."""
 
+MOST_CELLS = 64
+"""Cells along each side of the frame that are compared, evenly spaced."""
+
 LEAST_LIGHT = 0.1
 """Share of the usual signal below which a cell counts as not lit: covered pixels, corners that no light reaches."""
 
@@ -150,6 +153,8 @@ def periodic_structure(
     signal = flat[: rows * CELL, : cols * CELL] - dark[: rows * CELL, : cols * CELL]
     # The median of the cells keeps defects and shading from standing out as a period.
     cells = signal.reshape(rows, CELL, cols, CELL).swapaxes(1, 2)
+    step_rows, step_cols = (-(-count // MOST_CELLS) for count in (rows, cols))
+    cells = cells[::step_rows, ::step_cols]
     # Leave out rows and columns of cells with parts that no light reached.
     level = np.median(cells, axis=(2, 3))
     lit = level > LEAST_LIGHT * np.median(level)
@@ -160,7 +165,7 @@ def periodic_structure(
         return None
     labels = np.tile(tile, (CELL // tile.shape[0], CELL // tile.shape[1]))
     # Shading tilts all cells alike.
-    tilt = [np.gradient(level, axis=axis) / level / CELL for axis in (0, 1)]
+    tilt = [np.gradient(level, axis=axis) / level / (CELL * step) for axis, step in enumerate((step_rows, step_cols))]
     away = np.arange(CELL) - 0.5 * (CELL - 1)
     ramp = tilt[0][..., None, None] * away[:, None] + tilt[1][..., None, None] * away
     shape = CELL, CELL
