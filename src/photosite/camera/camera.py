@@ -319,7 +319,7 @@ class Camera:
         sensor = self.sensor
         filled = np.minimum(mean_electrons, np.float32(sensor.pixel.well_capacity_e.value))
         dn = filled * np.float32(sensor.system_gain_dn_per_e) + np.float32(sensor.readout.black_level_dn.value)
-        return np.minimum(dn, np.float32(sensor.white_level_dn))
+        return np.asarray(np.minimum(dn, np.float32(sensor.white_level_dn)), np.float32)
 
     def as_shot_neutral(self, light: Scene) -> str | None:
         """Return the signal of a uniform field in each channel, relative to the largest, for DNG's AsShotNeutral.

@@ -37,6 +37,7 @@ def show(as_json: bool, content: Mapping[str, Any], text: Callable[[], str], **w
     **written
         Files that the command wrote, by their names in the JSON object; None for those that were not asked for.
     """
+    _clear_clock()
     files = {name: str(path) for name, path in written.items() if path is not None}
     if as_json:
         click.echo(json.dumps({**content, **files}, allow_nan=False, ensure_ascii=False, default=_plain))
@@ -107,6 +108,7 @@ def listed(heading: str, lines: Iterable[str]) -> str:
 
 def say(message: str) -> None:
     """Print a line on standard error."""
+    _clear_clock()
     click.echo(message, err=True)
 
 
@@ -130,8 +132,8 @@ def not_listed(held: list[PhotositeWarning], shown: Sequence[str]) -> None:
 
 
 _WORKING_AFTER_S = 2.0
-_shows_progress = False
-"""Whether a bar of progress is on the terminal."""
+_TERMINAL = {"bar": False, "clock": False}
+"""What is on the terminal's last line: a bar of progress, the time that a command works."""
 
 
 @contextmanager
@@ -146,15 +148,12 @@ def working(what: str) -> Iterator[None]:
     done, begun = Event(), time.monotonic()
 
     def show_time() -> None:
-        shown = False
-        while not done.wait(_WORKING_AFTER_S if not shown else 1.0):
-            if not _shows_progress:
+        wait_s = _WORKING_AFTER_S
+        while not done.wait(wait_s):
+            if not _TERMINAL["bar"]:
+                wait_s, _TERMINAL["clock"] = 1.0, True
                 sys.stderr.write(f"\r{what}: working, {time.monotonic() - begun:.0f} s\033[K")
                 sys.stderr.flush()
-                shown = True
-        if shown:
-            sys.stderr.write("\r\033[K")
-            sys.stderr.flush()
 
     clock = Thread(target=show_time, daemon=True)
     clock.start()
@@ -163,6 +162,15 @@ def working(what: str) -> Iterator[None]:
     finally:
         done.set()
         clock.join()
+        _clear_clock()
+
+
+def _clear_clock() -> None:
+    """Clear the line of `working` before another text."""
+    if _TERMINAL["clock"]:
+        _TERMINAL["clock"] = False
+        sys.stderr.write("\r\033[K")
+        sys.stderr.flush()
 
 
 @contextmanager
@@ -214,7 +222,8 @@ class Stages:
             from tqdm import tqdm
 
             self._close()
-            _set_shows_progress(True)
+            _clear_clock()
+            _TERMINAL["bar"] = True
             self._bar = tqdm(total=total, unit=f" {unit}", leave=False, delay=_BAR_AFTER_S)
         self._bar.update(done - self._bar.n)
         if done >= total:
@@ -224,9 +233,4 @@ class Stages:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
-            _set_shows_progress(False)
-
-
-def _set_shows_progress(value: bool) -> None:
-    global _shows_progress
-    _shows_progress = value
+            _TERMINAL["bar"] = False

@@ -188,7 +188,9 @@ def parse_description(path: Path, text: str, rows: int, cols: int, stored_bits: 
             black_level_dn=float(content["black_level_dn"]),
             white_level_dn=float(content["white_level_dn"]),
             exposure_s=None if content["exposure_s"] is None else float(content["exposure_s"]),
-            **{name: _table(content.get(name)) for name in _TABLES},
+            color_matrix=_table(content["color_matrix"]),
+            color_matrix_a=_table(content.get("color_matrix_a")),
+            noise_profile=_table(content["noise_profile"]),
             metadata=dict(content["metadata"]),
         )
     except (ValueError, TypeError, KeyError) as error:

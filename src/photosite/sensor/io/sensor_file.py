@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
@@ -80,7 +80,7 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     names = preset_names()
     if text not in names:
         expected = "a preset or a file with the suffix .yaml"
-        raise InputError("sensor", value=text, expected=expected, hint=f"Presets are {', '.join(names)}")
+        raise InputError("sensor", value=text, expected=expected, hint=did_you_mean(text, names))
     return _load_preset(text)
 
 
