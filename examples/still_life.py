@@ -12,11 +12,11 @@ from drawing import d200, panels, shoot
 import photosite as ps
 from photosite.scene.scene import preview
 
-scene = ps.render.example_scene(rows=288, cols=432, spp=40)
+scene = ps.render.example_scene(rows=240, cols=360, spp=24)
 seen = preview(scene, white_xy=(0.4234, 0.3990))  # adapted to the lamp, a blackbody of 3200 K
-lens = ps.DiffractionLimited(f_number=4, focal_length_mm=5.3)  # short, so that few pixels span the scene
-camera = ps.Camera(lens, d200(288, 432))
+lens = ps.DiffractionLimited(f_number=4, focal_length_mm=4.4)  # short, so that few pixels span the scene
+camera = ps.Camera(lens, d200(240, 360))
 neutral = camera.as_shot_neutral(ps.charts.uniform("3200K", 1.0))
 picture = ps.develop(shoot(camera, scene), [1 / float(part) for part in neutral.split(",")])
-panels([[("the scene", seen)], [("Nikon D200, 288 x 432 pixels, f/4", picture)]])
+panels([[("the scene", seen)], [("Nikon D200, 240 x 360 pixels, f/4", picture)]])
 plt.show()

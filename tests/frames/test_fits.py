@@ -124,5 +124,5 @@ def test_truncated_anywhere(tmp_path):
 def test_without_astropy(tmp_path, monkeypatch):
     put(tmp_path / "a.fits", dn())
     monkeypatch.setitem(sys.modules, "astropy.io", None)
-    with raises(FileError, "FITS needs astropy", hint="pip install 'photosite[fits]'"):
+    with raises(FileError, "FITS needs astropy", hint="Run pip install '.[fits]' in the clone"):
         read_raw(tmp_path / "a.fits")

@@ -1,6 +1,6 @@
 """Fuzz one reader guided by coverage, with atheris: `python tests/fuzz/guided.py READER [libFuzzer's options]`.
 
-Needs `pip install 'photosite[fuzz]'`; `-max_total_time=60` limits the time. Python code is instrumented, C libraries
+Needs `pip install '.[fuzz]'`; `-max_total_time=60` limits the time. Python code is instrumented, C libraries
 are not. Findings are written to the working directory.
 """
 

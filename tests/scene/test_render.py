@@ -274,5 +274,5 @@ def test_missing_file_and_missing_extra(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(FileError, match="there is no such file"):
         render_mitsuba(tmp_path / "none.xml")
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    with pytest.raises(InputError, match="photosite\\[render\\]"):
+    with pytest.raises(InputError, match="extra 'render' is not installed"):
         example_scene()

@@ -103,7 +103,7 @@ def command(
       TIFF, PNG         8 or 16 bits, gray; pages of a TIFF are frames
       HDF5              datasets (rows, cols) or (frames, rows, cols) of uint8 or uint16;
                         attributes exposure_s, kind, gain_setting, bits, black_level_dn, cfa
-      FITS              EXPTIME, GAIN, CCD-TEMP, IMAGETYP, BAYERPAT (needs photosite[fits])
+      FITS              EXPTIME, GAIN, CCD-TEMP, IMAGETYP, BAYERPAT (needs the extra fits)
 
     \b
     Missing metadata are read from the name of the file or its subfolder

@@ -390,7 +390,7 @@ _OPTIONS_OF_SCENE = stacked(
         metavar="NAME=VALUE",
         help="An option of the built-in scene (contrast=10; `photosite scenes` lists them), or of reading a file "
         "(no_data=zero, band_range_nm=[400,780], sort_bands=true, variable=NAME, method=jakob-hanika; "
-        "docs/howto/scenes.md); may be repeated.",
+        "docs/howto/spectral-cubes.md); may be repeated.",
     ),
     click.option(
         "--illuminant",

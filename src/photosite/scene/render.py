@@ -204,7 +204,8 @@ def _mitsuba(variant: str) -> Iterator[Any]:
     try:
         import mitsuba
     except ImportError:
-        raise InputError("the extra 'render' is not installed", hint="pip install 'photosite[render]'") from None
+        hint = "Run pip install '.[render]' in the clone"
+        raise InputError("the extra 'render' is not installed", hint=hint) from None
     if variant not in mitsuba.variants():
         known = ", ".join(mitsuba.variants())
         raise InputError("variant", value=variant, expected=f"a variant of the installed Mitsuba ({known})")

@@ -173,7 +173,7 @@ def _expose_drawn(
 def _no_cuda(reason: str) -> InputError:
     return InputError(
         f"device 'cuda' needs an NVIDIA GPU and photosite's extra 'gpu', but {reason}",
-        hint="Run pip install 'photosite[gpu]', or pass {device}, which gives the same numbers",
+        hint="Run pip install '.[gpu]' in the clone, or pass {device}, which gives the same numbers",
         arguments={"device": "cpu"},
     )
 

@@ -328,7 +328,7 @@ def test_missing_extra_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     file = spectral(tmp_path / "a.exr", some_radiance(2, 2))
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    with pytest.raises(FileError, match=re.escape("pip install 'photosite[spectral]'")):
+    with pytest.raises(FileError, match=re.escape("pip install '.[spectral]' in the clone")):
         read_scene(file)
 
 

@@ -1,4 +1,4 @@
-"""Frames in FITS (version 4.0), read by astropy: `pip install 'photosite[fits]'`.
+"""Frames in FITS (version 4.0), read by astropy: the extra `fits`.
 
 Every image unit of 8 or 16 bits is a frame, or a stack if it has three axes. Unsigned 16-bit numbers are stored minus
 BZERO = 32768, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
@@ -72,7 +72,8 @@ def _open_fits(path: Path) -> Iterator[Any]:
     try:
         from astropy.io import fits
     except ImportError:
-        raise FileError(path, "FITS needs astropy, which is missing", hint="pip install 'photosite[fits]'") from None
+        hint = "Run pip install '.[fits]' in the clone"
+        raise FileError(path, "FITS needs astropy, which is missing", hint=hint) from None
     try:
         with fits.open(path, mode="readonly", memmap=False, do_not_scale_image_data=True) as units:
             yield units

@@ -115,7 +115,7 @@ def _library_errors(path: Path) -> Iterator[None]:
             warnings.simplefilter("ignore")  # field names in capitals
             yield
     except ImportError:
-        hint = "Run pip install 'photosite[spectral]'"
+        hint = "Run pip install '.[spectral]' in the clone"
         raise FileError(path, "is ENVI, which needs the extra 'spectral'", hint=hint) from None
     except KeyError as error:
         raise FileError(path, f"is not a complete ENVI header: {error} is missing or unknown") from None

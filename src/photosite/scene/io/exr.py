@@ -508,7 +508,7 @@ def _library(path: Path) -> Any:
     try:
         import OpenEXR
     except ImportError:
-        hint = "Run pip install 'photosite[spectral]'"
+        hint = "Run pip install '.[spectral]' in the clone"
         raise FileError(path, "is OpenEXR, which needs the extra 'spectral'", hint=hint) from None
     return OpenEXR
 
