@@ -45,6 +45,37 @@ def test_daylight_by_name(name: str, kelvin: float) -> None:
     assert (illuminant(name, [500.0, 600.0]) == illuminants.daylight(kelvin).at([500.0, 600.0])).all()
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "total"),
+    [
+        ("AM1.5G", [4.7309e-23, 1.5451, 1.5634, 0.73532, 0.48577, 7.1043e-3], 1000.4),
+        ("AM1.5D", [2.5361e-26, 1.3391, 1.3883, 0.69159, 0.46113, 7.1199e-3], 900.1),
+    ],
+)
+def test_sunlight_is_the_published_table(name: str, values: list[float], total: float) -> None:
+    """ASTM G173-03: entries in W/m2/nm, and the integrals that the standard states, 1000.4 and 900.1 W/m2."""
+    np.testing.assert_array_equal(illuminant(name, [280.0, 500.0, 555.0, 1000.0, 1100.0, 4000.0]), values)
+    spectrum = illuminants.sunlight("global" if name == "AM1.5G" else "direct")
+    assert spectrum.wavelength_nm.size == 2002
+    assert np.trapezoid(spectrum.values, spectrum.wavelength_nm) == pytest.approx(total, rel=2e-4)
+
+
+def test_sunlight_lights_near_infrared_scenes() -> None:
+    from photosite.scene import charts
+
+    grid = np.arange(400.0, 1101.0, 5.0)
+    field = charts.uniform("sunlight", 1000, wavelength_nm=grid)
+    light = photons_from_energy(illuminants.sunlight().at(grid), grid)
+    np.testing.assert_allclose(field.basis[0] / field.basis[0].max(), light / light.max())
+    with pytest.raises(InputError) as caught:
+        illuminant("sunlight", [250.0, 500.0])
+    assert caught.value.what == "wavelength_nm"
+    with pytest.raises(InputError) as caught:
+        illuminants.sunlight("tilted")  # type: ignore[arg-type]
+    assert caught.value.what == "kind"
+    assert xyz(light, grid)[1] > 0
+
+
 @pytest.mark.parametrize("kelvin", [2200.0, 2700.0, 4000.0, 4999.0])
 def test_warm_white_leds_have_a_blackbody_chromaticity(kelvin: float) -> None:
     spectrum = illuminants.white_led(kelvin)

@@ -396,7 +396,8 @@ _OPTIONS_OF_SCENE = stacked(
         "--illuminant",
         metavar="NAME",
         help="CIE illuminant (A, D65, FL2, ...), blackbody (3200K), daylight or white LED ('daylight 5600', "
-        "'led 4000'), or a CSV file of a spectrum.  [default: A; a picture's D65; another file's own]",
+        "'led 4000'), sunlight to 4000 nm ('sunlight'), or a CSV file of a spectrum.  [default: A; a picture's D65; "
+        "another file's own]",
     ),
     cube_options(
         "Wavelengths in nm of a built-in scene, or of the bands of a file that does not state them: 400:700:10 or "

@@ -1,4 +1,4 @@
-"""Illuminants: CIE tables, blackbodies, daylight of any color temperature, LEDs, and measured spectra from files."""
+"""Illuminants: CIE tables, blackbodies, daylight of any color temperature, sunlight, LEDs, and measured spectra."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from numbers import Real
 from os import PathLike
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +24,23 @@ from photosite.color.spectrum import (
     wavelength_grid,
 )
 from photosite.errors import FileError, InputError, did_you_mean
+from photosite.values.validated import check_choice
+
+__all__ = [
+    "ENERGY_COLUMNS",
+    "PHOTON_COLUMNS",
+    "blackbody",
+    "daylight",
+    "illuminant",
+    "led",
+    "read_illuminant",
+    "sunlight",
+    "white_led",
+]
+__dir__ = __all__.copy
 
 Array = NDArray[np.float64]
+Sunlight = Literal["global", "direct"]
 
 BOLTZMANN_J_K = 1.380649e-23
 
@@ -51,6 +67,9 @@ _OHNO_HALF = math.sqrt(-math.log(0.8086092632))
 
 _BY_TEMPERATURE = re.compile(r"(?P<kind>daylight|d|led)[ :]*(?P<kelvin>\d{4,5}(?:\.\d+)?) ?k?", re.IGNORECASE)
 
+_SUN_NAMES = ("sunlight", "AM1.5G", "AM1.5D")
+_SUNLIGHT: dict[str, Sunlight] = {"sunlight": "global", "am1.5g": "global", "am1.5d": "direct"}
+
 ENERGY_COLUMNS = (
     "relative_energy",
     "spectral_irradiance_w_per_m2_nm",
@@ -74,11 +93,12 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
         - a CIE illuminant: `"A"`, `"D65"`, `"FL2"` or `"F2"`, `"LED-B1"`, ...; `"tungsten"` is CIE A;
         - a blackbody's temperature: `3200`, `"3200K"` or `"blackbody 3200"`;
         - daylight or a white LED of a color temperature: `"daylight 5600"` or `"D5600"`, `"led 4000"`;
+        - the sun with the sky, also in the near infrared: `"sunlight"` or `"AM1.5G"`, or without it: `"AM1.5D"`;
         - a CSV file, `"lamp.csv"` (`read_illuminant`);
         - a `Spectrum` of relative energy.
     wavelength_nm
         (wavelengths,). Values are linear between the table's entries. CIE tables end at 780 nm, daylight covers 300 to
-        830 nm. Beyond its table CIE A follows its definition, Planck's formula.
+        830 nm, sunlight 280 to 4000 nm. Beyond its table CIE A follows its definition, Planck's formula.
 
     Raises
     ------
@@ -107,6 +127,8 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
         return _blackbody_illuminant(float(temperature[1]), grid)
     if text.lower().endswith(".csv"):
         return _interpolated(read_illuminant(text), grid, name)
+    if text.lower() in _SUNLIGHT:
+        return _interpolated(sunlight(_SUNLIGHT[text.lower()]), grid, name)
     if named := _BY_TEMPERATURE.fullmatch(text):
         kelvin = float(named["kelvin"])
         return _interpolated(white_led(kelvin) if named["kind"].lower() == "led" else daylight(kelvin), grid, name)
@@ -180,11 +202,11 @@ def _cie_illuminant(name: str) -> Spectrum:
     known = {key.lower(): key for key in tables} | {"tungsten": "A"}
     known |= {f"f{key[2:].lower()}": key for key in tables if key.startswith("FL")}  # the older names of FL1, FL2, ...
     if name.lower() not in known:
-        kinds = (*dict.fromkeys(known.values()), "daylight 5600", "blackbody 3200", "led 4000", "tungsten")
+        kinds = (*dict.fromkeys(known.values()), "daylight 5600", "blackbody 3200", "led 4000", "tungsten", *_SUN_NAMES)
         hint = did_you_mean(name, kinds)
         if not hint.startswith("Did"):  # the full list has fifty entries
             named = "the CIE illuminants (A, D65, F11, LED-B3, ...), 'daylight 5600', 'blackbody 3200'"
-            hint = f"Known are {named}, 'led 4000' and CSV files (lamp.csv)"
+            hint = f"Known are {named}, 'led 4000', 'sunlight' and CSV files (lamp.csv)"
         raise InputError("illuminant", value=name, expected="a known name", hint=hint)
     found = known[name.lower()]
     table = Spectrum(tables[found].wavelengths, tables[found].values)
@@ -228,6 +250,42 @@ def _daylight_table(temperature_k: float) -> Spectrum:
     colour = colour_science()
     table = colour.sd_CIE_illuminant_D_series(colour.temperature.CCT_to_xy_CIE_D(temperature_k))
     return Spectrum(table.wavelengths, table.values)
+
+
+@lru_cache(maxsize=2)
+def sunlight(kind: Sunlight = "global") -> Spectrum:
+    """Return the reference spectrum of sunlight at air mass 1.5: W/m2/nm, 280 to 4000 nm.
+
+    Parameters
+    ----------
+    kind
+        "global": from the sun, the sky and the ground, on a surface tilted by 37 degrees towards the sun (AM1.5G).
+        "direct": from the sun and 2.5 degrees around it, on a surface that faces it (AM1.5D).
+
+    Raises
+    ------
+    InputError
+        If the kind is unknown.
+
+    Notes
+    -----
+    The steps are 0.5 nm below 400 nm, 1 nm up to 1700 nm and 5 nm beyond. The spectrum has narrow absorption bands,
+    such as oxygen's at 761 nm and water's at 935 nm, which a scene in steps of 10 nm samples coarsely. Give a scene
+    steps of 2 nm where single bands matter.
+
+    References
+    ----------
+    ASTM G173-03, "Standard tables for reference solar spectral irradiances", by colour-science.
+
+    Examples
+    --------
+    >>> sunlight().at([550.0, 850.0, 940.0])
+    array([1.5399 , 0.89372, 0.47181])
+    """
+    check_choice("kind", kind, Sunlight)
+    tables = colour_science().plotting.datasets.astm_g_173
+    table = tables.DATA_ASTMG173_GLOBAL_TILT if kind == "global" else tables.DATA_ASTMG173_DIRECT_CIRCUMSOLAR
+    return Spectrum(np.array(list(table)), np.array(list(table.values())))
 
 
 def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = None) -> Spectrum:
