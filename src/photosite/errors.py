@@ -24,6 +24,15 @@ from os import PathLike, fspath
 from types import MappingProxyType
 from typing import Any, Protocol, Self
 
+__all__ = [
+    "CalibrationError",
+    "FileError",
+    "InputError",
+    "PhotositeError",
+    "PhotositeWarning",
+]
+__dir__ = __all__.copy
+
 _LONGEST_VALUE = 80
 _MOST_NAMES = 4
 

@@ -46,8 +46,18 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("sensor/model.py", "photosite.sensor.io.sensor_file"): "Sensor.save: a value's thin method",
     ("sensor/chip.py", "photosite.sensor.io.sensor_file"): "MeasuredChip.save: a value's thin method",
     ("scene/scene.py", "photosite.scene.io.formats"): "Scene.save: a value's thin method",
-    ("calibration/result.py", "photosite.report"): "Calibration.report: a value's thin method",
-    ("calibration/gain_series/result.py", "photosite.report"): "GainSeries.report: a value's thin method",
+    ("calibration/result.py", "photosite.report"): "Calibration.report and .plot: a value's thin methods",
+    ("calibration/gain_series/result.py", "photosite.report"): "GainSeries.report and .plot: a value's thin methods",
+    ("color/spectrum.py", "photosite.report.plots"): "Spectrum.plot: a value's thin method",
+    ("frames/raw_frame.py", "photosite.report.plots"): "RawFrame.plot: a value's thin method",
+    ("frames/raw_frame.py", "photosite.develop.thumbnail"): "RawFrame._repr_html_: a value's thin method",
+    ("metrics/snr.py", "photosite.report.plots"): "NoiseBudget.plot: a value's thin method",
+    ("optics/plot.py", "photosite.report.plots"): "Lens.plot: a value's thin method",
+    ("optics/lens.py", "photosite.optics.plot"): "Lens.plot: a value's thin method",
+    ("optics/diffraction.py", "photosite.optics.plot"): "DiffractionLimited.plot: a value's thin method",
+    ("scene/scene.py", "photosite.report.plots"): "Scene.plot: a value's thin method",
+    ("sensor/model.py", "photosite.report.plots"): "Sensor.plot: a value's thin method",
+    ("validation/result.py", "photosite.report.plots"): "Validation.plot: a value's thin method",
 }
 """(file, imported module or folder): the reason. The import must be inside a function."""
 

@@ -12,12 +12,20 @@ from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate, standard_deviation, standard_deviation_interval_95, upper_limit_95
+from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 _NOISE = "Noise and fixed pattern (2008 paper)"
 _DARK = "Dark signal"
 _GAIN = "Gain and saturation"
 _EMVA = "EMVA 1288"
+
+
+_PRINCIPAL = (
+    *("read_noise_e", "dsnu_e", "prnu_percent", "dark_current_e_per_s", "black_level_dn", "system_gain_dn_per_e"),
+    *("saturation_capacity_e", "quantum_efficiency_percent", "snr_max_db", "dynamic_range_db"),
+)
+"""The parameters that `repr` shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +38,7 @@ class Label:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameters:
+class Parameters(Tabular):
     """The parameters of a sensor or of one color channel, named after EMVA 1288 and the 2008 paper.
 
     Noise and nonuniformity are standard deviations. `_dn`, `_e` and `_mv` are the same quantity in digital numbers,
@@ -82,6 +90,33 @@ class Parameters:
     prnu1288_unfiltered_row_percent: Annotated[Estimate, Label("PRNU1288 without high-pass, rows", "%", _EMVA)]
     prnu1288_unfiltered_column_percent: Annotated[Estimate, Label("PRNU1288 without high-pass, columns", "%", _EMVA)]
     prnu1288_unfiltered_pixel_percent: Annotated[Estimate, Label("PRNU1288 without high-pass, pixels", "%", _EMVA)]
+
+    def _table(self) -> ResultTable:
+        rows = [
+            (
+                name,
+                entry.value,
+                entry.standard_uncertainty,
+                *(entry.interval_95 or (None, None)),
+                PARAMETER_LABELS[name].unit,
+                entry.reason,
+            )
+            for name, entry in self.estimates().items()
+        ]
+        columns = ("parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "unit", "reason")
+        return ResultTable("Parameters", columns, rows)
+
+    def _brief_table(self) -> ResultTable:
+        rows = []
+        for name in _PRINCIPAL:
+            entry: Estimate = getattr(self, name)
+            if entry.upper_limit_95 is None:
+                numbers, remark = (entry.value, entry.standard_uncertainty), entry.reason
+            else:
+                numbers, remark = (None, None), f"below {entry.upper_limit_95:.3g} with 95 % probability"
+            rows.append((name, *numbers, PARAMETER_LABELS[name].unit, remark))
+        columns = ("parameter", "value", "standard_uncertainty", "unit", "remark")
+        return ResultTable(self._table().title, columns, rows)
 
     def estimates(self) -> dict[str, Estimate]:
         """Return all parameters by name, in the order above."""

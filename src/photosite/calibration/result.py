@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,9 +12,12 @@ from photosite.calibration.emva1288 import EMVA1288, emva1288_figures
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Curve, LinearRange
 from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
+from photosite.values.shown import ResultTable, clipped
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.photon_transfer.general_model import GeneralModel
     from photosite.calibration.photon_transfer.linearity import Linearity
@@ -141,6 +144,24 @@ class Calibration(Parameters):
         from photosite.calibration.export.measured_sensor import measured_sensor
 
         return measured_sensor(self)
+
+    def plot(self, kind: str = "photon_transfer", ax: Axes | None = None) -> Axes:
+        """Draw one of `curves` for all channels on Matplotlib axes, new ones by default, and return them.
+
+        Raises
+        ------
+        InputError
+            If the calibration has no curve of that kind.
+        """
+        from photosite.report.plots import plot_calibration
+
+        return plot_calibration(self, kind, ax)
+
+    def _table(self) -> ResultTable:
+        chip = f"{self.rows} x {self.cols} pixels, {self.bits} bits"
+        limits = f", warnings: {len(self.warnings)}" if self.warnings else ""
+        title = f"Calibration of {clipped(self.source, 40)}: {self.frame_count} frames of {chip}{limits}"
+        return replace(super()._table(), title=title)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file, and the chip's maps beside it if there are any.

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import InitVar, dataclass
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from photosite.sensor.readout import Device, Rectangle, digital_numbers
 from photosite.values.cfa import plane_names, shifted
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Region
+from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
 
 _AUTO_EXPOSURE_PERCENTILE, _AUTO_EXPOSURE_LEVEL = 99.5, 0.8
@@ -37,7 +37,7 @@ _ONE_SECOND = {"exposure_s": 1.0}
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Shown):
     """A lens in front of a sensor.
 
     Parameters
@@ -55,7 +55,8 @@ class Camera:
     Raises
     ------
     InputError
-        If the rule is unknown, cells_per_pixel is not odd and positive, or the sensor has no such gain setting.
+        If lens or sensor are something else or in the wrong order, the rule is unknown, cells_per_pixel is not odd and
+        positive, or the sensor has no such gain setting.
 
     Examples
     --------
@@ -75,6 +76,13 @@ class Camera:
     gain_setting: InitVar[float | None] = None
 
     def __post_init__(self, gain_setting: float | None) -> None:
+        hint = "Write Camera(optics, sensor), the lens first"
+        if not callable(getattr(self.optics, "irradiance_per_radiance", None)):
+            expected = "a lens, such as DiffractionLimited(2.8, 50)"
+            raise InputError("optics", value=self.optics, expected=expected, hint=hint)
+        if not isinstance(self.sensor, Sensor):
+            expected = "a sensor, such as load_sensor('nikon-d200')"
+            raise InputError("sensor", value=self.sensor, expected=expected, hint=hint)
         if gain_setting is not None:
             object.__setattr__(self, "sensor", self.sensor.at_gain_setting(gain_setting))
         check_choice("integration", self.integration, Rule)
@@ -262,7 +270,7 @@ class Camera:
             color_matrix=color_matrix(self.sensor),
             color_matrix_a=color_matrix(self.sensor, "A"),
             noise_profile=noise_profile(self.sensor, exposure_s),
-            metadata=MappingProxyType(metadata),
+            metadata=metadata,
         )
 
     def auto_exposure_s(self, electrons_per_s: NDArray[np.float32]) -> float:

@@ -42,6 +42,7 @@ from photosite.scene.scene_request import (
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.values.exposure import parse_exposure
+from photosite.values.shown import Shown
 
 VERSION_KEY = "photosite_camera"
 DEFAULT_SENSOR = "nikon-d200"
@@ -56,7 +57,7 @@ _SCENE_KEYS = ("source", "options", *FIELDS)
 
 
 @dataclass(frozen=True, eq=False)
-class SetUp:
+class SetUp(Shown):
     """A camera with its usual scene and exposure time.
 
     Parameters

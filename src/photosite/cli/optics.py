@@ -174,26 +174,9 @@ def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[
     """Return frequency per mm, MTF along rows and MTF along columns, at a distance to the right of the axis."""
     import numpy as np
 
-    from photosite.optics.point_spread import FieldPsf, PlanePsf, RadialPsf
+    from photosite.optics.point_spread import otf_at
 
     f = np.array(_FREQUENCIES_PER_MM) * 1e3
     zero = np.zeros(f.size)
-
-    def plane(of: PlanePsf) -> Any:
-        """(2, frequencies)"""
-        # Tables are linear between their wavelengths.
-        grid = np.array([wavelength_nm]) if of.wavelength_nm is None else np.asarray(of.wavelength_nm)
-        shares = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
-        used = [(share, float(w)) for share, w in zip(shares, grid, strict=True) if share]
-        return sum(share * np.stack([of.otf(zero, f, w), of.otf(f, zero, w)]) for share, w in used)
-
-    if isinstance(spread, RadialPsf):
-        both = np.stack([spread.otf(f, wavelength_nm)] * 2)
-    elif isinstance(spread, FieldPsf):
-        # Weights are linear between nodes.
-        along = [[np.interp(right_m, spread.x_m, row) for row in weights] for weights in spread.weights]
-        parts = [float(np.interp(0.0, spread.y_m, column)) for column in along]
-        both = sum(part * plane(mode) for part, mode in zip(parts, spread.modes, strict=True))
-    else:
-        both = plane(spread)
-    return [(per_mm, float(x), float(y)) for per_mm, x, y in zip(_FREQUENCIES_PER_MM, *np.abs(both), strict=True)]
+    rows, cols = (np.abs(otf_at(spread, *at, wavelength_nm, x_m=right_m)) for at in ((zero, f), (f, zero)))
+    return [(per_mm, float(x), float(y)) for per_mm, x, y in zip(_FREQUENCIES_PER_MM, rows, cols, strict=True)]

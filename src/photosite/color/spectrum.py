@@ -6,13 +6,17 @@ import math
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.files.small_files import read_small
+from photosite.values.shown import ResultTable, Shown, Tabular
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Rule = Literal["trapezoid", "rectangle"]
 
@@ -40,7 +44,7 @@ def wavelength_grid(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class Spectrum(Tabular):
     """A quantity as a function of wavelength.
 
     Parameters
@@ -72,6 +76,22 @@ class Spectrum:
         """Return the values at other wavelengths: linear between entries, 0 outside the table."""
         wanted = np.asarray(wavelength_nm, dtype=np.float64)
         return np.interp(wanted, self.wavelength_nm, self.values, left=0.0, right=0.0)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the spectrum on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_spectrum
+
+        return plot_spectrum(self, ax)
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Return the wavelengths and values as lists."""
+        return {"wavelength_nm": self.wavelength_nm.tolist(), "value": self.values.tolist()}
+
+    def _table(self) -> ResultTable:
+        first, last = self.wavelength_nm[0], self.wavelength_nm[-1]
+        title = f"Spectrum: {self.wavelength_nm.size} wavelengths, {first:g} to {last:g} nm"
+        pairs = zip(self.wavelength_nm.tolist(), self.values.tolist(), strict=True)
+        return ResultTable(title, ("wavelength_nm", "value"), list(pairs))
 
 
 def integration_weights(wavelength_nm: ArrayLike, rule: Rule = "trapezoid") -> NDArray[np.float64]:
@@ -135,7 +155,7 @@ def energy_from_photons(photons: ArrayLike, wavelength_nm: ArrayLike) -> NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class SpectrumFile:
+class SpectrumFile(Shown):
     """The content of a spectrum file: wavelengths, values, and optionally their standard uncertainties.
 
     - `spectrum`, `standard_uncertainty`: Wavelengths and values; (wavelengths,), 0 where the file has no third column.

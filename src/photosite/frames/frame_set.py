@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,13 @@ from photosite.errors import InputError
 from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.raw_frame import check_bits
 from photosite.sensor.model import Sensor
-from photosite.values.cfa import MONOCHROME, Cfa
+from photosite.values.cfa import MONOCHROME, Cfa, tile_text
 from photosite.values.exposure import check_exposure, format_exposure
+from photosite.values.shown import ResultTable, Shown, Tabular, clipped
 
 
 @dataclass(frozen=True)
-class FrameSource:
+class FrameSource(Shown):
     """How to read one frame.
 
     Parameters
@@ -42,7 +44,7 @@ class FrameSource:
 
 
 @dataclass(frozen=True)
-class FrameGroup:
+class FrameGroup(Shown):
     """Frames of one kind taken with the same settings, in the order in which they were listed.
 
     Parameters
@@ -72,7 +74,7 @@ class FrameGroup:
 
 
 @dataclass(frozen=True)
-class FrameSet:
+class FrameSet(Tabular):
     """All frames of a measurement.
 
     Parameters
@@ -111,6 +113,24 @@ class FrameSet:
     def of_kind(self, kind: Kind) -> tuple[FrameGroup, ...]:
         """Return the groups of one kind, by exposure."""
         return tuple(group for group in self.groups if group.kind == kind)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the properties of the set, and its groups as columns."""
+        names = ("source", "rows", "cols", "bits", "black_level_dn", "white_level_dn")
+        own = {name: getattr(self, name) for name in names}
+        return {
+            **own,
+            "cfa": [list(row) for row in self.cfa],
+            "notes": list(self.notes),
+            "groups": self._table().to_dict(),
+        }
+
+    def _table(self) -> ResultTable:
+        size = f"{self.rows} x {self.cols} pixels, {self.bits} bits"
+        title = f"FrameSet of {clipped(self.source, 40)}: {self.frame_count} frames of {size}, {tile_text(self.cfa)}"
+        names = ("kind", "exposure_s", "photons_per_pixel", "gain_setting", "temperature_c")
+        rows = [(*(getattr(group, name) for name in names), len(group)) for group in self.groups]
+        return ResultTable(title, (*names, "frames"), rows)
 
     @property
     def frame_count(self) -> int:

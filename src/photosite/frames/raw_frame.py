@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from photosite.errors import InputError
-from photosite.values.cfa import MONOCHROME, Cfa, channel_names, plane_names
+from photosite.values.cfa import MONOCHROME, Cfa, channel_names, plane_names, tile_text
+from photosite.values.exposure import format_exposure
+from photosite.values.read_only import ReadOnly
+from photosite.values.shown import Shown
+from photosite.values.thumbnail import thumbnail_html
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def check_bits(bits: int | None) -> None:
@@ -33,7 +39,7 @@ def neutral_text(signal: Sequence[float]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class RawFrame:
+class RawFrame(Shown):
     """A raw frame.
 
     Parameters
@@ -69,6 +75,9 @@ class RawFrame:
     >>> frame = RawFrame(np.full((2, 2), 64, np.uint16), bits=12, black_level_dn=64)
     >>> frame.shape, frame.white_level_dn, frame.is_mosaic
     ((2, 2), 4095.0, False)
+    >>> np.asarray(frame) - frame.black_level_dn
+    array([[0., 0.],
+           [0., 0.]])
     """
 
     dn: NDArray[np.uint16]
@@ -98,8 +107,26 @@ class RawFrame:
             raise InputError("black_level_dn", value=self.black_level_dn, expected=expected)
         if self.bits < 16 and (highest := int(dn.max())) > top:
             raise InputError("dn", value=highest, expected=f"at most {top}, for {self.bits} bits")
-        if not isinstance(self.metadata, MappingProxyType):
-            object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
+        object.__setattr__(self, "black_level_dn", float(self.black_level_dn))  # signed where it is subtracted
+        if not isinstance(self.metadata, ReadOnly):
+            object.__setattr__(self, "metadata", ReadOnly(self.metadata))
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the digital numbers, so that `np.asarray(raw)` and `plt.imshow(raw)` work."""
+        return np.array(self.dn, dtype=dtype, copy=copy)
+
+    def _repr_html_(self) -> str:
+        from photosite.develop.thumbnail import thumbnail
+
+        exposure = "" if self.exposure_s is None else f", {format_exposure(self.exposure_s)} s"
+        size = f"{self.shape[0]} x {self.shape[1]} pixels, {tile_text(self.cfa)}, {self.bits} bits"
+        return thumbnail_html(thumbnail(self), f"RawFrame: {size}{exposure}")
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the digital numbers in gray on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_mosaic
+
+        return plot_mosaic(self.dn, ax)
 
     @property
     def shape(self) -> tuple[int, int]:

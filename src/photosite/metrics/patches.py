@@ -14,13 +14,14 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names, channel_sites
 from photosite.values.region import Patch
+from photosite.values.shown import Shown
 
 SATURATED_SHARE = 1e-3
 """Share of saturated pixels above which a patch counts as saturated; fewer are taken as defects."""
 
 
 @dataclass(frozen=True, eq=False)
-class PatchStatistics:
+class PatchStatistics(Shown):
     """Statistics of patches. Every array is (patches, channels).
 
     Parameters

@@ -16,6 +16,7 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
 from photosite.values.region import Region
+from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ _SATURATED_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class SlantedEdge:
+class SlantedEdge(Shown):
     """The sharpness of an edge.
 
     Parameters
@@ -270,7 +271,7 @@ _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class Pixels(Shown):
     """The pixels of one channel."""
 
     # (n,) centers and values, line by line
@@ -282,7 +283,7 @@ class Pixels:
 
 
 @dataclass(frozen=True)
-class Edge:
+class Edge(Shown):
     """A straight line x = position + slope (y - middle), bright on the right (sign 1) or on the left (sign -1)."""
 
     position: float
@@ -300,7 +301,7 @@ class Edge:
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class Profile(Shown):
     """Mean values over the distance from the edge."""
 
     distance: Array  # (bins,) centers of the bins, symmetric about the edge

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
+from photosite.values.shown import ResultTable, Tabular
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseBudget:
+class NoiseBudget(Tabular):
     """Signal-to-noise ratio over the signal, in total and by noise source.
 
     Parameters
@@ -38,6 +43,26 @@ class NoiseBudget:
     prnu_db: NDArray[np.float64]
     dark_limited_below_volts: float
     prnu_limited_above_volts: float
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the curves on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_noise_budget
+
+        return plot_noise_budget(self, ax)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the curves as lists, and the two limits."""
+        limits = ("dark_limited_below_volts", "prnu_limited_above_volts")
+        return {**self._table().to_dict(), **{name: getattr(self, name) for name in limits}}
+
+    def _table(self) -> ResultTable:
+        title = (
+            f"Noise budget: dark noise dominates below {self.dark_limited_below_volts:.3g} V, "
+            f"PRNU above {self.prnu_limited_above_volts:.3g} V"
+        )
+        names = ("volts", "signal_e", "total_db", "shot_db", "read_db", "dsnu_db", "prnu_db")
+        columns = (np.ravel(getattr(self, name)).tolist() for name in names)
+        return ResultTable(title, names, list(zip(*columns, strict=True)))
 
 
 def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, check_number, check_type, number_array
 from photosite.optics.field_points import FieldPoints, even_curve
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ _FIELD_EXAMPLE = "FieldPoints(height_mm=[0, 7, 14])"
 
 
 @dataclass(frozen=True, eq=False)
-class RadialMapping:
+class RadialMapping(Shown):
     """Real image heights of a lens: distortion and, with several wavelengths, lateral chromatic aberration.
 
     Parameters
@@ -227,7 +228,7 @@ def _lagrange_weights(position: Array, count: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Distortion:
+class Distortion(Shown):
     """Real over ideal image height.
 
     Parameters
@@ -352,7 +353,7 @@ class Distortion:
 
 
 @dataclass(frozen=True, eq=False)
-class LateralColor:
+class LateralColor(Shown):
     """Radial displacement of each wavelength's image from the distorted position, positive outwards.
 
     Parameters

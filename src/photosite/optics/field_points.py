@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.optics.checks import check_height_unit, number_array
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -16,7 +17,7 @@ _RIGHT_ANGLE_DEG = 90.0
 
 
 @dataclass(frozen=True, eq=False)
-class FieldPoints:
+class FieldPoints(Shown):
     """Points along a radius of the field, from the axis outwards, as heights or as angles.
 
     Parameters

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.checks import check_number, check_type, number_array
 from photosite.optics.field_points import FieldPoints, even_curve
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ _TOLERATED_REACH = 1.02
 
 
 @dataclass(frozen=True, eq=False)
-class IlluminationTable:
+class IlluminationTable(Shown):
     """Irradiance over the field relative to that on the axis.
 
     Parameters
@@ -72,7 +73,7 @@ class IlluminationTable:
 
 
 @dataclass(frozen=True)
-class VeilingGlare:
+class VeilingGlare(Shown):
     """Light that lens surfaces and the barrel scatter over the sensor.
 
     Parameters

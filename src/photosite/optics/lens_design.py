@@ -18,6 +18,7 @@ from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, number_array
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import (
+    Constant,
     FieldPsf,
     PlanePsf,
     PointSpread,
@@ -28,6 +29,7 @@ from photosite.optics.point_spread import (
     normalised,
     sampled_otf,
 )
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -43,7 +45,7 @@ _LARGEST_SAMPLES = 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
-class LensDesign:
+class LensDesign(Shown):
     """PSFs at points of the field: a `Blur`.
 
     Parameters
@@ -237,8 +239,8 @@ class LensDesign:
     def _plane_psf(self, samples: Array, cutoffs_per_m: Array) -> PlanePsf:
         return PlanePsf(
             _SampledMode(self.wavelength_nm, samples, self.spacing_um * 1e-6),
-            lambda wavelength_nm: float(np.interp(wavelength_nm, self.wavelength_nm, cutoffs_per_m)),
-            lambda _: self._reach_m,
+            _Tabulated(self.wavelength_nm, cutoffs_per_m),
+            Constant(self._reach_m),
             self.wavelength_nm,
         )
 
@@ -282,6 +284,17 @@ class LensDesign:
 
 
 @dataclass(frozen=True, eq=False)
+class _Tabulated:
+    """A function of wavelength, linear between tabulated values."""
+
+    wavelength_nm: Array
+    values: Array
+
+    def __call__(self, wavelength_nm: float) -> float:
+        return float(np.interp(wavelength_nm, self.wavelength_nm, self.values))
+
+
+@dataclass(frozen=True, eq=False)
 class _SampledMode:
     """The OTF of one mode, sampled at several wavelengths; linear in between."""
 
@@ -303,7 +316,7 @@ class _SampledMode:
 
 
 @dataclass(frozen=True, eq=False)
-class LowRank:
+class LowRank(Shown):
     """Modes and weights.
 
     Parameters

@@ -25,12 +25,23 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.optics.checks import check_number
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class Constant:
+    """A function of wavelength with one value."""
+
+    value: float
+
+    def __call__(self, wavelength_nm: float) -> float:
+        return self.value
+
+
 @dataclass(frozen=True, eq=False)
-class RadialPsf:
+class RadialPsf(Shown):
     """A rotationally symmetric PSF, the same over the whole field; its OTF is real.
 
     Parameters
@@ -49,7 +60,7 @@ class RadialPsf:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanePsf:
+class PlanePsf(Shown):
     """A PSF of any shape, the same over the whole field.
 
     Parameters
@@ -69,7 +80,7 @@ class PlanePsf:
 
 
 @dataclass(frozen=True, eq=False)
-class FieldPsf:
+class FieldPsf(Shown):
     """A PSF that varies over the field: the sum over r of weights[r] at the image point times modes[r].
 
     Parameters
@@ -271,3 +282,42 @@ def encircled_radius(samples: Array, spacing: float, share: float) -> float:
     held = np.cumsum(np.abs(samples).ravel()[order])
     index = min(int(np.searchsorted(held, share * held[-1])), held.size - 1)
     return float(radius[order][index])
+
+
+def otf_at(
+    spread: PointSpread, fy_per_m: Array, fx_per_m: Array, wavelength_nm: float, y_m: float = 0.0, x_m: float = 0.0
+) -> NDArray[np.complex128]:
+    """Return the OTF at an image point: complex, of the broadcast shape of the frequencies.
+
+    Parameters
+    ----------
+    spread
+        The PSF.
+    fy_per_m, fx_per_m
+        Frequencies down the rows and along the columns, cycles/m.
+    wavelength_nm
+        Wavelength. Tables are linear between their wavelengths.
+    y_m, x_m
+        Image point on the sensor; on the axis by default.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> airy = ps.DiffractionLimited(f_number=4, focal_length_mm=25).point_spread(float("inf"))
+    >>> otf_at(airy, np.zeros(2), np.array([0.0, 1e5]), 500.0).real.round(3)
+    array([1.   , 0.747])
+    """
+    if isinstance(spread, RadialPsf):
+        return np.asarray(spread.otf(np.hypot(fy_per_m, fx_per_m), wavelength_nm), np.complex128)
+    if isinstance(spread, FieldPsf):
+        along = [[np.interp(x_m, spread.x_m, row) for row in weights] for weights in spread.weights]
+        shares = [float(np.interp(y_m, spread.y_m, column)) for column in along]
+        parts = [
+            share * otf_at(mode, fy_per_m, fx_per_m, wavelength_nm)
+            for share, mode in zip(shares, spread.modes, strict=True)
+        ]
+        return np.asarray(sum(parts), np.complex128)
+    grid = np.array([wavelength_nm]) if spread.wavelength_nm is None else np.asarray(spread.wavelength_nm)
+    shares = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
+    used = [(share, float(w)) for share, w in zip(shares, grid, strict=True) if share]
+    return np.asarray(sum(share * spread.otf(fy_per_m, fx_per_m, w) for share, w in used), np.complex128)

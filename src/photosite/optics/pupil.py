@@ -27,6 +27,7 @@ from photosite.errors import InputError
 from photosite.optics.annular import Waves, aberration_free_otf
 from photosite.optics.checks import check_number
 from photosite.optics.zernike import Term, zernike_values
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ _BEYOND_RIM = 9.0
 
 
 @dataclass(frozen=True, eq=False)
-class Pupil:
+class Pupil(Shown):
     """The pupil of a lens.
 
     Parameters

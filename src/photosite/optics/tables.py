@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, number_array
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.point_spread import PlanePsf, RadialPsf, check_spacing, encircled_radius, sampled_otf
+from photosite.optics.point_spread import Constant, PlanePsf, RadialPsf, check_spacing, encircled_radius, sampled_otf
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -32,7 +33,7 @@ _ENCLOSED = 0.995
 
 
 @dataclass(frozen=True, eq=False)
-class OtfTable:
+class OtfTable(Shown):
     """OTFs over frequency for one or more wavelengths: a `Blur`.
 
     Parameters
@@ -130,7 +131,7 @@ class OtfTable:
         """Return the PSF on the sensor; lens and distances only affect the diffraction beyond the table's end."""
         if self.fx_per_mm is not None:
             plane = _PlaneOtf(self)
-            return PlanePsf(plane.otf, lambda _: plane.corner_per_m, plane.reach_m, self.wavelength_nm)
+            return PlanePsf(plane.otf, Constant(plane.corner_per_m), plane.reach_m, self.wavelength_nm)
         radial = _RadialOtf(self, base, distance_m if focus_distance_m is None else focus_distance_m)
         return RadialPsf(radial.otf, radial.cutoff_per_m, radial.reach_m)
 
@@ -215,7 +216,7 @@ class _PlaneOtf:
 
 
 @dataclass(frozen=True, eq=False)
-class PsfTable:
+class PsfTable(Shown):
     """Sampled PSFs for one or more wavelengths: a `Blur`.
 
     Parameters
@@ -274,7 +275,7 @@ class PsfTable:
     ) -> PlanePsf:
         """Return the PSF on the sensor, whatever the lens and the distances."""
         corner_per_m = math.sqrt(2) * 0.5 / (self.spacing_um * 1e-6)
-        return PlanePsf(self._otf, lambda _: corner_per_m, self._reach_m, self.wavelength_nm)
+        return PlanePsf(self._otf, Constant(corner_per_m), self._reach_m, self.wavelength_nm)
 
     def _samples_at(self, wavelength_nm: float) -> Array:
         low, high, share = _neighbours(self.wavelength_nm, wavelength_nm)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,8 @@ from photosite.optics.diffraction import AIRY_REACH_PERIODS, DiffractionLimited
 from photosite.optics.point_spread import PlanePsf, RadialPsf
 from photosite.optics.pupil import LARGEST_SLOPE, Pupil, PupilAutocorrelation, SampledOtf, cells_for, largest_slope
 from photosite.optics.zernike import Index, Norm, Term, zernike_terms
+from photosite.values.read_only import ReadOnly
+from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ _CACHED_WAVELENGTHS = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Wavefront:
+class Wavefront(Shown):
     """Aberrations of a lens over its pupil, the same over the whole field: a `Blur`.
 
     Parameters
@@ -95,7 +96,7 @@ class Wavefront:
         if self.chromatic_focus is not None:
             check_type("chromatic_focus", self.chromatic_focus, Spectrum, "Spectrum([450, 650], [-10, 12])")
             camera_wavelengths(self.chromatic_focus.wavelength_nm)
-        object.__setattr__(self, "coefficients", MappingProxyType(dict(self.coefficients)))
+        object.__setattr__(self, "coefficients", ReadOnly(self.coefficients))
         _ = self.terms_nm
 
     @cached_property
@@ -103,7 +104,7 @@ class Wavefront:
         """RMS of each term over the full circle, in nm, by (n, m); without piston, which has no effect."""
         scale = 1.0 if self.reference_nm is None else self.reference_nm
         terms = zernike_terms(self.coefficients, self.index, self.norm)
-        return MappingProxyType({t: value * scale for t, value in terms.items() if value != 0 and t != (0, 0)})
+        return ReadOnly({t: value * scale for t, value in terms.items() if value != 0 and t != (0, 0)})
 
     @property
     def throughput(self) -> float:
@@ -189,6 +190,9 @@ class _WavefrontOtf:
         self._by_wavelength: dict[float, _Monochromatic] = {}
         self._sampled: dict[float, SampledOtf] = {}
         self._lock = Lock()
+
+    def __reduce__(self) -> tuple[Any, ...]:  # without the lock and the caches
+        return _WavefrontOtf, (self._wavefront, *self._geometry)
 
     def cutoff_per_m(self, wavelength_nm: float) -> float:
         return 1.0 / (wavelength_nm * 1e-9 * self._working_f_number)

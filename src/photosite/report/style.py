@@ -41,6 +41,15 @@ _OTHERS: tuple[tuple[str, str, LineStyle], ...] = (
     (BLACK, "*", ":"),
 )
 
+_LINES: tuple[tuple[str, str, LineStyle], ...] = (
+    (BLUE, "o", "-"),
+    (VERMILION, "s", "--"),
+    (GREEN, "^", "-."),
+    (PURPLE, "v", ":"),
+    (ORANGE, "D", "-"),
+    (BLACK, "P", "--"),
+)
+
 WIDTH_IN = 7.0
 
 STRIP_IN = 0.26
@@ -119,6 +128,17 @@ def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]
     False
     """
     return _CHANNELS.get(channel) or _OTHERS[position % len(_OTHERS)]
+
+
+def line_style(position: int) -> tuple[str, str, LineStyle]:
+    """Return color, marker and line style of one of several lines that are not color channels.
+
+    Examples
+    --------
+    >>> line_style(0) == line_style(6), line_style(0) == line_style(1)
+    (True, False)
+    """
+    return _LINES[position % len(_LINES)]
 
 
 def svg_bytes(figure: Figure, below: str | None = None) -> bytes:

@@ -16,6 +16,13 @@ from photosite.errors import InputError
 from photosite.scene.scene import Scene
 from photosite.scene.weights import principal_spectra
 
+__all__ = [
+    "gradient",
+    "mixed",
+    "spot",
+]
+__dir__ = __all__.copy
+
 Array = NDArray[np.float64]
 Distribution = Callable[[Array, Array], Array]
 """Distribution of a light: a function of the relative height and width, 0 to 1, which broadcast."""

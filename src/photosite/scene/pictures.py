@@ -27,6 +27,13 @@ from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.sigmoid import raised
 from photosite.values.validated import check_choice
 
+__all__ = [
+    "from_hdr",
+    "from_rgb",
+    "srgb_reflectance",
+]
+__dir__ = __all__.copy
+
 PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)
 """Wavelengths of the basis reflectances. On a grid of 10 nm the peaks of D65 change a red by a CIEDE2000 of 0.6; here
 no color of sRGB changes by more than 0.03."""

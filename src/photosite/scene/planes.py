@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
 from photosite.values.region import Region
+from photosite.values.shown import Shown
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
+class Plane(Shown):
     """A scene at its distance, with its opacity.
 
     Parameters
@@ -80,7 +81,7 @@ def _laid_out(scene: Scene, weights: NDArray[np.float32], ends: bool) -> Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Planes:
+class Planes(Shown):
     """A scene in depth.
 
     Parameters

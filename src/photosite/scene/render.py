@@ -25,6 +25,12 @@ from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import reduce_cube
 from photosite.scene.weights import Progress
 
+__all__ = [
+    "example_scene",
+    "render_mitsuba",
+]
+__dir__ = __all__.copy
+
 SceneSource = str | PathLike[str] | Mapping[str, Any]
 Shape = tuple[int | None, int | None]
 

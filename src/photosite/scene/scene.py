@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,11 @@ from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
 from photosite.scene.weights import checked_weights, component_means, reduce_to_components
 from photosite.values.region import Region
+from photosite.values.shown import Shown
+from photosite.values.thumbnail import stride_for, thumbnail_html
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 DEFAULT_DISTANCE_M = 1.2
 
@@ -25,7 +31,7 @@ _ONE_LIGHT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Shown):
     """What the camera sees: photon radiance `sum_k weights[k] * basis[k]`.
 
     Parameters
@@ -274,6 +280,16 @@ class Scene:
         relit = replace(self, basis=reflectance * light, name=name)
         return relit.with_mean_luminance(wanted, rule)
 
+    def _repr_html_(self) -> str:
+        size = f"{self.shape[0]} x {self.shape[1]} samples of {self.weights.shape[0]} spectra"
+        return thumbnail_html(thumbnail(self), f"{self.name}: {size}, {self.nominal_luminance_cd_m2():.4g} cd/m2")
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the scene as an eye would see it on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_picture
+
+        return plot_picture(thumbnail(self), self.shape, ax)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a file, as `photosite.write_scene`; `.h5` keeps all of it."""
         from photosite.scene.io.formats import write_scene
@@ -395,6 +411,23 @@ def preview(
     to_rgb = (colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ adapt / white).astype(np.float32)
     linear = np.clip(values @ to_rgb.T, 0.0, 1.0)
     return np.asarray(colour.models.eotf_inverse_sRGB(linear), np.float32)
+
+
+def thumbnail(scene: Scene) -> NDArray[np.float32]:
+    """Return the preview of every n-th sample, at most 480 x 480; a dark scene is black.
+
+    Examples
+    --------
+    >>> from photosite.scene import charts
+    >>> thumbnail(charts.ramp(cols=1000)).shape[1]
+    334
+    """
+    step = stride_for(*scene.shape)
+    small = replace(scene, weights=scene.weights[:, ::step, ::step], regions=(), patches=False)
+    try:
+        return preview(small)
+    except InputError:
+        return np.zeros((*small.shape, 3), np.float32)
 
 
 def _adapted_to(scene: Scene, values: NDArray[np.float32]) -> NDArray[np.float64]:

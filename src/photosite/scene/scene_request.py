@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any
 
 from pydantic import SkipValidation
@@ -21,6 +20,8 @@ from photosite.scene.io.picture import read_alpha
 from photosite.scene.options import Luminance, ReadOptions
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene
+from photosite.values.read_only import ReadOnly
+from photosite.values.shown import Shown
 from photosite.values.validated import PositiveNumber, Validated
 
 BUILT_IN_SCENES = (
@@ -122,7 +123,7 @@ class CameraFileSpelling:
 
 
 @dataclass(frozen=True)
-class Place:
+class Place(Shown):
     """The line of a camera file that asks for a scene, for errors that appear when the scene is made."""
 
     file: Path
@@ -142,7 +143,7 @@ def _errors_at(place: Place | None) -> AbstractContextManager[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class SceneRequest:
+class SceneRequest(Shown):
     """A scene that is asked for, validated before it is made.
 
     Parameters
@@ -171,7 +172,7 @@ class SceneRequest:
     """
 
     source: str = DEFAULT_SCENE
-    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    options: Mapping[str, Any] = field(default_factory=lambda: ReadOnly({}))
     place: Place | None = None
 
     def __post_init__(self) -> None:
@@ -242,7 +243,7 @@ class SceneRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneRequest:
+class PlaneRequest(Shown):
     """A plane of a scene in depth: a scene, and a picture of its opacity, a pixel a sample; None is opaque."""
 
     request: SceneRequest
@@ -266,7 +267,7 @@ class PlaneRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanesRequest:
+class PlanesRequest(Shown):
     """A scene in depth: planes, near to far."""
 
     planes: tuple[PlaneRequest, ...]

@@ -19,6 +19,7 @@ from photosite.engine.pixel_model import DEVIATE_STEP, normal_deviates
 from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
+from photosite.values.shown import Shown
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Maps
@@ -29,7 +30,7 @@ FloatMap = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
+class Pattern(Shown):
     """One value per pixel, `deviates * scale`; deviates of shape (1, 1) stand for all pixels.
 
     16-bit deviates keep a 150-megapixel chip small.
@@ -44,7 +45,7 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class Chip:
+class Chip(Shown):
     """Fixed-pattern maps of a chip, the same in all its frames.
 
     Parameters
@@ -125,7 +126,7 @@ class DefectKind(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Defects:
+class Defects(Shown):
     """Defective pixels, arrays (n,); a pixel can have several entries.
 
     Parameters
@@ -162,7 +163,7 @@ class Defects:
 
 
 @dataclass(frozen=True, eq=False)
-class Blinking:
+class Blinking(Shown):
     """Blinking pixels (random telegraph noise between two levels), arrays (n,).
 
     Parameters
@@ -198,7 +199,7 @@ def no_blinking() -> Blinking:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MeasuredChip:
+class MeasuredChip(Shown):
     """The maps of one chip, (rows, cols) float32 each, in digital numbers; `..._uncertainty` is the measurement's.
 
     They are neither smoothed nor clipped: a map's spread is that of the chip and of its measurement.

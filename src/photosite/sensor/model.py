@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from os import PathLike
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,9 +45,22 @@ from photosite.sensor.quantity import (
     about,
     check_length,
 )
-from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names
+from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names, tile_text
+from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Measured
 from photosite.values.validated import NonNegativeNumber, Number, Section, input_error
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+_SECTIONS = ("array", "pixel", "noise", "readout", "provenance")
+_OWN = ("name", "serial", "channels", "maps", "covariance", "gain_setting", "gain_settings")
+_PRINCIPAL = (
+    *("width_um", "height_um", "fill_factor", "conversion_gain_uv_per_e", "well_capacity_e"),
+    *("read_noise_mv", "dsnu_mv", "prnu_percent", "analog_gain", "black_level_dn"),
+)
+"""The values that `repr` shows."""
 
 
 class Array(Section):
@@ -270,7 +283,7 @@ class Written:
         return replace(self, is_preset=False, with_comments=not self.is_preset)
 
 
-class Sensor(Section):
+class Sensor(Tabular, Section):
     """An image sensor.
 
     Values are `Measured`; `sensor.noise.read_noise_mv.value` is the number. A sensor is immutable; `with_` returns a
@@ -558,11 +571,9 @@ class Sensor(Section):
         0.3
         """
         data = self.model_dump()
-        top = "name", "serial", "channels", "maps", "covariance", "gain_setting", "gain_settings"
-        targets: dict[str, dict[str, Any]] = dict.fromkeys(top, data)
-        for section in ("array", "pixel", "noise", "readout", "provenance"):
-            kinds = SECTIONS.get(section, (type(getattr(self, section)),))
-            targets |= {name: data[section] for kind in kinds for name in kind.model_fields}
+        targets: dict[str, dict[str, Any]] = dict.fromkeys(_OWN, data)
+        for section in _SECTIONS:
+            targets |= dict.fromkeys(self._names_in(section), data[section])
         stack = data["optical_stack"] = data["optical_stack"] or {}
         targets |= dict.fromkeys(OpticalStack.model_fields, stack) | {"optical_stack": data}
         if "serial" in changes:
@@ -586,6 +597,92 @@ class Sensor(Section):
             raise input_error(error) from None
         changed._written = self._written.renamed() if changed.name != self.name else self._written
         return changed
+
+    def _names_in(self, section: str) -> list[str]:
+        kinds = SECTIONS.get(section, (type(getattr(self, section)),))
+        return [name for kind in kinds for name in kind.model_fields]
+
+    @property
+    def field_names(self) -> tuple[str, ...]:
+        """The names that `with_` takes."""
+        names = (name for section in _SECTIONS for name in self._names_in(section))
+        return (*_OWN, *names, *OpticalStack.model_fields, "optical_stack")
+
+    def with_pixel_width(self, width_um: float) -> Sensor:
+        """Return the sensor with a larger or smaller pixel of the same technology.
+
+        Read noise and DSNU keep their electrons. Well capacity and dark current per second scale with the area; the
+        voltage swing is kept, so that the conversion gain scales with the inverse of the area, and with it read noise
+        and DSNU in millivolts. Fill factor, quantum efficiency, PRNU and the number of pixels are kept: the chip
+        shrinks with its pixels. Other gain settings and measured maps do not apply to it.
+
+        Parameters
+        ----------
+        width_um
+            Width of the pixel; its height keeps the proportion.
+
+        Raises
+        ------
+        InputError
+            If the width is not above 0.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("vendor-2.2um")
+        >>> small = sensor.with_pixel_width(1.1)
+        >>> small.pixel.well_capacity_e.value, round(small.noise.read_noise_mv.value, 6)
+        (2500.0, 18.32)
+        >>> sensor.electrons(sensor.noise.read_noise_mv.value), small.electrons(small.noise.read_noise_mv.value)
+        (45.8, 45.8)
+        """
+        if isinstance(width_um, bool | str) or not (np.isfinite(width_um) and width_um > 0):
+            raise InputError("pixel_width_um", value=width_um, expected="above 0")
+        before = self.pixel.width_um.value
+        area = (width_um / before) ** 2
+        factors = {
+            "height_um": width_um / before,
+            "well_capacity_e": area,
+            "conversion_gain_uv_per_e": 1.0 / area,
+            "read_noise_mv": 1.0 / area,
+            "dsnu_mv": 1.0 / area,
+        }
+        note = f"scaled from a pixel of {before:g} um"
+        scaled = {
+            name: Measured(factor * old.value, factor * old.standard_uncertainty, note, assumed=True)
+            for name, factor in factors.items()
+            for old in (self.measured(name),)
+        }
+        width = Measured(float(width_um), source="chosen", assumed=True)
+        return self.with_(width_um=width, maps=None, gain_settings=(), **scaled)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the quantum efficiencies on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_sensor
+
+        return plot_sensor(self, ax)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of the sensor file as plain numbers, texts, lists and dictionaries."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def _table(self) -> ResultTable:
+        array = self.array
+        size = f"{array.rows} x {array.cols} pixels, {tile_text(array.cfa)}, {self.readout.bits} bits"
+        title = f"Sensor '{self.name}': {size}"
+        sections = {"pixel": self.pixel, "noise": self.noise, "readout": self.readout}
+        rows = [
+            (section, name, found.value, found.standard_uncertainty, found.assumed, found.source)
+            for section, fields in sections.items()
+            for name, found in fields
+            if isinstance(found, Measured)
+        ]
+        return ResultTable(title, ("section", "field", "value", "standard_uncertainty", "assumed", "source"), rows)
+
+    def _brief_table(self) -> ResultTable:
+        table = self._table()
+        shown = [number for number, row in enumerate(table.rows) if row[1] in _PRINCIPAL]
+        return table.only(("field", "value", "standard_uncertainty"), shown)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file (YAML), with its maps if it has any; raise `FileError` if it cannot be written."""

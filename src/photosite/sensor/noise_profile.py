@@ -13,6 +13,7 @@ from statistics import fmean
 
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
 
 QUANTISATION_DN2 = 1 / 12
@@ -25,7 +26,7 @@ NOT_IN_PROFILE = (
 
 
 @dataclass(frozen=True)
-class NoiseProfile:
+class NoiseProfile(Shown):
     """Noise of one frame at one gain setting: a signal x in 0..1 (black to white) has variance slope x + offset.
 
     Parameters

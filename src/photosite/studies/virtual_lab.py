@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -247,7 +246,7 @@ class VirtualLab:
         raw = self.camera.expose(mean, step.exposure_s, seed=self.seed, frame=frame)
         photons = self.photons_per_pixel(step)
         known = {} if photons is None else {"photons_per_pixel": photons}
-        return replace(raw, metadata=MappingProxyType({**raw.metadata, "kind": step.kind, **known}))
+        return replace(raw, metadata={**raw.metadata, "kind": step.kind, **known})
 
     def _dn(self, step: Step, frame: int) -> NDArray[np.uint16]:
         return self._expose(step, self._mean_electrons(step), frame).dn

@@ -31,6 +31,7 @@ from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, tile_text
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Corners, Quadrilateral
+from photosite.values.shown import ResultTable, Shown, Tabular
 from photosite.values.validated import check_choice
 
 Fitted = Literal["fill_factor", "light"]
@@ -47,7 +48,7 @@ _START_CD_M2 = 40.0  # mean luminance of the first simulation where the light le
 
 
 @dataclass(frozen=True, eq=False)
-class CaptureConditions:
+class CaptureConditions(Shown):
     """The camera and the light that the simulation assumes.
 
     Parameters
@@ -80,7 +81,7 @@ class CaptureConditions:
 
 
 @dataclass(frozen=True, eq=False)
-class FrameValidation:
+class FrameValidation(Tabular):
     """Raw frames against their simulation.
 
     Parameters
@@ -113,6 +114,12 @@ class FrameValidation:
     simulated: RawFrame
     frames: tuple[int, int]
     notes: tuple[str, ...]
+
+    def _table(self) -> ResultTable:
+        return self.validation._table()
+
+    def _brief_table(self) -> ResultTable:
+        return self.validation._brief_table()
 
     @property
     def agrees(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,14 @@ from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare, RelativeDifference, dict_or_none, largest, relative_difference
 from photosite.validation.diagnosis import describe_noise_difference
 from photosite.validation.regression import Regression
+from photosite.values.shown import ResultTable, Shown, Tabular
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
-class ColorComparison:
+class ColorComparison(Shown):
     """Color differences between measured and simulated patches, both through one color matrix.
 
     Parameters
@@ -142,7 +146,7 @@ class PatchDifferences(ABC):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Validation(PatchDifferences):
+class Validation(Tabular, PatchDifferences):
     """Measured frames against simulated frames.
 
     Parameters
@@ -162,6 +166,42 @@ class Validation(PatchDifferences):
     noise: ChiSquare
     temporal_noise: ChiSquare | None
     exposures_s: tuple[float | None, float | None]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw measured against simulated patch means on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_validation
+
+        return plot_validation(self, ax)
+
+    def _table(self) -> ResultTable:
+        tests = ", ".join(
+            f"{name} {test.p_text}"
+            for name, test in (("means", self.means), ("noise", self.noise), ("temporal noise", self.temporal_noise))
+            if test is not None
+        )
+        verdict = "agree" if self.agrees else "differ"
+        title = f"Validation: measured and simulated frames {verdict} ({tests})"
+        seen, made = self.measured, self.simulated
+        difference = 100.0 * self.relative_difference
+        rows = [
+            (
+                patch,
+                channel,
+                float(seen.mean_dn[i, k]),
+                float(made.mean_dn[i, k]),
+                None if difference[i, k] is np.ma.masked else float(difference[i, k]),
+                float(seen.spatial_noise_dn[i, k]),
+                float(made.spatial_noise_dn[i, k]),
+                bool(self.used[i, k]),
+            )
+            for i, patch in enumerate(seen.names)
+            for k, channel in enumerate(seen.channels)
+        ]
+        columns = ("measured_dn", "simulated_dn", "difference_percent", "measured_noise_dn", "simulated_noise_dn")
+        return ResultTable(title, ("patch", "channel", *columns, "used"), rows)
+
+    def _brief_table(self) -> ResultTable:
+        return self._table().only(("patch", "channel", "measured_dn", "simulated_dn", "difference_percent", "used"))
 
     @property
     def tests(self) -> tuple[ChiSquare, ...]:

@@ -9,6 +9,7 @@ from statistics import NormalDist
 from typing import Any
 
 from photosite.errors import CalibrationError
+from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95, Measured, Missing, Source, Uncertain, Value
 
 
@@ -148,7 +149,7 @@ Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(Shown):
     """One estimated parameter, or the reason why it is missing.
 
     Parameters

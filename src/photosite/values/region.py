@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.values.shown import Shown
 
 Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]
 """Four (row, col) in order around the shape, in pixels: pixel i covers i to i + 1."""
@@ -18,7 +19,7 @@ ROUNDING_PX = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class Region(Shown):
     """A rectangle of rows r0 to r1 and columns c0 to c1, r1 and c1 excluded.
 
     Raises
@@ -55,7 +56,7 @@ class Region:
 
 
 @dataclass(frozen=True, slots=True)
-class Quadrilateral:
+class Quadrilateral(Shown):
     """A quadrilateral, such as a square patch in perspective, in rows r0 to r1 and columns c0 to c1 (both excluded).
 
     Parameters

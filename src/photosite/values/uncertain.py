@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError, did_you_mean
+from photosite.values.shown import Shown
 
 COVERAGE_95 = 1.959963984540054
 """Half-width of a 95 % interval in standard uncertainties (normal distribution)."""
@@ -73,7 +74,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Uncertain:
+class Uncertain(Shown):
     """A value and, per independent source, its change per standard uncertainty of the source.
 
     Examples
@@ -239,7 +240,7 @@ def combined(values: Sequence[Uncertain], coefficients: Sequence[float] | NDArra
 
 
 @dataclass(frozen=True, eq=False)
-class JointCovariance:
+class JointCovariance(Shown):
     """The covariance of several results.
 
     - `names`, `matrix`: (n,) names of the results, and (n, n) covariance in their units.
@@ -275,7 +276,7 @@ class JointCovariance:
 
 
 @dataclass(frozen=True)
-class Missing:
+class Missing(Shown):
     """A result that could not be obtained, with the reason."""
 
     reason: str
@@ -301,7 +302,7 @@ def derive(function: Callable[..., Uncertain], *inputs: Value) -> Value:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(Shown):
     """A value with its standard uncertainty and source.
 
     Parameters

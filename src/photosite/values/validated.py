@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from photosite.errors import InputError, did_you_mean
+from photosite.values.shown import short_repr
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NonNegativeNumber = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
@@ -44,6 +45,17 @@ class Section(BaseModel):
     """Fields of a file: immutable, and without unknown fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    def __repr__(self) -> str:
+        return short_repr(self, {name: getattr(self, name) for name in type(self).model_fields})
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def __dir__(self) -> Iterable[str]:
+        fields = type(self).model_fields
+        names = (name for name in super().__dir__() if not name.startswith("_"))
+        return [name for name in names if name in fields or not hasattr(BaseModel, name)]
 
     @model_validator(mode="before")
     @classmethod

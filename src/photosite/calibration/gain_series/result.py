@@ -13,13 +13,20 @@ from photosite.calibration.gain_series.series_statistics import SettingScale
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
 from photosite.values.estimate import Estimate
+from photosite.values.shown import ResultTable, Shown, Tabular, clipped
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from photosite.sensor.model import Sensor
 
 
+_COLUMNS = ("system_gain_dn_per_e", "read_noise_e", "saturation_capacity_e", "dynamic_range_db")
+"""The parameters that the table of a series shows."""
+
+
 @dataclass(frozen=True)
-class GainStep:
+class GainStep(Shown):
     """One gain setting of a series and its calibration."""
 
     setting: float
@@ -27,7 +34,7 @@ class GainStep:
 
 
 @dataclass(frozen=True)
-class GainMode:
+class GainMode(Shown):
     """Settings with one conversion gain, and the two parts of their read noise: sigma_dn^2 = (pre_e K)^2 + post_dn^2.
 
     Parameters
@@ -59,7 +66,7 @@ class GainMode:
 
 
 @dataclass(frozen=True)
-class ConversionGainSwitch:
+class ConversionGainSwitch(Shown):
     """The setting at which the pixel switches to a higher conversion gain.
 
     Parameters
@@ -84,7 +91,7 @@ class ConversionGainSwitch:
 
 
 @dataclass(frozen=True)
-class GainSeries:
+class GainSeries(Tabular):
     """Result of `calibrate_series`.
 
     Parameters
@@ -144,6 +151,21 @@ class GainSeries:
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file with all gain settings. Raises as `sensor`, and `FileError` if it cannot be written."""
         self.sensor.save(path)
+
+    def plot(self, parameter: str = "read_noise_e", ax: Axes | None = None) -> Axes:
+        """Draw a parameter against the gain setting on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import plot_gain_series
+
+        return plot_gain_series(self, parameter, ax)
+
+    def _table(self) -> ResultTable:
+        switch = "none found" if self.switch is None else "between {:g} and {:g}".format(*self.switch.between)
+        title = f"GainSeries of {clipped(self.source, 40)}: switch of the conversion gain {switch}"
+        rows = [
+            (step.setting, *(getattr(step.calibration, name).value for name in _COLUMNS), step.calibration.frame_count)
+            for step in self.steps
+        ]
+        return ResultTable(title, ("setting", *_COLUMNS, "frames"), rows)
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write an HTML report of the series with tables and figures, as a single file.

@@ -18,6 +18,7 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import Cfa
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Region
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
 
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.array([-1.0, 1.0]) / np.sqrt(3.0), np.array([0.5, 0.5])
@@ -25,7 +26,7 @@ _GAUSS_NODES, _GAUSS_WEIGHTS = np.array([-1.0, 1.0]) / np.sqrt(3.0), np.array([0
 
 
 @dataclass(frozen=True, eq=False)
-class Passband:
+class Passband(Shown):
     """Spectrum of a band's light: linear between its entries, or a single line.
 
     Parameters
@@ -158,7 +159,7 @@ def band_matrix(bands: tuple[Passband, ...], *, beyond: Literal["level", "zero"]
 
 
 @dataclass(frozen=True, eq=False)
-class Photodiode:
+class Photodiode(Shown):
     """A calibrated photodiode, for readings in amperes.
 
     Parameters
@@ -184,7 +185,7 @@ class Photodiode:
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class Band(Shown):
     """Frames and photodiode reading of one band of light.
 
     Parameters
@@ -256,7 +257,7 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False)
-class SpectralFrames:
+class SpectralFrames(Shown):
     """A spectral measurement: bands, dark frames, and what they have in common.
 
     Parameters

@@ -17,10 +17,11 @@ from photosite.calibration.spectral.result import ChannelEfficiency, SpectralCal
 from photosite.calibration.spectral.smooth_prior import smooth_positive_estimate
 from photosite.errors import CalibrationError, InputError
 from photosite.sensor.model import Sensor
+from photosite.values.shown import Shown
 
 
 @dataclass(frozen=True, eq=False)
-class ChartViews:
+class ChartViews(Shown):
     """Signals of a chart's patches. A view is a patch under a light.
 
     Parameters

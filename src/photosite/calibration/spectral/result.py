@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.sensor.model import Channel, Sensor
+from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class BandReading:
+class BandReading(Shown):
     """One band of light: center, width, exposure time, and photons per m2 during the exposure."""
 
     name: str
@@ -29,7 +30,7 @@ class BandReading:
 
 
 @dataclass(frozen=True, eq=False)
-class ChannelEfficiency:
+class ChannelEfficiency(Shown):
     """Quantum efficiency of one channel, electrons per photon on the photodetector.
 
     Parameters
@@ -98,7 +99,7 @@ class ChannelEfficiency:
 
 
 @dataclass(frozen=True, eq=False)
-class SpectralCalibration:
+class SpectralCalibration(Shown):
     """Result of `calibrate_spectral` and `calibrate_chart`.
 
     Parameters

@@ -54,10 +54,9 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     EMVA 1288 R4.0, 6.5 and 6.6: photon transfer and linearity plots.
     """
     figure, upper, lower = two_panels(upper_share=2.6)
-    some = next(iter(curves.values()))
     drawn = {channel: _finite(curve) for channel, curve in curves.items()}
+    handles = draw_curves(upper, curves)
     for position, (channel, curve) in enumerate(drawn.items()):
-        _draw_points(upper, curve, channel, position)
         _draw_residuals(lower, curve, channel, position, residuals)
     lower.axhline(0.0, color=BLACK, linewidth=0.8)
     if residuals == "standard":
@@ -65,11 +64,21 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
             lower.axhline(limit, color=GRAY, linewidth=0.8, linestyle=":")
         reach = max(2.8, *(abs(limit) for limit in lower.get_ylim()))
         lower.set_ylim(-reach, reach)
-    upper.set_ylabel(some.y_label)
-    lower.set_xlabel(some.x_label)
+    lower.set_xlabel(upper.get_xlabel())
+    upper.set_xlabel("")
     lower.set_ylabel("residual (%)" if residuals == "percent" else "residual (std. unc.)")
+    return _with_legend(figure, handles)
+
+
+def draw_curves(axes: Axes, curves: Mapping[str, Curve]) -> list[Line2D]:
+    """Draw points and fitted line of each channel, and label the axes; return the entries of a legend."""
+    drawn = {channel: _finite(curve) for channel, curve in curves.items()}
+    some = next(iter(drawn.values()))
+    axes.set(xlabel=some.x_label, ylabel=some.y_label)
+    for position, (channel, curve) in enumerate(drawn.items()):
+        _draw_points(axes, curve, channel, position)
     hollow = None if all(curve.used.all() for curve in drawn.values()) else "not fitted"
-    return _with_legend(figure, channel_handles(list(drawn), "fitted", hollow))
+    return channel_handles(list(drawn), "fitted", hollow)
 
 
 def _with_legend(figure: Figure, handles: list[Line2D]) -> Figure:

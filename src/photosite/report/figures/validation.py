@@ -37,14 +37,14 @@ def patch_means_figure(validation: Validation, measured: str = "measured", simul
 
 
 def draw_patch_means(
-    upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
+    upper: Axes, lower: Axes | None, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
 ) -> None:
     """Draw measured against simulated means on the upper axes, and relative differences in percent on the lower.
 
     Parameters
     ----------
     upper, lower
-        Axes to draw on.
+        Axes to draw on; None: without the differences.
     validation
         The comparison. Saturated patches are omitted.
     filled
@@ -59,6 +59,8 @@ def draw_patch_means(
         x, y = made.mean_dn[which, k], seen.mean_dn[which, k]
         error_x, error_y = (COVERAGE_95 * found.standard_error_dn[which, k] for found in (made, seen))
         _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
+        if lower is None:
+            continue
         lit = x > 0
         half = 100.0 * np.hypot(error_x, error_y)[lit] / x[lit]
         known = half <= largest_bar

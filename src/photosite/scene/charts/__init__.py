@@ -28,3 +28,28 @@ from photosite.scene.charts.patterns import ramp as ramp
 from photosite.scene.charts.patterns import sinusoid as sinusoid
 from photosite.scene.charts.patterns import uniform as uniform
 from photosite.scene.charts.patterns import zone_plate as zone_plate
+
+__all__ = [
+    "MACBETH_NAMES",
+    "SG_NAMES",
+    "Chart",
+    "checkerboard",
+    "color_checker_sg",
+    "color_checker_sg_reflectance",
+    "dead_leaves",
+    "edge_star",
+    "frequency_sweep",
+    "hdr_patches",
+    "macbeth",
+    "macbeth_reflectance",
+    "macbeth_regions",
+    "point_grid",
+    "ramp",
+    "reflectance_chart",
+    "siemens_star",
+    "sinusoid",
+    "slanted_edge",
+    "uniform",
+    "zone_plate",
+]
+__dir__ = __all__.copy

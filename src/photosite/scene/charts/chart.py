@@ -19,6 +19,7 @@ from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, phot
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
 from photosite.values.region import Region
+from photosite.values.shown import Shown
 from photosite.values.validated import Validated
 
 P = ParamSpec("P")
@@ -37,7 +38,7 @@ Frequency = Annotated[float, Field(gt=0, le=0.5)]
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
+class Chart(Shown):
     """Reflectances on a plane, without a light.
 
     Parameters

@@ -1,0 +1,183 @@
+"""Plots of single objects on Matplotlib axes, as their `plot` methods return them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from photosite.calibration.gain_series.result import GainSeries
+from photosite.calibration.result import Calibration
+from photosite.color.spectrum import Spectrum
+from photosite.errors import InputError
+from photosite.metrics.snr import NoiseBudget
+from photosite.report.figures.response import draw_curves
+from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
+from photosite.report.figures.validation import draw_identity, draw_patch_means
+from photosite.report.style import BLUE, line_style, styled
+from photosite.sensor.model import Sensor
+from photosite.validation.result import Validation
+
+_WIDEST_PX = 1200
+"""Larger images are drawn from every n-th pixel."""
+
+
+def new_or_given(ax: Axes | None) -> Axes:
+    """Return the given axes, or those of a new figure of pyplot, which notebooks show."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    axes: Axes = pyplot.subplots()[1]
+    return axes
+
+
+@styled()
+def plot_calibration(calibration: Calibration, kind: str = "photon_transfer", ax: Axes | None = None) -> Axes:
+    """Draw one kind of curve of all channels, with the fitted lines."""
+    curves = {channel: found[kind] for channel, found in calibration.curves.items() if kind in found}
+    if not curves:
+        kinds = sorted({name for found in calibration.curves.values() for name in found})
+        raise InputError(
+            "kind", value=kind, expected=f"a curve of this calibration: {', '.join(kinds) or 'it has none'}"
+        )
+    axes = new_or_given(ax)
+    handles = draw_curves(axes, curves)
+    axes.legend(handles=handles)
+    axes.set_title(next(iter(curves.values())).title)
+    return axes
+
+
+@styled()
+def plot_gain_series(series: GainSeries, parameter: str = "read_noise_e", ax: Axes | None = None) -> Axes:
+    """Draw a parameter with 95 % intervals against the gain setting."""
+    from photosite.calibration.parameters import parameter_label
+
+    label = parameter_label(parameter)
+    entries = [(step.setting, getattr(step.calibration, parameter)) for step in series.steps]
+    known = [(setting, entry) for setting, entry in entries if entry.value is not None]
+    axes = new_or_given(ax)
+    values = np.array([entry.value for _, entry in known])
+    ends = np.array([entry.interval_95 for _, entry in known]).reshape(-1, 2)
+    bars = np.clip([values - ends[:, 0], ends[:, 1] - values], 0.0, None)
+    axes.errorbar([setting for setting, _ in known], values, bars, fmt="o-", color=BLUE, elinewidth=0.9)
+    axes.set(xlabel="gain setting", ylabel=f"{label.label} ({label.unit})")
+    if series.scale == "proportional":
+        axes.set_xscale("log")
+        axes.set_xticks(series.settings, [f"{setting:g}" for setting in series.settings])
+        axes.minorticks_off()
+    return axes
+
+
+@styled()
+def plot_sensor(sensor: Sensor, ax: Axes | None = None) -> Axes:
+    """Draw the quantum efficiency of each channel."""
+    axes = new_or_given(ax)
+    draw_spectral_sensitivity(axes, sensor)
+    axes.legend(title="channel")
+    axes.set_title(sensor.name)
+    return axes
+
+
+@styled()
+def plot_noise_budget(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
+    """Draw the signal-to-noise ratio against the signal, in total and by noise source."""
+    axes = new_or_given(ax)
+    draw_noise_budget(axes, budget)
+    axes.legend()
+    return axes
+
+
+@styled()
+def plot_validation(validation: Validation, ax: Axes | None = None) -> Axes:
+    """Draw measured against simulated patch means."""
+    axes = new_or_given(ax)
+    draw_patch_means(axes, None, validation)
+    if min(float(found.mean_dn[validation.used].min()) for found in (validation.measured, validation.simulated)) > 0:
+        axes.set(xscale="log", yscale="log")
+    draw_identity(axes)
+    axes.set(xlabel="patch mean above black, simulated (DN)", ylabel="measured (DN)")
+    axes.legend(title="channel")
+    return axes
+
+
+@styled()
+def plot_spectrum(spectrum: Spectrum, ax: Axes | None = None) -> Axes:
+    """Draw a spectrum."""
+    axes = new_or_given(ax)
+    axes.plot(spectrum.wavelength_nm, spectrum.values, color=BLUE)
+    axes.set(xlabel="wavelength (nm)", ylabel="value")
+    return axes
+
+
+@styled()
+def plot_lines(lines: Mapping[str, Sequence[tuple[float, float]]], x: str, y: str, ax: Axes | None = None) -> Axes:
+    """Draw lines of points by label; the axis of x is logarithmic over more than a decade, or made of texts."""
+    axes = new_or_given(ax)
+    for position, (label, points) in enumerate(lines.items()):
+        color, marker, style = line_style(position)
+        axes.plot(*zip(*points, strict=True), color=color, marker=marker, linestyle=style, label=label or None)
+    places = [place for points in lines.values() for place, _ in points]
+    if all(isinstance(place, int | float) for place in places) and 0 < 10 * min(places) < max(places):
+        axes.set_xscale("log")
+    axes.set(xlabel=x, ylabel=y)
+    if any(lines):
+        axes.legend()
+    return axes
+
+
+@styled()
+def plot_mosaic(dn: NDArray[np.uint16], ax: Axes | None = None) -> Axes:
+    """Draw the digital numbers of a frame as shades of gray."""
+    step = -(-max(dn.shape) // _WIDEST_PX)
+    axes = new_or_given(ax)
+    rows, cols = dn.shape
+    image = axes.imshow(dn[::step, ::step], cmap="gray", extent=(-0.5, cols - 0.5, rows - 0.5, -0.5))
+    _without_grid(axes, "column", "row")
+    axes.figure.colorbar(image, ax=axes, label="digital number")
+    return axes
+
+
+@styled()
+def plot_picture(picture: NDArray[np.float32], shape: tuple[int, int], ax: Axes | None = None) -> Axes:
+    """Draw a picture in display sRGB, with axes of `shape` rows and columns."""
+    axes = new_or_given(ax)
+    rows, cols = shape
+    axes.imshow(picture, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5))
+    _without_grid(axes, "column", "row")
+    return axes
+
+
+@styled()
+def plot_mtf(frequency_per_mm: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], ax: Axes | None) -> Axes:
+    """Draw MTFs, by label: the first along the columns, dashed the one along the rows."""
+    axes = new_or_given(ax)
+    for position, (label, both) in enumerate(curves.items()):
+        color = line_style(position)[0]
+        axes.plot(frequency_per_mm, both[0], color=color, label=label)
+        if not np.allclose(both[0], both[1], atol=1e-6):
+            axes.plot(frequency_per_mm, both[1], color=color, linestyle="--", label=f"{label}, vertical")
+    axes.set(xlabel="frequency (cycles/mm)", ylabel="modulation", ylim=(0.0, 1.02))
+    axes.set_xlim(left=0.0)
+    axes.legend()
+    return axes
+
+
+@styled()
+def plot_psf(psf: NDArray[np.float64], step_um: float, title: str, ax: Axes | None) -> Axes:
+    """Draw a PSF on a logarithmic scale of four decades."""
+    axes = new_or_given(ax)
+    half = 0.5 * step_um * psf.shape[0]
+    level = np.log10(np.maximum(psf / psf.max(), 1e-4))
+    image = axes.imshow(level, extent=(-half, half, half, -half), cmap="magma", vmin=-4.0, vmax=0.0)
+    _without_grid(axes, "x (µm)", "y (µm)")
+    axes.figure.colorbar(image, ax=axes, label="log10 of the intensity, relative to the peak")
+    axes.set_title(title)
+    return axes
+
+
+def _without_grid(axes: Axes, x_label: str, y_label: str) -> None:
+    axes.grid(visible=False)
+    axes.set(xlabel=x_label, ylabel=y_label)
