@@ -39,6 +39,7 @@ _MODULE_OF = {
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
+    "compare_sensors": "photosite.studies.sensor_comparison",
     "convert": "photosite.scene.io.formats",
     "load_camera": "photosite.camera.file",
     "load_optics": "photosite.optics.io.formats",
@@ -51,6 +52,8 @@ _MODULE_OF = {
     "read_raw": "photosite.frames.io.formats",
     "read_scene": "photosite.scene.io.formats",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
+    "snr": "photosite.studies.gray_surface",
+    "sweep": "photosite.studies.sweep",
     "validate": "photosite.validation.validate",
     "write_scene": "photosite.scene.io.formats",
 }
@@ -106,6 +109,9 @@ if TYPE_CHECKING:
     from photosite.sensor.io.sensor_file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor
     from photosite.studies.chart_spectral import open_chart as open_chart
+    from photosite.studies.gray_surface import snr as snr
+    from photosite.studies.sensor_comparison import compare_sensors as compare_sensors
+    from photosite.studies.sweep import sweep as sweep
     from photosite.validation.validate import validate as validate
     from photosite.values.uncertain import Measured as Measured
 

@@ -95,3 +95,17 @@ def test_new_asks_on_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert done.exit_code == 0
     sensor = ps.load_sensor(file)
     assert sensor.electrons(sensor.noise.read_noise_mv.value) == pytest.approx(2.4)
+
+
+def test_compare(photosite: Any, tmp_path: Path) -> None:
+    page = tmp_path / "sensors.html"
+    call = ("sensors", "compare", "nikon-d200", "vendor-2.2um", "--f-number", "4", "--exposure", "1/30")
+    shown = photosite(*call, "--report", page)
+    assert shown.out.splitlines()[0] == "Sensors at f/4, 1/30 s, illuminant 3200K"
+    assert [line.split()[0] for line in shown.out.splitlines()[2:4]] == ["nikon-d200", "vendor-2.2um"]
+    assert page.is_file()
+    content = photosite(*call, "--json").json
+    assert content["sensors"]["nikon-d200"]["snr10_lux"] < content["sensors"]["vendor-2.2um"]["snr10_lux"]
+    assert len(content["snr_db"]["nikon-d200"]) == len(content["luminance_cd_m2"])
+    assert photosite("sensors", "compare").status == 2
+    assert photosite("sensors", "compare", "nikon-d2000").status == 2

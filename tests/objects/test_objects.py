@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 from matplotlib.axes import Axes
-from object_instances import INSTANCES, base, calibration, camera, frames, lens, raw, scene, sensor, series, validation
+from object_instances import INSTANCES, base, calibration, frames, lens, raw, scene, sensor, series, validation
 from pydantic import BaseModel
 
 import photosite as ps
@@ -25,6 +25,10 @@ from photosite.frames.frame_set import FrameSource
 from photosite.values.uncertain import Source, Uncertain
 
 WAYS = {"pickle": lambda one: pickle.loads(pickle.dumps(one)), "copy": copy.copy, "deepcopy": copy.deepcopy}
+
+
+def plain_camera() -> ps.Camera:
+    return ps.Camera(ps.Lens(base(), veiling_glare=ps.VeilingGlare(0.1)), sensor())
 
 
 def fields(one: object) -> dict[str, Any]:
@@ -91,7 +95,7 @@ def test_pickles_and_copies(name: str, way: str) -> None:
 @pytest.mark.parametrize("way", WAYS)
 def test_copies_compute_the_same(way: str) -> None:
     again = WAYS[way]
-    shots = [one.capture(scene(), 0.01, seed=2) for one in (camera(), again(camera()))]
+    shots = [one.capture(scene(), 0.01, seed=2) for one in (plain_camera(), again(plain_camera()))]
     np.testing.assert_array_equal(*shots)
     fy, fx = np.array([0.0, 2e4]), np.array([3e4, 0.0])
     for name in ("PlanePsf", "TablePsf"):
@@ -112,7 +116,7 @@ def test_another_process_computes_the_same() -> None:
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         for name, make in INSTANCES.items():
             assert_same(make(), pool.apply(copy.copy, (make(),)), name)
-        np.testing.assert_array_equal(pool.apply(capture, (camera(),)), capture(camera()))
+        np.testing.assert_array_equal(pool.apply(capture, (plain_camera(),)), capture(plain_camera()))
 
 
 @pytest.mark.parametrize("name", INSTANCES)
@@ -181,13 +185,11 @@ TABLES = {
 
 @pytest.mark.parametrize("name", TABLES)
 def test_tables(name: str, monkeypatch: pytest.MonkeyPatch, read_page: Any) -> None:
-    one, (column, cell) = INSTANCES[name](), TABLES[name]
-    page = read_page()
-    page.feed(one._repr_html_())
-    page.close()
-    assert one._repr_html_().count("<tr>") <= 62
-    assert isinstance(one.to_dict(), dict)
     pandas = pytest.importorskip("pandas")
+    one, (column, cell) = INSTANCES[name](), TABLES[name]
+    page = read_page(one._repr_html_())
+    assert len(page.rows) - 1 == min(len(one.to_dataframe()), 60) + (len(one.to_dataframe()) > 60)
+    assert isinstance(one.to_dict(), dict)
     frame = one.to_dataframe()
     assert isinstance(frame, pandas.DataFrame)
     assert cell in set(frame[column])

@@ -178,5 +178,5 @@ def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[
 
     f = np.array(_FREQUENCIES_PER_MM) * 1e3
     zero = np.zeros(f.size)
-    rows, cols = (np.abs(otf_at(spread, *at, wavelength_nm, x_m=right_m)) for at in ((zero, f), (f, zero)))
+    rows, cols = (np.abs(otf_at(spread, fy, fx, wavelength_nm, x_m=right_m)) for fy, fx in ((zero, f), (f, zero)))
     return [(per_mm, float(x), float(y)) for per_mm, x, y in zip(_FREQUENCIES_PER_MM, rows, cols, strict=True)]

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from photosite.cli import options
 from photosite.cli.command import Group
 from photosite.cli.options import SENSOR_SUFFIXES, Whole, file_option, json_option
 from photosite.cli.output import show, table
@@ -224,3 +225,26 @@ def export(name: str, output: Path, as_json: bool) -> None:
     sensor = load_sensor(name)
     sensor.save(output)
     show(as_json, {"name": sensor.name}, lambda: sensor.name, sensor=output)
+
+
+@command.command("compare")
+@click.argument("names", metavar="NAME|FILE...", nargs=-1, required=True)
+@options.quantity("--f-number", unit="N", default=2.8, text="f-number of the common lens, without losses.")
+@options.exposure_option(text="Exposure time in s, such as 0.01 or 1/15.", default="1/15")
+@options.option("--illuminant", default="3200K", metavar="NAME", help=options.ILLUMINANT_HELP)
+@file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Page to write, .html or .pdf.")
+@json_option
+def compare(names: tuple[str, ...], as_json: bool, report: Path | None, **conditions: Any) -> None:
+    """Compare sensors behind the same lens: SNR against luminance, SNR10, dynamic range.
+
+    SNR10 is the illuminance on an 18 % gray chart at which a pixel's signal is 10 times its noise.
+
+    Example: photosite sensors compare nikon-d200 vendor-2.2um --report sensors.html
+    """
+    from photosite.sensor.io.sensor_file import load_sensor
+    from photosite.studies.sensor_comparison import compare_sensors
+
+    found = compare_sensors({name: load_sensor(name) for name in names}, **conditions)
+    if report is not None:
+        found.report(report)
+    show(as_json, found.to_dict(), lambda: repr(found), report=report)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.color.colorimetry import delta_e_76, delta_e_94, delta_e_2000
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
+from photosite.values.shown import Shown
 
 _EXAMPLE = {"white_balance": [2.0, 1.0, 1.5]}
 
@@ -91,7 +92,7 @@ def saturated_neighbourhood(raw: RawFrame) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, eq=False)
-class ColorMatrix:
+class ColorMatrix(Shown):
     """A fitted color matrix and its color errors.
 
     Parameters

@@ -284,7 +284,7 @@ class LensDesign(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class _Tabulated:
+class _Tabulated(Shown):
     """A function of wavelength, linear between tabulated values."""
 
     wavelength_nm: Array
@@ -295,7 +295,7 @@ class _Tabulated:
 
 
 @dataclass(frozen=True, eq=False)
-class _SampledMode:
+class _SampledMode(Shown):
     """The OTF of one mode, sampled at several wavelengths; linear in between."""
 
     wavelength_nm: Array

@@ -78,7 +78,7 @@ def sampled_psf(spread: PointSpread, wavelength_nm: float, at_m: tuple[float, fl
     step_m = 0.125 / cutoff_per_m(spread, wavelength_nm)
     reach_m = max(part.reach_m(wavelength_nm) for part in parts)
     size = min(_LARGEST_GRID, 1 << math.ceil(math.log2(2 * reach_m / step_m)))
-    frequency = np.fft.fftfreq(size, step_m)
+    frequency: Array = np.fft.fftfreq(size, step_m).astype(np.float64)
     otf = otf_at(spread, frequency[:, None], frequency[None, :], wavelength_nm, *at_m)
     psf = np.fft.fftshift(np.fft.ifft2(otf).real)
     distance = np.maximum(*np.abs(np.indices(psf.shape) - size // 2))

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Shown):
     """A function of wavelength with one value."""
 
     value: float

@@ -17,13 +17,14 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_pixels
 from photosite.values.cfa import channel_names
 from photosite.values.region import Patch
+from photosite.values.shown import Shown
 
 BY_CHANCE = 3.29
 """Correlation of the pixels, in standard deviations, beyond which it is not by chance: 1 of 2000 pairs of chips."""
 
 
 @dataclass(frozen=True, eq=False)
-class SharedNoise:
+class SharedNoise(Shown):
     """Covariances between the statistics of measured and simulated patches, (patches, channels) each.
 
     Frames of one chip share its fixed pattern, and frames of one seed their noise.
@@ -121,7 +122,7 @@ RelativeDifference = np.ma.MaskedArray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
-class ChiSquare:
+class ChiSquare(Shown):
     """A sum of squared standardized differences.
 
     The degrees of freedom, the number of differences less that of fitted parameters, are the expected sum for two equal

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import Selection, spatial_noise, temporal_noise
 from photosite.values.region import Corners
+from photosite.values.shown import Shown
 
 if TYPE_CHECKING:
     from photosite.validation.result import Validation
@@ -27,7 +28,7 @@ _APART = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class Scale(Shown):
     """The ratio of measured to simulated patches by channel, of the sums over the patches.
 
     The scatter is the relative root-mean-square deviation of a patch's ratio from that of its channel.

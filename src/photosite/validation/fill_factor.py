@@ -14,13 +14,14 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare, RelativeDifference, Selection, chi_square_of_means
+from photosite.values.shown import Shown
 
 FEWEST_PATCHES = 3
 """Fewer patches give no usable standard error."""
 
 
 @dataclass(frozen=True, slots=True)
-class ChannelFillFactor:
+class ChannelFillFactor(Shown):
     """The fill factor fitted to one channel, with its standard error."""
 
     value: float
@@ -28,7 +29,7 @@ class ChannelFillFactor:
 
 
 @dataclass(frozen=True, eq=False)
-class FillFactorFit:
+class FillFactorFit(Shown):
     """The fill factor fitted to patch means.
 
     Parameters

@@ -21,6 +21,7 @@ from photosite.color.spectrum import (
 )
 from photosite.errors import FileError, did_you_mean
 from photosite.scene.charts import macbeth_reflectance
+from photosite.values.shown import Shown
 
 _RADIANCE_PER_UNIT: dict[str, float | None] = {
     "spectral_irradiance_w_per_m2_nm": 1.0 / math.pi,
@@ -41,7 +42,7 @@ _SMOOTH = 0.01  # a spectrum is sampled if the RMS interpolation error is at mos
 
 
 @dataclass(frozen=True, eq=False)
-class Lamp:
+class Lamp(Shown):
     """The light on a chart.
 
     Parameters

@@ -23,6 +23,7 @@ from photosite.validation.agreement import (
 from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import PatchDifferences, compare_colors
+from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
 
 Unit = Literal["e", "dn"]
@@ -30,7 +31,7 @@ UNITS: dict[Unit, str] = {"e": "electrons", "dn": "DN above black"}
 
 
 @dataclass(frozen=True, eq=False)
-class PatchValues:
+class PatchValues(Shown):
     """Mean values of a chart's patches, as a tool gives them.
 
     Parameters

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.values.shown import Shown
 
 
 @dataclass(frozen=True, slots=True)
-class Coefficient:
+class Coefficient(Shown):
     """A fitted value with its standard error and its 95 % interval (Student's t)."""
 
     value: float
@@ -22,7 +23,7 @@ class Coefficient:
 
 
 @dataclass(frozen=True, slots=True)
-class Regression:
+class Regression(Shown):
     """Regression of measured on simulated over a number of points.
 
     `slope_through_origin` is that of measured = slope * simulated, the ratio of the two signals; `slope` and

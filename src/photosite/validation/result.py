@@ -97,7 +97,7 @@ def compare_colors(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PatchDifferences(ABC):
+class PatchDifferences(Shown, ABC):
     """What every comparison of two sets of patches holds.
 
     Parameters

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Source, Uncertain
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ _LEAST_SHAPE, _MOST_SHAPE = -0.45, 1.0
 
 
 @dataclass(frozen=True)
-class NoiseShape:
+class NoiseShape(Shown):
     """Shape of the distribution of temporal dark noise; normal noise has excess kurtosis 0 and shape `NORMAL_SHAPE`.
 
     Parameters

@@ -18,6 +18,7 @@ from photosite.engine.jit import threads_for
 from photosite.engine.map_statistics import add_residuals, line_sums
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Uncertain
 
 FALSE_ALARMS = 1e-3
@@ -204,7 +205,7 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class TemporalNoise:
+class TemporalNoise(Shown):
     """Frame-to-frame noise of a chip in the dark.
 
     Parameters

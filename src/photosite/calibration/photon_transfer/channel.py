@@ -30,6 +30,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 )
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
@@ -186,7 +187,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Shown):
     """Measured points and the straight line through them.
 
     Parameters
@@ -253,7 +254,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class LinearRange:
+class LinearRange(Shown):
     """The range of light in which a channel is taken as linear.
 
     Parameters

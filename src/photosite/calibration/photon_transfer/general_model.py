@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import NOT_REACHED
 from photosite.values.estimate import Estimate
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 Array = NDArray[np.float64]
@@ -21,7 +22,7 @@ LEAST_LEVELS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class GeneralModel:
+class GeneralModel(Shown):
     """One channel described by its characteristic curve, without assumptions on its shape or on the origin of noise.
 
     The noise of the output over the local slope of the characteristic curve is the noise of the input: the noise that

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.values.estimate import Estimate
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ LEAST_LEVELS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class LinearityFit:
+class LinearityFit(Shown):
     """A straight line through the response, and the deviations from it, in one of the definitions of `linearity`.
 
     Parameters
@@ -47,7 +48,7 @@ class LinearityFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearity:
+class Linearity(Shown):
     """The linearity of one channel.
 
     Parameters

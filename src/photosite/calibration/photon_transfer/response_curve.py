@@ -34,6 +34,7 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
 from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
 from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Source, Uncertain
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ _SMALL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class ResponseCurve:
+class ResponseCurve(Shown):
     """The response of one channel: electrons against signal.
 
     Parameters

@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import fit_response
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain
 
 
 @dataclass(frozen=True, eq=False)
-class SnrCurve:
+class SnrCurve(Shown):
     """Signal-to-noise ratio of one channel at each light level, and of the linear model.
 
     Parameters

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
+from photosite.values.shown import Shown
 
 
 @dataclass(frozen=True)
-class UsedFrame:
+class UsedFrame(Shown):
     """A frame that was used: where it is read from, and the sum of its digital numbers when it was used."""
 
     source: FrameSource

@@ -23,13 +23,14 @@ from photosite.calibration.spatial.nonuniformity import (
     spread_sample,
     strips,
 )
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class Profile(Shown):
     """Profile of a map along one direction (EMVA 1288 R4.0, 8.7).
 
     Parameters
@@ -78,7 +79,7 @@ def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrogram:
+class Spectrogram(Shown):
     """Mean power spectrum of the lines of a map (EMVA 1288 R4.0, 8.6; the plots show the square root of the power).
 
     Parameters
@@ -155,7 +156,7 @@ _QUARTILE = NormalDist().inv_cdf(0.75)
 
 
 @dataclass(frozen=True, eq=False)
-class Histogram:
+class Histogram(Shown):
     """Numbers of pixels by their deviation from the mean: signed, and accumulated by size (EMVA 1288 R4.0, 8.8).
 
     Parameters
@@ -257,7 +258,7 @@ def _counted(above: NDArray[np.floating], width: float, bins: int, grain: float 
 
 
 @dataclass(frozen=True, eq=False)
-class OutlierPixels:
+class OutlierPixels(Shown):
     """Pixels that deviate from the mean of their map by more than a threshold: candidates for a defect list.
 
     Parameters
@@ -335,7 +336,7 @@ def outlier_pixels(
 
 
 @dataclass(frozen=True)
-class OutlierThresholds:
+class OutlierThresholds(Shown):
     """Deviations from the mean beyond which pixels are listed as outliers; None selects `normal_threshold`.
 
     Parameters
@@ -349,7 +350,7 @@ class OutlierThresholds:
 
 
 @dataclass(frozen=True, eq=False)
-class FramePattern:
+class FramePattern(Shown):
     """The pattern of one channel in one mean frame.
 
     Parameters
@@ -387,7 +388,7 @@ class FramePattern:
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialAnalysis:
+class SpatialAnalysis(Shown):
     """Patterns of one channel in the dark and near half saturation (EMVA 1288 R4.0, 8.6 to 8.8)."""
 
     dark: FramePattern
@@ -401,7 +402,7 @@ class SpatialAnalysis:
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPlanes:
+class MeanPlanes(Shown):
     """A channel's mean frame, cut into one plane per site of the channel in the tile.
 
     Parameters

@@ -1,0 +1,130 @@
+"""The signal-to-noise ratio of an even gray surface, from the description of a camera, without frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.camera.camera import Camera
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM
+from photosite.errors import InputError
+from photosite.scene import charts
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.cfa import channel_sites
+from photosite.values.exposure import check_exposure
+
+Array = NDArray[np.float64]
+
+_STEP_NM = 10.0
+_FAR_M = 1e3
+
+
+def snr(
+    camera: Camera,
+    scene: Scene | None = None,
+    *,
+    luminance_cd_m2: float = 100.0,
+    exposure_s: float = 1 / 60,
+    illuminant: str | float = "D65",
+) -> dict[str, float]:
+    """Return the signal-to-noise ratio of one pixel that sees an even surface, for `sweep`.
+
+    The pixel is of the channel with the largest signal, on the optical axis. The noise is that of one frame: photons,
+    dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    scene
+        The light of the surface: the mean spectrum of a scene. None: a surface of `luminance_cd_m2` under `illuminant`.
+    luminance_cd_m2, illuminant
+        Luminance of the surface and its light, without a scene.
+    exposure_s
+        Exposure time.
+
+    Returns
+    -------
+    dict
+        `signal_e` and `noise_e` in electrons; `snr_db`, 20 log10 of their ratio, NaN for a saturated pixel.
+
+    Raises
+    ------
+    InputError
+        If the exposure time or the luminance is not above 0, or the illuminant is unknown.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> camera = ps.Camera(ps.DiffractionLimited(f_number=4, focal_length_mm=50), ps.load_sensor("nikon-d200"))
+    >>> {name: round(value, 1) for name, value in ps.snr(camera).items()}
+    {'signal_e': 6097.0, 'noise_e': 107.0, 'snr_db': 35.1}
+    """
+    time_s = check_exposure(exposure_s)
+    if scene is None:
+        if not (np.isfinite(luminance_cd_m2) and luminance_cd_m2 > 0):
+            raise InputError("luminance_cd_m2", value=luminance_cd_m2, expected="above 0")
+        rates = electron_rates(camera, illuminant) * luminance_cd_m2
+    else:
+        mean = scene.weights.mean(axis=(1, 2), dtype=np.float64) @ scene.basis
+        rates = _rates(camera, Scene.uniform(mean, scene.wavelength_nm, scene.distance_m))
+    signal_e = float(rates.max()) * time_s
+    noise_e = math.sqrt(float(total_variance_e2(camera.sensor, signal_e, time_s)))
+    saturated = signal_e > camera.sensor.saturation_capacity_e
+    ratio_db = math.nan if saturated or signal_e == 0 else 20.0 * math.log10(signal_e / noise_e)
+    return {"signal_e": signal_e, "noise_e": noise_e, "snr_db": ratio_db}
+
+
+def electron_rates(camera: Camera, illuminant: str | float = "D65") -> Array:
+    """Return (channels,) electrons per second of a pixel on the axis that sees a surface of 1 cd/m2."""
+    return _rates(camera, _surface(camera.sensor, illuminant))
+
+
+def _surface(sensor: Sensor, illuminant: str | float) -> Scene:
+    """Return an even field over all wavelengths that the sensor responds to, where the illuminant is known there."""
+    last = max(channel.wavelength_nm[-1] for channel in sensor.channels.values())
+    grid = np.arange(DEFAULT_WAVELENGTH_NM[0], max(last, DEFAULT_WAVELENGTH_NM[-1]) + 1.0, _STEP_NM)
+    try:
+        return charts.uniform(illuminant, 1.0, wavelength_nm=grid, distance_m=_FAR_M)
+    except InputError:
+        return charts.uniform(illuminant, 1.0, distance_m=_FAR_M)
+
+
+def _rates(camera: Camera, field: Scene) -> Array:
+    cfa = camera.sensor.array.cfa
+    tile = camera.sensor.with_(rows=len(cfa), cols=len(cfa[0]), maps=None)
+    mean = replace(camera, sensor=tile).mean_electrons(field, 1.0)
+    sites = [channel_sites(cfa, name) for name in camera.sensor.channel_names]
+    return np.array([np.mean([mean[site] for site in of_channel], dtype=np.float64) for of_channel in sites])
+
+
+def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) -> Array:
+    """Return the variance over the pixels of one frame of an even surface, in electrons squared.
+
+    Photons, dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200")
+    >>> (total_variance_e2(sensor, [0.0, 1e4], 0.0) ** 0.5).round(1)
+    array([ 25.3, 152.7])
+    """
+    signal = np.asarray(signal_e, np.float64)
+    noise = sensor.noise
+    dark_e = sensor.electrons(noise.dark_voltage_mv_per_s.value) * exposure_s
+    pattern = sensor.electrons(noise.dsnu_mv.value) ** 2 + (noise.dcnu_percent.value / 100.0 * dark_e) ** 2
+    response = (noise.prnu_percent.value / 100.0 * signal) ** 2
+    return np.asarray(signal + temporal_dark_variance_e2(sensor, exposure_s) + pattern + response)
+
+
+def temporal_dark_variance_e2(sensor: Sensor, exposure_s: float) -> float:
+    """Return the variance of a pixel without light from frame to frame, in electrons squared."""
+    dark_e = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * exposure_s
+    read_e = sensor.electrons(sensor.noise.read_noise_mv.value)
+    return dark_e + read_e**2 + QUANTISATION_DN2 / sensor.system_gain_dn_per_e**2

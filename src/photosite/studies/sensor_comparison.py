@@ -1,0 +1,318 @@
+"""Sensors behind the same lens: signal-to-noise ratio against luminance, SNR10 and dynamic range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from photosite.camera.camera import Camera
+from photosite.errors import InputError
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.report.page import Page, Paragraph, Section, Table, columns, figure_block, numeric
+from photosite.report.style import BLACK, GRAY, line_style, new_figure, styled
+from photosite.report.write import write_report
+from photosite.sensor.model import Sensor
+from photosite.studies.gray_surface import electron_rates, temporal_dark_variance_e2, total_variance_e2
+from photosite.values.exposure import check_exposure, format_exposure
+from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+SNR10_DB = 20.0
+GRAY_REFLECTANCE = 0.18
+"""Of the gray chart whose illuminance SNR10 is."""
+_POINTS = 200
+_LOWEST_DB = -10.0
+_FOCAL_LENGTH_MM = 50.0  # of no effect: the surface is far away
+
+
+@dataclass(frozen=True, eq=False)
+class SensorFacts(Tabular):
+    """One sensor under the conditions of a comparison.
+
+    Parameters
+    ----------
+    sensor
+        The sensor.
+    channel
+        The channel with the largest signal, which all ratios are of.
+    electrons_per_cd_m2
+        Electrons in the exposure time from a surface of 1 cd/m2.
+    exposure_s
+        Exposure time.
+    """
+
+    sensor: Sensor
+    channel: str
+    electrons_per_cd_m2: float
+    exposure_s: float
+
+    @property
+    def saturation_cd_m2(self) -> float:
+        """Luminance at which the pixel saturates."""
+        return self.sensor.saturation_capacity_e / self.electrons_per_cd_m2
+
+    def snr_db(self, luminance_cd_m2: Array) -> Array:
+        """Return the ratio of signal to total noise over the pixels of a frame, in dB; NaN above saturation."""
+        signal = luminance_cd_m2 * self.electrons_per_cd_m2
+        ratio = 20.0 * np.log10(signal / np.sqrt(total_variance_e2(self.sensor, signal, self.exposure_s)))
+        return np.where(luminance_cd_m2 <= self.saturation_cd_m2 * (1 + 1e-9), ratio, np.nan)
+
+    @property
+    def snr10_cd_m2(self) -> float | None:
+        """Luminance at which the ratio is 10; None if the pixel saturates or PRNU limits the ratio before."""
+        ratio2 = 10.0 ** (SNR10_DB / 10.0)
+        dark_e2 = float(total_variance_e2(self.sensor, 0.0, self.exposure_s))
+        square = 1.0 - ratio2 * (self.sensor.noise.prnu_percent.value / 100.0) ** 2
+        if square <= 0.0:
+            return None
+        signal = (ratio2 + math.sqrt(ratio2**2 + 4.0 * square * ratio2 * dark_e2)) / (2.0 * square)
+        luminance = signal / self.electrons_per_cd_m2
+        return luminance if luminance <= self.saturation_cd_m2 else None
+
+    @property
+    def snr10_lux(self) -> float | None:
+        """Illuminance on an 18 % gray chart at which the ratio is 10."""
+        return None if self.snr10_cd_m2 is None else self.snr10_cd_m2 * math.pi / GRAY_REFLECTANCE
+
+    @property
+    def snr_max_db(self) -> float:
+        """The ratio at saturation."""
+        return float(self.snr_db(np.array([self.saturation_cd_m2]))[0])
+
+    @property
+    def dynamic_range_db(self) -> float:
+        """Saturation capacity over the signal at which a pixel's ratio over time is 1 (EMVA 1288 R4.0), in dB."""
+        threshold_e = math.sqrt(temporal_dark_variance_e2(self.sensor, self.exposure_s) + 0.25) + 0.5
+        return 20.0 * math.log10(self.sensor.saturation_capacity_e / threshold_e)
+
+    def to_dict(self) -> dict[str, Cell]:
+        """Return the numbers of the table."""
+        sensor = self.sensor
+        peak = max(float(sensor.response(name)[1].max()) for name in sensor.channel_names)
+        return {
+            "name": sensor.name,
+            "channel": self.channel,
+            "pixel_width_um": sensor.pixel.width_um.value,
+            "quantum_efficiency_peak_percent": 100.0 * peak,
+            "electrons_per_cd_m2": self.electrons_per_cd_m2,
+            "saturation_capacity_e": sensor.saturation_capacity_e,
+            "read_noise_e": sensor.electrons(sensor.noise.read_noise_mv.value),
+            "dynamic_range_db": self.dynamic_range_db,
+            "snr_max_db": self.snr_max_db,
+            "snr10_cd_m2": self.snr10_cd_m2,
+            "snr10_lux": self.snr10_lux,
+            "saturation_cd_m2": self.saturation_cd_m2,
+        }
+
+    def _table(self) -> ResultTable:
+        return ResultTable(f"Sensor '{self.sensor.name}'", ("figure", "value"), list(self.to_dict().items()))
+
+
+@dataclass(frozen=True, eq=False)
+class SensorComparison(Tabular):
+    """Result of `compare_sensors`.
+
+    Parameters
+    ----------
+    sensors
+        By label.
+    luminance_cd_m2
+        (points,) of the curves, from a ratio of about 1 to the saturation of the last sensor.
+    f_number, exposure_s, illuminant
+        The conditions.
+    """
+
+    sensors: Mapping[str, SensorFacts]
+    luminance_cd_m2: Array
+    f_number: float
+    exposure_s: float
+    illuminant: str
+
+    @property
+    def conditions(self) -> str:
+        """The conditions in words."""
+        return f"f/{self.f_number:g}, {format_exposure(self.exposure_s)} s, illuminant {self.illuminant}"
+
+    def snr_db(self) -> dict[str, Array]:
+        """Return the curves (points,) by label, NaN above saturation."""
+        return {label: facts.snr_db(self.luminance_cd_m2) for label, facts in self.sensors.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return conditions, figures and curves as plain values; None above saturation."""
+        curves = {label: [x if math.isfinite(x) else None for x in y.tolist()] for label, y in self.snr_db().items()}
+        return {
+            "f_number": self.f_number,
+            "exposure_s": self.exposure_s,
+            "illuminant": self.illuminant,
+            "sensors": {label: facts.to_dict() for label, facts in self.sensors.items()},
+            "luminance_cd_m2": self.luminance_cd_m2.tolist(),
+            "snr_db": curves,
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the ratios against luminance on Matplotlib axes, new ones by default, and return them."""
+        from photosite.report.plots import new_or_given
+
+        axes = new_or_given(ax)
+        _draw(axes, self)
+        return axes
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write a page with figure and table: a PDF for the suffix .pdf, else HTML."""
+        write_report(comparison_page(self), path)
+
+    def _table(self) -> ResultTable:
+        names = tuple(_TITLES)
+        rows = [(label, *(facts.to_dict()[name] for name in names)) for label, facts in self.sensors.items()]
+        return ResultTable(f"Sensors at {self.conditions}", ("sensor", *names), rows)
+
+    def _brief_table(self) -> ResultTable:
+        brief = ("pixel_width_um", "saturation_capacity_e", "read_noise_e", "dynamic_range_db", "snr10_lux")
+        return self._table().only(("sensor", *brief))
+
+
+def compare_sensors(
+    sensors: Mapping[str, Sensor],
+    *,
+    f_number: float = 2.8,
+    exposure_s: float = 1 / 15,
+    illuminant: str | float = "3200K",
+) -> SensorComparison:
+    """Compare sensors behind the same lens, each by the channel with the largest signal.
+
+    Parameters
+    ----------
+    sensors
+        By label.
+    f_number, exposure_s, illuminant
+        The common conditions: f-number of a lens without losses, exposure time, light on an even, distant surface.
+
+    Raises
+    ------
+    InputError
+        If there are no sensors, or a condition is invalid.
+
+    Notes
+    -----
+    The ratio is that of one pixel of the raw frame, before demosaicing and color correction, with the whole noise of a
+    frame: photons, dark current, read noise, rounding, DSNU and PRNU. Values that makers call SNR10 often include a
+    color correction, which lowers the ratio.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> names = "vendor-2.2um", "vendor-1.4um"
+    >>> found = ps.compare_sensors({name: ps.load_sensor(name) for name in names})
+    >>> [round(facts.snr10_lux, 1) for facts in found.sensors.values()]
+    [310.9, 767.8]
+    """
+    if not sensors:
+        raise InputError("sensors", value=sensors, expected="at least one sensor by its label")
+    time_s = check_exposure(exposure_s)
+    lens = DiffractionLimited(f_number=f_number, focal_length_mm=_FOCAL_LENGTH_MM)
+    facts = {}
+    for label, sensor in sensors.items():
+        rates = electron_rates(Camera(lens, sensor), illuminant)
+        best = int(rates.argmax())
+        if not rates[best] > 0:
+            raise InputError("illuminant", value=illuminant, expected=f"light that sensor '{label}' responds to")
+        facts[label] = SensorFacts(sensor, sensor.channel_names[best], float(rates[best]) * time_s, time_s)
+    dark_e = {label: math.sqrt(float(total_variance_e2(f.sensor, 0.0, time_s))) for label, f in facts.items()}
+    lowest = min(0.3 * dark_e[label] / f.electrons_per_cd_m2 for label, f in facts.items())
+    grid = np.geomspace(lowest, max(f.saturation_cd_m2 for f in facts.values()), _POINTS)
+    return SensorComparison(facts, grid, float(f_number), time_s, f"{illuminant}")
+
+
+_TITLES = {
+    "channel": "Channel",
+    "pixel_width_um": "Pixel (µm)",
+    "quantum_efficiency_peak_percent": "Peak QE (%)",
+    "electrons_per_cd_m2": "Signal (e⁻ per cd/m²)",
+    "saturation_capacity_e": "Full well (e⁻)",
+    "read_noise_e": "Read noise (e⁻)",
+    "dynamic_range_db": "Dynamic range (dB)",
+    "snr_max_db": "Highest SNR (dB)",
+    "snr10_cd_m2": "SNR10 (cd/m²)",
+    "snr10_lux": "SNR10 (lux)",
+    "saturation_cd_m2": "Saturates at (cd/m²)",
+}
+
+
+def comparison_page(found: SensorComparison) -> Page:
+    """Return the comparison as a page."""
+    rows = tuple(
+        (title, *(_text(facts.to_dict()[name]) for facts in found.sensors.values())) for name, title in _TITLES.items()
+    )
+    table = Table(
+        f"At {found.conditions}, without losses in the lens",
+        columns("", *map(numeric, found.sensors)),
+        rows,
+    )
+    figure = figure_block(
+        comparison_figure(found),
+        "Signal-to-noise ratio of each sensor against the luminance of an even surface",
+        "Ratio of signal to total noise of one pixel. Curves end at saturation; points mark SNR10, a ratio of 10.",
+    )
+    sections = (
+        Section("Signal-to-noise ratio", (figure,)),
+        Section("Figures", (table,)),
+        Section("Definitions", tuple(Paragraph(text) for text in _WORDS)),
+    )
+    names = ", ".join(found.sensors)
+    lead = f"The same even surface seen through the same lens: {found.conditions}."
+    return Page(f"Comparison of {names}", lead, sections, "Computed from the sensor files; no frames were simulated.")
+
+
+_WORDS = (
+    "The ratio is that of one pixel of the raw frame, of the channel with the largest signal, before demosaicing and "
+    "color correction. The noise is that over the pixels of one frame: photons, dark current, read noise, rounding, "
+    "DSNU, dark current nonuniformity and PRNU.",
+    "SNR10 is the luminance of the surface at which the ratio is 10 (20 dB), and the illuminance on an 18 % gray chart "
+    "of that luminance, E = π L / 0.18. Makers who include a color correction report larger values.",
+    "The dynamic range is that of EMVA 1288 R4.0: saturation capacity over the signal at which the temporal ratio is "
+    "1. Signals assume a lens without losses.",
+    "Pixels of different sizes see different areas of the picture. Over the same area of the chip, the ratio of a "
+    "pixel of width w rises by 20 log10(W / w) dB when it is averaged to a width W.",
+)
+
+
+def _text(value: Cell) -> str:
+    if value is None:
+        return "not reached"
+    return cell_text(value)
+
+
+@styled()
+def comparison_figure(found: SensorComparison) -> Figure:
+    """Draw the ratios against luminance."""
+    figure, axes = new_figure(height_in=4.6)
+    _draw(axes, found)
+    return figure
+
+
+@styled()
+def _draw(axes: Axes, found: SensorComparison) -> None:
+    for position, (label, curve) in enumerate(found.snr_db().items()):
+        color, marker, line = line_style(position)
+        facts = found.sensors[label]
+        inside = found.luminance_cd_m2 < facts.saturation_cd_m2
+        x = np.append(found.luminance_cd_m2[inside], facts.saturation_cd_m2)
+        axes.plot(x, np.append(curve[inside], facts.snr_max_db), line, color=color, label=label)
+        if facts.snr10_cd_m2 is not None:
+            axes.plot([facts.snr10_cd_m2], [SNR10_DB], marker, color=color)
+    axes.axhline(SNR10_DB, color=GRAY, linewidth=0.8, linestyle=":")
+    axes.axhline(0.0, color=BLACK, linewidth=0.8)
+    axes.set(xscale="log", xlabel="luminance (cd/m²)", ylabel="signal-to-noise ratio (dB)")
+    axes.set_ylim(bottom=_LOWEST_DB)
+    axes.legend(loc="upper left")

@@ -1,0 +1,93 @@
+"""Sensors behind the same lens: closed forms, frames, the page and the table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+import photosite as ps
+from photosite.errors import InputError
+
+NAMES = ("nikon-d200", "vendor-2.2um")
+
+
+@pytest.fixture(scope="module")
+def found() -> Any:
+    return ps.compare_sensors({name: ps.load_sensor(name) for name in NAMES})
+
+
+def test_snr10_is_where_the_ratio_is_ten(found: Any) -> None:
+    for facts in found.sensors.values():
+        at = np.array([facts.snr10_cd_m2])
+        assert float(facts.snr_db(at)[0]) == pytest.approx(20.0, abs=1e-9)
+        assert facts.snr10_lux == pytest.approx(math.pi * at[0] / 0.18)
+    ordered = [facts.snr10_lux for facts in found.sensors.values()]
+    assert ordered == sorted(ordered)
+
+
+def test_snr10_of_a_sensor_without_dark_noise_is_that_of_100_electrons() -> None:
+    quiet = ps.load_sensor("vendor-2.2um").with_(read_noise_mv=0, dsnu_mv=0, prnu_percent=0, bits=16)
+    facts = ps.compare_sensors({"quiet": quiet}).sensors["quiet"]
+    assert facts.snr10_cd_m2 * facts.electrons_per_cd_m2 == pytest.approx(100.0, rel=1e-3)
+    assert facts.snr_max_db == pytest.approx(10 * math.log10(quiet.saturation_capacity_e), abs=1e-3)
+    # The threshold of EMVA 1288 for no dark noise but a little rounding is about one electron.
+    assert facts.dynamic_range_db == pytest.approx(20 * math.log10(quiet.saturation_capacity_e), abs=0.2)
+
+
+def test_limits_that_are_not_reached() -> None:
+    sensor = ps.load_sensor("vendor-2.2um")
+    patterned, shallow = sensor.with_(prnu_percent=15), sensor.with_(well_capacity_e=200)
+    found = ps.compare_sensors({"patterned": patterned, "shallow": shallow})
+    assert [facts.snr10_lux for facts in found.sensors.values()] == [None, None]
+    assert "not reached" in _page(found)
+
+
+def test_curves_end_at_saturation(found: Any) -> None:
+    curves = found.snr_db()
+    for label, facts in found.sensors.items():
+        known = np.isfinite(curves[label])
+        assert (found.luminance_cd_m2[known] <= facts.saturation_cd_m2 * (1 + 1e-9)).all()
+        assert (np.diff(curves[label][known]) > 0).all()
+    assert found.to_dict()["snr_db"]["nikon-d200"][-1] is None or found.to_dict()["snr_db"]["vendor-2.2um"][-1] is None
+    assert len(found.plot().get_lines()) == 2 * len(NAMES) + 2
+    pyplot.close("all")
+
+
+def test_a_monochrome_near_infrared_sensor_sees_sunlight() -> None:
+    channel = {"wavelength_nm": (400.0, 700.0, 1000.0), "quantum_efficiency": (0.5, 0.6, 0.2)}
+    mono = ps.load_sensor("vendor-2.2um").with_(cfa=(("M",),), channels={"M": channel})
+    sun, day = (ps.compare_sensors({"mono": mono}, illuminant=light).sensors["mono"] for light in ("sunlight", 5500.0))
+    assert sun.channel == "M"
+    assert sun.electrons_per_cd_m2 == pytest.approx(day.electrons_per_cd_m2, rel=0.2)
+
+
+def test_invalid_conditions() -> None:
+    sensor = ps.load_sensor("vendor-2.2um")
+    for options, what in (({"f_number": 0.1}, "f_number"), ({"exposure_s": 0}, "exposure_s")):
+        with pytest.raises(InputError) as caught:
+            ps.compare_sensors({"a": sensor}, **options)
+        assert caught.value.what == what
+    with pytest.raises(InputError) as caught:
+        ps.compare_sensors({})
+    assert caught.value.what == "sensors"
+
+
+def _page(found: Any) -> str:
+    from photosite.report.write import render_page
+    from photosite.studies.sensor_comparison import comparison_page
+
+    return render_page(comparison_page(found))
+
+
+def test_report_is_a_page(found: Any, tmp_path: Path, read_page: Any) -> None:
+    found.report(tmp_path / "sensors.html")
+    text = (tmp_path / "sensors.html").read_text(encoding="utf-8")
+    page = read_page(text)
+    assert all(name in text for name in NAMES)
+    assert len(page.images("image/svg+xml")) == 1
+    assert [row[0] for row in page.rows][-1] == "Saturates at (cd/m²)"
