@@ -87,7 +87,7 @@ def test_tables(series: GainSeries) -> None:
     assert rows[0][1] == "0.1000 ± 0.0010"  # type: ignore[index]
     low, high = modes_table(series).rows
     assert low == ("100 to 200", "6.00 ± 0.10", "1.500 ± 0.020", "1.30 / 1", "0.4")
-    assert "(< 1.00)" in high[2]  # type: ignore[index]
+    assert high[2] == "< 1.0"  # type: ignore[index]
 
 
 def test_warnings_rejected_frames_and_digests_of_each_setting(series: GainSeries) -> None:
@@ -108,6 +108,12 @@ def test_warnings_rejected_frames_and_digests_of_each_setting(series: GainSeries
     assert "SHA-256" in html
 
 
+def test_digests_of_each_setting_are_beside_the_pdf(series: GainSeries, tmp_path: Path) -> None:
+    series.report(tmp_path / "iso.pdf")
+    tables = [f"iso.gain{setting:g}.frames.csv" for setting in SETTINGS]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["iso.pdf", *tables])
+
+
 def test_figure_draws_the_model(series: GainSeries) -> None:
     """The line of the low conversion gain is sqrt(pre^2 + (post / K)^2) in electrons, at both ends."""
     noise, gain = gain_series_figure(series).axes
@@ -120,6 +126,10 @@ def test_figure_draws_the_model(series: GainSeries) -> None:
         k = np.array(GAIN[part])
         np.testing.assert_allclose(y[[0, -1]], np.sqrt(pre**2 + np.sign(post) * (post / k) ** 2), rtol=1e-9)
     assert noise.get_xscale() == gain.get_yscale() == "log"
+    for axes in (noise, gain):
+        labels = [label.get_text() for label in axes.get_yticklabels(which="both")]
+        assert {"0.2", "2"} & set(labels)
+        assert not any("10^" in label or "×" in label for label in labels), "one notation"
     texts = [text.get_text() for text in gain.figure.legends[0].get_texts()]
     assert texts[:2] == ["low conversion gain", "high conversion gain"]
 

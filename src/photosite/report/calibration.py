@@ -122,8 +122,8 @@ def rejected_blocks(calibration: Calibration) -> tuple[Block, ...]:
     return (Details(title, (Listing(calibration.rejected),)),)
 
 
-def provenance_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return the source, the frames used and their digests."""
+def provenance_blocks(calibration: Calibration, beside: str = "frames") -> tuple[Block, ...]:
+    """Return the source, the frames used and their digests, which a PDF has in the file `beside` (`Table.beside`)."""
     folder, names = _without_folder([frame.name for frame in calibration.frames_used])
     place = f" Folder of the frames: {folder}." if folder else ""
     opened = Paragraph(f"Measurement: {calibration.source}.{place}")
@@ -133,7 +133,7 @@ def provenance_blocks(calibration: Calibration) -> tuple[Block, ...]:
     except FileError as error:
         reason = Notice(f"No digests of the frames: {error}.", warning=True)
         return opened, reason, Details(title, (Listing(tuple(names), code=True),))
-    table = Table(_DIGESTS, columns("Frame", "SHA-256"), tuple(zip(names, digests, strict=True)), "frames")
+    table = Table(_DIGESTS, columns("Frame", "SHA-256"), tuple(zip(names, digests, strict=True)), beside)
     return opened, Details(f"{title}, with their digests", (table,))
 
 

@@ -80,7 +80,8 @@ def _warning_blocks(series: GainSeries) -> tuple[Block, ...]:
 
 
 def _provenance_blocks(step: GainStep) -> tuple[Block, ...]:
-    return Subheading(f"Gain setting {step.setting:g}"), *provenance_blocks(step.calibration)
+    blocks = provenance_blocks(step.calibration, f"gain{step.setting:g}.frames")
+    return Subheading(f"Gain setting {step.setting:g}"), *blocks
 
 
 def settings_table(series: GainSeries) -> Table:
@@ -102,7 +103,7 @@ def modes_table(series: GainSeries) -> Table:
         parts = (mode.pre_amplifier_noise_e, mode.post_amplifier_noise_dn)
         texts = [
             format_estimate(part)
-            + (f" (< {format_number(part.upper_limit_95, 3)})" if part.upper_limit_95 is not None else "")
+            + (f" (< {format_number(limit, 2)})" if (limit := part.upper_limit_95) and (part.value or 0) >= 0 else "")
             + (f": {part.reason}" if part.reason else "")
             for part in parts
         ]
