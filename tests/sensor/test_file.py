@@ -8,9 +8,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from raising import raises
+from ruamel.yaml import YAML
 
 from photosite.errors import FileError, InputError
 from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor, preset_names
@@ -179,6 +181,14 @@ def test_unknown_presets(name: str) -> None:
 
 def test_schema_describes_the_file() -> None:
     schema = json.loads(json.dumps(Sensor.model_json_schema()))
+    validator = jsonschema.Draft202012Validator(schema)
+    validator.check_schema(schema)
+    for name in preset_names():
+        assert not list(validator.iter_errors(YAML(typ="safe").load(dump_sensor(load_sensor(name))))), name
+    for section, field in (("noise", "dsnu_e"), ("readout", "system_gain_e_per_dn"), ("pixel", "pitch_um")):
+        incomplete = YAML(typ="safe").load(dump_sensor(load_sensor("sony-imx174")))
+        del incomplete[section][field]
+        assert list(validator.iter_errors(incomplete)), field
     assert set(schema["required"]) == {"name", "array", "pixel", "channels", "noise", "readout"}
     assert schema["$defs"]["Noise"]["properties"]["read_noise_mv"]["anyOf"][0] == {"type": "number"}
 

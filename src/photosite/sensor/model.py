@@ -16,6 +16,7 @@ from pydantic import (
     GetJsonSchemaHandler,
     PrivateAttr,
     ValidationError,
+    WithJsonSchema,
     model_validator,
 )
 from pydantic_core import CoreSchema
@@ -45,7 +46,7 @@ from photosite.sensor.quantity import (
     about,
     check_length,
 )
-from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names, tile_text
+from photosite.values.cfa import MONOCHROME, NAMED, Cfa, cfa_from, channel_names, tile_text
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Measured
 from photosite.values.validated import NonNegativeNumber, Number, Section, input_error
@@ -61,6 +62,9 @@ _PRINCIPAL = (
     *("read_noise_mv", "dsnu_mv", "prnu_percent", "analog_gain", "black_level_dn"),
 )
 """The values that `repr` shows."""
+_CFA_SCHEMA = {
+    "anyOf": [{"enum": list(NAMED)}, {"type": "array", "items": {"type": "array", "items": {"type": "string"}}}]
+}
 
 
 class Array(Section):
@@ -68,7 +72,7 @@ class Array(Section):
 
     rows: int = about("Rows of the active array.", "pixels", 2048, gt=0, le=65_536, strict=True)
     cols: int = about("Columns of the active array.", "pixels", 2448, gt=0, le=65_536, strict=True)
-    cfa: Annotated[Cfa, BeforeValidator(cfa_from)] = about(
+    cfa: Annotated[Cfa, BeforeValidator(cfa_from), WithJsonSchema(_CFA_SCHEMA)] = about(
         "Tile of the color filter array from the top left pixel: rows of channel names, or a name: rggb, mono, ...",
         NO_UNIT,
         [["R", "G"], ["G", "B"]],
@@ -348,7 +352,8 @@ class Sensor(Tabular, Section):
             choices = choices_of(section)
             optional = {*GAINS, *(name for names in choices for name in names)}
             part["required"] = [name for name in part["required"] if name not in optional]
-            part["allOf"] = [{"anyOf": [{"required": [name]} for name in names]} for names in choices]
+            if choices:
+                part["allOf"] = [{"anyOf": [{"required": [name]} for name in names]} for names in choices]
         setting = handler.resolve_ref_schema(schema["properties"]["gain_settings"]["items"])
         setting["required"] = ["setting"]
         for _, units in SECTIONS.values():
