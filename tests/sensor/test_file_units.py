@@ -166,6 +166,13 @@ def test_changed_files_keep_units_and_comments() -> None:
     assert again.measured("read_noise_mv").value == pytest.approx(quiet.measured("read_noise_mv").value, rel=1e-9)
 
 
+def test_pixels_that_are_no_longer_square() -> None:
+    sensor = parse_sensor(FILE, "mine.yaml").with_(height_um=6.9)
+    again = parse_sensor(dump_sensor(sensor), "x")
+    assert (again.pixel.width_um.value, again.pixel.height_um.value) == (3.45, 6.9)
+    assert "pitch_um" not in dump_sensor(sensor)
+
+
 def test_correlations_in_both_units() -> None:
     """A read noise that was measured in volts is correlated with the system gain when it is written in electrons."""
     sensor = parse_sensor(FILE, "mine.yaml")

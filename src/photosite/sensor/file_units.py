@@ -396,6 +396,8 @@ def stated_names(names: Set[str], values: Stated) -> list[str]:
 
     A value keeps its units. Gains that follow from the system gain are left out.
     """
+    if values.get("width_um") != values.get("height_um"):
+        names = names - {"pitch_um"}
     gains = [name for name in (DN_PER_E, E_PER_DN) if name in names]
     implied: set[str] = set()
     if gains:
