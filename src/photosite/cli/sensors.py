@@ -195,8 +195,9 @@ def _ask(given: dict[str, Any]) -> None:
         raise click.UsageError(f"missing options: {', '.join(options[name].opts[0] for name in required)}")
     for name in required:
         option = options[name]
-        text = (getattr(option, "help", "") or "").rstrip(".")
-        given[name] = click.prompt(text, type=option.type, err=True)
+        text, _, rest = (getattr(option, "help", "") or "").rstrip(".").partition(". ")
+        unit = rest.partition("Unit: ")[2]
+        given[name] = click.prompt(f"{text} ({unit})" if unit else text, type=option.type, err=True)
 
 
 def _is_terminal() -> bool:
