@@ -196,7 +196,7 @@ def test_tables(name: str, monkeypatch: pytest.MonkeyPatch, read_page: Any) -> N
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(InputError) as caught:
         one.to_dataframe()
-    assert "photosite[dataframe]" in (caught.value.hint or "")
+    assert "[dataframe]" in (caught.value.hint or "")
 
 
 def test_data_frames_hold_the_values() -> None:

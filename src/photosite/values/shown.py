@@ -184,7 +184,7 @@ class ResultTable:
         try:
             from pandas import DataFrame
         except ImportError:
-            hint = "Run pip install 'photosite[dataframe]', or use to_dict()"
+            hint = "Run pip install '.[dataframe]' in the clone, or use to_dict()"
             raise InputError("a data frame needs pandas, which is not installed", hint=hint) from None
         return DataFrame(self.to_dict())
 
@@ -234,6 +234,6 @@ class Tabular(Shown):
         Raises
         ------
         InputError
-            If pandas is not installed: `pip install 'photosite[dataframe]'`.
+            If pandas, the extra `dataframe`, is not installed.
         """
         return self._table().to_dataframe()
