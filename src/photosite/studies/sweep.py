@@ -19,7 +19,7 @@ from photosite.camera.camera import Camera
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.scene import Scene
 from photosite.studies.gray_surface import snr
-from photosite.values.shown import Cell, ResultTable, Tabular
+from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,10 +91,10 @@ class Sweep(Tabular):
         from photosite.report.plots import plot_lines
 
         x, y = x or self.fields[0], y or self.measured[-1]
-        others = [name for name in self.fields if name != x]
         lines: dict[str, list[tuple[float, float]]] = {}
-        for number, point in enumerate(zip(self[x].tolist(), self[y].tolist(), strict=True)):
-            label = ", ".join(f"{name} {self[name].tolist()[number]}" for name in others)
+        for row, point in zip(self.rows, zip(self[x].tolist(), self[y].tolist(), strict=True), strict=True):
+            settings = zip(self.fields, row, strict=False)
+            label = ", ".join(f"{name} {cell_text(value)}" for name, value in settings if name != x)
             lines.setdefault(label, []).append(point)
         return plot_lines(lines, x, y, ax)
 
