@@ -184,6 +184,33 @@ def test_metadata_of_the_dng(photosite: Any, tmp_path: Path) -> None:
         np.testing.assert_allclose((table[:, 0] / table[:, 1]).reshape(3, 3)[order], expected, atol=1e-6)
 
 
+def test_a_preview_of_rgbw_has_colors(photosite: Any, tmp_path: Path) -> None:
+    """Clear pixels, here the sum of the others, keep the colors: within 0.08 of those of a Bayer mosaic."""
+    bayer = ps.load_sensor("nikon-d200").with_(black_level_dn=64)
+    channels = {name: channel.model_dump() for name, channel in bayer.channels.items()}
+    clear = np.sum([channel["quantum_efficiency"] for channel in channels.values()], axis=0)
+    channels["W"] = {**channels["G"], "quantum_efficiency": tuple(np.minimum(clear, 1.0).tolist())}
+    tile = [list(row) for row in ("WRWG", "RWGW", "WGWB", "GWBW")]
+    pictures = []
+    for name, sensor in (("bayer", bayer), ("rgbw", bayer.with_(cfa=tile, channels=channels))):
+        sensor.save(tmp_path / f"{name}.sensor.yaml")
+        shot = ("--sensor", tmp_path / f"{name}.sensor.yaml", "--rows", 132, "--cols", 196, "--exposure", "auto")
+        files = ("-o", tmp_path / f"{name}.h5", "--preview", tmp_path / f"{name}.png")
+        assert photosite("simulate", *shot, "--illuminant", "D65", *files).status == 0
+        with Image.open(tmp_path / f"{name}.png") as picture:
+            pixels = np.asarray(picture)[6:126, 4:192] / 255
+        pictures.append(
+            np.array(
+                [
+                    [pixels[r + 6 : r + 22, c + 6 : c + 22].mean(axis=(0, 1)) for c in range(0, 188, 32)]
+                    for r in range(0, 120, 32)
+                ]
+            )
+        )
+    assert np.ptp(pictures[0], axis=-1).max() > 0.4
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=0.08)
+
+
 def test_a_color_filter_array_that_dng_does_not_hold(photosite: Any, tmp_path: Path) -> None:
     quad = [list(row) for row in ("RRGG", "RRGG", "GGBB", "GGBB")]
     sensor = ps.load_sensor("nikon-d200").with_(cfa=quad, black_level_dn=64)

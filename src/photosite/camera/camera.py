@@ -401,8 +401,8 @@ def color_matrix(sensor: Sensor, illuminant_name: str = "D65") -> NDArray[np.flo
     Returns
     -------
     ndarray or None
-        (channels, 3) in the order of the sensor's channels; None if these are fewer than three, or if their responses
-        are linearly dependent.
+        (channels, 3) in the order of the sensor's channels; None if fewer than three of these are linearly
+        independent.
 
     Examples
     --------
@@ -423,7 +423,7 @@ def _color_matrix(responses: tuple[tuple[float, ...], ...], illuminant_name: str
     light = photons_from_energy(illuminant(illuminant_name, grid), grid)
     patches = macbeth_reflectance(grid) * light
     camera = patches @ (np.array(responses) * integration_weights(grid)).T
-    if np.linalg.matrix_rank(camera) < len(responses):
+    if np.linalg.matrix_rank(camera) < 3:
         return None
     white = xyz(light, grid)
     to_xyz, *_ = np.linalg.lstsq(camera, xyz(patches, grid) / white[1], rcond=None)
