@@ -312,6 +312,7 @@ def test_a_measured_sensor_is_never_named_after_a_preset(calibration):
     preset = load_sensor("nikon-d200")
     measured = replace(calibration, base=preset, source="shots/camera7").sensor
     assert measured.name == "camera7"
+    assert replace(calibration, base=preset, source="shots/camera7/protocol.yaml").sensor.name == "camera7"
     assert "#" not in dump_sensor(measured)  # comments of the preset do not apply
     assert replace(calibration, base=preset.with_(name="Mine")).sensor.name == "Mine"
 

@@ -29,7 +29,7 @@ _MEASURED_FIELDS = (
 def measured_sensor(calibration: Calibration) -> Sensor:
     """Return the base sensor with the measured values in place of the assumed ones.
 
-    A base that is a preset lends its values, and not its name: the sensor is named after the folder or file of frames.
+    A base that is a preset does not give its name: the sensor is named after the folder or file of the frames.
     Parameters that could not be estimated keep their value. A negative estimate of a noise or nonuniformity is written
     as 0 with its uncertainty, because a sensor file cannot hold a negative one; its source states the estimate.
 
@@ -63,7 +63,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         uncertain["well_capacity_e"] = well.uncertain
     joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
     if base.is_preset:
-        base = base.with_(name=Path(calibration.source).stem)
+        base = base.with_(name=_name_of_frames(calibration.source))
     # The values in volts are those at the base's analog gain, so the base stays at its own setting.
     measured_at = base.gain_setting if calibration.gain_setting is None else calibration.gain_setting
     base = base.with_(gain_settings=(), gain_setting=measured_at)
@@ -80,6 +80,12 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         frames_sha256=calibration.frames_sha256,
         maps=None,  # `save_measured_sensor` adds the maps of this measurement
     )
+
+
+def _name_of_frames(source: str) -> str:
+    """Return the name of the folder or file that frames are in; a protocol or descriptor lies beside them."""
+    path = Path(source).absolute()
+    return path.parent.name if path.suffix.lower() in (".yaml", ".yml", ".txt") else path.stem
 
 
 def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
