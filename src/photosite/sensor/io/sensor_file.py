@@ -80,7 +80,10 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     names = preset_names()
     if text not in names:
         expected = "a preset or a file with the suffix .yaml"
-        raise InputError("sensor", value=text, expected=expected, hint=did_you_mean(text, names))
+        similar = did_you_mean(text, names)
+        hint = f"Presets are {', '.join(names)}"
+        hint = f"{similar} {hint}" if similar.endswith("?") else hint
+        raise InputError("sensor", value=text, expected=expected, hint=hint)
     return _load_preset(text)
 
 
