@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,6 +105,7 @@ def command(
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
     Example: photosite simulate --exposure auto --frames 8 --clean clean.tif -o noisy.tif
     """
+    from photosite.files.writing import date_of_files
     from photosite.frames.io.clean_mosaic import write_clean_mosaic
 
     set_up = _set_up(camera_file, given)
@@ -119,7 +119,7 @@ def command(
     per_second = camera.mean_electrons(scene, 1.0, progress=Stages())
     time_s = camera.auto_exposure_s(per_second) if isinstance(time_s, str) else time_s
     mean = per_second * np.float32(time_s)
-    taken = datetime.now().isoformat(timespec="seconds")
+    taken = date_of_files().replace(tzinfo=None).isoformat(timespec="seconds")
     progress = Stages()
     for number, path in enumerate(paths):
         raw = camera.expose(mean, time_s, seed=seed, frame=number, scene=scene)

@@ -10,6 +10,7 @@ import tempfile
 import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -257,3 +258,19 @@ class FolderLock:
                 raise FileError(folder, what, hint=hint) from None
             raise FileError(folder, f"the folder cannot be locked: {error}", hint="Use another folder") from None
         return database
+
+
+def date_of_files() -> datetime:
+    """Return the date for files: now, or the seconds since 1970 in SOURCE_DATE_EPOCH, so that equal files are equal.
+
+    References
+    ----------
+    reproducible-builds.org, SOURCE_DATE_EPOCH specification.
+
+    Examples
+    --------
+    >>> date_of_files().tzinfo
+    datetime.timezone.utc
+    """
+    stated = os.environ.get("SOURCE_DATE_EPOCH")
+    return datetime.now(UTC) if stated is None else datetime.fromtimestamp(int(stated), UTC)

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import io
 import logging
-import os
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ from fpdf.fonts import FontFace
 from fpdf.util import Padding
 from PIL import Image as Picture
 
+from photosite.files.writing import date_of_files
 from photosite.report.page import (
     Block,
     Details,
@@ -79,8 +78,7 @@ class _Document(FPDF):
     def __init__(self, page: Page, stem: str) -> None:
         super().__init__(format="A4")
         self._stem = stem
-        stated = os.environ.get("SOURCE_DATE_EPOCH")  # reproducible-builds.org
-        self.set_creation_date(datetime.now(UTC) if stated is None else datetime.fromtimestamp(int(stated), UTC))
+        self.set_creation_date(date_of_files())
         logging.getLogger("fontTools").setLevel(logging.ERROR)
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
         self.add_font("text", "", fonts / "DejaVuSans.ttf")
