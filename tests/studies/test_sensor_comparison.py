@@ -59,7 +59,7 @@ def test_curves_end_at_saturation(found: Any) -> None:
 
 
 def test_a_monochrome_near_infrared_sensor_sees_sunlight() -> None:
-    channel = {"wavelength_nm": (400.0, 700.0, 1000.0), "quantum_efficiency": (0.5, 0.6, 0.2)}
+    channel = {"wavelength_nm": (355.0, 700.0, 1000.0), "quantum_efficiency": (0.5, 0.6, 0.2)}
     mono = ps.load_sensor("vendor-2.2um").with_(cfa=(("M",),), channels={"M": channel})
     sun, day = (ps.compare_sensors({"mono": mono}, illuminant=light).sensors["mono"] for light in ("sunlight", 5500.0))
     assert sun.channel == "M"

@@ -47,7 +47,7 @@ _LINES: tuple[tuple[str, str, LineStyle], ...] = (
     (GREEN, "^", "-."),
     (PURPLE, "v", ":"),
     (ORANGE, "D", "-"),
-    (BLACK, "P", "--"),
+    (GRAY, "P", "--"),
 )
 
 WIDTH_IN = 7.0
@@ -135,10 +135,12 @@ def line_style(position: int) -> tuple[str, str, LineStyle]:
 
     Examples
     --------
-    >>> line_style(0) == line_style(6), line_style(0) == line_style(1)
-    (True, False)
+    >>> len({line_style(position) for position in range(24)})
+    24
     """
-    return _LINES[position % len(_LINES)]
+    color, marker, _ = _LINES[position % len(_LINES)]
+    style = _LINES[(position + position // len(_LINES)) % 4][2]
+    return color, marker, style
 
 
 def svg_bytes(figure: Figure, below: str | None = None) -> bytes:

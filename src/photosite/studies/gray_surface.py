@@ -87,8 +87,10 @@ def electron_rates(camera: Camera, illuminant: str | float = "D65") -> Array:
 
 def _surface(sensor: Sensor, illuminant: str | float) -> Scene:
     """Return an even field over all wavelengths that the sensor responds to, where the illuminant is known there."""
-    last = max(channel.wavelength_nm[-1] for channel in sensor.channels.values())
-    grid = np.arange(DEFAULT_WAVELENGTH_NM[0], max(last, DEFAULT_WAVELENGTH_NM[-1]) + 1.0, _STEP_NM)
+    first = min(DEFAULT_WAVELENGTH_NM[0], *(channel.wavelength_nm[0] for channel in sensor.channels.values()))
+    last = max(DEFAULT_WAVELENGTH_NM[-1], *(channel.wavelength_nm[-1] for channel in sensor.channels.values()))
+    steps = math.ceil((last - first) / _STEP_NM)
+    grid = first + _STEP_NM * np.arange(steps + 1)
     try:
         return charts.uniform(illuminant, 1.0, wavelength_nm=grid, distance_m=_FAR_M)
     except InputError:

@@ -282,6 +282,8 @@ _WORDS = (
     "of that luminance, E = π L / 0.18. Makers who include a color correction report larger values.",
     "The dynamic range is that of EMVA 1288 R4.0: saturation capacity over the signal at which the temporal ratio is "
     "1. Signals assume a lens without losses.",
+    "A sensor without an infrared-cut filter also collects near-infrared light, which luminance does not count: under "
+    "tungsten light it has more signal at the same luminance.",
     "Pixels of different sizes see different areas of the picture. Over the same area of the chip, the ratio of a "
     "pixel of width w rises by 20 log10(W / w) dB when it is averaged to a width W.",
 )
