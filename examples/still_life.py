@@ -7,7 +7,8 @@ Below: captured with a D200 at f/4 and white-balanced. Needs the extra ``render`
 """
 
 import matplotlib.pyplot as plt
-from drawing import d200, panels, shoot
+import numpy as np
+from drawing import crop, d200, panels, shoot
 
 import photosite as ps
 from photosite.scene.scene import preview
@@ -18,5 +19,6 @@ lens = ps.DiffractionLimited(f_number=4, focal_length_mm=4.4)  # short, so that 
 camera = ps.Camera(lens, d200(240, 360))
 neutral = camera.as_shot_neutral(ps.charts.uniform("3200K", 1.0))
 picture = ps.develop(shoot(camera, scene), [1 / float(part) for part in neutral.split(",")])
-panels([[("the scene", seen)], [("Nikon D200, 240 x 360 pixels, f/4", picture)]])
+shown = {"the scene": seen, "Nikon D200, 240 x 360 pixels, f/4": picture}
+panels([[(f"{title}, enlarged twice", crop(part, np.s_[:], np.s_[:], 2))] for title, part in shown.items()])
 plt.show()
