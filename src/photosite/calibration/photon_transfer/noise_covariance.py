@@ -588,7 +588,11 @@ def _shared_charge(shot: NoiseCovariance, neighbors: bool, frames: bool) -> Shar
     """Return the correction by the covariances with the neighbors, the next frames, or both."""
     total = Uncertain(1.0)
     if neighbors:
-        total += Uncertain.of(float(shot.of_neighbors.sum()), shot.sum_uncertainty) / shot.variance
+        # The sum with the variance is the spectral density at frequency 0, whose relative uncertainty does not change
+        # with the correlation; that of the sum holds for independent pixels.
+        summed = float(shot.of_neighbors.sum())
+        grown = max(1.0 + summed / shot.variance, 1.0)
+        total += Uncertain.of(summed, grown * shot.sum_uncertainty) / shot.variance
     if not frames:
         return SharedCharge(total, np.empty(0))
     total += Uncertain.of(2.0 * float(shot.frames.values.sum()), 2.0 * shot.frames.sum_uncertainty) / shot.variance
