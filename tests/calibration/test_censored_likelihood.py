@@ -101,12 +101,8 @@ CONDITIONS = {  # pixels, frames, black level, DSNU, read noise
 }
 
 
-SLOW = {"pairs", "mostly hidden", "no fixed pattern", "hardly clipped"}
-
-
-@pytest.mark.parametrize(
-    "condition", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CONDITIONS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("condition", CONDITIONS)
 def test_intervals_cover_the_truth(condition):
     pixels, frames, black, dsnu, read = CONDITIONS[condition]
     pulls = []

@@ -6,6 +6,7 @@ in 250. Seeds are fixed.
 """
 
 import numpy as np
+import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
@@ -29,6 +30,7 @@ PARAMETERS = (
 )
 
 
+@pytest.mark.slow
 def test_the_truth_is_found(virtual):
     """The black level is between 0 and 1.5 standard deviations of the dark."""
     found = {name: [] for name in PARAMETERS}

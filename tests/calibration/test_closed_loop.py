@@ -20,6 +20,8 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 
+pytestmark = pytest.mark.slow
+
 MONO = BAYER = int(os.environ.get("PHOTOSITE_LOOP_SEEDS", "20"))
 
 
