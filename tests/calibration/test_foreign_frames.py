@@ -10,6 +10,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.checks.foreign_frames import find_foreign_frames
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.studies.coverage import CONDITIONS
 
 MONO, RGGB = np.zeros((64, 64), np.int64), np.tile([[0, 1], [1, 2]], (32, 32))
 NOISE = 8.0
@@ -47,6 +48,11 @@ def test_clipped_frames_are_not_compared_for_their_noise():
         light = 4100.0 * (1.0 + 0.003 * rng.normal(size=(4, 1, 1)))
         clipped = np.minimum(np.rint(rng.normal(light, NOISE, (4, 64, 64))), 4095.0).astype(np.uint16)
         assert not find_foreign_frames(list(clipped), MONO)
+
+
+def test_frames_that_wells_saturate_are_not_compared_for_their_noise():
+    """Most pixels are at their well and have read noise only, a few are below and have shot noise: heavy tails."""
+    assert not calibrate(CONDITIONS["bright-mono-12"].lab(81).frame_set()).rejected
 
 
 def test_two_of_nine_are_found():

@@ -344,7 +344,7 @@ class Condition:
     protocol: ShootingProtocol
     black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
     photons_known: bool = False  # whether the light is metered
-    disturbed: Draw | None = None  # what spoils the frames, which a plain camera then makes
+    disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
         """Return a sensor with all parameters drawn from its number.

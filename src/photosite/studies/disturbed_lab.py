@@ -1,4 +1,4 @@
-"""A laboratory whose frames an effect of random size spoils, for the coverage study."""
+"""A laboratory whose frames an effect of random size disturbs, for the coverage study."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ AT_SATURATION = (
 
 @dataclass(frozen=True)
 class DisturbedLab:
-    """A laboratory that measures a monochrome sensor with a plain camera, whose frames an effect spoils.
+    """A laboratory that measures a monochrome sensor with a plain camera, whose frames an effect disturbs.
 
     Parameters
     ----------
     true_sensor, protocol, level, seed
         As for `virtual_lab`. The light is metered.
     effect
-        What spoils the frames.
+        What disturbs the frames.
     factors
         Factor of each parameter whose true value the effect changes; NaN for one that then has none.
     """

@@ -1,4 +1,4 @@
-"""A virtual camera of plain NumPy, independent of the engine, and effects that spoil its frames."""
+"""A virtual camera of plain NumPy, independent of the engine, and effects that disturb its frames."""
 
 from __future__ import annotations
 

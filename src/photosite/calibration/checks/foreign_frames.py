@@ -39,6 +39,9 @@ its scatter, that of the others (median absolute deviation) or of chance."""
 CLIPPED = 0.002
 """Share of a frame's pixels at the highest number of all, above which its noise may be clipped and is not compared."""
 
+HEAVY = 4.0
+"""Kurtosis, 3 for normal noise, above which frames are partly saturated by their wells and are not compared."""
+
 TAILS = 5.0
 """Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
 
@@ -157,6 +160,9 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
     if n < LEAST_FRAMES or samples[0].size < LEAST_PIXELS:
         return {}
     patterns, shifted = fine_pattern(samples, labels)
+    square = np.mean(patterns**2, axis=1)
+    if np.median(np.mean(patterns**4, axis=1) / np.maximum(square**2, 1e-30)) > HEAVY:
+        return {}
     reason = "its fixed pattern is not that of the others: another chip, or another readout"
     found = dict.fromkeys(find_foreign(patterns, shifted), reason)
     rest = np.setdiff1d(np.arange(n), list(found))
