@@ -35,7 +35,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("arguments", [[], ["optics"], ["reproduce"]])
+@pytest.mark.parametrize("arguments", [[], ["optics"], ["reproduce"], ["scenes"], ["sensors"]])
 def test_bare_groups_print_their_help(photosite: Any, arguments: list[str]) -> None:
     shown = photosite(*arguments)
     asked = photosite(*arguments, "--help")

@@ -17,10 +17,10 @@ SMALL = ("--rows", 66, "--cols", 98)
 
 
 def test_lists_every_built_in_scene_with_its_options(photosite: Any) -> None:
-    message = photosite("scenes", "--json").json["scenes"]
+    message = photosite("scenes", "list", "--json").json["scenes"]
     assert tuple(message) == BUILT_IN_SCENES
     assert message["slanted-edge"]["options"]["contrast"] == 4.0
-    text = photosite("scenes").out
+    text = photosite("scenes", "list").out
     assert ["ENVI", ".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat", ".hdr"] in [
         line.split() for line in text.splitlines()
     ]

@@ -65,6 +65,20 @@ def test_maps_with_the_default_seed_give_a_note(photosite: Any, tmp_path: Path) 
     assert "residual noise" not in plain.err
 
 
+def test_one_gain_setting_of_several(photosite: Any, tmp_path: Path) -> None:
+    size = ("--sensor", "google-pixel-4a", "--gain-setting", 440, "--rows", 8, "--cols", 8)
+    photosite("shoot", *size, "-o", tmp_path / "stack")
+    assert ps.open_frames(tmp_path / "stack").gain_settings == (440,)
+    assert ps.load_sensor(tmp_path / "stack" / "truth.sensor.yaml").readout.analog_gain.value == 8
+    nominal = ps.load_sensor(tmp_path / "stack" / "nominal.sensor.yaml")
+    assert (nominal.all_gain_settings, nominal.noise.dark_current_temperature_c) == ((440,), None)
+    plan = photosite("plan", *size, "--step", "dark:1/100:9", "--step", "light:1/50:9", "--json").json
+    gain = ps.load_sensor("google-pixel-4a").at_gain_setting(440).system_gain_dn_per_e
+    assert plan["expected"]["system_gain_dn_per_e"]["value"] == pytest.approx(gain, rel=1e-3)
+    wrong = photosite("shoot", *size[:3], 300, "-o", tmp_path / "other")
+    assert "--gain-setting must be one of" in wrong.err
+
+
 def test_photons_where_the_light_is_metered(photosite: Any, tmp_path: Path) -> None:
     photosite("shoot", "--rows", 8, "--cols", 12, "--photons", "-o", tmp_path / "stack")
     first, *_, last = ps.open_frames(tmp_path / "stack").of_kind("light")

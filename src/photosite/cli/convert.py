@@ -82,8 +82,8 @@ _read_options = options.stacked(
 def command(source: Path, output: Path, as_json: bool, **given: Any) -> None:
     """Reduce a spectral image to a scene of few basis spectra, and write it.
 
-    Reads spectral cubes, ISET's scenes, measured charts and pictures; `photosite scenes` lists the file formats. A cube
-    is read twice, block by block: with .h5 as output, memory does not grow with it.
+    Reads spectral cubes, ISET's scenes, measured charts and pictures; `photosite scenes list` lists the file formats.
+    A cube is read twice, block by block: with .h5 as output, memory does not grow with it.
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """

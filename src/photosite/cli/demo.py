@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -22,6 +22,7 @@ PROTOCOL_NAME = "protocol.yaml"
 
 @click.command("demo", cls=Command)
 @options.sensor_option("nikon-d200")
+@options.gain_setting_option
 @options.size_options(1296, 1936)
 @options.seed_option(2008)
 @options.folder_option(
@@ -29,7 +30,7 @@ PROTOCOL_NAME = "protocol.yaml"
 )
 @click.option("--keep-frames", is_flag=True, help="Keep the frames in the subfolder frames.")
 @options.json_option
-def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, keep_frames: bool, as_json: bool) -> None:
+def command(seed: int, output: Path, keep_frames: bool, as_json: bool, **chip: Any) -> None:
     """Measure a virtual camera and compare the result with the truth.
 
     A virtual sensor takes the 405 dark frames and flat fields of the 2008 paper. photosite calibrates the sensor from
@@ -42,7 +43,7 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
     from photosite.errors import FileError
     from photosite.files.writing import atomic_folder
 
-    sensor, note = options.prepared_sensor(sensor_name, rows, cols, None)
+    sensor, note = options.prepared_sensor(**chip)
     if keep_frames and (output / FRAMES_NAME).exists():
         raise FileError(
             output / FRAMES_NAME, "the folder already exists", hint="Choose another folder, or omit --keep-frames"

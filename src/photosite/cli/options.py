@@ -224,7 +224,7 @@ scene_file_option = option(
     type=scene_file,
     metavar="FILE",
     required=True,
-    help="Scene to write: .h5 (photosite's own), or another format that `photosite scenes` lists as written.",
+    help="Scene to write: .h5 (photosite's own), or another format that `photosite scenes list` lists as written.",
 )
 
 
@@ -257,7 +257,7 @@ def black_level_option(text: str) -> Callable[[F], F]:
 def virtual_sensor_options(function: F) -> F:
     """Add the options of a virtual sensor whose dark frames do not clip, for `prepared_sensor`."""
     level = black_level_option("; by default one at which dark frames do not clip at 0")
-    return stacked(sensor_option("nikon-d200"), size_options(), level)(function)
+    return stacked(sensor_option("nikon-d200"), gain_setting_option, size_options(), level)(function)
 
 
 def virtual_light_options(photons: str) -> Callable[[F], F]:
@@ -388,7 +388,7 @@ _OPTIONS_OF_SCENE = stacked(
         type=name_and_value,
         multiple=True,
         metavar="NAME=VALUE",
-        help="An option of the built-in scene (contrast=10; `photosite scenes` lists them), or of reading a file "
+        help="An option of the built-in scene (contrast=10; `photosite scenes list` lists them), or of reading a file "
         "(no_data=zero, band_range_nm=[400,780], sort_bands=true, variable=NAME, method=jakob-hanika; "
         "docs/howto/spectral-cubes.md); may be repeated.",
     ),
@@ -410,7 +410,7 @@ scene_options = stacked(
         "--scene",
         "scene_source",
         metavar="NAME|FILE",
-        help="A built-in scene or a scene file; `photosite scenes` lists them.  [default: macbeth]",
+        help="A built-in scene or a scene file; `photosite scenes list` lists them.  [default: macbeth]",
     ),
     _OPTIONS_OF_SCENE,
 )
@@ -470,14 +470,21 @@ def luminance_line(scene: Scene) -> str:
 
 
 def prepared_sensor(
-    sensor_name: str, rows: int | None, cols: int | None, black_level_dn: float | None, *, pedestal: bool = True
+    sensor_name: str,
+    rows: int | None,
+    cols: int | None,
+    black_level_dn: float | None = None,
+    gain_setting: float | None = None,
+    *,
+    pedestal: bool = True,
 ) -> tuple[Sensor, str]:
     """Return a sensor, with a black level at which dark frames do not clip unless one is given, and a note on it."""
     from photosite.sensor.io.sensor_file import load_sensor
     from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
 
     changes = {"rows": rows, "cols": cols, "black_level_dn": black_level_dn}
-    sensor = load_sensor(sensor_name).with_(**{name: value for name, value in changes.items() if value is not None})
+    sensor = sensor_at(load_sensor(sensor_name), gain_setting)
+    sensor = sensor.with_(**{name: value for name, value in changes.items() if value is not None})
     raised = with_pedestal(sensor) if pedestal and black_level_dn is None else sensor
     if raised is sensor:
         return sensor, ""
@@ -486,6 +493,11 @@ def prepared_sensor(
         f"black level raised from {own:g} to {high:g} DN: dark frames with {dark_noise_dn(sensor):.2f} DN of noise "
         "would clip at 0"
     )
+
+
+def sensor_at(sensor: Sensor, gain_setting: float | None) -> Sensor:
+    """Return a sensor at the gain setting of --gain-setting, or as it is."""
+    return sensor if gain_setting is None else sensor.at_gain_setting(gain_setting)
 
 
 def sensor_or(default: T, name: str | None) -> Sensor | T:

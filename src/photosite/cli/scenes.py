@@ -17,26 +17,18 @@ if TYPE_CHECKING:
     from photosite.scene.scene import Scene
 
 
-@click.group("scenes", cls=Group, invoke_without_command=True)
-@options.json_option
-@click.pass_context
-def command(ctx: click.Context, as_json: bool) -> None:
+@click.group("scenes", cls=Group)
+def command() -> None:
     """List the built-in scenes, or show scenes and scene files.
-
-    Without a subcommand, lists the built-in scenes with their options and defaults, and the file formats.
 
     Example: photosite scenes show siemens-star --picture star.png
     """
-    if ctx.invoked_subcommand is None:
-        ctx.invoke(list_, as_json=as_json)
 
 
 @command.command("list")
 @options.json_option
 def list_(as_json: bool) -> None:
-    """List the built-in scenes with their options.
-
-    This is also what the command does without a subcommand.
+    """List the built-in scenes with their options and defaults, and the file formats.
 
     Example: photosite scenes list --json
     """

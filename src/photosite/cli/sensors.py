@@ -21,19 +21,14 @@ from photosite.values.cfa import tile_text
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-@click.group("sensors", cls=Group, invoke_without_command=True)
-@json_option
-@click.pass_context
-def command(ctx: click.Context, as_json: bool) -> None:
-    """List the presets, or make, show, check and export sensor files.
+@click.group("sensors", cls=Group)
+def command() -> None:
+    """List the presets, or make, show, compare, check and export sensor files.
 
-    Without a subcommand, lists the presets. In all commands, a sensor is the name of a preset or the path of a sensor
-    file.
+    In all commands, a sensor is the name of a preset or the path of a sensor file.
 
-    Example: photosite sensors show nikon-d200
+    Example: photosite sensors list
     """
-    if ctx.invoked_subcommand is None:
-        ctx.invoke(list_, as_json=as_json)
 
 
 @command.command("list")

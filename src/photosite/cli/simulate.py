@@ -92,10 +92,10 @@ def command(
     light (CIE A), 1/3 s. The same seed gives the same frame. The sensor's fixed pattern belongs to its serial and is
     the same in all frames.
 
-    A scene is a built-in scene (`photosite scenes` lists them) or a file: a spectral cube, a render, a measured chart
-    or a picture. A file may state its own light; --illuminant sets the light on reflectances and pictures, --luminance
-    scales the scene. A lens is given by --f-number and --focal-length, or by --optics FILE. --camera FILE holds all of
-    it.
+    A scene is a built-in scene (`photosite scenes list` lists them) or a file: a spectral cube, a render, a measured
+    chart or a picture. A file may state its own light; --illuminant sets the light on reflectances and pictures,
+    --luminance scales the scene. A lens is given by --f-number and --focal-length, or by --optics FILE. --camera FILE
+    holds all of it.
 
     Corners of the ColorChecker for `photosite validate --corners`: its patches extend 62 P above and below the frame's
     center and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
@@ -202,9 +202,7 @@ def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
     from photosite.camera.file import SetUp, load_camera
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
-    sensor = options.sensor_or(base.sensor, given["sensor_name"])
-    if given["gain_setting"] is not None:
-        sensor = sensor.at_gain_setting(given["gain_setting"])
+    sensor = options.sensor_at(options.sensor_or(base.sensor, given["sensor_name"]), given["gain_setting"])
     changes = {name: given[name] for name in ("rows", "cols", "black_level_dn") if given[name] is not None}
     return replace(
         base,

@@ -93,16 +93,24 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     """Return the sensor as it is known before the measurement: geometry, converter, voltage swing, spectral response.
 
     Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
-    the chip are removed.
+    the chip, the temperature of its dark current and the values of other gain settings are removed.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> nominal_sensor(ps.load_sensor("google-pixel-4a").at_gain_setting(440)).all_gain_settings
+    (440.0,)
     """
     unknown = Measured(0.0, source="placeholder: to be measured", assumed=True)
     scale = replace(unknown, value=1.0)
     return sensor.with_(
-        **dict.fromkeys(type(sensor.noise).model_fields, unknown),
+        **{name: unknown for name in type(sensor.noise).model_fields if name != "dark_current_temperature_c"},
+        dark_current_temperature_c=None,
         black_level_dn=unknown,
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,
         maps=None,
+        gain_settings=(),
     )
 
 
@@ -159,7 +167,8 @@ class VirtualLab:
                 yield number, step, self._expose(step, mean, frame)
 
     def _settings(self, step: Step) -> FrameSettings:
-        return FrameSettings(step.kind, step.exposure_s, self.photons_per_pixel(step))
+        gain_setting = self.camera.sensor.gain_setting
+        return FrameSettings(step.kind, step.exposure_s, self.photons_per_pixel(step), gain_setting)
 
     def frame_set(self) -> FrameSet:
         """Return the frames as `calibrate` takes them; each frame is simulated when it is read."""
