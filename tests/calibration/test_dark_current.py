@@ -1,5 +1,7 @@
 """The dark current from the variance, compared with that from the mean, and black levels that move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from photosite.calibration.dark import dark_lines
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.uncertain import Uncertain
 
 GAIN, READ_E, DARK_E_PER_S = 0.8, 5.0, 300.0
@@ -135,3 +138,12 @@ def test_a_contradiction_needs_more_than_chance():
             slopes = lines.mean.line[1], lines.mean.sampling, lines.variance.line[1]
             found += contradiction(*slopes, Uncertain(1.0), lines.mean.exposure_s) is not None
         assert found == expected
+
+
+def test_the_temperature_of_the_dark_current_is_that_of_the_dark_frames():
+    frames = frames_of(1)
+    groups = tuple(replace(group, temperature_c=25.0 if group.kind == "dark" else 41.0) for group in frames.groups)
+    sensor = load_sensor("sony-imx174").with_(rows=48, cols=64)
+    measured = calibrate(replace(frames, groups=groups, sensor=sensor))
+    assert measured.temperature_c == (25.0, 25.0)
+    assert measured.sensor.noise.dark_current_temperature_c == 25.0

@@ -78,6 +78,36 @@ def test_new_needs_what_every_data_sheet_states(photosite: Any, tmp_path: Path) 
     assert sensor.noise.read_noise_mv.value / sensor.mv_per_dn == pytest.approx(1.8)
 
 
+@pytest.mark.parametrize(
+    ("given", "noise_dn"),
+    [
+        (("--read-noise-e", 2.4, "--system-gain-dn-per-e", 4), 9.6),
+        (("--read-noise-e", 2.4, "--system-gain-e-per-dn", 0.25), 9.6),
+        (("--read-noise-e", 2.4, "--conversion-gain-uv-per-e", 100, "--voltage-swing-v", 0.5), 1.966),
+        (("--read-noise-mv", 0.24, "--conversion-gain-uv-per-e", 100, "--voltage-swing-v", 0.5), 1.966),
+        (("--read-noise-mv", 0.24, "--conversion-gain-uv-per-e", 100, "--system-gain-dn-per-e", 4), 9.6),
+        (("--read-noise-mv", 0.24, "--conversion-gain-uv-per-e", 100), 0.936),
+        (("--read-noise-dn", 0.9), 0.9),
+    ],
+)
+def test_new_has_dark_frames_that_do_not_clip(
+    photosite: Any, tmp_path: Path, given: tuple[Any, ...], noise_dn: float
+) -> None:
+    """The assumed black level is eight times the read noise in DN, whichever units and gains are given."""
+    file = tmp_path / "mine.sensor.yaml"
+    assert photosite("sensors", "new", *SHEET, *given, "-o", file).status == 0
+    sensor = ps.load_sensor(file)
+    assert sensor.noise.read_noise_mv.value / sensor.mv_per_dn == pytest.approx(noise_dn, rel=0.02)
+    assert 0 <= sensor.readout.black_level_dn.value - 8 * noise_dn < 1.5
+    assert "Instead of" not in file.read_text()
+
+
+def test_new_needs_volts_for_noise_in_volts(photosite: Any, tmp_path: Path) -> None:
+    refused = photosite("sensors", "new", *SHEET, "--read-noise-mv", 0.24, "-o", tmp_path / "mine.sensor.yaml")
+    assert refused.status == 2
+    assert "conversion_gain_uv_per_e" in refused.err
+
+
 def test_new_asks_on_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from click.testing import CliRunner
 

@@ -206,7 +206,7 @@ def test_assumed_values_of_presets_are_marked(name: str) -> None:
 PUBLISHED = [
     ("sony-imx174", None, {"electrons_per_dn": 8.16, "read_noise_e": 6.83, "saturation_e": 32691}),
     ("google-pixel-4a", 55, {"saturation_e": (1023 - 64) * 0.44875e-3 / (1023 * 0.44875e-3 / 6000), "read_noise_e": 5}),
-    ("raspberry-pi-hq", 1, {"electrons_per_dn": 1 / 0.47, "read_noise_e": 3, "saturation_e": 8180}),
+    ("raspberry-pi-hq", 1, {"electrons_per_dn": 1 / 0.47, "read_noise_e": 1.53 / 0.47, "saturation_e": 8180}),
     ("raspberry-pi-hq", 16, {"electrons_per_dn": 1 / 7.52, "read_noise_e": 1.53}),
     ("sony-imx571", None, {"electrons_per_dn": 0.76, "saturation_e": 50000}),
     ("sony-a7r2", 100, {"electrons_per_dn": 1 / 0.315, "read_noise_e": 1.413 / 0.315}),

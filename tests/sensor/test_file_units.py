@@ -126,6 +126,7 @@ def test_what_the_gain_leaves_open() -> None:
         ("pitch_um: 3.45", "pitch_um: 3.45\n  width_um: 3.40", "pitch_um", "pixel", "pitch_um"),
         ("  bits: 12", "  bits: 12\n  system_gain_e_per_dn: 2.70", "system_gain_e_per_dn", "readout", "system_gain_e"),
         ("dsnu_e: 1.1", "dsnu_e: -1.1", "value", "noise.dsnu_e", "dsnu_e"),
+        ("dsnu_e: 1.1", "dsnu_mv: 0.1", "dsnu_mv", "noise", "dsnu_mv"),
         ("dsnu_e: 1.1", "dsnu_f: 1.1", "unknown field 'dsnu_f'", "noise", "dsnu_f"),
     ],
 )
@@ -142,6 +143,17 @@ def test_values_agree_to_their_digits() -> None:
     with raises(FileError, "dsnu_dn") as caught:
         parse_sensor(changed(exact, ("dsnu_e: 1.1", "dsnu_e: 1.100\n  dsnu_dn: 0.41")), "mine.yaml")
     assert "dsnu_e (line 12)" in str(caught.value)
+
+
+def test_whole_numbers_do_not_hide_contradictions() -> None:
+    """100 uV/e- at 12 bits, a swing of 1 V and a gain of 1 are 0.41 DN per electron, not 0.50."""
+    text = changed(
+        ("full_well_e:", "conversion_gain_uv_per_e: 100\n  voltage_swing_v: 1\n  full_well_e:"),
+        ("{value: 0.39, standard_uncertainty: 0.004}", "0.50\n  analog_gain: 1"),
+    )
+    with raises(FileError, "system_gain_dn_per_e", value=0.5, where="readout", path="mine.yaml"):
+        parse_sensor(text, "mine.yaml")
+    assert parse_sensor(text.replace("0.50", "0.41"), "x").system_gain_dn_per_e == pytest.approx(0.4096)
 
 
 def test_unchanged_files_are_written_as_they_were(tmp_path: Path) -> None:

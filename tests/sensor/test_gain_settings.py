@@ -70,6 +70,46 @@ def test_uncertainty_of_the_gain_at_a_setting() -> None:
     assert relative == pytest.approx({100: 0.004 / 0.39, 800: 0.02 / 3.12})
 
 
+def test_another_conversion_gain_keeps_electrons() -> None:
+    """Noise and dark current that a setting does not state are those above in electrons, and stay so in files.
+
+    By hand: 160 uV/e- and 1 V at 12 bits are 160e-6 * 4096 = 0.65536 DN/e-; the dark current remains 1.5 e-/s, which
+    is 0.24 mV/s there. Its uncertainty does not contain that of the conversion gain of the first setting.
+    """
+    old = "- {setting: 200, system_gain_dn_per_e: 0.78, read_noise_e: 2.0} # the same pixel"
+    file = FILE.replace(old, "- {setting: 200, conversion_gain_uv_per_e: 160}").replace(
+        "dark_current_e_per_s: 1.5", "dark_current_e_per_s: {value: 1.5, standard_uncertainty: 0.1}"
+    )
+    sensor = parse_sensor(file, "mine.yaml")
+    at = sensor.at_gain_setting(200)
+    assert facts(at) == pytest.approx([0.65536, 2.4, 1.1, 1.5, 10500])
+    dark = at.noise.dark_voltage_mv_per_s
+    assert (dark.value, dark.standard_uncertainty) == pytest.approx((0.24, 0.016))
+    names = ["dark_voltage_mv_per_s", "conversion_gain_uv_per_e"]
+    assert at.covariance_of(names)[0, 1] == pytest.approx(0.0, abs=1e-12)
+    for each in (sensor.with_(serial="2"), at):
+        again = parse_sensor(dump_sensor(each), "again.yaml")
+        for setting in (100, 200, 800):
+            assert facts(again.at_gain_setting(setting)) == pytest.approx(facts(sensor.at_gain_setting(setting)))
+
+
+@pytest.mark.parametrize("noise", ["read_noise_dn: 1.0", "read_noise_mv: 1.0"])
+def test_the_same_volts_at_another_gain_are_written(noise: str) -> None:
+    """The same DN or volts at two gains are different electrons: neither may be left out of a file as a repeat."""
+    gains = {
+        "read_noise_dn: 1.0": ("system_gain_dn_per_e: 0.78", 1 / 0.78),
+        "read_noise_mv: 1.0": ("conversion_gain_uv_per_e: 160", 1e3 / 160),
+    }
+    gain, expected_e = gains[noise]
+    old = "system_gain_dn_per_e: 0.78, read_noise_e: 2.0"
+    file = FILE.replace("read_noise_e: 2.4", noise).replace(old, f"{gain}, {noise}")
+    sensor = parse_sensor(file.replace("pitch_um:", "conversion_gain_uv_per_e: 40, pitch_um:"), "mine.yaml")
+    fewer = sensor.with_(gain_settings=sensor.gain_settings[:1])
+    for file in (dump_sensor(fewer), dump_sensor(ps.Sensor.model_validate(fewer.model_dump()))):
+        again = parse_sensor(file, "again.yaml").at_gain_setting(200)
+        assert again.electrons(again.noise.read_noise_mv.value) == pytest.approx(expected_e)
+
+
 def test_files_keep_the_units_of_their_settings() -> None:
     sensor = parse_sensor(FILE, "mine.yaml")
     lines = dump_sensor(sensor.with_(read_noise_e=Measured(2.3))).splitlines()
@@ -88,6 +128,7 @@ def test_files_keep_the_units_of_their_settings() -> None:
         ("read_noise_e: 2.0", "read_noise_e: 2.0, read_noise_dn: 9.0", "read_noise_dn"),
         ("read_noise_e: 2.0", "pitch_um: 2.0", "unknown field 'pitch_um'"),
         ("{setting: 200, ", "{", "field 'setting' is missing"),
+        ("read_noise_e: 2.0", "read_noise_mv: 0.2", "read_noise_mv"),
     ],
 )
 def test_invalid_settings(old: str, new: str, what: str) -> None:

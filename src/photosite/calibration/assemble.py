@@ -61,7 +61,9 @@ def assemble(
     per_channel = {name: estimate_parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)}
     by_name = dict(zip(names, channels, strict=False))  # empty without light frames
     photons_known = bool(channels) and all(entry.group.photons_per_pixel is not None for entry in reduction.lights)
-    temperatures = [group.temperature_c for group in frames.groups if group.temperature_c is not None]
+    stated = [(group.kind, group.temperature_c) for group in frames.groups if group.temperature_c is not None]
+    # The dark current is that of the dark frames.
+    temperatures = [t for kind, t in stated if kind == "dark"] or [t for _, t in stated]
     return Calibration(
         **estimates,
         by_line=by_line,

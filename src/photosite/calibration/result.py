@@ -58,7 +58,7 @@ class Calibration(Parameters):
         where they are missing for the reason given.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
-        temperature of the sensor in degrees Celsius.
+        temperature of the sensor in degrees Celsius, that of the dark frames if they state one.
     base, electrical_scale
         The sensor as known before the measurement, None if unknown; its voltage swing in V and analog gain with
         uncertainties, which all values in volts share.

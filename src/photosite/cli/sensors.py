@@ -132,11 +132,10 @@ def _sheet_options(function: F) -> F:
 
 
 def _description(name: str) -> str:
-    from photosite.sensor.model import SECTIONS
+    from photosite.sensor.new_sensor import described
 
-    field = next(kind.model_fields[name] for pair in SECTIONS.values() for kind in pair if name in kind.model_fields)
-    extra = field.json_schema_extra
-    return f"{field.description} Unit: {extra['unit'] if isinstance(extra, dict) else ''}."
+    meaning, unit = described(name)
+    return f"{meaning} Unit: {unit}."
 
 
 @command.command("new")

@@ -48,6 +48,9 @@ UNITS: dict[str, tuple[str, ...]] = {
 }
 """The model's fields and their other units in a file; the gains are apart."""
 
+IN_ELECTRONS = {name: others[0] for name, others in UNITS.items() if name.endswith(("_mv", "_mv_per_s"))}
+"""The model's fields in volts, and the same in electrons."""
+
 REQUIRED = {
     "pixel": {"pixel width": "width_um", "pixel height": "height_um", "full well": "well_capacity_e"},
     "noise": {"read noise": "read_noise_mv", "DSNU": "dsnu_mv"},
@@ -117,6 +120,7 @@ def in_model_units(raw: Any, sections: Mapping[str, tuple[type[BaseModel], type[
     }
     result = dict(raw)
     if has_units:
+        _check_volts(stated, {name: (section, name) for name, section in place.items()})
         _check_agreement(stated, bits, fields, {name: (section, name) for name, section in place.items()}, raw)
         values = _to_model(_inputs(stated, _stated_covariance(raw, stated, ())), bits)
         for section in sections:
@@ -146,7 +150,8 @@ def _setting_in_model_units(
 ) -> dict[str, Any]:
     """Return an entry of `gain_settings` with all its values, those that it does not state from the top of the file.
 
-    Without a conversion gain, a system gain sets the analog gain.
+    Without a conversion gain, a system gain sets the analog gain. With another conversion gain, noise and dark current
+    are taken from the top of the file in electrons.
     """
     units = [name for name in _OTHER_UNITS if {*model_fields_of(name)} <= {*SETTING_VALUES}]
     reject_unknown(entry, ["setting", "covariance", *SETTING_VALUES, *units], *place)
@@ -156,12 +161,21 @@ def _setting_in_model_units(
     if AMPLIFIER in stated and (DN_PER_E in stated or E_PER_DN in stated):
         replaced.add(CONVERSION)
     inherited = [name for name in (*SETTING_VALUES, SWING) if name not in replaced]
-    complete = stated | {name: as_measured(top.get(name, defaults.get(name))) for name in inherited}
+    above = {name: as_measured(top.get(name, defaults.get(name))) for name in (*SETTING_VALUES, SWING)}
+    shared = top_covariance and top_covariance.without({*top_covariance.names} - {*above})
+    if above[SWING] == ASSUMED_SWING:
+        _check_volts(stated, {name: (*place, name) for name in stated})
+    if CONVERSION in replaced:  # electrons, not volts, are those of the other setting
+        inherited = [IN_ELECTRONS.get(name, name) for name in inherited]
+        above, shared = in_file_units(above, shared, bits, inherited)
+    shared = shared and shared.without({*shared.names} - {*inherited})
+    complete = stated | {name: above[name] for name in inherited}
     _check_agreement(complete, bits, entry, {name: (*place, name) for name in complete}, None)
-    shared = top_covariance and top_covariance.without({*top_covariance.names} - {*inherited})
     values = _to_model(_inputs(complete, shared, _stated_covariance(entry, complete, place)), bits)
     fields = {name: entry.get(name, complete.get(name)) for name in SETTING_VALUES}
-    result = {name: field or _as_field(name, values[name], complete) for name, field in fields.items()}
+    result = {
+        name: _as_field(name, values[name], complete) if field is None else field for name, field in fields.items()
+    }
     own = {name: value for name, value in values.items() if name in SETTING_VALUES}
     setting = {"setting": entry["setting"]} if "setting" in entry else {}
     return {**setting, **result, "covariance": _covariance(own, digits=15)}
@@ -180,6 +194,17 @@ def _check_complete(raw: Mapping[str, Any]) -> None:
         if missing:
             hint = f"Give {_either([f'pixel.{name}' for name in missing], 'and')}, or readout.{DN_PER_E} or {E_PER_DN}"
             raise located(InputError("gain is incomplete", hint=hint), "pixel")
+
+
+def _check_volts(stated: Stated, places: Mapping[str, tuple[str | int, ...]]) -> None:
+    """Raise an error for noise in volts without a gain in volts: its electrons are unknown."""
+    if CONVERSION in stated or SWING in stated:
+        return
+    for name, electrons in IN_ELECTRONS.items():
+        if name in stated and stated[name].value:
+            expected = f"stated with pixel.{CONVERSION} or pixel.{SWING}"
+            hint = f"Give one of them, or {electrons} instead"
+            raise located(InputError(name, value=stated[name].value, expected=expected, hint=hint), *places[name])
 
 
 def _either(names: list[str], word: str = "or") -> str:
@@ -299,7 +324,9 @@ def _check_agreement(
     for name, quantity in stated.items():
         field = fields.get(name, quantity.value)
         number = field["value"] if isinstance(field, Mapping) else field
-        digit = _half_digit(quantity.value if isinstance(number, Measured) else number)
+        number = quantity.value if isinstance(number, Measured) else number
+        exact = name in (AMPLIFIER, SWING) and isinstance(number, int)  # a gain of 1, a swing of 1 V
+        digit = 0.0 if exact else _half_digit(number)
         limits[name] = Uncertain.of(quantity.value, digit + 2.0 * quantity.standard_uncertainty)
         names |= dict.fromkeys(limits[name].parts, name)
     values = _to_model(limits, bits)
@@ -324,21 +351,19 @@ def _with_line(name: str, section: Mapping[str, Any] | None) -> str:
 
 
 def _half_digit(number: Any) -> float:
-    """Return half a unit of a number's last digit, as it was written: 0.005 for 2.40.
+    """Return half a unit of a number's last digit, as it was written: 0.005 for 2.40; at most a tenth of the number.
 
     Examples
     --------
-    >>> _half_digit(12), _half_digit(0.5)
-    (0.5, 0.05)
+    >>> _half_digit(12), _half_digit(0.5), _half_digit(1)
+    (0.5, 0.05, 0.1)
     """
     decimals, width = getattr(number, "_prec", None), getattr(number, "_width", None)
     if decimals is not None and width is not None and getattr(number, "_exp", None) is None:
-        return float(
-            0.5 * 10.0 ** -(width - decimals - 1 - bool(number._m_sign))
-        )  # ruamel.yaml keeps the form of floats
-    if not isinstance(number, int):
-        number = float(number)
-    return 0.5 * 10.0 ** int(Decimal(repr(number)).as_tuple().exponent)
+        exponent = -(width - decimals - 1 - bool(number._m_sign))  # ruamel.yaml keeps the form of floats
+    else:
+        exponent = int(Decimal(repr(number if isinstance(number, int) else float(number))).as_tuple().exponent)
+    return min(0.5 * 10.0**exponent, 0.1 * abs(float(number)))
 
 
 def _as_field(name: str, value: Uncertain, stated: Stated) -> Measured | None:

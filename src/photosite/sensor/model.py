@@ -482,10 +482,7 @@ class Sensor(Tabular, Section):
             hint = None if known else "The sensor file states values for one gain setting only"
             raise InputError("gain_setting", value=setting, expected=f"one of {known or 'none'}", hint=hint)
         values = {name: getattr(entry, name) for name in SETTING_VALUES}
-        others = sorted(
-            (self.own_gain_setting, *(other for other in self.gain_settings if other is not entry)),
-            key=lambda e: e.setting,
-        )
+        others = (self.own_gain_setting, *(other for other in self.gain_settings if other is not entry))
         changed = self.with_(
             **values, maps=None, covariance=entry.covariance, gain_setting=entry.setting, gain_settings=()
         )

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from photosite.sensor.file_units import CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
+from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
 from photosite.sensor.io.sensor_file import load_sensor, parse_sensor
 from photosite.sensor.model import SECTIONS
 from photosite.values.cfa import Cfa, cfa_from, channel_names
@@ -89,14 +89,17 @@ def new_sensor_file(
     stated = {**values, "bits": bits}
     assumed = _assumptions(stated)
     places = {field: section for section, kinds in SECTIONS.items() for kind in kinds for field in kind.model_fields}
-    text = _HEADING.format(name=name, quoted=json.dumps(name), rows=rows, cols=cols, cfa=json.dumps(tile))
+    text = _HEADING.format(
+        name=" ".join(name.split()), quoted=json.dumps(name), rows=rows, cols=cols, cfa=json.dumps(tile)
+    )
     for section in SECTIONS:
         if section == "noise":
             text += _channels(tile, qe_peak)
         text += f"{section}:\n"
         fields = [field for field in places if places[field] == section]
         for field in (*filter(stated.__contains__, fields), *filter(assumed.__contains__, fields)):
-            text += f"  # {_comment(section, field)}\n  {field}: "
+            meaning, unit = described(field)
+            text += f"  # {meaning.removesuffix('.')} [{unit}]\n  {field}: "
             if field in stated:
                 text += f"{stated[field]:.12g}\n"
             else:
@@ -107,11 +110,17 @@ def new_sensor_file(
     return text
 
 
-def _comment(section: str, field: str) -> str:
-    """Return a field's description and unit, from the model."""
-    info = next(kind.model_fields[field] for kind in SECTIONS[section] if field in kind.model_fields)
+def described(name: str) -> tuple[str, str]:
+    """Return what a field of `pixel`, `noise` or `readout` means, and its unit, from the model.
+
+    Examples
+    --------
+    >>> described("full_well_e")
+    ('Full well.', 'e-')
+    """
+    info = next(kind.model_fields[name] for pair in SECTIONS.values() for kind in pair if name in kind.model_fields)
     unit = info.json_schema_extra["unit"] if isinstance(info.json_schema_extra, dict) else ""
-    return f"{(info.description or '').removesuffix('.')} [{unit}]"
+    return (info.description or "").partition(" Instead of ")[0], str(unit)
 
 
 def _assumptions(stated: Mapping[str, float]) -> dict[str, tuple[float, str]]:
@@ -120,27 +129,44 @@ def _assumptions(stated: Mapping[str, float]) -> dict[str, tuple[float, str]]:
     codes = (1 << int(stated["bits"])) - 1
     full_well = stated.get("full_well_e", stated.get("well_capacity_e"))
     read_noise = next((name for name in ("read_noise_e", "read_noise_dn", "read_noise_mv") if name in stated), None)
-    has_gain = DN_PER_E in stated or E_PER_DN in stated or (CONVERSION in stated and SWING in stated)
+    gain = _system_gain(stated)
     black = stated.get("black_level_dn")
     if black is None:
-        black = 0.0
-        if read_noise == "read_noise_dn":
-            black = math.ceil(8.0 * stated[read_noise])
-        elif read_noise == "read_noise_e" and full_well is not None:
-            black = math.ceil(8.0 * stated[read_noise] * codes / full_well)
-        elif read_noise == "read_noise_mv" and SWING in stated:
-            black = math.ceil(8.0 * stated[read_noise] * codes / (1e3 * stated[SWING]))
-        black = min(black, codes // 4)
+        highest = codes / full_well if gain is None and full_well else gain
+        noise_dn = 0.0 if read_noise is None else stated[read_noise] * _dn_per_unit(read_noise, stated, highest)
+        black = math.ceil(8.0 * noise_dn)
         found["black_level_dn"] = black, "eight times the read noise, so that dark frames do not clip"
-    if not has_gain and full_well is not None:
+    if gain is None and full_well:
         found[DN_PER_E] = (codes - black) / full_well, "the full well is the highest digital number"
     if read_noise is not None:
         found[read_noise.replace("read_noise", "dsnu")] = 0.5 * stated[read_noise], "half of the read noise"
     found["prnu_percent"] = 1.0, "1 %"
-    found["dark_current_e_per_s"] = 0.0, "none"
+    found["dark_current_e_per_s"] = 0.0, "no dark current"
     own = {other: name for name, others in UNITS.items() for other in others}
     known = {own.get(name, name) for name in stated}
     return {name: entry for name, entry in found.items() if own.get(name, name) not in known}
+
+
+def _system_gain(stated: Mapping[str, float]) -> float | None:
+    """Return the gain in DN per electron, or None if it is not stated."""
+    if DN_PER_E in stated:
+        return stated[DN_PER_E]
+    if E_PER_DN in stated:
+        return 1.0 / stated[E_PER_DN]
+    if CONVERSION in stated and SWING in stated:
+        return 1e-3 * stated[CONVERSION] * _dn_per_unit("read_noise_mv", stated, None)
+    return None
+
+
+def _dn_per_unit(read_noise: str, stated: Mapping[str, float], gain: float | None) -> float:
+    """Return digital numbers per unit of a read noise: DN, electron or millivolt; 0 if unknown."""
+    if read_noise == "read_noise_dn":
+        return 1.0
+    if read_noise == "read_noise_e":
+        return gain or 0.0
+    if SWING in stated:
+        return 1e-3 * stated.get(AMPLIFIER, 1.0) * float(1 << int(stated["bits"])) / stated[SWING]
+    return 1e3 / stated[CONVERSION] * (gain or 0.0) if CONVERSION in stated else 0.0
 
 
 def _channels(tile: Cfa, qe_peak: float) -> str:

@@ -26,8 +26,10 @@ from photosite.sensor.file_units import (
     CONVERSION,
     DN_PER_E,
     E_PER_DN,
+    IN_ELECTRONS,
     SETTING_VALUES,
     SWING,
+    UNITS,
     in_file_units,
     model_fields_of,
     stated_names,
@@ -37,6 +39,10 @@ from photosite.sensor.quantity import Covariance, as_file_value
 from photosite.values.uncertain import Measured
 
 _SUFFIX = ".sensor.yaml"
+
+_NOISE_IN_VOLTS_OR_DN = {
+    name for own, electrons in IN_ELECTRONS.items() for name in (own, *UNITS[own]) if name != electrons
+}
 
 
 def preset_names() -> tuple[str, ...]:
@@ -176,9 +182,13 @@ def _fields(sensor: Sensor, file: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _keep_differences(entry: dict[str, Any], top: Mapping[str, Any]) -> None:
-    """Remove the values of a gain setting that are those of the top of the file."""
+    """Remove the values of a gain setting that are those of the top of the file.
+
+    Where the gain differs, all gains are kept, and the values in volts or DN, which are other electrons there.
+    """
     gains = {CONVERSION, AMPLIFIER, DN_PER_E, E_PER_DN} & entry.keys()
-    kept = gains if any(entry[name] != top.get(name) for name in gains) else set()  # gains go together
+    by_gain = gains | {name for name in entry if name in _NOISE_IN_VOLTS_OR_DN}
+    kept = by_gain if any(entry[name] != top.get(name) for name in gains) else set()
     same = {name for name in entry if name in top and entry[name] == top[name]} - kept
     for name in same:
         del entry[name]
