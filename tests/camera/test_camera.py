@@ -264,6 +264,14 @@ def test_new_process_gives_the_same_frame() -> None:
     assert printed == hashlib.sha256(CAMERA.capture(CHART, 1 / 3, seed=7).dn.tobytes()).hexdigest()
 
 
+def test_automatic_exposure_leaves_room_for_the_dark_current() -> None:
+    """1000 e-/s of light and 3000 e-/s of dark current fill 80 % of 10 000 electrons in 2 s, not in 8 s."""
+    sensor = ps.load_sensor("vendor-2.2um").with_(rows=2, cols=2, black_level_dn=0)
+    light = np.full((2, 2), 1000.0, np.float32)
+    times = [ps.Camera(LENS, sensor.with_(dark_current_e_per_s=dark)).auto_exposure_s(light) for dark in (0.0, 3000.0)]
+    assert times == [7.9, 1.9]  # (1023 / 1024 * 10 000 electrons), rounded down to two digits
+
+
 @pytest.mark.parametrize("exposure_s", [0.0, -1.0, math.nan, math.inf])
 def test_exposure_must_be_positive_and_finite(exposure_s: float) -> None:
     with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):

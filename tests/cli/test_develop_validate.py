@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,19 @@ def test_white_balance_gains(photosite: Any, shots: Path, tmp_path: Path) -> Non
     picture = ps.develop(ps.read_raw(shots / "a.dng"), white_balance=[2, 1, 1.5], exposure=0.5)
     with Image.open(tmp_path / "a.png") as image:
         np.testing.assert_array_equal(np.asarray(image), np.rint(picture * 255))
+
+
+def test_files_without_the_lights_white_are_balanced_by_gray_world(photosite: Any, shots: Path, tmp_path: Path) -> None:
+    """Which balance was used is in the JSON; the one that was not asked for is said."""
+    frame = ps.read_raw(shots / "a.dng")
+    unknown = {name: value for name, value in frame.metadata.items() if name != "as_shot_neutral"}
+    replace(frame, metadata=unknown).save(tmp_path / "unknown.tif")
+    for file, used, lines in ((shots / "a.dng", "as-shot", 0), (tmp_path / "unknown.tif", "gray-world", 1)):
+        done = photosite("develop", file, "-o", tmp_path / f"{used}.png", "--json")
+        assert (done.json["white_balance"], done.err.count("\n")) == (used, lines)
+    with Image.open(tmp_path / "gray-world.png") as image:
+        expected = ps.develop(frame, white_balance="gray-world")
+        np.testing.assert_array_equal(np.asarray(image), np.rint(expected * 255))
 
 
 def test_frames_of_one_light_agree(photosite: Any, shots: Path) -> None:

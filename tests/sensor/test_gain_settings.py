@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from raising import raises
 
 import photosite as ps
@@ -150,12 +151,13 @@ def test_frames_at_a_setting(tmp_path: Path) -> None:
     grey = ps.charts.uniform("A", 20)
     slow, fast = (ps.Camera(lens, sensor, gain_setting=setting).capture(grey, 0.004) for setting in (100, 200))
     assert (fast.dn.mean() - 64) / (slow.dn.mean() - 64) == pytest.approx(2.0, rel=0.05)
-    fast.save(tmp_path / "fast.dng")
-    assert ps.read_raw(tmp_path / "fast.dng").metadata["gain_setting"] == 200
-    import tifffile
-
-    with tifffile.TiffFile(tmp_path / "fast.dng") as file:
-        assert file.pages[0].tags[34855].value == 200  # type: ignore[union-attr]
+    factor = ps.Camera(lens, sensor.with_(gain_setting_is_iso=False), gain_setting=200).capture(grey, 0.004)
+    for frame, iso in ((fast, 200), (factor, None)):
+        frame.save(tmp_path / f"{iso}.dng")
+        assert ps.read_raw(tmp_path / f"{iso}.dng").metadata["gain_setting"] == 200
+        with tifffile.TiffFile(tmp_path / f"{iso}.dng") as file:
+            tag = file.pages[0].tags.get(34855)  # type: ignore[union-attr]
+        assert iso == (None if tag is None else tag.value)
 
 
 def test_camera_file_with_a_setting(tmp_path: Path) -> None:

@@ -39,6 +39,44 @@ def test_snr10_of_a_sensor_without_dark_noise_is_that_of_100_electrons() -> None
     assert facts.dynamic_range_db == pytest.approx(20 * math.log10(quiet.saturation_capacity_e), abs=0.2)
 
 
+def test_figures_by_hand() -> None:
+    """An ideal sensor under CIE A, with the sums of radiometry and of EMVA 1288 written out once more.
+
+    1 cd/m2 is 683 lm/W times the integral of radiance and V(lambda); pi / (1 + 4 N^2) of it reaches the sensor.
+    """
+    import colour
+
+    grid = np.arange(380.0, 781.0)
+    energy = colour.SDS_ILLUMINANTS["A"].copy().interpolate(colour.SpectralShape(380, 780, 1)).values
+    seen = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"].copy().align(colour.SpectralShape(380, 780, 1)).values
+    radiance = energy / (683.002 * np.trapezoid(energy * seen, grid))
+    photons = radiance * grid * 1e-9 / (6.62607015e-34 * 299792458.0)
+    rate = 0.5 * np.trapezoid(photons, grid) * np.pi / (1 + 4 * 4.0**2) * (2e-6) ** 2
+    flat = {"wavelength_nm": (380.0, 780.0), "quantum_efficiency": (0.5, 0.5)}
+    sensor = ps.load_sensor("sony-imx174").with_(
+        channels={"M": flat},
+        pitch_um=2.0,
+        bits=12,
+        black_level_dn=95,
+        full_well_e=9000,
+        read_noise_e=3.0,
+        dsnu_e=2.0,
+        prnu_percent=0.0,
+        dark_current_e_per_s=500.0,
+        system_gain_dn_per_e=0.5,
+    )
+    facts = ps.compare_sensors({"a": sensor}, f_number=4, exposure_s=2.0, illuminant="A").sensors["a"]
+    assert facts.electrons_per_cd_m2 == pytest.approx(2.0 * rate, rel=2e-3)
+    # 4000 DN / 0.5 are 8000 electrons, of which the dark current takes 1000.
+    assert facts.saturation_cd_m2 == pytest.approx(7000 / (2.0 * rate), rel=2e-3)
+    temporal_e2 = 3.0**2 + 1000.0 + 1 / 12 / 0.5**2
+    assert facts.dynamic_range_db == pytest.approx(20 * math.log10(7000 / (math.sqrt(temporal_e2 + 0.25) + 0.5)))
+    assert facts.snr_max_db == pytest.approx(20 * math.log10(7000 / math.sqrt(7000 + temporal_e2 + 2.0**2)))
+    # S^2 = 100 (S + D)
+    signal_e = 50 + math.sqrt(2500 + 100 * (temporal_e2 + 4.0))
+    assert facts.snr10_lux == pytest.approx(signal_e / (2.0 * rate) * math.pi / 0.18, rel=2e-3)
+
+
 def test_limits_that_are_not_reached() -> None:
     sensor = ps.load_sensor("vendor-2.2um")
     patterned, shallow = sensor.with_(prnu_percent=15), sensor.with_(well_capacity_e=200)
@@ -68,10 +106,11 @@ def test_a_monochrome_near_infrared_sensor_sees_sunlight() -> None:
 
 def test_invalid_conditions() -> None:
     sensor = ps.load_sensor("vendor-2.2um")
-    for options, what in (({"f_number": 0.1}, "f_number"), ({"exposure_s": 0}, "exposure_s")):
+    warm = sensor.with_(dark_current_e_per_s=1e4)
+    for options in ({"f_number": 0.1}, {"exposure_s": 0}, {"exposure_s": 1}):
         with pytest.raises(InputError) as caught:
-            ps.compare_sensors({"a": sensor}, **options)
-        assert caught.value.what == what
+            ps.compare_sensors({"a": warm}, **options)
+        assert caught.value.what in options
     with pytest.raises(InputError) as caught:
         ps.compare_sensors({})
     assert caught.value.what == "sensors"

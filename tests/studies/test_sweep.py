@@ -16,6 +16,11 @@ from photosite.studies.gray_surface import electron_rates, total_variance_e2
 
 SENSOR = ps.load_sensor("vendor-2.2um").with_(rows=8, cols=8)
 CAMERA = ps.Camera(ps.DiffractionLimited(f_number=2.8, focal_length_mm=4), SENSOR)
+TWO_TABLES = ps.Lens(
+    ps.DiffractionLimited(4, 50, falloff="none"),
+    illumination=ps.IlluminationTable(ps.FieldPoints(angle_deg=[0, 20]), [1, 0.8]),
+    distortion=ps.Distortion.polynomial(-0.1),
+)
 BRIGHT = partial(ps.snr, luminance_cd_m2=100.0)
 
 
@@ -117,6 +122,7 @@ def test_a_saturated_pixel_has_no_ratio() -> None:
         ({"pixel_width_um": [-1]}, {}, "pixel_width_um", None),
         ({"distance_m": [1.0]}, {}, "field", None),
         ({"name": ["a"]}, {"lens": ps.Lens(ps.DiffractionLimited(4, 50))}, "field", None),
+        ({"angle_deg": [(0, 10)]}, {"lens": TWO_TABLES}, "field", None),
         ({"f_number": [2]}, {"workers": 0}, "workers", None),
         ({"f_number": [2]}, {"measure": lambda _: "bright"}, "measure", None),
         ({"f_number": [2]}, {"measure": lambda _: {"f_number": 1.0}}, "measure", None),

@@ -59,6 +59,26 @@ def test_the_same_frames_give_a_warning() -> None:
     assert "the same in every pixel" in found.notes[0]
 
 
+@pytest.mark.parametrize("frames", [1, 2])
+def test_frames_of_one_seed_are_tested_as_independent(frames: int) -> None:
+    """A signal that is 0.02 % higher, 0.2 standard errors of a patch, is not significant because noise is shared.
+
+    The patches' errors, sqrt(2 (20^2 + 6^2) / 800) = 1 DN, still find 0.5 %, and twice the noise.
+    """
+    chip = pattern(1, 20.0)
+    shot = stack(chip, 3, frames, seed=7, frame=0)
+    for factor, agrees in ((1.0002, True), (1.005, False)):
+        other = stack(factor * chip, 3, frames, seed=7, frame=0)
+        with pytest.warns(PhotositeWarning, match="seed 7"):
+            found = validate(shot, other, chart=None, regions=PATCHES)
+        assert found.agrees is agrees
+        assert found.means.statistic / found.means.degrees_of_freedom < 0.1 or not agrees
+    noisier = stack(chip, 3, frames, noise=12.0, seed=7, frame=0)
+    with pytest.warns(PhotositeWarning, match="seed 7"):
+        found = validate(shot, noisier, chart=None, regions=PATCHES)
+    assert found.noise.p_value < 1e-6
+
+
 def test_frames_of_one_seed_give_a_warning() -> None:
     """Seeds that a file states are text."""
     one = stack(pattern(1, 20.0), 3, seed=7, frame=0)

@@ -254,6 +254,8 @@ class Camera(Shown):
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
         if self.sensor.gain_setting is not None:
             metadata["gain_setting"] = self.sensor.gain_setting
+            if self.sensor.gain_setting_is_iso:
+                metadata["iso"] = self.sensor.gain_setting
         lens = getattr(self.optics, "base", self.optics)
         metadata |= {key: value for key in ("f_number", "focal_length_mm") if (value := getattr(lens, key, None))}
         if (neutral := None if scene is None else self._neutral_of(scene)) is not None:
@@ -276,8 +278,8 @@ class Camera(Shown):
     def auto_exposure_s(self, electrons_per_s: NDArray[np.float32]) -> float:
         """Return the exposure time at which the bright parts of a scene stay just below saturation.
 
-        The 99.5th percentile of the pixels then has 80 % of the sensor's saturation capacity. Rounded down to two
-        digits, below 0.1 s of its reciprocal: 1/33.
+        The 99.5th percentile of the pixels then has 80 % of the sensor's saturation capacity, dark current included.
+        Rounded down to two digits, below 0.1 s of its reciprocal: 1/33.
 
         Parameters
         ----------
@@ -300,7 +302,8 @@ class Camera(Shown):
         bright = float(np.percentile(electrons_per_s, _AUTO_EXPOSURE_PERCENTILE)) or float(electrons_per_s.max())
         if not bright > 0:
             raise InputError("the scene sends no light to the sensor", hint="Pass {exposure_s}", arguments=_ONE_SECOND)
-        exposure_s = _AUTO_EXPOSURE_LEVEL * self.sensor.saturation_capacity_e / bright
+        dark = self.sensor.electrons(self.sensor.noise.dark_voltage_mv_per_s.value)
+        exposure_s = _AUTO_EXPOSURE_LEVEL * self.sensor.saturation_capacity_e / (bright + dark)
         if exposure_s < 0.1:
             return 1.0 / _two_digits(1.0 / exposure_s, math.ceil)
         return _two_digits(exposure_s, math.floor)

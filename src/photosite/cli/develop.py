@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import show
+from photosite.cli.output import say, show
 
 
 def white_balance_of(text: str) -> str | list[float]:
@@ -76,5 +76,9 @@ def command(
     frame = read_raw(raw, **reading)
     rows, cols = frame.shape
     save_picture(develop(frame, white_balance=white_balance, exposure=brightness), output, bits=int(depth))
-    facts = {"path": output, "rows": rows, "cols": cols, "depth": int(depth)}
+    used = white_balance
+    if frame.is_mosaic and used == "as-shot" and frame.as_shot_neutral is None:
+        used = "gray-world"
+        say("photosite: the file does not state the white of its light; the white balance is gray-world")
+    facts = {"path": output, "rows": rows, "cols": cols, "depth": int(depth), "white_balance": used}
     show(as_json, facts, lambda: f"wrote {output}: {rows} x {cols} pixels, {depth} bits per channel")

@@ -149,11 +149,24 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
     >>> round(signal_e, 1), float(noise_budget(sensor, signal_e * 30e-6).total_db.round(9))
     (309.6, 20.0)
     """
-    ratio = 10.0 ** (snr_db / 10.0)
     prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
-    square = 1.0 - ratio * prnu2
-    if not square > 0:
+    floor_e2 = sum(sensor.electrons(noise.value) ** 2 for noise in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
+    signal_e = signal_over_noise_e(10.0 ** (snr_db / 10.0), prnu2, floor_e2)
+    if signal_e is None:
         limit = -10.0 * math.log10(prnu2)
         raise InputError("snr_db", value=snr_db, expected=f"below {limit:.4g}, the limit by PRNU")
-    floor_e2 = sum(sensor.electrons(noise.value) ** 2 for noise in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
-    return float((ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square))
+    return signal_e
+
+
+def signal_over_noise_e(ratio: float, prnu2: float, floor_e2: float) -> float | None:
+    """Return the signal S in electrons for which S^2 = ratio (S + floor + prnu2 S^2); None if PRNU limits the ratio.
+
+    Examples
+    --------
+    >>> signal_over_noise_e(100.0, 0.0, 0.0), signal_over_noise_e(100.0, 0.02, 0.0)
+    (100.0, None)
+    """
+    square = 1.0 - ratio * prnu2
+    if not square > 0:
+        return None
+    return (ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,8 @@ from photosite.errors import InputError
 from photosite.optics.checks import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM, camera_wavelengths, check_number
 from photosite.optics.distortion import RadialMapping
 from photosite.optics.illumination import VeilingGlare
+from photosite.optics.plot import Plotted
 from photosite.optics.point_spread import RadialPsf
-from photosite.values.shown import Shown
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -30,7 +27,7 @@ AIRY_REACH_PERIODS = 40.0
 
 
 @dataclass(frozen=True)
-class DiffractionLimited(Shown):
+class DiffractionLimited(Plotted):
     """A thin lens without aberrations.
 
     Parameters
@@ -147,38 +144,6 @@ class DiffractionLimited(Shown):
     def veiling_glare(self) -> VeilingGlare | None:
         """None: the lens scatters nothing."""
         return None
-
-    def plot(
-        self,
-        kind: Literal["mtf", "psf"] = "mtf",
-        *,
-        wavelength_nm: float | Sequence[float] = (450.0, 550.0, 650.0),
-        distance_m: float = math.inf,
-        at_mm: tuple[float, float] = (0.0, 0.0),
-        ax: Axes | None = None,
-    ) -> Axes:
-        """Draw the MTF or the PSF on Matplotlib axes and return them.
-
-        Parameters
-        ----------
-        kind
-            "mtf": modulation against frequency, along the columns, and dashed along the rows where it differs. "psf":
-            the point spread function at the middle one of the wavelengths, on a logarithmic scale.
-        wavelength_nm, distance_m
-            Wavelengths, and distance of the object.
-        at_mm
-            Image point (y, x) on the sensor, from the axis.
-        ax
-            Axes to draw on; None makes new ones.
-
-        Raises
-        ------
-        InputError
-            If the kind is unknown.
-        """
-        from photosite.optics.plot import plot_lens
-
-        return plot_lens(self, kind, wavelength_nm, distance_m, at_mm, ax)
 
     def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
         """Write an optics file; see `photosite.optics.io.optics_file.write_optics`."""

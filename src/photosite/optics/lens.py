@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from threading import Lock
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,14 +18,9 @@ from photosite.optics.checks import check_type
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor, RadialMapping, combined_mapping, image_height
 from photosite.optics.illumination import IlluminationTable, VeilingGlare
+from photosite.optics.plot import Plotted
 from photosite.optics.point_spread import PointSpread
 from photosite.optics.wavefront import Wavefront
-from photosite.values.shown import Shown
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from photosite.optics.diffraction import DiffractionLimited
 
 Array = NDArray[np.float64]
 
@@ -39,7 +34,7 @@ _PARTS: dict[str, tuple[type, str]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Lens(Shown):
+class Lens(Plotted):
     """A lens with any of: its own blur, a fixed focus, tables over the field, glare.
 
     Parameters
@@ -161,38 +156,6 @@ class Lens(Shown):
     def mapping(self, distance_m: float) -> RadialMapping | None:
         """Return distortion and lateral color as one mapping; None if the lens has neither."""
         return combined_mapping(self.distortion, self.lateral_color, self.image_distance_m(distance_m))
-
-    def plot(
-        self,
-        kind: Literal["mtf", "psf"] = "mtf",
-        *,
-        wavelength_nm: float | Sequence[float] = (450.0, 550.0, 650.0),
-        distance_m: float = math.inf,
-        at_mm: tuple[float, float] = (0.0, 0.0),
-        ax: Axes | None = None,
-    ) -> Axes:
-        """Draw the MTF or the PSF on Matplotlib axes and return them.
-
-        Parameters
-        ----------
-        kind
-            "mtf": modulation against frequency, along the columns, and dashed along the rows where it differs. "psf":
-            the point spread function at the middle one of the wavelengths, on a logarithmic scale.
-        wavelength_nm, distance_m
-            Wavelengths, and distance of the object.
-        at_mm
-            Image point (y, x) on the sensor, from the axis.
-        ax
-            Axes to draw on; None makes new ones.
-
-        Raises
-        ------
-        InputError
-            If the kind is unknown.
-        """
-        from photosite.optics.plot import plot_lens
-
-        return plot_lens(self, kind, wavelength_nm, distance_m, at_mm, ax)
 
     def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
         """Write an optics file and the tables it names; see `photosite.optics.io.optics_file.write_optics`."""

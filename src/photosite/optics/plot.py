@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
@@ -11,11 +12,10 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.optics.point_spread import FieldPsf, PointSpread, otf_at
+from photosite.values.shown import Shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from photosite.optics.lens import Optics
 
 Array = NDArray[np.float64]
 Kind = Literal["mtf", "psf"]
@@ -26,27 +26,53 @@ _SHOWN_ENERGY = 0.9
 _LEAST_HALF = 24  # samples: three periods of the cutoff
 
 
-def plot_lens(
-    optics: Optics,
-    kind: Kind,
-    wavelength_nm: float | Sequence[float],
-    distance_m: float,
-    at_mm: tuple[float, float],
-    ax: Axes | None,
-) -> Axes:
-    """Draw the MTF or the PSF of a lens; see `Lens.plot`."""
-    from photosite.report.plots import plot_mtf, plot_psf
+class Plotted(Shown):
+    """Base of lenses: a plot of their blur."""
 
-    waves = [float(wave) for wave in np.atleast_1d(np.asarray(wavelength_nm, np.float64))]
-    spread, at_m = optics.point_spread(distance_m), (1e-3 * at_mm[0], 1e-3 * at_mm[1])
-    if kind == "mtf":
-        frequency = np.linspace(0.0, max(cutoff_per_m(spread, wave) for wave in waves), _FREQUENCIES)
-        curves = {f"{wave:g} nm": mtf(spread, frequency, wave, at_m) for wave in waves}
-        return plot_mtf(frequency * 1e-3, curves, ax)
-    if kind == "psf":
-        psf, step_m = sampled_psf(spread, waves[len(waves) // 2], at_m)
-        return plot_psf(psf, 1e6 * step_m, f"{waves[len(waves) // 2]:g} nm", ax)
-    raise InputError("kind", value=kind, expected="'mtf' or 'psf'")
+    @abstractmethod
+    def point_spread(self, distance_m: float) -> PointSpread:
+        """Return the point spread function on the sensor."""
+
+    def plot(
+        self,
+        kind: Kind = "mtf",
+        *,
+        wavelength_nm: float | Sequence[float] = (450.0, 550.0, 650.0),
+        distance_m: float = math.inf,
+        at_mm: tuple[float, float] = (0.0, 0.0),
+        ax: Axes | None = None,
+    ) -> Axes:
+        """Draw the MTF or the PSF on Matplotlib axes and return them.
+
+        Parameters
+        ----------
+        kind
+            "mtf": modulation against frequency, along the columns, and dashed along the rows where it differs. "psf":
+            the point spread function at the middle one of the wavelengths, on a logarithmic scale.
+        wavelength_nm, distance_m
+            Wavelengths, and distance of the object.
+        at_mm
+            Image point (y, x) on the sensor, from the axis.
+        ax
+            Axes to draw on; None makes new ones.
+
+        Raises
+        ------
+        InputError
+            If the kind is unknown.
+        """
+        from photosite.report.plots import plot_mtf, plot_psf
+
+        waves = [float(wave) for wave in np.atleast_1d(np.asarray(wavelength_nm, np.float64))]
+        spread, at_m = self.point_spread(distance_m), (1e-3 * at_mm[0], 1e-3 * at_mm[1])
+        if kind == "mtf":
+            frequency = np.linspace(0.0, max(cutoff_per_m(spread, wave) for wave in waves), _FREQUENCIES)
+            curves = {f"{wave:g} nm": mtf(spread, frequency, wave, at_m) for wave in waves}
+            return plot_mtf(frequency * 1e-3, curves, ax)
+        if kind == "psf":
+            psf, step_m = sampled_psf(spread, waves[len(waves) // 2], at_m)
+            return plot_psf(psf, 1e6 * step_m, f"{waves[len(waves) // 2]:g} nm", ax)
+        raise InputError("kind", value=kind, expected="'mtf' or 'psf'")
 
 
 def mtf(spread: PointSpread, frequency_per_m: Array, wavelength_nm: float, at_m: tuple[float, float]) -> Array:

@@ -56,7 +56,10 @@ if TYPE_CHECKING:
 
 
 _SECTIONS = ("array", "pixel", "noise", "readout", "provenance")
-_OWN = ("name", "serial", "channels", "maps", "covariance", "gain_setting", "gain_settings")
+_OWN = (
+    *("name", "serial", "channels", "maps", "covariance"),
+    *("gain_setting", "gain_settings", "gain_setting_is_iso"),
+)
 _PRINCIPAL = (
     *("width_um", "height_um", "fill_factor", "conversion_gain_uv_per_e", "well_capacity_e"),
     *("read_noise_mv", "dsnu_mv", "prnu_percent", "analog_gain", "black_level_dn"),
@@ -325,6 +328,12 @@ class Sensor(Tabular, Section):
         NO_UNIT,
         [{"setting": 400, "system_gain_dn_per_e": 1.56, "read_noise_e": 1.9}],
         default=(),
+    )
+    gain_setting_is_iso: bool = about(
+        "Whether gain settings are ISO speeds, which DNG files then state; false for a factor or dB.",
+        NO_UNIT,
+        False,
+        default=True,
     )
     optical_stack: OpticalStack | None = about(
         "Filters, microlenses and crosstalk in front of the silicon.", NO_UNIT, {"cover_glass": 0.92}, default=None

@@ -75,7 +75,7 @@ def snr(
         rates = _rates(camera, Scene.uniform(mean, scene.wavelength_nm, scene.distance_m))
     signal_e = float(rates.max()) * time_s
     noise_e = math.sqrt(float(total_variance_e2(camera.sensor, signal_e, time_s)))
-    saturated = signal_e > camera.sensor.saturation_capacity_e
+    saturated = signal_e > light_capacity_e(camera.sensor, time_s)
     ratio_db = math.nan if saturated or signal_e == 0 else 20.0 * math.log10(signal_e / noise_e)
     return {"signal_e": signal_e, "noise_e": noise_e, "snr_db": ratio_db}
 
@@ -119,14 +119,31 @@ def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) ->
     """
     signal = np.asarray(signal_e, np.float64)
     noise = sensor.noise
-    dark_e = sensor.electrons(noise.dark_voltage_mv_per_s.value) * exposure_s
-    pattern = sensor.electrons(noise.dsnu_mv.value) ** 2 + (noise.dcnu_percent.value / 100.0 * dark_e) ** 2
+    uneven_e = noise.dcnu_percent.value / 100.0 * dark_signal_e(sensor, exposure_s)
+    pattern = sensor.electrons(noise.dsnu_mv.value) ** 2 + uneven_e**2
     response = (noise.prnu_percent.value / 100.0 * signal) ** 2
     return np.asarray(signal + temporal_dark_variance_e2(sensor, exposure_s) + pattern + response)
 
 
 def temporal_dark_variance_e2(sensor: Sensor, exposure_s: float) -> float:
     """Return the variance of a pixel without light from frame to frame, in electrons squared."""
-    dark_e = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * exposure_s
     read_e = sensor.electrons(sensor.noise.read_noise_mv.value)
-    return dark_e + read_e**2 + QUANTISATION_DN2 / sensor.system_gain_dn_per_e**2
+    return dark_signal_e(sensor, exposure_s) + read_e**2 + QUANTISATION_DN2 / sensor.system_gain_dn_per_e**2
+
+
+def dark_signal_e(sensor: Sensor, exposure_s: float) -> float:
+    """Return the mean electrons of the dark current in an exposure."""
+    return sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * exposure_s
+
+
+def light_capacity_e(sensor: Sensor, exposure_s: float) -> float:
+    """Return the electrons from light at which a pixel saturates: saturation capacity less the dark signal.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> warm = ps.load_sensor("nikon-d200").with_(dark_current_e_per_s=100)
+    >>> round(light_capacity_e(warm, 0.0) - light_capacity_e(warm, 10.0), 6)
+    1000.0
+    """
+    return sensor.saturation_capacity_e - dark_signal_e(sensor, exposure_s)

@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
+from photosite.metrics.snr import signal_over_noise_e
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.page import Page, Paragraph, Section, Table, columns, figure_block, numeric
 from photosite.report.style import BLACK, GRAY, line_style, new_figure, styled
 from photosite.report.write import write_report
 from photosite.sensor.model import Sensor
-from photosite.studies.gray_surface import electron_rates, temporal_dark_variance_e2, total_variance_e2
+from photosite.studies.gray_surface import (
+    electron_rates,
+    light_capacity_e,
+    temporal_dark_variance_e2,
+    total_variance_e2,
+)
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
 
@@ -60,7 +66,7 @@ class SensorFacts(Tabular):
     @property
     def saturation_cd_m2(self) -> float:
         """Luminance at which the pixel saturates."""
-        return self.sensor.saturation_capacity_e / self.electrons_per_cd_m2
+        return light_capacity_e(self.sensor, self.exposure_s) / self.electrons_per_cd_m2
 
     def snr_db(self, luminance_cd_m2: Array) -> Array:
         """Return the ratio of signal to total noise over the pixels of a frame, in dB; NaN above saturation."""
@@ -71,12 +77,11 @@ class SensorFacts(Tabular):
     @property
     def snr10_cd_m2(self) -> float | None:
         """Luminance at which the ratio is 10; None if the pixel saturates or PRNU limits the ratio before."""
-        ratio2 = 10.0 ** (SNR10_DB / 10.0)
+        prnu2 = (self.sensor.noise.prnu_percent.value / 100.0) ** 2
         dark_e2 = float(total_variance_e2(self.sensor, 0.0, self.exposure_s))
-        square = 1.0 - ratio2 * (self.sensor.noise.prnu_percent.value / 100.0) ** 2
-        if square <= 0.0:
+        signal = signal_over_noise_e(10.0 ** (SNR10_DB / 10.0), prnu2, dark_e2)
+        if signal is None:
             return None
-        signal = (ratio2 + math.sqrt(ratio2**2 + 4.0 * square * ratio2 * dark_e2)) / (2.0 * square)
         luminance = signal / self.electrons_per_cd_m2
         return luminance if luminance <= self.saturation_cd_m2 else None
 
@@ -92,9 +97,9 @@ class SensorFacts(Tabular):
 
     @property
     def dynamic_range_db(self) -> float:
-        """Saturation capacity over the signal at which a pixel's ratio over time is 1 (EMVA 1288 R4.0), in dB."""
+        """Signal at saturation over that at which a pixel's ratio over time is 1 (EMVA 1288 R4.0), in dB."""
         threshold_e = math.sqrt(temporal_dark_variance_e2(self.sensor, self.exposure_s) + 0.25) + 0.5
-        return 20.0 * math.log10(self.sensor.saturation_capacity_e / threshold_e)
+        return 20.0 * math.log10(light_capacity_e(self.sensor, self.exposure_s) / threshold_e)
 
     def to_dict(self) -> dict[str, Cell]:
         """Return the numbers of the table."""
@@ -128,7 +133,7 @@ class SensorComparison(Tabular):
     sensors
         By label.
     luminance_cd_m2
-        (points,) of the curves, from a ratio of about 1 to the saturation of the last sensor.
+        (points,) of the curves, from a ratio of about -10 dB to the highest saturation.
     f_number, exposure_s, illuminant
         The conditions.
     """
@@ -227,6 +232,9 @@ def compare_sensors(
         best = int(rates.argmax())
         if not rates[best] > 0:
             raise InputError("illuminant", value=illuminant, expected=f"light that sensor '{label}' responds to")
+        if not light_capacity_e(sensor, time_s) > 0:
+            expected = f"short enough that the dark current does not saturate sensor '{label}'"
+            raise InputError("exposure_s", value=exposure_s, expected=expected)
         facts[label] = SensorFacts(sensor, sensor.channel_names[best], float(rates[best]) * time_s, time_s)
     dark_e = {label: math.sqrt(float(total_variance_e2(f.sensor, 0.0, time_s))) for label, f in facts.items()}
     lowest = min(0.3 * dark_e[label] / f.electrons_per_cd_m2 for label, f in facts.items())
@@ -239,7 +247,7 @@ _TITLES = {
     "pixel_width_um": "Pixel (µm)",
     "quantum_efficiency_peak_percent": "Peak QE (%)",
     "electrons_per_cd_m2": "Signal (e⁻ per cd/m²)",
-    "saturation_capacity_e": "Full well (e⁻)",
+    "saturation_capacity_e": "Saturation capacity (e⁻)",
     "read_noise_e": "Read noise (e⁻)",
     "dynamic_range_db": "Dynamic range (dB)",
     "snr_max_db": "Highest SNR (dB)",
@@ -280,8 +288,8 @@ _WORDS = (
     "DSNU, dark current nonuniformity and PRNU.",
     "SNR10 is the luminance of the surface at which the ratio is 10 (20 dB), and the illuminance on an 18 % gray chart "
     "of that luminance, E = π L / 0.18. Makers who include a color correction report larger values.",
-    "The dynamic range is that of EMVA 1288 R4.0: saturation capacity over the signal at which the temporal ratio is "
-    "1. Signals assume a lens without losses.",
+    "The dynamic range is that of EMVA 1288 R4.0: the signal at saturation over the signal at which the temporal ratio "
+    "is 1. The dark current takes its share of the saturation capacity. Signals assume a lens without losses.",
     "A sensor without an infrared-cut filter also collects near-infrared light, which luminance does not count: under "
     "tungsten light it has more signal at the same luminance.",
     "Pixels of different sizes see different areas of the picture. Over the same area of the chip, the ratio of a "

@@ -137,8 +137,8 @@ def sweep(
     Raises
     ------
     InputError
-        If a field is unknown or in two parts of the camera, a value is invalid, there are no values, or `measure`
-        cannot be sent to other processes or returns something else than numbers.
+        If a field is unknown or in several parts of camera or lens, a value is invalid, there are no values, or
+        `measure` cannot be sent to other processes or returns something else than numbers.
 
     Examples
     --------
@@ -148,7 +148,10 @@ def sweep(
     >>> table["snr_db"].round(1)
     array([12.5,  1.1, 23.6, 12.9])
     """
-    choices = {name: list(entries) for name, entries in values.items() if _checked_values(name, entries)}
+    for name, entries in values.items():
+        if isinstance(entries, str) or not isinstance(entries, Iterable):
+            raise InputError(name, where="values", value=entries, expected="a list of values")
+    choices = {name: list(entries) for name, entries in values.items()}
     if not choices or not all(choices.values()):
         raise InputError("values", value=values, expected="a field with its values, such as {'f_number': [2, 4]}")
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
@@ -166,12 +169,6 @@ def sweep(
         (*map(_cell, point), *(found[name] for name in names)) for point, found in zip(points, results, strict=True)
     )
     return Sweep(tuple(choices), names, rows)
-
-
-def _checked_values(name: str, entries: Iterable[Any]) -> bool:
-    if isinstance(entries, str) or not isinstance(entries, Iterable):
-        raise InputError(name, where="values", value=entries, expected="a list of values")
-    return True
 
 
 def _cell(value: Any) -> Cell:
@@ -221,16 +218,18 @@ def _with(camera: Camera, scene: Scene | None, name: str, value: Any) -> tuple[C
     if name == "gain_setting":
         return replace(camera, sensor=camera.sensor.at_gain_setting(value)), scene
     of_scene = {*_LIGHT, "distance_m", "width_m"} if scene is not None else set()
-    parts = {
-        "sensor": name in camera.sensor.field_names,
-        "lens": _holds(camera.optics, name),
-        "camera": name in ("integration", "cells_per_pixel"),
-        "scene": name in of_scene,
+    places = {
+        "sensor": camera.sensor.field_names.count(name),
+        "lens": _all_fields(camera.optics).count(name),
+        "camera": ("integration", "cells_per_pixel").count(name),
+        "scene": int(name in of_scene),
     }
-    held = [part for part, there in parts.items() if there]
+    held = [part for part, count in places.items() for _ in range(count)]
     if len(held) != 1:
         known = (PIXEL_WIDTH, *camera.sensor.field_names, *_all_fields(camera.optics), "cells_per_pixel", *of_scene)
-        expected = f"in one part only; it is in {' and '.join(held)}" if held else "a field of sensor, lens or scene"
+        expected = "a field of sensor, lens or scene"
+        if held:
+            expected = f"a field of one part only, not of several ({', '.join(dict.fromkeys(held))})"
         raise InputError(_UNKNOWN, value=name, expected=expected, hint="" if held else did_you_mean(name, known))
     if held == ["sensor"]:
         return replace(camera, sensor=camera.sensor.with_(**{name: value})), scene
@@ -246,10 +245,6 @@ def _with(camera: Camera, scene: Scene | None, name: str, value: Any) -> tuple[C
     return camera, replace(scene, **{name: value})
 
 
-def _holds(part: Any, name: str) -> bool:
-    return name in _all_fields(part)
-
-
 def _all_fields(part: Any) -> tuple[str, ...]:
     """Return the fields of a lens and of its parts."""
     if not is_dataclass(part):
@@ -259,10 +254,10 @@ def _all_fields(part: Any) -> tuple[str, ...]:
 
 
 def _replaced(part: Any, name: str, value: Any) -> Any:
-    """Return a lens with a changed field, of its own or of the first part that has it."""
+    """Return a lens with a changed field, which it or one of its parts has."""
     if name in {entry.name for entry in fields(part)}:
         return replace(part, **{name: value})
-    inner = next(entry.name for entry in fields(part) if _holds(getattr(part, entry.name), name))
+    inner = next(entry.name for entry in fields(part) if name in _all_fields(getattr(part, entry.name)))
     return replace(part, **{inner: _replaced(getattr(part, inner), name, value)})
 
 

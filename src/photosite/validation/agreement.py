@@ -84,26 +84,39 @@ def _covariance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float((a - a.mean()) @ (b - b.mean()) / (a.size - 1))
 
 
-def warn_of_dependence(measured: Sequence[RawFrame], simulated: Sequence[RawFrame]) -> list[str]:
-    """Warn where a simulated frame is a measured one, or has its seed and number; return the warnings as notes.
+def dependence(
+    measured: Sequence[RawFrame], simulated: Sequence[RawFrame], patches: Sequence[Patch]
+) -> tuple[SharedNoise | None, list[str]]:
+    """Return the covariances that the tests take into account, and notes of frames that are not independent.
+
+    A fixed pattern is shared by frames of one chip, and the covariances account for it. Frames that are the same, or
+    have the same random numbers, are tested as independent ones: the noise that they share would otherwise make
+    differences significant that no frames of two cameras show. They get a note and a warning.
+    """
+    if notes := _repeats(measured, simulated):
+        for note in notes:
+            warnings.warn(PhotositeWarning(note), stacklevel=3)
+        return None, notes
+    return shared_noise(measured, simulated, patches), []
+
+
+def _repeats(measured: Sequence[RawFrame], simulated: Sequence[RawFrame]) -> list[str]:
+    """Return a note where a simulated frame is a measured one, or has its seed and number.
 
     Frames with one value everywhere (all black or all white) are not compared.
     """
-    notes = []
     if _digests(measured) & _digests(simulated):
-        notes.append(
+        return [
             "measured and simulated frames are the same in every pixel, so that their agreement shows nothing; compare "
             "measured frames with simulated ones"
-        )
-    elif common := _draws(measured) & _draws(simulated):
+        ]
+    if common := _draws(measured) & _draws(simulated):
         seed, frame = min(common)
-        notes.append(
+        return [
             f"measured and simulated frames share the random numbers of seed {seed} (frame {frame}), so that they "
-            "differ by less than independent frames; simulate with another seed"
-        )
-    for note in notes:
-        warnings.warn(PhotositeWarning(note), stacklevel=3)
-    return notes
+            "differ by less than independent frames, as which they are tested; simulate with another seed"
+        ]
+    return []
 
 
 def _digests(frames: Sequence[RawFrame]) -> set[bytes]:

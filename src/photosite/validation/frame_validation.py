@@ -21,7 +21,7 @@ from photosite.scene.charts import macbeth
 from photosite.scene.placement import check_corners, in_perspective, seen_patches
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.sensor.model import Sensor
-from photosite.validation.agreement import shared_noise, warn_of_dependence
+from photosite.validation.agreement import dependence
 from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
@@ -272,6 +272,7 @@ def validate_frames(
         # The same noise at the fitted level, so that the fit takes exactly one degree of freedom.
         shots, made = shoot(scale)
         luminance_cd_m2 *= scale if fit == "light" else 1.0
+    shared, dependent = dependence(stack, shots, patches)
     validation = compare_patches(
         seen,
         made,
@@ -280,8 +281,8 @@ def validate_frames(
         tolerance_percent=tolerance_percent,
         exposures_s=(first.exposure_s, exposure_s),
         fitted=0 if found is None else 1,
-        shared=shared_noise(stack, shots, patches),
-        notes=warn_of_dependence(stack, shots),
+        shared=shared,
+        notes=dependent,
     )
     diagnosis: tuple[str, ...] = ()
     if not validation.agrees:

@@ -18,8 +18,7 @@ from photosite.validation.agreement import (
     chi_square_of_noise,
     chi_square_of_temporal_noise,
     compared,
-    shared_noise,
-    warn_of_dependence,
+    dependence,
 )
 from photosite.validation.charts import Chart, chart_regions, chart_xyz_d65
 from photosite.validation.regression import regressions
@@ -76,7 +75,8 @@ def validate(
     Warns
     -----
     PhotositeWarning
-        If a simulated frame equals a measured one, or both were simulated with one seed.
+        If a simulated frame equals a measured one, or both were simulated with one seed; such frames are tested as
+        independent ones.
 
     Notes
     -----
@@ -98,6 +98,7 @@ def validate(
     patches = _patches(chart, regions, first_measured)
     seen, made = patch_statistics(measured, patches), patch_statistics(simulated, patches)
     one, other = ([frames] if isinstance(frames, RawFrame) else frames for frames in (measured, simulated))
+    shared, notes = dependence(one, other, patches)
     return compare_patches(
         seen,
         made,
@@ -105,8 +106,8 @@ def validate(
         level=level,
         tolerance_percent=tolerance_percent,
         exposures_s=(first_measured.exposure_s, first_simulated.exposure_s),
-        shared=shared_noise(one, other, patches),
-        notes=warn_of_dependence(one, other),
+        shared=shared,
+        notes=notes,
     )
 
 

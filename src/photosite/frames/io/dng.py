@@ -3,9 +3,9 @@
 Writing. One directory, uncompressed 16-bit. A mosaic is CFA, a monochrome frame LinearRaw of one sample. Levels,
 exposure, color matrices and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
 integers, is also in ImageDescription (`photosite.frames.frame_file`). AsShotNeutral, ISO, FNumber, FocalLength and
-DateTime are written if the metadata have as_shot_neutral, iso or gain_setting, f_number, focal_length_mm and date_time
-(ISO 8601); without the first, readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens
-nothing smaller than 22 x 22 pixels, and has its own levels and matrices for known makers and models. Make is therefore
+DateTime are written if the metadata have as_shot_neutral, iso, f_number, focal_length_mm and date_time (ISO 8601);
+without the first, readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens nothing
+smaller than 22 x 22 pixels, and has its own levels and matrices for known makers and models. Make is therefore
 "photosite", and the camera's name is in Model.
 
 Reading. Levels, mosaic and matrix come from the tags; LibRaw, which rounds black levels and moves odd margins, only
@@ -135,7 +135,7 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
     ]
     if frame.exposure_s is not None:
         tags.append((EXPOSURE_TIME, "2I", 1, _ratio(frame.exposure_s, "exposure_s"), True))
-    iso = frame.metadata.get("iso", frame.metadata.get("gain_setting"))
+    iso = frame.metadata.get("iso")
     if isinstance(iso, int | float) and iso == int(iso) and 0 < iso < 1 << 32:
         # 16 bits; higher values are 65535 and RecommendedExposureIndex (CIPA DC-008, 4.6.6).
         tags.append((ISO, "H", 1, min(int(iso), 65535), True))
