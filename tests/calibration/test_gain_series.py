@@ -93,6 +93,8 @@ def test_unity_gain_and_sensors_of_the_settings():
         assert found.readout.analog_gain.assumed
         noise_dn = found.noise.read_noise_mv.value / found.mv_per_dn
         assert noise_dn == pytest.approx(step.calibration.read_noise_dn.value, rel=1e-12)
+    assert series.sensor.gain_setting_is_iso
+    assert not replace(series, scale="decibels").sensor.gain_setting_is_iso
     below = analyse_series(series.steps[:2])
     check(below.unity_gain, 100 / shot.labs[0].camera.sensor.system_gain_dn_per_e)
     assert "extrapolated from the settings 100 to 200" in below.unity_gain.method

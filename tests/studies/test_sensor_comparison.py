@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,22 @@ def test_figures_by_hand() -> None:
     # S^2 = 100 (S + D)
     signal_e = 50 + math.sqrt(2500 + 100 * (temporal_e2 + 4.0))
     assert facts.snr10_lux == pytest.approx(signal_e / (2.0 * rate) * math.pi / 0.18, rel=2e-3)
+
+
+def test_light_beyond_the_table_of_an_illuminant_is_missing_with_a_warning() -> None:
+    """CIE D65 ends at 830 nm: a sensor that responds to 1000 nm has the signal of one to 830 nm, and a warning."""
+    found = {}
+    for last in (830.0, 1000.0):
+        flat = {"wavelength_nm": (380.0, last), "quantum_efficiency": (0.5, 0.5)}
+        mono = ps.load_sensor("vendor-2.2um").with_(cfa=(("M",),), channels={"M": flat})
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            found[last] = ps.compare_sensors({"m": mono}, illuminant="D65").sensors["m"].electrons_per_cd_m2
+        assert len(caught) == (last > 830.0)
+    assert found[1000.0] == pytest.approx(found[830.0], rel=1e-3)
+    with pytest.raises(InputError) as error:
+        ps.compare_sensors({"a": ps.load_sensor("vendor-2.2um")}, illuminant="D66")
+    assert error.value.what == "illuminant"
 
 
 def test_limits_that_are_not_reached() -> None:

@@ -131,37 +131,41 @@ def command(
             if clean is not None:
                 write_clean_mosaic(camera.clean_dn(mean), raw, clean)
         progress(number + 1, frames)
-    saturated = float((first.dn >= first.white_level_dn).mean())
+    facts = _facts(first, camera, paths) | {"preview": preview, "clean": clean, "scene": scene.name, "seed": seed}
     suggested_s = camera.auto_exposure_s(per_second) if per_second.any() else None
-    facts: dict[str, Any] = {
+    facts["suggested_exposure_s"] = suggested_s
+    if (hint := _exposure_hint(camera, mean, facts["saturated_fraction"], suggested_s)) is not None:
+        say(f"photosite: hint: {hint}")
+    show(as_json, facts, lambda: _text(facts), preview=preview, clean=clean)
+
+
+def _facts(first: RawFrame, camera: Camera, paths: list[Path]) -> dict[str, Any]:
+    """Return what the frames are, by the first of them."""
+    return {
         "path": paths[0],
         "paths": [str(path) for path in paths],
-        "preview": preview,
-        "clean": clean,
         "rows": first.shape[0],
         "cols": first.shape[1],
         "bits": first.bits,
         "black_level_dn": first.black_level_dn,
         "white_level_dn": first.white_level_dn,
         "exposure_s": first.exposure_s,
-        "suggested_exposure_s": suggested_s,
         "mean_dn": float(first.dn.mean()),
         "max_dn": int(first.dn.max()),
-        "saturated_fraction": saturated,
-        "scene": scene.name,
+        "saturated_fraction": float((first.dn >= first.white_level_dn).mean()),
         "sensor": camera.sensor.name,
         "gain_setting": camera.sensor.gain_setting,
-        "seed": seed,
     }
-    names = str(output) if frames == 1 else f"{frames} frames, {paths[0]} to {paths[-1].name}"
-    text = (
-        f"wrote {names}: {first.shape[0]} x {first.shape[1]} pixels of {camera.sensor.name}, {scene.name}, "
-        f"{format_exposure(time_s)} s; mean {facts['mean_dn']:.1f} DN, max {facts['max_dn']} DN, "
-        f"{100 * saturated:.3g} % saturated"
+
+
+def _text(facts: dict[str, Any]) -> str:
+    paths = facts["paths"]
+    names = paths[0] if len(paths) == 1 else f"{len(paths)} frames, {paths[0]} to {Path(paths[-1]).name}"
+    return (
+        f"wrote {names}: {facts['rows']} x {facts['cols']} pixels of {facts['sensor']}, {facts['scene']}, "
+        f"{format_exposure(facts['exposure_s'])} s; mean {facts['mean_dn']:.1f} DN, max {facts['max_dn']} DN, "
+        f"{100 * facts['saturated_fraction']:.3g} % saturated"
     )
-    if (hint := _exposure_hint(camera, mean, saturated, suggested_s)) is not None:
-        say(f"photosite: hint: {hint}")
-    show(as_json, facts, lambda: text, preview=preview, clean=clean)
 
 
 _SATURATED_HINT = 0.02
@@ -238,13 +242,13 @@ def _request(base: SceneRequest | PlanesRequest, given: dict[str, Any]) -> Scene
     if given["scene_source"] is not None:
         return options.request_of(SceneRequest(), given)
     if options.options_of_scene(given):
-        hint = "Change light and place of each plane in the camera file"
-        raise InputError("options cannot change a scene of planes", hint=hint)
+        hint = "Set the light and position of each plane in the camera file"
+        raise InputError("the options of a scene do not apply to planes", hint=hint)
     return base
 
 
 def _with_white_balance(raw: RawFrame, camera: Camera, light: Any) -> RawFrame:
-    """Return the frame with the white of a light that the scene itself does not state."""
+    """Return the frame with the white of the light that the options state, unless the scene gave one."""
     from photosite.scene.charts import uniform
 
     if light is None or "as_shot_neutral" in raw.metadata:

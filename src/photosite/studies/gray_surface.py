@@ -86,15 +86,18 @@ def electron_rates(camera: Camera, illuminant: str | float = "D65") -> Array:
 
 
 def _surface(sensor: Sensor, illuminant: str | float) -> Scene:
-    """Return an even field over all wavelengths that the sensor responds to, where the illuminant is known there."""
+    """Return an even field over all wavelengths that the sensor responds to, as far as the illuminant is known."""
     first = min(DEFAULT_WAVELENGTH_NM[0], *(channel.wavelength_nm[0] for channel in sensor.channels.values()))
     last = max(DEFAULT_WAVELENGTH_NM[-1], *(channel.wavelength_nm[-1] for channel in sensor.channels.values()))
     steps = math.ceil((last - first) / _STEP_NM)
     grid = first + _STEP_NM * np.arange(steps + 1)
     try:
         return charts.uniform(illuminant, 1.0, wavelength_nm=grid, distance_m=_FAR_M)
-    except InputError:
-        return charts.uniform(illuminant, 1.0, distance_m=_FAR_M)
+    except InputError as error:
+        if (known := error.arguments.get("band_range_nm")) is None:
+            raise
+        known_grid = np.unique(np.clip(grid, *known))
+        return charts.uniform(illuminant, 1.0, wavelength_nm=known_grid, distance_m=_FAR_M)
 
 
 def _rates(camera: Camera, field: Scene) -> Array:

@@ -252,26 +252,17 @@ def validate_frames(
     chart = macbeth(lamp.light, luminance_cd_m2, wavelength_nm=lamp.wavelength_nm, distance_m=distance_m)
     patches = seen_patches(chart, corners, INNER)
     seen = patch_statistics(stack, patches)
-    camera = Camera(conditions.optics, sensor)
-    pixel_aspect = sensor.pixel.height_um.value / sensor.pixel.width_um.value
-    scene = in_perspective(chart, corners, (sensor.array.rows, sensor.array.cols), pixel_aspect=pixel_aspect)
-    mean_e = camera.mean_electrons(scene, exposure_s)
-    count = min(len(stack), MOST_SIMULATED)
-
-    def shoot(scale: float) -> tuple[list[RawFrame], PatchStatistics]:
-        scaled = mean_e * np.float32(scale)
-        shots = [camera.expose(scaled, exposure_s, seed=seed, frame=number) for number in range(count)]
-        return shots, patch_statistics(shots, patches)
-
-    shots, made = shoot(1.0)
+    simulation = _simulated(conditions, sensor, chart, corners, exposure_s, seed, min(len(stack), MOST_SIMULATED))
+    shots = simulation.frames()
+    made = patch_statistics(shots, patches)
     found = None
     if fit is not None:
         fill_factor = sensor.pixel.fill_factor.value
         found = fit_fill_factor(seen, made, fill_factor)
-        scale = found.value / fill_factor
         # The same noise at the fitted level, so that the fit takes exactly one degree of freedom.
-        shots, made = shoot(scale)
-        luminance_cd_m2 *= scale if fit == "light" else 1.0
+        shots = simulation.frames(found.value / fill_factor)
+        made = patch_statistics(shots, patches)
+        luminance_cd_m2 *= found.value / fill_factor if fit == "light" else 1.0
     shared, dependent = dependence(stack, shots, patches)
     validation = compare_patches(
         seen,
@@ -298,9 +289,40 @@ def validate_frames(
         diagnosis=diagnosis,
         measured=stack[0],
         simulated=shots[0],
-        frames=(len(stack), count),
+        frames=(len(stack), len(shots)),
         notes=tuple(notes),
     )
+
+
+@dataclass(frozen=True)
+class _Simulation:
+    """Frames of the chart at its place in the measured ones."""
+
+    camera: Camera
+    mean_e: NDArray[np.float32]
+    exposure_s: float
+    seed: int
+    count: int
+
+    def frames(self, scale: float = 1.0) -> list[RawFrame]:
+        """Return frames whose light level is scaled."""
+        mean_e = self.mean_e * np.float32(scale)
+        return [self.camera.expose(mean_e, self.exposure_s, seed=self.seed, frame=n) for n in range(self.count)]
+
+
+def _simulated(
+    conditions: CaptureConditions,
+    sensor: Sensor,
+    chart: Scene,
+    corners: Corners,
+    exposure_s: float,
+    seed: int,
+    count: int,
+) -> _Simulation:
+    camera = Camera(conditions.optics, sensor)
+    pixel_aspect = sensor.pixel.height_um.value / sensor.pixel.width_um.value
+    scene = in_perspective(chart, corners, (sensor.array.rows, sensor.array.cols), pixel_aspect=pixel_aspect)
+    return _Simulation(camera, camera.mean_electrons(scene, exposure_s), exposure_s, seed, count)
 
 
 def _level(conditions: CaptureConditions, frame: RawFrame, fit: Fitted | None) -> tuple[float, float]:

@@ -126,7 +126,7 @@ def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source
         raise CalibrationError(f"fewer than two gain settings have a system gain ({reasons})", where=source)
     if len(known) < len(steps):
         left = ", ".join(f"{step.setting:g}" for step in steps if step not in known)
-        warnings.append(f"no system gain at setting {left}: not used in the joint analysis")
+        warnings.append(f"no system gain at setting {left}: not used in the joint analysis, not in the sensor file")
     settings = np.array([step.setting for step in known])
     gain, u_gain = _values(known, "system_gain_dn_per_e")
     scale = find_setting_scale(settings, gain)

@@ -146,7 +146,8 @@ class GainSeries(Tabular):
         """
         measured = [step for step in self.steps if step.calibration.system_gain_dn_per_e.value is not None]
         lowest, *others = (step.calibration.sensor.with_(gain_setting=step.setting) for step in measured)
-        return lowest.with_(gain_settings=[other.own_gain_setting for other in others])
+        is_iso = lowest.gain_setting_is_iso and self.scale == "proportional"
+        return lowest.with_(gain_settings=[other.own_gain_setting for other in others], gain_setting_is_iso=is_iso)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file with all gain settings. Raises as `sensor`, and `FileError` if it cannot be written."""
