@@ -109,7 +109,7 @@ def _measurements(
     reduction: Reduction, dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> tuple[list[Measurements], Measurements]:
     """Return the measurements of each channel and of all together, at small signal or by the standard's lines."""
-    measured = _measure_channels(dark, light.channels, patterns, by_line=by_line)
+    measured = _measure_channels(dark, light, patterns, by_line=by_line)
     gain = light.line_gain if by_line else light.gain
     together = pool_channels(reduction.names, measured, dark.together, gain, dark.reference_exposure_s)
     if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
@@ -121,17 +121,23 @@ def _measurements(
 
 
 def _measure_channels(
-    dark: DarkResult, channels: Sequence[Channel], patterns: Sequence[FixedPattern], *, by_line: bool
+    dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> list[Measurements]:
     """Return the measurements of each channel."""
     found = [(pattern if by_line else pattern.of_electrons()).variances for pattern in patterns]
     measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
-    for k, channel in enumerate(channels):  # none without light frames
+    for k, channel in enumerate(light.channels):  # none without light frames
         gain = channel.line_gain if by_line else channel.gain
         responsivity = screen_responsivity(channel.responsivity(by_line=by_line), gain)
         linearity = (channel_linearity(channel),)
         measured[k] = measured[k].with_channel(channel, responsivity, by_line=by_line, linearity=linearity)
-    measured = [m.without_dark_shot_noise(dark.reference_exposure_s).for_sensor() for m in measured]
+    shared = light.noise.shared
+    charge = () if shared is None or isinstance(shared.charge, Missing) else shared.charge
+    factors = [entry.factor.value for entry in charge] or [1.0] * len(measured)
+    measured = [
+        m.without_dark_shot_noise(dark.reference_exposure_s).for_sensor(factor)
+        for m, factor in zip(measured, factors, strict=True)
+    ]
     for m in measured:
         if isinstance(why := m.responsivity, Implausible):
             # All channels received the same light: photons that are implausible for one are so for all.

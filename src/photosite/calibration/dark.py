@@ -39,7 +39,7 @@ from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
-from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
+from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive, weighted_mean
 
 PartsPair = tuple[Parts | Missing, Parts | Missing]
 """Row, column and pixel parts of a channel: plain and high-passed."""
@@ -241,10 +241,12 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     clipped = correct_clipped_darks(reduction, reader)
     groups = reduction.darks if clipped is None else clipped.groups
     change = black_level_change(groups)
+    scatter = dark_lines(groups, None, change).variance.scatter
+    mean = GroupMean.of(reader, reduction.reference_group, reduction.reference_mean, scatter)
+    if clipped is None:
+        groups = _with_line_noise(groups, mean.noise, reduction.reference_group.frames, reader)
     lines = tuple(dark_lines(groups, k, change) for k in range(len(reduction.names)))
     pooled = dark_lines(groups, None, change)
-    scatter = pooled.variance.scatter
-    mean = GroupMean.of(reader, reduction.reference_group, reduction.reference_mean, scatter)
     slope_map = _slope_map(reduction, scatter)
     slopes = None if slope_map is None else slope_map.spreads()
     if clipped is not None:
@@ -264,17 +266,13 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         )
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
-        if clipped is None:
-            measured = _with_lines(measured, mean.noise[k : k + 1], reader, reference)
         if clipped is not None:
             plain, filtered = clipped.parts(k, *mean.parts(k))
             measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
             measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
         channels.append(measured)
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
-    if clipped is None:
-        together = _with_lines(together, mean.noise, reader, reference)
-    else:
+    if clipped is not None:
         spread: Value = NO_PIXEL_SLOPES
         if slopes is not None:
             spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
@@ -283,19 +281,25 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     return DarkResult(tuple(groups), change, lines, scatter, mean, slope_map, slopes, clipped, *found)
 
 
-def _with_lines(
-    measured: Measurements, noise: Sequence[TemporalParts], reader: FrameReader, group: GroupStatistics
-) -> Measurements:
-    """Return the result with the uncertainty of the read noise from the noise of rows and columns, which are few."""
-    row = float(np.mean([parts.row.value for parts in noise]))
-    column = float(np.mean([parts.column.value for parts in noise]))
+def _with_line_noise(
+    groups: Sequence[GroupStatistics], noise: Sequence[TemporalParts], frames: int, reader: FrameReader
+) -> list[GroupStatistics]:
+    """Return the groups with the uncertainty of their variances from the noise of rows and columns, which are few.
+
+    `noise` is that left in a mean of so many frames, by channel. The channels share rows and columns.
+    """
     shape, tile = (reader.frames.rows, reader.frames.cols), reader.tile.shape
+    lines = [length // step for length, step in zip(shape, tile, strict=True)]
     scatter = [
-        part * group.frames * math.sqrt(2.0 / (length // step * (group.frames - 1)))
-        for part, length, step in zip((row, column), shape, tile, strict=True)
+        frames * math.hypot(*(part / math.sqrt(count / 2.0) for part, count in zip(each, lines, strict=True)))
+        for each in ((parts.row.value, parts.column.value) for parts in noise)
     ]
-    of_lines = Uncertain.of(0.0, math.hypot(*scatter))
-    return replace(measured, read_variance=derive(lambda variance: variance + of_lines, measured.read_variance))
+    widened = []
+    for group in groups:
+        source, more = Source(), max(group.frames - 1, 1)
+        levels = zip(group.levels, scatter, strict=True)
+        widened.append(replace(group, levels=tuple(level.widened(u / math.sqrt(more), source) for level, u in levels)))
+    return widened
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:

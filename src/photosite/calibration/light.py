@@ -67,6 +67,8 @@ def measure_light_frames(
     wrong = {outlier.group for outlier in outliers}
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
+    if noise.shared is not None:
+        channels = [replace(each, levels=noise.shared.means(each.levels, each.index)) for each in channels]
     if (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
         return _withheld(channels, noise, tone=tone)
     together = _photon_transfer(channels, noise.shared)

@@ -113,17 +113,23 @@ class Measurements:
         method = f"{self.read_method}, shot noise of the dark current subtracted"
         return replace(self, read_variance=left, read_method=method)
 
-    def for_sensor(self) -> Measurements:
+    def for_sensor(self, charge_factor: float = 1.0) -> Measurements:
         """Return the measurements for the sensor model, of which the chip's pixels are a sample.
 
-        The spread of the pixels widens the uncertainty of the means over pixels.
+        The spread of the pixels widens the uncertainty of the means over pixels. `charge_factor` is the variance of a
+        mean of charges over that of independent pixels of the same spread: pixels that share charge spread less.
         """
+        independent = self.pixels / charge_factor
         response = self.responsivity
-        if isinstance(response, Uncertain) and isinstance(self.response_variance, Uncertain):
-            response = mean_for_sensor(response, self.response_variance * response.value**2, self.pixels)
+        # Shading comes from the light and is the same for all sensors: its pixels are not a sample.
+        spread = derive(lambda whole, shading: whole - shading, self.response_variance, self.shading_variance)
+        if isinstance(spread, Missing):
+            spread = self.response_variance
+        if isinstance(response, Uncertain) and isinstance(spread, Uncertain):
+            response = mean_for_sensor(response, spread * response.value**2, independent)
         slope, slope_variance = self.dark_slope, self.dark_slope_variance
         if isinstance(slope, Uncertain) and isinstance(slope_variance, Uncertain):
-            slope, slope_variance = of_one_sample(slope, slope_variance, self.dark_slope_third, self.pixels)
+            slope, slope_variance = of_one_sample(slope, slope_variance, self.dark_slope_third, independent)
         # The pooled measurements of several channels keep another channel's responsivity, already widened.
         same = self.saturation_responsivity is self.responsivity
         return replace(
@@ -136,7 +142,7 @@ class Measurements:
         )
 
 
-def mean_for_sensor(mean: Value, variance: Value, pixels: int) -> Value:
+def mean_for_sensor(mean: Value, variance: Value, pixels: float) -> Value:
     """Return a mean over the chip's pixels with variance / pixels added to its squared uncertainty."""
     if isinstance(mean, Missing) or isinstance(variance, Missing):
         return mean

@@ -25,6 +25,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import level_parts
+from photosite.values.uncertain import Uncertain
 
 PIXELS = 1 << 21
 """Pixels, over all pairs of frames of a level, that decide whether noise is correlated."""
@@ -135,7 +136,7 @@ def without_flicker(
     reduction
         The reduced frames.
     reader
-        The reader, for a few frames of each group.
+        The reader, for the frames of each group.
     dark
         The reference dark frames.
     flicker
@@ -145,11 +146,16 @@ def without_flicker(
     for group in reduction.lights:
         if group.frames > 1 and not any(level.clipped for level in group.levels):
             levels = []
-            for k, (level, parts) in enumerate(zip(group.levels, level_parts(reader, group), strict=True)):
-                rows = parts.row - dark.noise[k].row * dark.statistics.frames
-                uncertainty = (parts.pixel + parts.column).standard_uncertainty
-                levels.append(replace(level, variance=level.variance - rows.value, variance_uncertainty=uncertainty))
-                shares.append(rows.value / (level.mean - dark.statistics.levels[k].mean) ** 2)
+            found = level_parts(reader, group, most=group.frames)
+            for k, (level, parts) in enumerate(zip(group.levels, found, strict=True)):
+                of_dark = dark.noise[k].row.value * dark.statistics.frames
+                # The bands are those of the same frames: they leave no error behind in what is left.
+                pixel = parts.pixel.value * math.sqrt(2.0 / ((group.frames - 1) * level.pixels))
+                own = Uncertain.of(parts.pixel.value, pixel) + parts.column
+                levels.append(
+                    replace(level, variance=own.value + of_dark, variance_uncertainty=own.standard_uncertainty)
+                )
+                shares.append((parts.row.value - of_dark) / (level.mean - dark.statistics.levels[k].mean) ** 2)
             group = replace(group, levels=tuple(levels))
         lights.append(group)
     share = math.sqrt(max(float(np.median(shares)), 0.0))

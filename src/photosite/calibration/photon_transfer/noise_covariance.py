@@ -538,6 +538,12 @@ class SharedNoise:
         ]
         return scaled, Uncertain.of(1.0, float(np.mean([entry.factor.relative for entry in charge])))
 
+    def means(self, levels: LightLevels, index: int) -> LightLevels:
+        """Return the levels of a channel with the noise of their means, which contain all covariances."""
+        if isinstance(self.charge, Missing):
+            return levels
+        return levels.with_noise_of_means(np.maximum(self.charge[index].factors(levels.frames), 1.0))
+
     def __str__(self) -> str:
         if isinstance(self.charge, Missing):
             return f"{self.charge.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"

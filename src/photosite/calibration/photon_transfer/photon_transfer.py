@@ -109,6 +109,11 @@ class LightLevels:
             dark_share=factors[:, None] * self.dark_share,
         )
 
+    def with_noise_of_means(self, factors: Array) -> LightLevels:
+        """Return the levels with the variances of their means multiplied by (m,) factors."""
+        root = np.sqrt(factors)
+        return replace(self, signal_covariance=np.outer(root, root) * self.signal_covariance)
+
 
 def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLines) -> LightLevels:
     """Return one channel's light levels, less the dark of the same exposure or of the line through the dark levels.

@@ -15,7 +15,7 @@ from photosite.engine.frame_sums import LabelTotals
 from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.cfa import Cfa, channel_names
-from photosite.values.uncertain import Source, Uncertain
+from photosite.values.uncertain import Source, Uncertain, combined
 
 CLIPPED_SHARE = 0.001
 """Share of numbers at 0 or at full scale above which a light level is outside the linear range."""
@@ -126,6 +126,14 @@ class Level:
         value = self.variance - (self.quantisation - QUANTISATION_DN2)
         return Uncertain(value, {source: u * math.sqrt(share) for source, share in self.sources.items()})
 
+    def widened(self, uncertainty: float, source: Source) -> Level:
+        """Return the level with a part added to the uncertainty of its variance, DN^2."""
+        whole = math.hypot(self.variance_uncertainty, uncertainty)
+        if not whole > 0.0:
+            return self
+        sources = {each: part * (self.variance_uncertainty / whole) ** 2 for each, part in self.sources.items()}
+        return replace(self, variance_uncertainty=whole, sources={**sources, source: (uncertainty / whole) ** 2})
+
     @property
     def clipping_uncertainty(self) -> float:
         """Standard uncertainty of `variance` from a few numbers clipped at 0, DN^2."""
@@ -170,13 +178,9 @@ def pooled_level(levels: Sequence[Level]) -> Level:
     def independent(name: str) -> float:
         return math.hypot(*(share * getattr(level, name) for share, level in shares))
 
-    whole = independent("variance_uncertainty")
-    sources = {
-        source: part * (share * level.variance_uncertainty / whole) ** 2
-        for share, level in shares
-        for source, part in level.sources.items()
-        if whole > 0.0
-    }
+    noise = combined([level.noise for _, level in shares], [share for share, _ in shares])
+    whole = noise.standard_uncertainty
+    sources = {source: (part / whole) ** 2 for source, part in noise.parts.items() if whole > 0.0}
     means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift", "quantisation")
     return Level(
         pixels=pixels,

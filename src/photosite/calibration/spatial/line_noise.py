@@ -64,12 +64,12 @@ def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: 
     return result
 
 
-def level_parts(reader: FrameReader, statistics: GroupStatistics) -> list[TemporalParts]:
-    """Split, per channel, the temporal variance of a group's frames, from a few frames spread evenly over the group."""
+def level_parts(reader: FrameReader, statistics: GroupStatistics, most: int = LINE_FRAMES) -> list[TemporalParts]:
+    """Split, per channel, the temporal variance of a group's frames, from some frames spread evenly over the group."""
     members = {id(source) for source in statistics.group.frames}
     # Sort by content, so that the result does not depend on the order of the frames.
     used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
-    chosen = np.linspace(0, len(used) - 1, min(LINE_FRAMES, len(used))).round().astype(int)
+    chosen = np.linspace(0, len(used) - 1, min(most, len(used))).round().astype(int)
     tile = reader.tile
     lines = line_sums((used[i].source.read() for i in chosen), (tile.shape[0], tile.shape[1]))
     return [temporal_parts(level, lines, tile, k) for k, level in enumerate(statistics.levels)]

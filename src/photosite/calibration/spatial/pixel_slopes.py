@@ -31,7 +31,7 @@ def mean_frame_noise(level: Level, scatter: float = 0.0) -> Uncertain:
     return Uncertain.of_variance(noise, math.hypot(level.variance_uncertainty / level.frames, scatter * noise))
 
 
-def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: int) -> tuple[Uncertain, Uncertain]:
+def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: float) -> tuple[Uncertain, Uncertain]:
     """Return a mean and a variance over pixels as those of the sensor from which the pixels were drawn.
 
     The mean gains the uncertainty variance / pixels. Where the pixels are skewed, such as by a few hot pixels, the
