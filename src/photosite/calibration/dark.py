@@ -283,7 +283,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
 
 def _with_line_noise(
     groups: Sequence[GroupStatistics], noise: Sequence[TemporalParts], frames: int, reader: FrameReader
-) -> list[GroupStatistics]:
+) -> tuple[GroupStatistics, ...]:
     """Return the groups with the uncertainty of their variances from the noise of rows and columns, which are few.
 
     `noise` is that left in a mean of so many frames, by channel. The channels share rows and columns.
@@ -299,7 +299,7 @@ def _with_line_noise(
         source, more = Source(), max(group.frames - 1, 1)
         levels = zip(group.levels, scatter, strict=True)
         widened.append(replace(group, levels=tuple(level.widened(u / math.sqrt(more), source) for level, u in levels)))
-    return widened
+    return tuple(widened)
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:
