@@ -17,12 +17,15 @@ docs: $(VENV)/installed-docs
 linkcheck: $(VENV)/installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -b linkcheck docs docs/_build/linkcheck
 
+# One process for each core, with one BLAS thread. A file stays in one process, which computes its fixtures once.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto
+	$(PYTEST)
 
 # The statistical studies that make test leaves out: minutes to an hour.
 test-slow: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto -m slow
+	$(PYTEST) -m slow
 
 # The long run of what tests/fuzz does for some seconds: minutes, on one core.
 fuzz: $(VENV)/installed-dev

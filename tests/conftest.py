@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +54,21 @@ def read_page() -> type[PageReader]:
     return PageReader
 
 
+@contextmanager
+def _undrawn() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("photosite.report.page.svg_bytes", lambda figure: b"<svg/>")
+        for name in ("svg_bytes", "png_bytes"):
+            patch.setattr(f"photosite.studies.farrell2008.drawing.{name}", lambda *_, **__: b"<svg/>")
+        yield
+
+
+@pytest.fixture(scope="session")
+def undrawn() -> Callable[[], AbstractContextManager[None]]:
+    """Return a context in which figures are made but not rendered, which takes most of the time of a page."""
+    return _undrawn
+
+
 @pytest.fixture(scope="session")
 def loop() -> ClosedLoop:
     """A small virtual D200, measured and compared with its truth."""
@@ -63,6 +80,31 @@ def loop() -> ClosedLoop:
     steps = (*series("dark", 1 / 8000, 1.0, 4, 6), *series("light", 1 / 8000, 1 / 25, 8, 4))
     sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=132, cols=196))
     return closed_loop(sensor, ShootingProtocol("short", steps), seed=5)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let one process of a parallel run compile a kernel, while the others wait and then load it from the cache.
+
+    Otherwise each process compiles what the first tests of all need, which takes a minute or more.
+    """
+    if not hasattr(config, "workerinput"):
+        return
+    import fcntl
+
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
+
+    from photosite.engine.jit import kernel_cache
+
+    compile_kernel = Dispatcher.compile
+
+    def compile_once(self: Any, signature: Any) -> Any:
+        # numba's own lock first: threads of one process must not wait for each other's files.
+        with global_compiler_lock, open(kernel_cache() / f"{self.py_func.__qualname__}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return compile_kernel(self, signature)
+
+    Dispatcher.compile = compile_once
 
 
 def pytest_deselected(items: list[pytest.Item]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numba
 import pytest
+from short_protocol import short_d200_protocol
 
 from photosite.cli.main import run
 
@@ -47,10 +48,25 @@ def photosite(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
 
 @pytest.fixture(scope="session")
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A measurement that `photosite shoot` wrote: 405 frames of 66 x 98 pixels. Tests do not change it."""
+    """A measurement that `photosite shoot` wrote: 121 frames of 66 x 98 pixels. Tests do not change it."""
     folder = tmp_path_factory.mktemp("shot") / "stack"
-    assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("photosite.studies.protocol.paper_d200_protocol", short_d200_protocol)
+        assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
     return folder
+
+
+@pytest.fixture
+def short_protocol(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `photosite shoot` take a quarter of its frames."""
+    monkeypatch.setattr("photosite.studies.protocol.paper_d200_protocol", short_d200_protocol)
+
+
+@pytest.fixture(autouse=True)
+def unrendered_figures(undrawn: Any) -> Iterator[None]:
+    """Commands write pages without figures; tests/report has these."""
+    with undrawn():
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -69,6 +69,7 @@ def test_json_without_the_truth(photosite: Any, stack: Path, tmp_path: Path, mon
         assert abs(found[name]["value"] - value) < 4.5 * uncertainty, name
 
 
+@pytest.mark.usefixtures("short_protocol")
 def test_pixels_beyond_a_threshold_are_listed(photosite: Any, tmp_path: Path) -> None:
     assert run(["shoot", "--rows", "72", "--cols", "80", "--seed", "6", "-o", str(tmp_path / "stack")]) == 0
     done = photosite("calibrate", tmp_path / "stack", "--json", "--outlier-dark", "0.8")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from short_protocol import short_d200_protocol
 
 import photosite as ps
 from photosite.errors import FileError
@@ -45,17 +46,18 @@ def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
 def test_table_again_in_the_same_folder_with_frames_kept(
     photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The whole loop, with all frames of the paper."""
+    """The whole loop, with fewer frames than the command's."""
 
     def written(result: object, path: Path) -> None:
         path.write_text("of this time", encoding="utf-8")
 
     monkeypatch.setattr("photosite.studies.closed_loop.write_demo_report", written)
+    monkeypatch.setattr("photosite.studies.closed_loop.paper_d200_protocol", short_d200_protocol)
     (tmp_path / "report.html").write_text("of last time", encoding="utf-8")
     done = photosite("demo", *SMALL, "-o", tmp_path, "--keep-frames")
     assert done.status == 0
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == "of this time"
-    assert ps.open_frames(tmp_path / "frames").frame_count == 405
+    assert ps.open_frames(tmp_path / "frames").frame_count == 121
     sensor = (tmp_path / "calibrated.sensor.yaml").read_text(encoding="utf-8")
     assert f"({tmp_path / 'frames' / 'protocol.yaml'})" in " ".join(sensor.split())
     heading = next(line for line in done.out.splitlines() if line.startswith("parameter"))

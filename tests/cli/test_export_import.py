@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from short_protocol import short_d200_protocol
 
 import photosite as ps
 from photosite.cli.main import run
@@ -17,7 +18,9 @@ from photosite.frames.io.darktable import read_darktable
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("shot") / "stack"
-    assert run(["shoot", "--rows", "44", "--cols", "66", "--photons", "--seed", "5", "-o", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("photosite.studies.protocol.paper_d200_protocol", short_d200_protocol)
+        assert run(["shoot", "--rows", "44", "--cols", "66", "--photons", "--seed", "5", "-o", str(folder)]) == 0
     return folder
 
 

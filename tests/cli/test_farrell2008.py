@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from short_protocol import short_d200_protocol
 
 from photosite.studies.farrell2008 import table1
 
@@ -15,6 +16,7 @@ from photosite.studies.farrell2008 import table1
 def small_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     for key, size in {"d200": (32, 48), "vendor": (96, 128)}.items():
         monkeypatch.setitem(table1.SIZES, key, size)
+    monkeypatch.setitem(table1.PROTOCOLS, "d200", short_d200_protocol)
 
 
 def test_writes_page_numbers_and_figures(photosite: Any, tmp_path: Path) -> None:

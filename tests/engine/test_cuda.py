@@ -27,6 +27,7 @@ SIZES = {"simulator": "ROWS, COLS = 9, 26\n", "gpu": "ROWS, COLS = 24, 40\n"}
 KERNEL = """
 import numpy as np
 from photosite.engine.cuda import expose_drawn_cuda
+from photosite.engine.jit import read_only
 from photosite.engine.random_numbers import key_from_seed
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn
 
@@ -38,7 +39,8 @@ for shape, read_e, seconds in (((1, 1), 0.0, 1.0), (mean.shape, 12.5, 0.7)):
     prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
     maps = DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32))
     exposure = Exposure(seconds, 30000.0, 0.4, -10.0, 11900.0, 70, 333, 5000, np.uint32(9), *key)
-    arguments = mean, maps, DrawnConstants(1e-5, 2e-3, read_e), exposure
+    maps = DrawnMaps(*map(read_only, maps))
+    arguments = read_only(mean), maps, DrawnConstants(1e-5, 2e-3, read_e), exposure
     cpu, cuda = expose_drawn(*arguments), expose_drawn_cuda(*arguments)
     assert cuda.dtype == np.uint16
     assert cpu.min() == 0 and cpu.max() == 11900, "both ends of the converter"

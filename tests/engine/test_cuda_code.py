@@ -19,6 +19,7 @@ import numba
 import numpy as np
 import pytest
 
+from photosite.engine.jit import read_only
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn
 from photosite.engine.random_numbers import key_from_seed
 
@@ -76,7 +77,9 @@ def test_interpreted_kernel_equals_the_cpu(compile_ptx: Callable[[], str], const
     flat = [word for argument in (photo, *maps, *constants, *EXPOSURE, out) for word in words(argument)]
     for row, col in np.ndindex(photo.shape):
         thread(flat, row, col)
-    np.testing.assert_array_equal(out, expose_drawn(photo, maps, constants, EXPOSURE))
+    np.testing.assert_array_equal(
+        out, expose_drawn(read_only(photo), DrawnMaps(*map(read_only, maps)), constants, EXPOSURE)
+    )
 
 
 def words(argument: Any) -> list[Any]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from photosite.engine import random_numbers
+from photosite.engine.jit import read_only
 from photosite.engine.pixel_model import (
     BlinkingPixels,
     DrawnConstants,
@@ -39,7 +40,7 @@ LEVELS = np.array([0, 1e-3, 0.5, 4.0, 9.99, 10.0, 11.0, 17.0, 40.0, 900.0, 29900
 
 def drawn_maps(rng: np.random.Generator, shape: tuple[int, int]) -> DrawnMaps:
     prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
-    return DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32))
+    return DrawnMaps(read_only(prnu), read_only(offset), read_only(rng.random(shape).astype(np.float32)))
 
 
 def drawn_in_python(r: int, c: int, photo: NDArray[np.float32], maps: DrawnMaps) -> int:
@@ -56,7 +57,7 @@ def drawn_in_python(r: int, c: int, photo: NDArray[np.float32], maps: DrawnMaps)
 @pytest.mark.parametrize("constant", [False, True])
 def test_drawn_chip_matches_the_equations_and_single_pixels(constant: bool) -> None:
     rng = np.random.default_rng(4)
-    photo = rng.choice(LEVELS, (2, 2100)).astype(np.float32)
+    photo = read_only(rng.choice(LEVELS, (2, 2100)).astype(np.float32))
     maps = drawn_maps(rng, (1, 1) if constant else photo.shape)
     frame = expose_drawn(photo, maps, CONSTANTS, SHARED)
     prnu, offset, dark = (np.broadcast_to(m, photo.shape) for m in maps)
@@ -71,11 +72,11 @@ def test_drawn_chip_matches_the_equations_and_single_pixels(constant: bool) -> N
 @pytest.mark.parametrize("mean", [1e16, 9e18, 1e19, 1e30, 3e38])
 def test_very_bright_light_is_white(mean: float, well: float) -> None:
     """Counts and digital numbers beyond 2^63 must not overflow to black."""
-    zero = np.zeros((1, 1), np.int16)
-    maps = DrawnMaps(zero, zero, np.zeros((1, 1), np.float32))
+    zero = read_only(np.zeros((1, 1), np.int16))
+    maps = DrawnMaps(zero, zero, read_only(np.zeros((1, 1), np.float32)))
     constants = DrawnConstants(0.0, 0.0, READ_E)
     shared = Exposure(1.0, well, 40.0, 200.0, 5000.0, 0, 0, 3000, FRAME, *KEY)
-    photo = np.full((2, 3000), mean, np.float32)
+    photo = read_only(np.full((2, 3000), mean, np.float32))
     assert (expose_drawn(photo, maps, constants, shared) == 5000).all()
     pixel = drawn_pixel(zero[0, 0], zero[0, 0], np.float32(0), constants, shared)
     assert all(expose_pixel(float(photo[0, 0]), pixel, 0, i, shared) == 5000 for i in range(200))
@@ -84,9 +85,9 @@ def test_very_bright_light_is_white(mean: float, well: float) -> None:
 def measured_maps(shape: tuple[int, int] = (3, 1300)) -> tuple[NDArray[np.float32], MeasuredMaps]:
     """Light and maps, with some responses, dark rates and noise variances below 0."""
     rng = np.random.default_rng(4)
-    photo = rng.choice(LEVELS, shape).astype(np.float32)
+    photo = read_only(rng.choice(LEVELS, shape).astype(np.float32))
     prnu, offset, dark, read = (
-        rng.normal(center, spread, shape).astype(np.float32)
+        read_only(rng.normal(center, spread, shape).astype(np.float32))
         for center, spread in ((-0.2, 0.6), (0, 20), (0.5, 1), (2, 2))
     )
     lines = rng.normal(0, 1, shape[0]), rng.normal(0, 1, shape[1])
@@ -142,12 +143,12 @@ def test_blinking_pixels_match_the_equations_and_leave_others_alone() -> None:
 
 def test_measured_chip_with_a_drawn_chips_maps_gives_its_frame() -> None:
     rng = np.random.default_rng(5)
-    photo = rng.uniform(0, 3000, (3, 1300)).astype(np.float32)
+    photo = read_only(rng.uniform(0, 3000, (3, 1300)).astype(np.float32))
     drawn = drawn_maps(rng, photo.shape)
     gain = SHARED.gain_dn_per_e
     maps = [drawn.prnu * 1e-5, drawn.offset * 2e-3 * gain, drawn.dark_rate_e_per_s * gain]
     maps.append(np.full(photo.shape, READ_E * gain))
-    measured = MeasuredMaps(*(m.astype(np.float32) for m in maps), np.zeros(3), np.zeros(1300), 0.0, gain)
+    measured = MeasuredMaps(*(read_only(m.astype(np.float32)) for m in maps), np.zeros(3), np.zeros(1300), 0.0, gain)
     # 32-bit maps shift a number by 1e-7 of itself.
     assert_nearly_equal(
         expose_measured(photo, measured, SHARED), expose_drawn(photo, drawn, CONSTANTS, SHARED).astype(int), 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import InitVar, dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -124,6 +124,11 @@ class Camera(Shown):
         time_s = check_exposure(exposure_s)
         rate = self._electron_rate(scene, progress)
         return _exposed(rate, time_s, out=rate)
+
+    @cached_property
+    def _color_matrices(self) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+        """The color matrices under D65 and A, which all frames share."""
+        return color_matrix(self.sensor), color_matrix(self.sensor, "A")
 
     def _electron_rate(self, scene: Scene | Planes, progress: Progress | None = None) -> NDArray[np.float32]:
         warn_of_transmittance_range(self.optics, self.sensor)
@@ -269,8 +274,8 @@ class Camera(Shown):
             cfa=cfa,
             black_level_dn=readout.black_level_dn.value,
             exposure_s=exposure_s,
-            color_matrix=color_matrix(self.sensor),
-            color_matrix_a=color_matrix(self.sensor, "A"),
+            color_matrix=self._color_matrices[0],
+            color_matrix_a=self._color_matrices[1],
             noise_profile=noise_profile(self.sensor, exposure_s),
             metadata=metadata,
         )

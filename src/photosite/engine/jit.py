@@ -102,6 +102,18 @@ def threads_for(items: int) -> Iterator[None]:
 
 prange = numba.prange
 
+T = TypeVar("T", bound=np.generic)
+
+
+def read_only(values: NDArray[T]) -> NDArray[T]:
+    """Return a contiguous, read-only array for a kernel's input; a copy only if the values are not contiguous.
+
+    numba compiles a kernel for each combination of writable, read-only and strided arguments, seconds each.
+    """
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view
+
 
 def _reinterpreted(source: Any, target: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -264,7 +264,7 @@ class _StoredMaps:
 
     def rows(self, mixes: F32, begin: int, end: int) -> F32:
         out = np.empty((len(mixes), end - begin, self._maps.shape[2]), np.float32)
-        _mix_rows(self._maps[:, begin:end], mixes, out)
+        _mix_rows(self._maps, begin, mixes, out)
         return out
 
 
@@ -299,14 +299,14 @@ class _FieldWeights:
 
 
 @compiled(parallel=True)
-def _mix_rows(maps: F32, mixes: F32, out: F32) -> None:
-    """Compute out = mixes @ maps for maps (S, rows, cols)."""
+def _mix_rows(maps: F32, begin: int, mixes: F32, out: F32) -> None:
+    """Compute out = mixes @ maps, from row `begin` of maps (S, rows, cols) on."""
     for i in prange(out.shape[1]):
         for r in range(out.shape[0]):
             line = out[r, i]
             line[:] = 0.0
             for s in range(maps.shape[0]):
-                factor, values = mixes[r, s], maps[s, i]
+                factor, values = mixes[r, s], maps[s, begin + i]
                 if factor == 0.0:
                     continue
                 for c in range(line.size):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
 
 _LANES = 32
 _LABEL_LANES = 64
@@ -292,7 +292,7 @@ def line_sums(
         rows, cols = shape
         row_sums = np.empty((rows, tile[1]), np.uint32)
         column_sums = np.zeros((tile[0], cols), np.uint32)
-        _frame_line_sums(np.ascontiguousarray(frame), row_sums, column_sums)
+        _frame_line_sums(read_only(frame), row_sums, column_sums)
         by_row.append(row_sums)
         by_column.append(column_sums)
     if not by_row:

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.engine.jit import C64, F32, F64, I64, compiled, prange
+from photosite.engine.jit import C64, F32, F64, I64, compiled, prange, read_only
 from photosite.engine.layers import WORKERS, Grid, Layer, term_spectra
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer, folded_terms
 
@@ -100,7 +100,9 @@ class _Response:
     def add(self, spectrum: C64, term: int, folds: Folds) -> None:
         """Add a term's spectrum times H to the folded spectra."""
         whole, of_term = self._radial, term if self._has_radial else 0
-        radial = whole._replace(table=whole.table[:, of_term], fold_down=whole.fold_down[:, of_term])
+        radial = whole._replace(
+            table=read_only(whole.table[:, of_term]), fold_down=read_only(whole.fold_down[:, of_term])
+        )
         if self._kernels is None:
             add_radial(folds, spectrum, self._cols, radial)
             return

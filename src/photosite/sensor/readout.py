@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import threads_for
+from photosite.engine.jit import read_only, threads_for
 from photosite.engine.pixel_model import (
     BlinkingPixels,
     DrawnConstants,
@@ -99,7 +99,7 @@ def digital_numbers(
     check_choice("device", device, Device)
     _check_full_well(sensor)
     part = slice(r0, r1), slice(c0, c1)
-    photo_e = np.ascontiguousarray(mean_electrons[part], np.float32)
+    photo_e = read_only(np.asarray(mean_electrons[part], np.float32))
     exposure = Exposure(
         float(exposure_s),
         float(sensor.pixel.well_capacity_e.value),
@@ -150,7 +150,7 @@ def _drawn_maps(sensor: Sensor, part: tuple[slice, slice]) -> tuple[DrawnMaps, D
 
 def _part(values: NDArray[Any], part: tuple[slice, slice]) -> NDArray[Any]:
     """Return a rectangle of a map; a map of shape (1, 1) as it is."""
-    return values if values.shape == (1, 1) else np.ascontiguousarray(values[part])
+    return read_only(values if values.shape == (1, 1) else values[part])
 
 
 def _expose_drawn(
@@ -192,7 +192,7 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice]
     constant_dark = np.float32(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain)
     shape = part[0].stop - part[0].start, part[1].stop - part[1].start
     prnu, offset, dark_rate = (
-        np.ascontiguousarray(np.full(shape, constant, np.float32) if values is None else values[part])
+        read_only(np.full(shape, constant, np.float32) if values is None else values[part])
         for values, constant in ((chip.prnu, 0), (chip.offset_dn, 0), (chip.dark_rate_dn_per_s, constant_dark))
     )
     # A variance that was measured below 0 counts as 0.
@@ -202,7 +202,7 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice]
         spread * line_deviates(lines.start, count, word, *counter) if spread else np.zeros(count)
         for word, (spread, lines, count) in enumerate(zip(spreads, part, shape, strict=True))
     )
-    read_noise = np.ascontiguousarray(chip.read_noise_dn[part])
+    read_noise = read_only(chip.read_noise_dn[part])
     return MeasuredMaps(prnu, offset, dark_rate, read_noise, row_dn, column_dn, math.hypot(*spreads) ** 2, gain)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import pytest
+from short_protocol import short_d200_protocol
 
-from photosite.studies.farrell2008 import drawing, fill_factor, patches, table1
+from photosite.studies.farrell2008 import fill_factor, patches, table1
 from photosite.studies.farrell2008.cameras import CASES
 from photosite.studies.farrell2008.fill_factor import FillFactors
 from photosite.studies.farrell2008.high_dynamic_range import HighDynamicRange, high_dynamic_range
@@ -37,6 +39,7 @@ def reproduce_table1() -> Callable[[int], Reproduction]:
         with pytest.MonkeyPatch.context() as patch:
             for key, size in {"d200": (32, 48), "vendor": (96, 128)}.items():
                 patch.setitem(table1.SIZES, key, size)
+            patch.setitem(table1.PROTOCOLS, "d200", short_d200_protocol)
             return reproduce(seed, ["table1"])
 
     return run
@@ -68,7 +71,7 @@ def hdr() -> HighDynamicRange:
 
 
 @pytest.fixture
-def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+def unrendered(undrawn: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
     """Draw figures, but skip their conversion to SVG and PNG, for tests of texts and tables."""
-    for name in ("svg_bytes", "png_bytes"):
-        monkeypatch.setattr(drawing, name, lambda *_, **__: b"")
+    with undrawn():
+        yield

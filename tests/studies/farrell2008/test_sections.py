@@ -96,7 +96,3 @@ def test_high_dynamic_range_shows_both_brightnesses_and_the_detected_steps(resul
 def test_names_of_drawings_differ(parts: dict[str, Part]) -> None:
     names = [entry.name for part in parts.values() for entry in part if isinstance(entry, Drawing)]
     assert len(set(names)) == len(names) == 6
-
-
-def test_drawings_are_reproducible(results: dict[str, Any]) -> None:
-    assert results["snr"].part() == results["snr"].part()

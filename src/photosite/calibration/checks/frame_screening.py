@@ -161,9 +161,11 @@ def find_near_copies(samples: Sequence[NDArray[np.uint16]]) -> dict[int, tuple[i
         return {}
     found: dict[int, tuple[int, int]] = {}
     earliest: dict[tuple[int, bytes], int] = {}
+    borders = [stack.shape[1] * k // PARTS * stack.itemsize for k in range(PARTS + 1)]
     for i, pixels in enumerate(stack):
-        parts = ((k, part.tobytes()) for k, part in enumerate(np.array_split(pixels, PARTS)))
-        (original, _), *_ = Counter(earliest.setdefault(part, i) for part in parts).most_common(1)
+        content = pixels.tobytes()
+        parts = [(k, content[borders[k] : borders[k + 1]]) for k in range(PARTS)]
+        (original, _), *_ = Counter([earliest.setdefault(part, i) for part in parts]).most_common(1)
         if original == i:
             continue
         differ = int(np.count_nonzero(pixels != stack[original]))

@@ -14,7 +14,7 @@ from photosite.calibration.chip_maps.noise_shape import BLOCKS, NoiseShape, meas
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.spatial.line_noise import LineSums, TemporalParts, pool_temporal, temporal_parts
 from photosite.engine.frame_sums import MeanFrame
-from photosite.engine.jit import threads_for
+from photosite.engine.jit import read_only, threads_for
 from photosite.engine.map_statistics import add_residuals, line_sums
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
@@ -170,7 +170,7 @@ def read_residuals(
     histogram = np.zeros((BLOCKS, BINS), np.int64)
     by_row, by_column, series = [], [], []
     for dn in frames:
-        frame = np.ascontiguousarray(dn)
+        frame = read_only(dn)
         row_sums, column_sums = (sums[0] for sums in line_sums([frame], tile))
         shift = float(row_sums.sum(dtype=np.float64)) / (rows * cols) - level
         row_shift = row_sums.sum(axis=1, dtype=np.float64) / cols - row_level

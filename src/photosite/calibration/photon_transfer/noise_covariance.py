@@ -18,7 +18,7 @@ then not the sensor's, and the system gain is withheld.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
@@ -182,6 +182,7 @@ _LAGS = range(-REACH, REACH + 1)
 _NEXT = (REACH - 1, REACH, REACH, REACH + 1), (REACH, REACH - 1, REACH + 1, REACH)
 """Places of the next pixels of the column and of the row."""
 _Planes = dict[tuple[int, int], NDArray[np.float64]]
+_LineSums = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 
 @dataclass(frozen=True)
@@ -328,10 +329,11 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
         for first, second in zip(run[::2], run[1::2], strict=False):
             planes = _difference_planes(first, second, tile.shape)
             variance = {phase: plane.var() for phase, plane in planes.items()}
+            lines = {phase: _line_sums(plane) for phase, plane in planes.items()}
             for phase in planes:
                 k = tile[phase]
                 means[k].append(_RowMeans.of(planes[phase]))
-                for dy, dx, covariance, count, other in _lagged(planes, phase, tile.shape):
+                for dy, dx, covariance, count, other in _lagged(planes, lines, phase, tile.shape):
                     place = k, dy + REACH, dx + REACH
                     weight = variance[phase] * variance[other] * count
                     products[place] += covariance * count
@@ -414,18 +416,18 @@ def _row_period(means: Sequence[_RowMeans], tile_rows: int) -> float | None:
 
 
 def _lagged(
-    planes: _Planes, phase: tuple[int, int], tile: tuple[int, ...]
+    planes: _Planes, lines: Mapping[tuple[int, int], _LineSums], phase: tuple[int, int], tile: tuple[int, ...]
 ) -> Iterable[tuple[int, int, float, int, tuple[int, int]]]:
     """Yield (rows, columns, covariance, products, phase of the neighbor) for the neighbors of the pixels of a phase."""
     plane = planes[phase]
     rows, cols = plane.shape
-    of_rows, of_columns, of_plane = _line_sums(plane)
+    of_rows, of_columns, of_plane = lines[phase]
     by_row = _by_phase(phase[0], tile[0])
     by_column = _by_phase(phase[1], tile[1])
     for r, lags_y in by_row.items():
         for c, lags_x in by_column.items():
             other = planes[r, c]
-            other_rows, other_columns, of_other = _line_sums(other)
+            other_rows, other_columns, of_other = lines[r, c]
             shifts_y, shifts_x = [s for _, s in lags_y], [s for _, s in lags_x]
             near, pixels = np.empty((len(lags_y), len(lags_x))), np.empty((len(lags_y), len(lags_x)))
             for i, sy in enumerate(shifts_y):
@@ -445,7 +447,7 @@ def _lagged(
                     yield dy, dx, float(covariance[i, j]), int(pixels[i, j]), (r, c)
 
 
-def _line_sums(plane: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def _line_sums(plane: NDArray[np.float64]) -> _LineSums:
     rows: NDArray[np.float64] = plane.sum(axis=1)
     columns: NDArray[np.float64] = plane.sum(axis=0)
     return rows, columns, float(rows.sum())
