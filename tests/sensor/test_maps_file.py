@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import h5py
 import numpy as np
 import pytest
 from raising import raises
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.io import sensor_file
 from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
@@ -78,7 +79,15 @@ def test_maps_are_copied_with_the_sensor_file(tmp_path) -> None:
     same(load_measured_chip(again), chip())
     again.save(tmp_path / "elsewhere" / "other.sensor.yaml")  # beside its maps already: nothing is copied
     assert [f.name for f in (tmp_path / "elsewhere").glob("*.h5")] == ["mine.maps.h5"]
-    assert again.with_(read_noise_mv=1).maps == again.maps
+    with pytest.warns(PhotositeWarning, match="read_noise_mv, so that the change has no effect"):
+        assert again.with_(read_noise_e=1).maps == again.maps
+    other = again.with_(gain_setting=100, gain_settings=[{"setting": 200, "read_noise_e": 4}])
+    with pytest.warns(PhotositeWarning, match="those of gain setting 100; at 200"):
+        assert other.at_gain_setting(200).maps is None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert again.with_(name="Mine", fill_factor=0.5).maps == other.at_gain_setting(100).maps == again.maps
+        assert again.with_(read_noise_e=1, maps=None).maps is None
     assert again.with_(serial="2").maps is None
     assert load_measured_chip(again.with_(maps=None)) is None
 

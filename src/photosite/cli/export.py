@@ -138,7 +138,7 @@ class _Source:
 
         frames = self.frames()
         if frames is None:
-            own = load_sensor(self.name)
+            own = load_sensor(self.name).with_(maps=None)  # a profile has no fixed pattern
             if not own.gain_settings:
                 return [sensor_noise_profile(own, gain_setting=self.gain_setting or own.gain_setting)]
             settings = own.all_gain_settings if self.gain_setting is None else (self.gain_setting,)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from os import PathLike
@@ -21,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import InputError, PhotositeWarning, did_you_mean
 from photosite.sensor.file_units import (
     CONVERSION,
     DN_PER_E,
@@ -65,6 +66,8 @@ _PRINCIPAL = (
     *("read_noise_mv", "dsnu_mv", "prnu_percent", "analog_gain", "black_level_dn"),
 )
 """The values that `repr` shows."""
+_IN_MAPS = {"read_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s", "dcnu_percent"}
+"""The values that measured maps hold for every pixel."""
 _CFA_SCHEMA = {
     "anyOf": [{"enum": list(NAMED)}, {"type": "array", "items": {"type": "array", "items": {"type": "string"}}}]
 }
@@ -290,6 +293,17 @@ class Written:
         return replace(self, is_preset=False, with_comments=not self.is_preset)
 
 
+def _warn_of_maps(changes: Mapping[str, Any]) -> None:
+    """Warn of changed values in whose place simulated frames take those of the measured maps."""
+    changed = {own for name in changes for own in (name, *model_fields_of(name))}
+    if replaced := sorted(changed & _IN_MAPS):
+        problem = (
+            f"measured maps are used in place of {', '.join(replaced)}, so that the change has no effect on frames"
+        )
+        hint = "Pass {maps} to draw the fixed pattern instead"
+        warnings.warn(PhotositeWarning(problem, hint=hint, arguments={"maps": None}), stacklevel=3)
+
+
 class Sensor(Tabular, Section):
     """An image sensor.
 
@@ -490,6 +504,10 @@ class Sensor(Tabular, Section):
             known = ", ".join(f"{known:g}" for known in self.all_gain_settings)
             hint = None if known else "The sensor file states values for one gain setting only"
             raise InputError("gain_setting", value=setting, expected=f"one of {known or 'none'}", hint=hint)
+        if self.maps is not None:
+            problem = f"the measured maps are those of gain setting {self.gain_setting:g}"
+            drawn = "the fixed pattern is drawn from the serial"
+            warnings.warn(PhotositeWarning(f"{problem}; at {setting:g} {drawn}"), stacklevel=2)
         values = {name: getattr(entry, name) for name in SETTING_VALUES}
         others = (self.own_gain_setting, *(other for other in self.gain_settings if other is not entry))
         changed = self.with_(
@@ -563,7 +581,8 @@ class Sensor(Tabular, Section):
     def with_(self, **changes: Any) -> Sensor:
         """Return a copy with changed fields, named as in the file, from any section.
 
-        A new serial is another chip and removes measured maps; `maps=None` removes only the maps. A changed value is no
+        A new serial is another chip and removes measured maps; `maps=None` removes only the maps. Frames have the noise
+        of the maps, whatever the values of the description: changing one gives a warning. A changed value is no
         longer correlated with the others, unless `covariance` is changed, too. Values in other units of the file, such
         as `read_noise_e`, are converted; a system gain sets the analog gain.
 
@@ -571,6 +590,11 @@ class Sensor(Tabular, Section):
         ------
         InputError
             If there is no such field, or a value is invalid.
+
+        Warns
+        -----
+        PhotositeWarning
+            If measured maps are used in place of a changed value.
 
         Examples
         --------
@@ -592,6 +616,8 @@ class Sensor(Tabular, Section):
         if self.covariance is not None:
             replaced = {own for name in changes for own in (name, *model_fields_of(name))}
             data["covariance"] = self.covariance.without(replaced)
+        if self.maps is not None and not {"maps", "serial"} & changes.keys():
+            _warn_of_maps(changes)
         for name, value in changes.items():
             if name == "gain_settings":
                 value = [entry.model_dump() if isinstance(entry, GainSetting) else entry for entry in value]
