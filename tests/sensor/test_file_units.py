@@ -209,6 +209,12 @@ def test_changes_in_other_units() -> None:
     assert (changed_.pixel.width_um.value, changed_.pixel.height_um.value) == (5, 5)
     assert changed_.system_gain_dn_per_e == pytest.approx(0.25)
     assert changed_.pixel.conversion_gain_uv_per_e == d200.pixel.conversion_gain_uv_per_e
+    by_gain = ps.load_sensor("sony-imx174")  # no volts
+    with raises(InputError, "read_noise_mv", where="noise", value=0.2):
+        by_gain.with_(read_noise_mv=0.2)
+    assert by_gain.with_(read_noise_mv=0, dsnu_mv=0).noise.read_noise_mv.value == 0
+    in_volts = by_gain.with_(read_noise_mv=0.2, conversion_gain_uv_per_e=50)
+    assert in_volts.electrons(in_volts.noise.read_noise_mv.value) == pytest.approx(4)
     with raises(InputError, "a sensor has no field 'read_noise_el'"):
         d200.with_(read_noise_el=1)
 

@@ -120,7 +120,7 @@ def in_model_units(raw: Any, sections: Mapping[str, tuple[type[BaseModel], type[
     }
     result = dict(raw)
     if has_units:
-        _check_volts(stated, {name: (section, name) for name, section in place.items()})
+        check_volts(stated, {name: (section, name) for name, section in place.items()})
         _check_agreement(stated, bits, fields, {name: (section, name) for name, section in place.items()}, raw)
         values = _to_model(_inputs(stated, _stated_covariance(raw, stated, ())), bits)
         for section in sections:
@@ -164,7 +164,7 @@ def _setting_in_model_units(
     above = {name: as_measured(top.get(name, defaults.get(name))) for name in (*SETTING_VALUES, SWING)}
     shared = top_covariance and top_covariance.without({*top_covariance.names} - {*above})
     if above[SWING] == ASSUMED_SWING:
-        _check_volts(stated, {name: (*place, name) for name in stated})
+        check_volts(stated, {name: (*place, name) for name in stated})
     if CONVERSION in replaced:  # electrons, not volts, are those of the other setting
         inherited = [IN_ELECTRONS.get(name, name) for name in inherited]
         above, shared = in_file_units(above, shared, bits, inherited)
@@ -196,8 +196,8 @@ def _check_complete(raw: Mapping[str, Any]) -> None:
             raise located(InputError("gain is incomplete", hint=hint), "pixel")
 
 
-def _check_volts(stated: Stated, places: Mapping[str, tuple[str | int, ...]]) -> None:
-    """Raise an error for noise in volts without a gain in volts: its electrons are unknown."""
+def check_volts(stated: Stated, places: Mapping[str, tuple[str | int, ...]]) -> None:
+    """Raise an error for noise in volts that is stated without a gain in volts: its electrons are unknown."""
     if CONVERSION in stated or SWING in stated:
         return
     for name, electrons in IN_ELECTRONS.items():
@@ -363,7 +363,7 @@ def _half_digit(number: Any) -> float:
         exponent = -(width - decimals - 1 - bool(number._m_sign))  # ruamel.yaml keeps the form of floats
     else:
         exponent = int(Decimal(repr(number if isinstance(number, int) else float(number))).as_tuple().exponent)
-    return min(0.5 * 10.0**exponent, 0.1 * abs(float(number)))
+    return float(min(0.5 * 10.0**exponent, 0.1 * abs(number)))
 
 
 def _as_field(name: str, value: Uncertain, stated: Stated) -> Measured | None:

@@ -24,12 +24,15 @@ from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
 from photosite.sensor.file_units import (
+    ASSUMED_SWING,
     CONVERSION,
     DN_PER_E,
     E_PER_DN,
     GAINS,
+    IN_ELECTRONS,
     SETTING_VALUES,
     SWING,
+    check_volts,
     choices_of,
     in_model_units,
     model_fields_of,
@@ -45,6 +48,7 @@ from photosite.sensor.quantity import (
     ResponseSpread,
     UnitInterval,
     about,
+    as_measured,
     check_length,
 )
 from photosite.values.cfa import MONOCHROME, NAMED, Cfa, cfa_from, channel_names, tile_text
@@ -584,7 +588,8 @@ class Sensor(Tabular, Section):
         A new serial is another chip and removes measured maps; `maps=None` removes only the maps. Frames have the noise
         of the maps, whatever the values of the description: changing one gives a warning. A changed value is no
         longer correlated with the others, unless `covariance` is changed, too. Values in other units of the file, such
-        as `read_noise_e`, are converted; a system gain sets the analog gain.
+        as `read_noise_e`, are converted; a system gain sets the analog gain. Noise in volts needs volts of the gain, if
+        the sensor file has none.
 
         Raises
         ------
@@ -629,6 +634,11 @@ class Sensor(Tabular, Section):
         if isinstance(stack := data["optical_stack"], dict) and not any(part is not None for part in stack.values()):
             data["optical_stack"] = None
         try:
+            if self.pixel.voltage_swing_v == ASSUMED_SWING:
+                volts = {
+                    name: as_measured(changes[name]) for name in (*IN_ELECTRONS, CONVERSION, SWING) if name in changes
+                }
+                check_volts(volts, {name: ("noise", name) for name in IN_ELECTRONS})
             changed = Sensor.model_validate(data)
         except ValidationError as error:
             raise input_error(error) from None

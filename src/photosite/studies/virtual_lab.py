@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +28,6 @@ from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.uncertain import Measured
-
-if TYPE_CHECKING:
-    pass
 
 FrameProgress = Callable[[int, int], None]
 """Called with (frames done, frames in total) after each frame."""

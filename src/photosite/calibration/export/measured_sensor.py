@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
+from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import maps_path
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
@@ -47,7 +48,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
             arguments={"sensor": "nominal.sensor.yaml"},
         )
     source = f"measured from {calibration.frame_count} frames"
-    changes: dict[str, Measured] = {}
+    changes = {CONVERSION: base.pixel.conversion_gain_uv_per_e}  # of the volts, unless it is measured
     uncertain: dict[str, Value] = dict(calibration.electrical_scale)
     for field in _MEASURED_FIELDS:
         estimate: Estimate = getattr(calibration, field)
