@@ -107,8 +107,11 @@ def leaves(node: Any, path: str = "") -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", preset_names())
 def test_round_trip(name: str, tmp_path: Path) -> None:
-    sensor = load_sensor(name).with_(
-        read_noise_mv=Measured(0.1 + 0.2, 1e-3, "150 darks", assumed=False), frames_sha256=("ab", "cd")
+    preset = load_sensor(name)
+    sensor = preset.with_(
+        read_noise_mv=Measured(0.1 + 0.2, 1e-3, "150 darks", assumed=False),
+        conversion_gain_uv_per_e=preset.pixel.conversion_gain_uv_per_e,  # the volts of the noise
+        frames_sha256=("ab", "cd"),
     )
     sensor.save(tmp_path / "mine.sensor.yaml")
     again = load_sensor(tmp_path / "mine.sensor.yaml")
