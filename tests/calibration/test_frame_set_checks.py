@@ -76,17 +76,9 @@ def test_the_clipped_channel_of_a_mosaic_is_named():
     assert error.what == "all numbers are clipped at 0 DN"
 
 
-def light_only():
-    return [frame for frame in measurement() if frame[0] == "light"]
-
-
 def equal_photons():
     frames = [("dark", t, dn, 0.0) for t in (0.01, 0.02) for dn in stack(64.0)]
     return frames + [("light", t, dn, 1e3) for t, y in ((0.01, 500.0), (0.02, 936.0)) for dn in stack(y, noise=15)]
-
-
-def dark_copies():
-    return [(kind, t, stack(64.0, n=1)[0] if kind == "dark" else dn) for kind, t, dn in measurement()]
 
 
 def swapped():
@@ -97,9 +89,6 @@ def swapped():
     ("frames", "problem"),
     [
         (equal_photons(), "all 2 light levels state 1000 photons per pixel"),
-        (light_only(), "there are no dark frames"),
-        (measurement(dark_frames=1), "there is one frame per dark exposure"),
-        (dark_copies(), "without repeated files no dark exposure has two frames"),
         (swapped(), "the brightest light frames at 0.01 s have a mean of"),
         (measurement(dark=4094.0), "dark frames cannot be saturated"),
     ],

@@ -1,16 +1,27 @@
-"""Frame sets that show only some parameters: the others are missing, each with its reason."""
+"""Frame sets that show only some parameters: the others are missing, each with its reason.
+
+The expected values are those of cameras of plain NumPy. Deviations of 3.5 standard uncertainties are allowed: 5 of
+10 000 correct results exceed them.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 from functools import partial
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.export.emva_xml import emva_results
 from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.frames.frame_settings import Kind
+from photosite.studies.plain_camera import Effect, PlainCamera, bent, convolved
+from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.estimate import Estimate
 
 SHAPE = (96, 128)
@@ -36,17 +47,50 @@ def measured(
     return calibrate(FrameSet(tuple(groups), rows=SHAPE[0], cols=SHAPE[1], bits=12))
 
 
+CAMERA = PlainCamera(
+    shape=SHAPE,
+    gain=GAIN,
+    black_dn=BLACK_DN,
+    read_noise_e=READ_DN / GAIN,
+    dsnu_dn=DSNU_DN,
+    prnu=0.008,
+    electrons_per_s=LIGHT_E_PER_S,
+    dark_e_per_s=DARK_DN_PER_S / GAIN,
+    dcnu=0.3,
+    quantum_efficiency=0.5,
+)
+
+DARK_1 = (("dark", 0.01, 1),)
+DARKS_1 = (("dark", 0.01, 1), ("dark", 0.1, 1), ("dark", 1.0, 1))
+FLATS_1 = (("light", 0.01, 1), ("light", 0.02, 1), ("light", 0.04, 1))
+FLATS = (("light", 0.01, 4), ("light", 0.02, 4), ("light", 0.03, 4), ("light", 0.04, 4))
+DIM_FLATS = (("light", 0.003, 8), ("light", 0.006, 8), ("light", 0.012, 8))
+
+NO_DARKS, SINGLE = "there are no dark frames", "each dark exposure has one frame"
+
+
+def frames_of(
+    *steps: tuple[Kind, float, int], camera: PlainCamera = CAMERA, effect: Effect | None = None, seed: int = 7
+) -> FrameSet:
+    return camera.frame_set(ShootingProtocol("set", tuple(Step(*step) for step in steps)), effect or Effect(), seed)
+
+
 def holds(estimate: Estimate, truth: float) -> None:
-    # 3.5 standard uncertainties: 5 in 10 000 by chance. They are below a tenth of the value.
+    # The uncertainties are below a tenth of the value.
     assert estimate.value == pytest.approx(truth, abs=3.5 * estimate.standard_uncertainty)
     assert estimate.standard_uncertainty < 0.1 * truth
 
 
-def missing(calibration: Calibration, *names: str) -> None:
+def missing(calibration: Calibration, *names: str, reason: str = "") -> None:
     for name in names:
         estimate = getattr(calibration, name)
         assert estimate.value is None, name
         assert estimate.reason, name
+        assert reason in estimate.reason, name
+
+
+def given(calibration: Calibration) -> set[str]:
+    return {name for name, entry in calibration.estimates().items() if entry.value is not None}
 
 
 def test_dark_frames_of_one_exposure() -> None:
@@ -81,3 +125,155 @@ def test_bias_frames_and_one_level_of_light(frames: int, largest: float) -> None
     holds(calibration.read_noise_e, READ_DN / GAIN)
     missing(calibration, "prnu_percent", "saturation_dn", "linearity_error_percent", "dark_current_dn_per_s")
     assert any("one level of light" in warning for warning in calibration.warnings)
+
+
+def test_single_dark_frame() -> None:
+    """The spread over pixels is an upper limit of read noise and of DSNU; hot pixels are listed."""
+    effect = Effect(hot=(3.0 / math.prod(SHAPE), 2e4))
+    calibration = calibrate(frames_of(*DARK_1, effect=effect, seed=11))
+    # Noise and pattern are 2 DN, and their limit 9 DN.
+    assert calibration.spatial["M"].dark.outliers.deviation == pytest.approx([60.0, 60.0, 60.0], rel=0.2)
+    calibration = calibrate(frames_of(*DARK_1))
+    assert given(calibration) == {"black_level_dn"}
+    holds(calibration.black_level_dn, BLACK_DN + 0.01 * DARK_DN_PER_S)
+    missing(calibration, "read_noise_dn", "dsnu_dn", "dsnu1288_e")
+    spread = math.hypot(READ_DN, DSNU_DN)
+    for estimate in (calibration.read_noise_dn, calibration.dsnu_dn):
+        assert SINGLE in estimate.reason
+        assert spread < estimate.upper_limit_95 < 1.1 * spread
+    missing(calibration, "system_gain_dn_per_e", "prnu_percent", reason="no light frames")
+    assert any("take two or more dark frames" in text for text in calibration.warnings)
+    assert calibrate(frames_of(*DARK_1), maps=True).no_maps_reason.startswith(SINGLE)
+
+
+def test_single_dark_frame_clipped_at_0() -> None:
+    camera = PlainCamera(**{**vars(CAMERA), "black_dn": 1.0})
+    calibration = calibrate(frames_of(*DARK_1, *FLATS, camera=camera))
+    missing(calibration, "black_level_dn", "read_noise_dn", reason="the dark frames are clipped at 0")
+    holds(calibration.system_gain_dn_per_e, GAIN)
+
+
+def test_single_dark_frames_of_several_exposures() -> None:
+    calibration = calibrate(frames_of(*DARKS_1))
+    assert given(calibration) == {"black_level_dn", "dark_current_dn_per_s"}
+    holds(calibration.black_level_dn, BLACK_DN)
+    holds(calibration.dark_current_dn_per_s, DARK_DN_PER_S)
+    missing(calibration, "dcnu_percent", reason=SINGLE)
+
+
+def test_single_dark_frames_and_flat_fields() -> None:
+    """The gain is the slope of variance against mean; the spread of the dark slopes widens PRNU."""
+    calibration = calibrate(frames_of(*DARKS_1, *FLATS))
+    for name, truth in {
+        "black_level_dn": BLACK_DN,
+        "dark_current_e_per_s": DARK_DN_PER_S / GAIN,
+        "system_gain_dn_per_e": GAIN,
+        "prnu_percent": 0.8,
+        "responsivity_dn_per_photon": 0.5 * GAIN,
+        "quantum_efficiency_percent": 50.0,
+    }.items():
+        holds(getattr(calibration, name), truth)
+    missing(calibration, "temporal_dark_noise_e", "sensitivity_threshold_photons", "prnu1288_percent")
+    assert READ_DN / GAIN < calibration.read_noise_e.upper_limit_95 < 1.2 * READ_DN / GAIN
+
+    calibration = calibrate(frames_of(*DARK_1, *FLATS))
+    holds(calibration.system_gain_dn_per_e, GAIN)
+    missing(calibration, "prnu_percent", "responsivity_dn_per_photon", reason="dark current that is not known")
+
+
+def test_one_frame_of_each_level() -> None:
+    calibration = calibrate(frames_of(*DARKS_1, *FLATS_1))
+    assert given(calibration) == {"black_level_dn", "dark_current_dn_per_s", "responsivity_dn_per_photon"}
+    holds(calibration.responsivity_dn_per_photon, 0.5 * GAIN)
+    missing(calibration, "system_gain_dn_per_e", "prnu_percent", reason="two frames")
+
+
+@pytest.mark.parametrize("cfa", [(("M",),), (("R", "G"), ("G", "B"))])
+def test_flat_fields_without_dark_frames(cfa: tuple[tuple[str, ...], ...]) -> None:
+    camera = PlainCamera(**{**vars(CAMERA), "cfa": cfa})
+    calibration = calibrate(frames_of(*FLATS, camera=camera))
+    assert given(calibration) == {"system_gain_dn_per_e"}
+    holds(calibration.system_gain_dn_per_e, GAIN)
+    dark = ("black_level_dn", "read_noise_dn", "dsnu_e", "dark_current_dn_per_s", "temporal_dark_noise_e")
+    missing(calibration, *dark, "prnu_percent", "responsivity_dn_per_photon", reason=NO_DARKS)
+    (warning,) = (text for text in calibration.warnings if NO_DARKS in text)
+    assert "differences between flat fields" in warning
+    # Within 10 ms, dark current is negligible.
+    calibration = calibrate(frames_of(*DIM_FLATS, camera=camera))
+    for name, truth in {
+        "system_gain_dn_per_e": GAIN,
+        "prnu_percent": 0.8,
+        "responsivity_dn_per_photon": 0.5 * GAIN,
+        "quantum_efficiency_percent": 50.0,
+    }.items():
+        assert getattr(calibration, name).value == pytest.approx(
+            truth, abs=3.5 * getattr(calibration, name).standard_uncertainty
+        )
+    missing(calibration, "black_level_dn", "saturation_capacity_e", "linearity_error_percent")
+
+
+def test_saturation_without_dark_frames() -> None:
+    calibration = calibrate(frames_of(*FLATS, ("light", 0.2, 4)))
+    assert calibration.saturation_dn.value == 4095.0
+    missing(calibration, "saturation_capacity_e", "linearity_error_percent", "snr_max_db", reason=NO_DARKS)
+    holds(calibration.system_gain_dn_per_e, GAIN)
+
+
+@pytest.mark.parametrize("steps", [(("light", 0.02, 1),), (("light", 0.02, 4),)])
+def test_one_level_of_light_and_nothing_else(steps: tuple[tuple[Kind, float, int], ...]) -> None:
+    calibration = calibrate(frames_of(*steps))
+    assert given(calibration) == set()
+    missing(calibration, *calibration.estimates())
+    mean = BLACK_DN + 0.02 * (GAIN * LIGHT_E_PER_S + DARK_DN_PER_S)
+    assert calibration.linear_range["M"].highest_dn == pytest.approx(mean, rel=1e-3)
+    assert any(f"the flat fields have a mean of {mean:.0f}"[:-1] in text for text in calibration.warnings)
+
+
+@pytest.mark.parametrize(("size", "power"), [(-0.05, 2), (-0.04, 3)])
+def test_bent_response_without_dark_frames(size: float, power: int) -> None:
+    """A bend and a light out of proportion look alike: the interval holds both."""
+    steps = [("light", 0.08 * i / 12, 6) for i in range(1, 9)]
+    effect = Effect(charge=bent(size, power, (4095 - BLACK_DN) / GAIN))
+    calibration = calibrate(frames_of(*steps, effect=effect))
+    low, high = calibration.system_gain_dn_per_e.interval_95
+    assert low < GAIN < high
+    assert any("do not lie on a straight line against the stated light" in text for text in calibration.warnings)
+
+
+def test_smoothed_frames_without_dark_frames() -> None:
+    effect = Effect(numbers=convolved([[0.0, 0.1, 0.0], [0.1, 0.6, 0.1], [0.0, 0.1, 0.0]]))
+    calibration = calibrate(frames_of(*FLATS, effect=effect))
+    missing(calibration, "system_gain_dn_per_e", "prnu_percent", reason="the noise is correlated between neighboring")
+
+
+SETS = {
+    "dark frame": DARK_1,
+    "dark frame, flat fields": (*DARK_1, *FLATS),
+    "single frames": (*DARKS_1, *FLATS_1),
+    "flat fields": FLATS,
+    "flat field": FLATS[:1],
+}
+
+
+@pytest.mark.parametrize("steps", SETS.values(), ids=list(SETS))
+def test_results_of_incomplete_sets_are_shown_and_saved(steps: tuple[tuple[Kind, float, int], ...]) -> None:
+    calibration = calibrate(frames_of(*steps))
+    found = json.loads(json.dumps(calibration.to_dict(), allow_nan=False))
+    for entry in (*found["parameters"].values(), *found["emva1288"].values()):
+        assert entry["value"] is not None or entry["reason"]
+    xml = ElementTree.fromstring(emva_results(calibration))
+    value, reason = xml.findtext("sensitivity/u_p_min/value"), xml.findtext("sensitivity/u_p_min/reason")
+    assert (value, bool(reason)) == ("None", True)
+    assert repr(calibration)
+    assert calibration._repr_html_()
+    assert len(calibration.to_dataframe()) == len(found["parameters"])
+    for kind in calibration.curves["M"]:
+        calibration.plot(kind)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", SETS.values(), ids=list(SETS))
+def test_reports_of_incomplete_sets(steps: tuple[tuple[Kind, float, int], ...], tmp_path: Path) -> None:
+    calibrate(frames_of(*steps)).report(tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert (NO_DARKS if steps[0][0] == "light" else SINGLE) in text

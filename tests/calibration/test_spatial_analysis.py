@@ -229,6 +229,7 @@ def test_outlier_pixels_are_found_and_ordinary_ones_are_not():
     rng = np.random.default_rng(4)
     plane = rng.normal(0.0, 2.0, (1000, 1000))
     assert normal_threshold(plane, plane.size) == pytest.approx(2.0 * 5.33, rel=0.01)  # Phi(-5.33) 2e6 = 0.1
+    assert normal_threshold(plane.round(), plane.size, 1.0) == pytest.approx(2.0 * 5.33, rel=0.05)
     hot = rng.choice(1_000_000, 40, replace=False)
     plane.ravel()[hot] += rng.choice([-30.0, 30.0], 40)
     places = np.arange(1000)

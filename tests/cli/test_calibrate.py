@@ -107,3 +107,59 @@ def test_report_of_another_ending_is_refused_before_anything_is_read(photosite: 
     done = photosite("calibrate", tmp_path / "nothing", "--report", tmp_path / "report.docx")
     assert done.status == 2
     assert "its name must end in .html or .pdf" in done.err
+
+
+def part_of(stack: Path, folder: Path, kind: str, groups: range, frames: int) -> Path:
+    """Write a protocol of some groups of a stack, by the numbers in their file names, with the first frames of each."""
+    lines = (stack / "protocol.yaml").read_text().splitlines()
+    sensor = lines.index("sensor: nominal.sensor.yaml")
+    listed = ["photosite_protocol: 1", f"sensor: {stack / 'nominal.sensor.yaml'}", "frames:"]
+    for line in lines[sensor + 2 :]:
+        for number in groups:
+            if f"{kind}/{number:02}_" in line:
+                files = sorted(str(file) for file in stack.glob(f"{kind}/{number:02}_*"))[:frames]
+                listed.append(line.split("files:")[0] + f"files: [{', '.join(files)}]}}")
+    folder.mkdir()
+    (folder / "protocol.yaml").write_text("\n".join(listed) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("kind", "groups", "frames", "reason", "known"),
+    [
+        ("light", range(22, 29), 4, "there are no dark frames", "system_gain_dn_per_e"),
+        ("dark", range(20, 21), 1, "each dark exposure has one frame", "black_level_dn"),
+        ("light", range(25, 26), 1, "there are no dark frames", None),
+    ],
+)
+def test_incomplete_sets(
+    photosite: Any,
+    stack: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    kind: str,
+    groups: range,
+    frames: int,
+    reason: str,
+    known: str | None,
+) -> None:
+    """What the frames show is given, with the reasons for the rest; the sensor file keeps the other values."""
+    monkeypatch.setattr(Calibration, "report", lambda self, path: path.write_text("a report"))
+    folder = part_of(stack, tmp_path / "part", kind, groups, frames)
+    sensor, report = tmp_path / "mine.sensor.yaml", tmp_path / "report.html"
+    done = photosite("calibrate", folder, "-o", sensor, "--report", report, "--json")
+    assert (done.status, done.err) == (0, "")
+    assert reason in " ".join(done.json["warnings"])
+    found = done.json["parameters"]
+    assert [name for name in ("system_gain_dn_per_e", "black_level_dn") if found[name]["value"] is not None] == (
+        [known] if known else []
+    )
+    assert reason in found["read_noise_dn"]["reason"]
+    assert report.exists()
+    nominal, measured = ps.load_sensor(stack / "nominal.sensor.yaml"), ps.load_sensor(sensor)
+    assert measured.noise.read_noise_mv == nominal.noise.read_noise_mv
+    gain_known = measured.pixel.conversion_gain_uv_per_e != nominal.pixel.conversion_gain_uv_per_e
+    assert gain_known == (known == "system_gain_dn_per_e")
+    text = photosite("calibrate", folder)
+    assert text.status == 0
+    assert reason in text.out

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
@@ -22,6 +23,7 @@ from photosite.calibration.photon_transfer.level_outliers import outlier_warning
 from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
+from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.nonuniformity import is_large
@@ -35,6 +37,9 @@ SCATTER = 4.0
 
 LONG_DARKS_S = 0.01
 """Exposure time from which dark frames of this time only cause a warning: 100 electrons per second leave one."""
+
+OFF_BY_CHANCE, NOTABLE = 1e-4, 0.1
+"""Share of clean sets whose dark levels may scatter this far; least scatter, as a share of the spread of the pixels."""
 
 FAR_BELOW_ZERO = 4.75
 """At this many uncertainties below zero, a standard deviation's variance is over three of its uncertainties below."""
@@ -168,8 +173,12 @@ def _warnings(
     yield from reduction.frames.notes
     if dark.clipped is not None:
         yield dark.clipped.warning(names)
+    if dark.noise_unknown:
+        yield _incomplete_warning(dark, reduction.lights, light.gain)
     yield from _dark_exposure_warnings(dark)
     yield from dark.change.warnings()
+    if (scattered := _dark_scatter_warning(dark)) is not None:
+        yield scattered
     yield from level_warnings(reduction, dark.groups, channels)
     if (first := find_first_frames(reduction)) is not None:
         yield str(first)
@@ -184,6 +193,12 @@ def _warnings(
         return
     if light.processed is not None:
         yield light.processed.reason
+    if light.bend is not None:
+        yield (
+            f"the means of the flat fields do not lie on a straight line against the stated light: the response bends, "
+            f"or the light is not in proportion. Without dark frames these cannot be told apart, and the uncertainty "
+            f"of the system gain, {100 * light.bend.relative:.2g} % from this alone, covers both"
+        )
     yield from light.noise.warnings()
     if patterns.structure is not None:
         yield str(patterns.structure)
@@ -217,6 +232,19 @@ def _warnings(
         )
 
 
+def _incomplete_warning(dark: DarkResult, lights: Sequence[GroupStatistics], gain: Value) -> str:
+    """Return what is missing without the noise of dark frames, and what to add."""
+    lacking = "black level, dark current, read noise, DSNU" if dark.level_unknown else "read noise, DSNU"
+    text = f"{dark.noise_unknown}; without them {lacking} and what follows from them are not known"
+    if not isinstance(gain, Missing):
+        return f"{text}; the system gain comes from the differences between flat fields"
+    if not dark.level_unknown or not lights:
+        return text
+    means = sorted(pooled_level(entry.levels).mean for entry in lights)
+    ends = f"{means[0]:.2f}" if len(means) == 1 else f"{means[0]:.2f} to {means[-1]:.2f}"
+    return f"{text}; the flat fields have a mean of {ends} DN"
+
+
 def _shading_warning(estimates: Mapping[str, Estimate]) -> str:
     shading, prnu, without = (estimates[name] for name in ("shading_percent", "prnu_percent", "prnu1288_percent"))
     known = "not known" if without.value is None else f"{without.value:.3g} %"
@@ -226,15 +254,35 @@ def _shading_warning(estimates: Mapping[str, Estimate]) -> str:
     )
 
 
+def _dark_scatter_warning(dark: DarkResult) -> str | None:
+    """Return a warning where the dark levels do not lie on a line against exposure, and nothing else says why."""
+    noise = max((pooled_level(entry.levels).spatial_variance for entry in dark.groups), default=0.0)
+    for lines in dark.lines:
+        fit = lines.mean.fit
+        if fit is None or fit.degrees_of_freedom == 0 or dark.change.warnings():
+            continue
+        scatter = math.sqrt(fit.extra_variance)
+        if fit.chi_square > float(chdtri(fit.degrees_of_freedom, OFF_BY_CHANCE)) and scatter**2 > NOTABLE**2 * noise:
+            return (
+                f"the dark levels scatter by {scatter:.2g} DN about a straight line against exposure, beyond their "
+                f"noise: a stated exposure time is wrong, or black level or temperature changed; the uncertainties of "
+                f"black level and dark current from the mean were widened accordingly, and read noise and DSNU are "
+                f"those of {dark.reference_exposure_s:g} s as stated"
+            )
+    return None
+
+
 def _dark_exposure_warnings(dark: DarkResult) -> Iterator[str]:
     """Warn where black level, read noise or DSNU include the dark current of long dark frames."""
+    if not dark.groups:
+        return
     longest = max(entry.group.exposure_s for entry in dark.groups)
+    what = "black level is that" if dark.noise_unknown else "black level, read noise and DSNU are those"
     if all(lines.mean.fit is None for lines in dark.lines):
         if longest >= LONG_DARKS_S:
             yield (
-                f"all dark frames have the exposure time {format_exposure(longest)} s: black level, read noise and "
-                f"DSNU are those at this time and include its dark current, which is not known; take dark frames at a "
-                f"second, much shorter exposure time"
+                f"all dark frames have the exposure time {format_exposure(longest)} s: {what} at this time, with its "
+                f"dark current, which is not known; take dark frames at a second, much shorter exposure time"
             )
         return
     if dark.clipped is None:
@@ -253,7 +301,7 @@ def _dark_exposure_warnings(dark: DarkResult) -> Iterator[str]:
 
 def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[Channel]) -> Iterator[str]:
     """Warn of dark frames and flat fields that do not cover the range of exposures."""
-    longest_dark = max(entry.group.exposure_s for entry in dark.groups)
+    longest_dark = max((entry.group.exposure_s for entry in dark.groups), default=math.inf)
     longest_light = max(float(channel.levels.exposure_s.max()) for channel in channels)
     if longest_light > longest_dark * (1.0 + 1e-6):
         yield (
@@ -265,9 +313,10 @@ def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[C
         yield f"no flat field reached saturation{of_channel}; all unclipped levels were taken as linear"
     for name, channel in zip(names, channels, strict=True):
         if (levels := int((channel.used & channel.levels.trusted).sum())) < 3:
+            known = not isinstance(channel.gain, Missing)
             what = (
                 "the system gain comes from one level of light, and is too low if that level is close to saturation"
-                if levels == 1
+                if levels == 1 and known
                 else "its linearity could not be checked"
             )
             count = f"{levels} light level{'' if levels == 1 else 's'}"

@@ -9,7 +9,7 @@ from os import PathLike
 from photosite.calibration.assemble import assemble
 from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
-from photosite.calibration.dark import measure_dark_frames
+from photosite.calibration.dark import DarkResult, measure_dark_frames
 from photosite.calibration.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.light import measure_light_frames
 from photosite.calibration.noise_structure import measure_noise_structure
@@ -40,7 +40,8 @@ def calibrate(
     Parameters
     ----------
     frames
-        The measurement: dark frames, at least two of them at one exposure, and flat fields at two or more levels.
+        The measurement: dark frames, at least two of them at one exposure, and flat fields at two or more levels. Of
+        an incomplete set, what it shows is estimated, and the other parameters have the reason why they are missing.
     sensor
         The sensor as known before the measurement, for millivolts and for `Calibration.sensor`; default
         `frames.sensor`.
@@ -65,8 +66,8 @@ def calibrate(
     Raises
     ------
     CalibrationError
-        If the frames cannot support a calibration, for example: several gain settings, one exposure time, no repeated
-        dark frames, black levels clipped too far, flat fields that contradict the stated light or bit depth.
+        If the frames cannot support a calibration, for example: several gain settings, black levels clipped too far,
+        flat fields that contradict the stated light or bit depth.
     FileError
         If a frame cannot be read or has another size, or the checkpoint folder holds other files or is in use.
     InputError
@@ -100,19 +101,23 @@ def calibrate(
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
         calibration = assemble(reduction, dark, light, patterns, sensor)
         if maps:
-            calibration = _with_maps(reduction.frames, calibration, progress)
+            calibration = _with_maps(reduction.frames, dark, calibration, progress)
         if saved is not None:
             saved.remove()
     return calibration
 
 
-def _with_maps(frames: FrameSet, calibration: Calibration, progress: Progress | None) -> Calibration:
+def _with_maps(frames: FrameSet, dark: DarkResult, calibration: Calibration, progress: Progress | None) -> Calibration:
     """Return the calibration with the chip's maps, or with the reason why they are missing."""
     from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 
+    reason = dark.noise_unknown
     try:
-        chip, temporal = measure_chip(frames, calibration, progress)
+        if not reason:
+            chip, temporal = measure_chip(frames, calibration, progress)
     except ClippedChipError as error:
-        warning = f"the chip's maps could not be measured: {error}"
-        return replace(calibration, no_maps_reason=str(error), warnings=(*calibration.warnings, warning))
+        reason = str(error)
+    if reason:
+        warning = f"the chip's maps could not be measured: {reason}"
+        return replace(calibration, no_maps_reason=reason, warnings=(*calibration.warnings, warning))
     return replace(calibration, chip=chip, temporal=temporal)

@@ -19,10 +19,16 @@ from photosite.calibration.clipped_blacks.clipped_darks import (
     correct_clipped_darks,
 )
 from photosite.calibration.measurements import Measurements, mean_for_sensor
-from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
+from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines, temporal_variances
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
+from photosite.calibration.photon_transfer.unknown_darks import (
+    NO_DARK_FRAMES,
+    SINGLE_DARK_FRAMES,
+    unknown_level,
+    unknown_variance,
+)
 from photosite.calibration.reduction.frame_reader import FrameReader
-from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantisation import differing_share, with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
@@ -170,7 +176,7 @@ class DarkResult:
     change: BlackLevelChange  # between dark frames
     lines: tuple[DarkLines, ...]  # dark signal and dark variance against exposure
     scatter: float  # relative scatter of the noise between combinations of frames (`DarkLine.scatter`)
-    mean: GroupMean  # of the reference group
+    mean: GroupMean | None  # of the reference group; None without dark frames
     slope_map: SlopeMap | None  # per-pixel dark slopes; None with one dark exposure or dark frames clipped at 0
     slopes: tuple[SlopeSpread, ...] | None  # their spread, also of clipped dark frames
     clipped: ClippedDarks | None  # censored fit; None where no dark frames are clipped at 0
@@ -180,16 +186,26 @@ class DarkResult:
 
     @property
     def reference_exposure_s(self) -> float:
-        """Exposure time of the reference group, seconds."""
-        return self.mean.exposure_s
+        """Exposure time of the reference group, seconds; 0 without dark frames."""
+        return 0.0 if self.mean is None else self.mean.exposure_s
 
-    def at(self, exposure_s: float) -> GroupMean:
+    @property
+    def noise_unknown(self) -> str:
+        """Why the temporal noise of the dark frames is unknown; empty where it is known."""
+        return self.lines[0].variance.reason
+
+    @property
+    def level_unknown(self) -> str:
+        """Why the level of the dark frames is unknown; empty where it is known."""
+        return self.lines[0].mean.reason
+
+    def at(self, exposure_s: float) -> GroupMean | None:
         """Return the mean dark frame at an exposure time within the range of the dark frames.
 
         It is that of the reference group, moved along each pixel's dark slope where the spread of the slopes is known
-        and not negligible.
+        and not negligible. None without dark frames.
         """
-        if self.slope_map is None or self.slopes is None:
+        if self.mean is None or self.slope_map is None or self.slopes is None:
             return self.mean
         times = [entry.group.exposure_s for entry in self.groups]
         exposure_s = min(max(exposure_s, min(times)), max(times))
@@ -238,13 +254,18 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     Some frames of the reference group are read again, for the sums of their rows and columns and, where it is clipped
     at 0, for its zeros.
     """
-    clipped = correct_clipped_darks(reduction, reader)
+    group, mean_frame = reduction.reference_group, reduction.reference_mean
+    if group is None or mean_frame is None:
+        return _unknown_darks(reduction, Missing(NO_DARK_FRAMES))
+    if group.frames == 1:
+        return _of_single_frames(reduction, group, mean_frame)
+    clipped = correct_clipped_darks(reduction, group, reader)
     groups = reduction.darks if clipped is None else clipped.groups
     change = black_level_change(groups)
     scatter = dark_lines(groups, None, change).variance.scatter
-    mean = GroupMean.of(reader, reduction.reference_group, reduction.reference_mean, scatter)
+    mean = GroupMean.of(reader, group, mean_frame, scatter)
     if clipped is None:
-        groups = _with_line_noise(groups, mean.noise, reduction.reference_group.frames, reader)
+        groups = _with_line_noise(groups, mean.noise, group.frames, reader)
     lines = tuple(dark_lines(groups, k, change) for k in range(len(reduction.names)))
     pooled = dark_lines(groups, None, change)
     slope_map = _slope_map(reduction, scatter)
@@ -254,7 +275,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         if slopes is not None:
             slopes = tuple(_clipped_slope(slopes[k], lines[k], clipped.scale(k)) for k in range(len(slopes)))
 
-    reference = groups[reduction.reference]
+    reference = next(entry for entry in groups if entry.group is group.group)
     exposure_s = reference.group.exposure_s
     zero = mean if slope_map is None else slope_map.moved(mean, 0.0)
     channels = []
@@ -279,6 +300,120 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
     found = tuple(channels), together, pooled.mean.sampling
     return DarkResult(tuple(groups), change, lines, scatter, mean, slope_map, slopes, clipped, *found)
+
+
+def _unknown_darks(reduction: Reduction, why: Missing) -> DarkResult:
+    """Return that level and noise of the dark are unknown, for a reason."""
+    lights = reduction.lights
+    levels = [unknown_level(lights, k, why.reason) for k in range(len(reduction.names))]
+    lines = tuple(
+        DarkLines(level, unknown_variance(lights, k, float(level.y[0]), why.reason)) for k, level in enumerate(levels)
+    )
+    pixels = [level.pixels for level in reduction.first_group.levels]
+    measured = tuple(_unknown(why, of_channel) for of_channel in pixels)
+    return DarkResult(
+        (),
+        BlackLevelChange(0.0, 0.0, 0.0),
+        lines,
+        0.0,
+        None,
+        None,
+        None,
+        None,
+        measured,
+        _unknown(why, sum(pixels)),
+        math.inf,
+    )
+
+
+def _unknown(why: Missing, pixels: int) -> Measurements:
+    return Measurements(
+        pixels=pixels,
+        read_variance=why,
+        black_level=why,
+        dark_slope=why,
+        dark_slope_variance=why,
+        dark_variance=why,
+        dark_variance_slope=why,
+        read_method="",
+        dsnu_variance=why,
+        dsnu1288=why,
+        dsnu1288_filtered=why,
+    )
+
+
+def _of_single_frames(reduction: Reduction, reference: GroupStatistics, frame: MeanFrame) -> DarkResult:
+    """Return level and dark current of dark exposures with one frame each; their noise is an upper limit."""
+    darks, channels = reduction.darks, range(len(reduction.names))
+    if any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):
+        return _unknown_darks(reduction, Missing(f"the dark frames are clipped at 0, and {SINGLE_DARK_FRAMES}"))
+    why = Missing(SINGLE_DARK_FRAMES)
+    exposure_s = reference.group.exposure_s
+    values, tile = frame.mean(), frame.labels
+    none = TemporalParts(Uncertain(0.0), Uncertain(0.0), Uncertain(0.0))
+    noise = [none] * len(channels)
+    mean = GroupMean(reference, values, tile, noise, [none.total] * len(channels), [0.0] * len(channels), exposure_s)
+    spreads = []
+    for k, moments in enumerate(label_moments(values, tile)):
+        spread, parts = excess_variance(moments, none.total), channel_parts(values, tile, k, none, filtered=False)
+        if isinstance(parts, Parts):
+            uncertainty = max(spread.standard_uncertainty, parts.total.standard_uncertainty)
+            spread = Uncertain.of(spread.value, uncertainty)
+        spreads.append(spread)
+    lines = tuple(_single_lines(reduction, k) for k in channels)
+
+    def measured(dark: DarkLines, spread: Uncertain, pixels: int) -> Measurements:
+        black, slope = dark.mean.line
+        slope = screen_dark_slope(slope, dark.mean.exposure_s)
+        return replace(
+            _unknown(why, pixels),
+            black_level=dark.mean.at_zero if isinstance(black, Missing) else black,
+            dark_slope=slope,
+            dark_slope_variance=slope if isinstance(slope, Missing) else why,
+            noise_and_pattern=spread,
+            dark_exposure=dark_exposure(dark),
+        )
+
+    slopes = None
+    if reduction.dark_slopes is not None:
+        # Their spread holds the noise of the frames: that of the dark current is between 0 and the whole of it.
+        slopes = tuple(
+            replace(spread, variance=Uncertain.of(0.5 * spread.variance.value, 0.5 * spread.variance.value))
+            for spread in reduction.dark_slopes.spreads([none.total] * len(channels))
+        )
+    pixels = [level.pixels for level in reference.levels]
+    of_channels = tuple(measured(*each) for each in zip(lines, spreads, pixels, strict=True))
+    together = _single_lines(reduction, None)
+    return DarkResult(
+        darks,
+        BlackLevelChange(0.0, 0.0, 0.0),
+        lines,
+        0.0,
+        mean,
+        None,
+        slopes,
+        None,
+        of_channels,
+        measured(together, weighted_mean(spreads, [float(count) for count in pixels]), sum(pixels)),
+        together.mean.sampling,
+    )
+
+
+def _single_lines(reduction: Reduction, channel: int | None) -> DarkLines:
+    """Return the dark lines of one channel, or of all pixels together (None), from single frames."""
+    darks = reduction.darks
+    levels = [pooled_level(entry.levels) if channel is None else entry.levels[channel] for entry in darks]
+    largest = min(level.spatial_variance for level in levels)
+    variance = DarkLine.unknown(0.0, largest, SINGLE_DARK_FRAMES)
+    if channel is not None:
+        dimmest = min(levels, key=lambda level: level.spatial_variance)
+        variance = unknown_variance(reduction.lights, channel, dimmest.mean, SINGLE_DARK_FRAMES, largest)
+    return DarkLines.of_single([entry.group.exposure_s for entry in darks], levels, variance)
+
+
+def dark_exposure(lines: DarkLines) -> str:
+    """Return the exposure time of black level and dark variance in words."""
+    return Measurements.dark_exposure if lines.mean.fit else f"{format_exposure(lines.mean.exposure_s[0])} s"
 
 
 def _with_line_noise(
@@ -318,9 +453,7 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
         step=level.step,
-        dark_exposure=Measurements.dark_exposure
-        if lines.mean.fit
-        else f"{format_exposure(lines.mean.exposure_s[0])} s",
+        dark_exposure=dark_exposure(lines),
     )
 
 

@@ -6,6 +6,7 @@ until then, and the others that lie in the linear range are read again.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,6 +20,7 @@ from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.photon_transfer.noise_covariance import SharedCharge
+from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
@@ -149,12 +151,13 @@ def measure_fixed_pattern(
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
     patterns = _dark_patterns(reduction, dark, half, reader)
-    taps = [find_taps(_sites(dark.mean.mean, reader.tile), dark=True)]
+    dark_mean = np.zeros((reduction.frames.rows, reduction.frames.cols)) if dark.mean is None else dark.mean.mean
+    taps = [None if dark.mean is None else find_taps(_sites(dark_mean, reader.tile), dark=True)]
     if not channels:
         none = NO_LIGHT, NO_LIGHT
         return FixedPatterns(
             tuple(
-                FixedPattern(*none, (planes.exposure_s,), *parts, *none, spatial_analysis(planes, NO_LIGHT, outliers))
+                FixedPattern(*none, _times(planes), *parts, *none, _spatial(planes, NO_LIGHT, outliers))
                 for parts, planes in patterns
             ),
             taps=_found(taps),
@@ -174,8 +177,8 @@ def measure_fixed_pattern(
         mean = reader.mean(lights[i].group)
         if i == brightest:
             bright = mean.mean()
-            structure = periodic_structure(bright, dark.mean.mean, reader.tile)
-            taps.append(find_taps(_relative(bright - dark.mean.mean, reader.tile)))
+            structure = periodic_structure(bright, dark_mean, reader.tile)
+            taps.append(find_taps(_relative(bright - dark_mean, reader.tile)))
         slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
             continue
@@ -190,21 +193,23 @@ def measure_fixed_pattern(
             plain, filtered = (
                 _light_less_dark(*pair, channels[k], i) for pair in zip(flat.parts(k), dark_parts, strict=True)
             )
-            prnu[k], spatial[k] = (filtered, plain), spatial_analysis(dark_planes, flat.planes(k), outliers)
+            prnu[k], spatial[k] = (filtered, plain), _spatial(dark_planes, flat.planes(k), outliers)
     spreads = slopes.spreads([Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in plans])
     result = []
     for k, group in enumerate(half):
         dark_parts, dark_planes = patterns[k]
         if isinstance(group, Missing):
-            prnu[k], spatial[k] = (group, group), spatial_analysis(dark_planes, group, outliers)
+            prnu[k], spatial[k] = (group, group), _spatial(dark_planes, group, outliers)
         slope_spreads = spreads[k], None if dark.slopes is None else dark.slopes[k]
         response = _response_variance(plans[k], *slope_spreads)
+        if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channels[k])) is not None:
+            response = why
         shading = response if isinstance(response, Missing) else _shading(slopes, k, plans[k], *slope_spreads)
         if light.noise.flicker is not None:
             bands = Uncertain.of(0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights))
             response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
         contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
-        of_dark = (dark_planes.exposure_s,), *dark_parts
+        of_dark = _times(dark_planes), *dark_parts
         result.append(FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], *contrasts))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
@@ -243,13 +248,34 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
     return int(levels.group[best])
 
 
+def _times(planes: MeanPlanes | Missing) -> tuple[float, ...]:
+    return () if isinstance(planes, Missing) else (planes.exposure_s,)
+
+
+def _spatial(
+    dark: MeanPlanes | Missing, light: MeanPlanes | Missing, outliers: OutlierThresholds | None
+) -> SpatialAnalysis | Missing:
+    return dark if isinstance(dark, Missing) else spatial_analysis(dark, light, outliers)
+
+
+def _dark_current_unknown(channel: Channel) -> Missing | None:
+    """Return why a map of slopes holds an unknown dark current; None where the exposure times differ too little."""
+    levels, used = channel.levels, channel.used & channel.levels.trusted
+    shortest, longest = levels.exposure_s[used].min(initial=math.inf), levels.exposure_s[used].max(initial=0.0)
+    return unknown_dark_current(shortest, longest, channel.dark.variance.reason)
+
+
 def _dark_patterns(
     reduction: Reduction, dark: DarkResult, half: Sequence[int | Missing], reader: FrameReader
-) -> list[tuple[PartsPair, MeanPlanes]]:
-    """Return per channel the dark pattern at the exposure of its half-saturated flat fields, else of the reference."""
-    if dark.clipped is not None:
-        corrected = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
-        return [(parts, dark.mean.planes(k)) for k, parts in enumerate(corrected)]
+) -> list[tuple[PartsPair, MeanPlanes | Missing]]:
+    """Return per channel the dark pattern at the exposure of its half-saturated flat fields, else of the reference.
+
+    Where the noise of the dark frames is unknown, it is missing, and the frame itself is the only one.
+    """
+    if dark.clipped is not None or dark.noise_unknown:
+        stated = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
+        why = Missing(dark.noise_unknown)
+        return [(parts, why if dark.mean is None else dark.mean.planes(k)) for k, parts in enumerate(stated)]
     exposures = [
         dark.reference_exposure_s if isinstance(light, Missing) else reduction.lights[light].group.exposure_s
         for light in half
@@ -258,7 +284,9 @@ def _dark_patterns(
     for exposure_s in dict.fromkeys(exposures):
         matching = _matching_dark(exposure_s, reduction.darks)
         if matching is None or matching == reduction.reference:
-            means[exposure_s] = dark.at(exposure_s)
+            moved = dark.at(exposure_s)
+            assert moved is not None  # the noise of the dark frames is known
+            means[exposure_s] = moved
             continue
         statistics = reduction.darks[matching]
         reader.expect(len(statistics.group))

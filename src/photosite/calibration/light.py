@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from photosite.calibration.checks.level_checks import unequal_gains
 from photosite.calibration.dark import DarkResult
@@ -16,6 +19,7 @@ from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
 from photosite.calibration.photon_transfer.response_shape import ToneCurve, find_tone_curve
+from photosite.calibration.photon_transfer.unknown_darks import straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -41,6 +45,8 @@ class LightResult:
         Why flats and dark frames do not belong to one mode of the camera.
     outliers
         The levels whose stated light contradicts the others; only their noise is used.
+    bend
+        Without dark frames, the factor of the gain for a bend of the means (`straightening`), if they bend.
     """
 
     channels: tuple[Channel, ...]
@@ -51,6 +57,7 @@ class LightResult:
     tone: ToneCurve | None = None
     processed: Missing | None = None
     outliers: tuple[LightOutlier, ...] = ()
+    bend: Uncertain | None = None
 
 
 def measure_light_frames(
@@ -60,16 +67,17 @@ def measure_light_frames(
     if not reduction.lights:
         return LightResult((), None, NO_LIGHT, NO_LIGHT, noise)
     if noise.flicker is not None:
+        assert dark.mean is not None  # flicker is found against the reference dark frames
         reduction, flicker = without_flicker(reduction, reader, dark.mean, noise.flicker)
         noise = replace(noise, flicker=flicker)
     levels = [light_levels(reduction.lights, k, line) for k, line in enumerate(dark.lines)]
-    outliers = find_light_outliers(levels, reduction.whites)
+    outliers = [] if dark.level_unknown else find_light_outliers(levels, reduction.whites)
     wrong = {outlier.group for outlier in outliers}
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
     if noise.shared is not None:
         channels = [replace(each, levels=noise.shared.means(each.levels, each.index)) for each in channels]
-    if (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
+    if not dark.level_unknown and (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
         return _withheld(channels, noise, tone=tone)
     together = _photon_transfer(channels, noise.shared)
     alone = [together] if len(channels) == 1 else [_photon_transfer([channel], noise.shared) for channel in channels]
@@ -77,7 +85,7 @@ def measure_light_frames(
         replace(channel, gain=own.gain, line_gain=own.line_gain, curve=own.channels[0].curve)
         for channel, own in zip(channels, alone, strict=True)
     )
-    if (ratio := find_dark_noise_ratio(measured)) is not None:
+    if not dark.noise_unknown and (ratio := find_dark_noise_ratio(measured)) is not None:
         return _withheld(channels, noise, ratio=ratio)
     if (unequal := unequal_gains(reduction)) is not None:
         together = replace(together, gain=unequal, line_gain=unequal)
@@ -99,21 +107,46 @@ def _withheld(
 
 def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) -> LightResult:
     """Return the gains and curves of some channels together."""
+    if (why := _no_photon_transfer(channels)) is not None:
+        return LightResult(tuple(channels), None, why, why, NoiseStructure())
     levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
     factor: Value = Uncertain(1.0)
     if shared is not None:
         levels, factor = shared.summed_covariances(levels, [channel.index for channel in channels])
+    bend: Value | None = None
+    if channels[0].dark.mean.reason:
+        bends = [straightening(*each) for each in zip(levels, used, strict=True)]
+        bend = max(bends, key=lambda found: math.inf if isinstance(found, Missing) else found.standard_uncertainty)
+        if isinstance(bend, Missing) or bend.parts:
+            factor = derive(lambda a, b: a * b, factor, bend)
+        else:
+            bend = None
     line = fit_gain(levels, used)
-    of_line = gain_value(line)
-    bent = None if isinstance(factor, Missing) else fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
+    of_line, bent = gain_value(line), None
+    if not isinstance(factor, Missing) and bend is None:
+        bent = fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
     if isinstance(bent, Missing):
         return LightResult(tuple(channels), line, bent, bent, NoiseStructure())
     of_line, gain = (
-        factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if shared is not None else value
+        factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if factor.parts else value
         for value in (of_line, of_line if bent is None else gain_value(bent.fit, bent.gain))
     )
     if bent is None or isinstance(gain, Missing):
-        return LightResult(tuple(channels), line, of_line, of_line, NoiseStructure())
+        return LightResult(
+            tuple(channels), line, of_line, of_line, NoiseStructure(), bend=None if isinstance(bend, Missing) else bend
+        )
     curves = (replace(curve, gain=gain) for curve in bent.curves)
     curved = tuple(replace(channel, curve=curve) for channel, curve in zip(channels, curves, strict=True))
     return LightResult(curved, bent.fit, gain, of_line, NoiseStructure())
+
+
+def _no_photon_transfer(channels: Sequence[Channel]) -> Missing | None:
+    """Return why the levels of light give no system gain without the dark variance; None where they do."""
+    why = channels[0].dark.variance.reason
+    if not why:
+        return None
+    levels = max(len(np.unique(c.levels.mean[c.used & c.levels.repeated])) for c in channels)
+    if levels > 1:
+        return None
+    lights = f"{'no level' if levels == 0 else 'one level'} of light in the linear range has two frames"
+    return Missing(f"{lights}; photon transfer needs two such levels, or one and the noise of dark frames; {why}")

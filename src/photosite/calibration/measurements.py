@@ -54,6 +54,8 @@ class Measurements:
     prnu1288_unfiltered: Parts | Missing = NO_LIGHT  # and plain
     saturation_method: str = "fully clipped flat fields"
     dsnu_method: str = ""
+    # Variance over pixels of single dark frames, of which read noise and DSNU are unknown parts, each at most the whole
+    noise_and_pattern: Uncertain | None = None
     dark_exposure: str = "exposure zero"  # of black level and dark variance
     dark_method: str = ""  # of read noise, DSNU and black level, where dark frames are clipped at 0
     linearity: tuple[Linearity | Missing, ...] = ()  # of the channel, or of each channel

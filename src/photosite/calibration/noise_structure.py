@@ -19,13 +19,14 @@ from photosite.calibration.photon_transfer.noise_covariance import (
     find_shared_noise,
     mean_covariance,
     noise_covariances,
+    seen_correlations,
 )
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import level_parts
-from photosite.values.uncertain import Uncertain
+from photosite.values.uncertain import Missing, Uncertain
 
 PIXELS = 1 << 21
 """Pixels, over all pairs of frames of a level, that decide whether noise is correlated."""
@@ -76,15 +77,32 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
     if not flats or min(frames.rows // reader.tile.shape[0], frames.cols // reader.tile.shape[1]) < LEAST_SIDE:
         return NoiseStructure()
     dark = reduction.reference_group
+    known = dark is not None and dark.frames > 1
+    if dark is None or dark.frames == 1:
+        # What grows with the light shows in the difference from the dimmest flat fields as well.
+        *flats, dark = sorted(flats, key=lambda entry: -entry.levels[0].mean)
+        if not flats:
+            return NoiseStructure()
     dark_noise = _covariances(reader, dark, PIXELS)
     light_noise, square = _of_levels(reader, flats, dark, dark_noise, PIXELS)
     flicker = find_flicker(light_noise, dark_noise, square)
     shared = find_shared_noise(light_noise, dark_noise)
+    if not known:
+        return _withheld(shared, flicker)
     if shared is not None and sum(_pairs(reader, group) for group in flats) > PIXELS:
         dark_noise = _covariances(reader, dark, PIXELS_CORRELATED)
         light_noise, _ = _of_levels(reader, flats, dark, dark_noise, PIXELS_CORRELATED)
         shared = find_shared_noise(light_noise, dark_noise) or shared
     return NoiseStructure(shared, flicker)
+
+
+def _withheld(shared: SharedNoise | None, flicker: Flicker | None) -> NoiseStructure:
+    """Return a structure of which single dark frames, or none, do not tell how to correct it."""
+    seen = str(flicker) if shared is None else seen_correlations(shared.neighbors, shared.frames)
+    if shared is None and flicker is None:
+        return NoiseStructure()
+    why = Missing(f"{seen}; without two dark frames at one exposure time this cannot be corrected")
+    return NoiseStructure(SharedNoise(None, None, why))
 
 
 def _of_levels(
@@ -170,7 +188,8 @@ def _linear(reduction: Reduction) -> list[GroupStatistics]:
     if not flats:
         return []
     levels = [pooled_level(entry.levels) for entry in flats]
-    dark = pooled_level(reduction.darks[reduction.reference].levels).mean
+    reference = reduction.reference_group
+    dark = 0.0 if reference is None else pooled_level(reference.levels).mean
     limit = LINEAR_SHARE * (max(levels, key=lambda level: level.variance).mean - dark)
     signals = [level.mean - dark for level in levels]
     # Without a level in the linear range, the darkest.

@@ -198,8 +198,11 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
     noise_slope = "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)"
     from_variance = derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e)
     return {
-        **{f"read_noise_{unit}": _read_noise(m, scale, read) for unit, scale in scales.items()},
-        **{f"dsnu_{unit}": _deviation(m.dsnu_variance, scale, dsnu) for unit, scale in scales.items()},
+        **{f"read_noise_{unit}": _limited(_read_noise(m, scale, read), m, scale) for unit, scale in scales.items()},
+        **{
+            f"dsnu_{unit}": _limited(_deviation(m.dsnu_variance, scale, dsnu), m, scale)
+            for unit, scale in scales.items()
+        },
         "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), m.method(prnu, "response_variance")),
         "shading_percent": _deviation(m.shading_variance, Uncertain(100.0), m.method(shading, "shading_variance")),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
@@ -211,6 +214,14 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         ),
         "black_level_dn": Estimate.of(m.black_level, m.dark_method or f"mean dark level at {m.dark_exposure}"),
     }
+
+
+def _limited(entry: Estimate, m: Measurements, scale: Value) -> Estimate:
+    """Return a missing part of the spread of single dark frames with its upper limit, the whole."""
+    if entry.value is not None or m.noise_and_pattern is None or isinstance(scale, Missing):
+        return entry
+    limit = math.sqrt(max(m.noise_and_pattern.interval_95[1], 0.0)) * scale.interval_95[1]
+    return replace(entry, reason=f"{entry.reason}; its 95 % upper limit is {limit:.3g}", upper_limit_95=limit)
 
 
 def _percent_of_dark(slope: Value) -> Value:

@@ -191,7 +191,7 @@ class GroupSample:
 
 
 def find_foreign_groups(
-    darks: Sequence[GroupSample], lights: Sequence[GroupSample], reference: int, labels: NDArray[np.int64]
+    darks: Sequence[GroupSample], lights: Sequence[GroupSample], reference: int | None, labels: NDArray[np.int64]
 ) -> tuple[list[int], list[int]]:
     """Return the dark groups and the light groups with another fixed pattern than most others of their kind.
 
@@ -203,13 +203,17 @@ def find_foreign_groups(
     darks, lights
         The groups, and samples of their mean frames at the same pixels.
     reference
-        Index of the dark group that is subtracted from the flat fields.
+        Index of the dark group that is subtracted from the flat fields, if any.
     labels
         Channels of the sampled pixels.
     """
     noise = [_group_noise(entry) for entry in darks]
     found = _foreign(darks, [entry.mean for entry in darks], noise, labels)
-    dark, black = darks[reference], np.array([level.mean for level in darks[reference].statistics.levels])
+    subtracted: Array = np.zeros(labels.shape)
+    black, of_black = np.zeros(int(labels.max()) + 1), 0.0
+    if reference is not None:
+        dark, of_black = darks[reference], noise[reference]
+        subtracted, black = dark.mean, np.array([level.mean for level in dark.statistics.levels])
     linear: list[int] = []
     relative, of_relative = [], []
     levels = [pooled_level(entry.statistics.levels) for entry in lights]
@@ -221,8 +225,8 @@ def find_foreign_groups(
         dim = peak is not None and levels[i].mean - black.mean() <= LINEAR_SHARE * (peak.mean - black.mean())
         if dim and signal.min() > 0.0 and not any(level.clipped for level in entry.statistics.levels):
             linear.append(i)
-            relative.append((entry.mean - dark.mean) / signal[labels])
-            of_relative.append(float(np.mean((_group_noise(entry) + noise[reference]) / signal**2)))
+            relative.append((entry.mean - subtracted) / signal[labels])
+            of_relative.append(float(np.mean((_group_noise(entry) + of_black) / signal**2)))
     return found, [linear[i] for i in _foreign([lights[i] for i in linear], relative, of_relative, labels)]
 
 

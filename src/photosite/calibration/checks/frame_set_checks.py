@@ -20,8 +20,8 @@ def check_frame_set(frames: FrameSet, sensor: Sensor | None) -> Sensor | None:
     InputError
         If `frames` is not a FrameSet, or the sensor has another bit depth or CFA.
     CalibrationError
-        If there are several gain settings, no repeated dark frames, equal photons at all light levels, or an exposure
-        time that is not above zero.
+        If there are several gain settings, equal photons at all light levels, or an exposure time that is not above
+        zero.
     """
     if not isinstance(frames, FrameSet):
         path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
@@ -55,7 +55,7 @@ def _check_groups(frames: FrameSet) -> None:
             f"calibration needs one",
             "Select one with FrameSet.at_gain(setting), or calibrate all with calibrate_series",
         )
-    darks, lights = frames.of_kind("dark"), frames.of_kind("light")
+    lights = frames.of_kind("light")
     unknown = any(group.exposure_s == 0 for group in lights)
     for group in frames.groups:
         zero = group.exposure_s == 0 and (group.kind == "dark" or group.photons_per_pixel is not None)
@@ -72,15 +72,6 @@ def _check_groups(frames: FrameSet) -> None:
                 f"light frames have the exposure time 0, which means unknown, and {group_label(group)} another",
                 "State the exposure time of all frames, or 0 for all",
             )
-    if not darks:
-        raise error(
-            "there are no dark frames", "Take at least two with the lens covered, better 50, at one exposure time"
-        )
-    if max(len(group) for group in darks) < 2:
-        raise error(
-            "there is one frame per dark exposure, which does not show temporal noise",
-            "Take at least two dark frames at one exposure time, better 50",
-        )
     photons = {group.photons_per_pixel for group in lights}
     if len(lights) > 1 and len(photons) == 1 and None not in photons:
         raise error(

@@ -72,8 +72,10 @@ def check_channels(reduction: Reduction, channels: Sequence[Channel]) -> None:
 
 def _check_step(reduction: Reduction) -> None:
     """Check that the numbers are not all multiples of a power of two: shifted numbers of fewer bits."""
-    group, bits = reduction.reference_group, reduction.frames.bits
-    bits_used = int(np.bitwise_or.reduce(reduction.reference_mean.sum, axis=None)) | reduction.bits_used
+    group, bits = reduction.first_group, reduction.frames.bits
+    bits_used = reduction.bits_used
+    if reduction.reference_mean is not None:
+        bits_used |= int(np.bitwise_or.reduce(reduction.reference_mean.sum, axis=None))
     step = bits_used & -bits_used
     if step > 1 and any(level.spatial_variance > 0.0 for level in group.levels):
         shift = step.bit_length() - 1
@@ -102,15 +104,12 @@ def _check_darks(reduction: Reduction) -> None:
             if level.repeated and level.variance == 0.0:
                 what = f"the {level.frames} frames do not differ in a single pixel"
                 raise reduction.error(what, "Use frames with their noise, not copies", group, name)
-    if not any(group.frames > 1 for group in reduction.darks):
-        raise reduction.error(
-            f"without repeated files no dark exposure has two frames ({reduction.rejected[0]})",
-            "Take at least two dark frames at one exposure time",
-        )
 
 
 def _check_lights(reduction: Reduction) -> None:
     """Check that the brightest light group is brighter than the shortest dark exposure."""
+    if not reduction.darks:
+        return
     brightest = max(reduction.lights, key=lambda group: max(level.mean for level in group.levels))
     pairs = [(light.mean, dark.mean) for light, dark in zip(brightest.levels, reduction.darks[0].levels, strict=True)]
     if all(light <= dark for light, dark in pairs):
@@ -252,7 +251,7 @@ def level_warnings(
     yield from _unsteady_black(reduction.names, darks)
     if single := sum(group.frames == 1 for group in reduction.lights):
         yield f"{single} of {len(reduction.lights)} light levels have one frame and show no temporal noise"
-    yield from _stated_levels(reduction.frames, darks[0], reduction.lights)
+    yield from _stated_levels(reduction.frames, darks, reduction.lights)
 
 
 def _fast_shutter(frames: FrameSet) -> Iterator[str]:
@@ -301,8 +300,9 @@ def _unsteady_light(darks: Sequence[GroupStatistics], lights: Sequence[GroupStat
     rate = _rate_per_level(lights)
     drifting: list[tuple[float, str]] = []
     for group in lights:
-        for level, dark in zip(group.levels, darks[0].levels, strict=True):
-            signal = level.mean - dark.mean
+        blacks = [dark.mean for dark in darks[0].levels] if darks else [0.0] * len(group.levels)
+        for level, black in zip(group.levels, blacks, strict=True):
+            signal = level.mean - black
             large = level.repeated and signal > 0 and level.frame_shift > LAMP_DRIFT * signal
             if large and level.shifts_beyond_chance(rate):
                 drifting.append((level.frame_shift / signal, group.label))
@@ -326,15 +326,19 @@ def _unsteady_black(names: Sequence[str], darks: Sequence[GroupStatistics]) -> I
                 )
 
 
-def _stated_levels(frames: FrameSet, dark: GroupStatistics, lights: Sequence[GroupStatistics]) -> Iterator[str]:
+def _stated_levels(
+    frames: FrameSet, darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]
+) -> Iterator[str]:
     """Warn of stated black and white levels that the frames contradict. They matter for developing, not here."""
     white = frames.white_level_dn or float((1 << frames.bits) - 1)
-    stated, found = frames.black_level_dn, pooled_level(dark.levels).mean
-    if stated is not None and levels_disagree(stated, found, white):
-        yield (
-            f"the black level is stated as {stated:g} DN, but the {dark.label} have a mean of {found:.2f} DN; correct "
-            f"it before developing these frames"
-        )
+    stated = frames.black_level_dn
+    for dark in darks[:1]:
+        found = pooled_level(dark.levels).mean
+        if stated is not None and levels_disagree(stated, found, white):
+            yield (
+                f"the black level is stated as {stated:g} DN, but the {dark.label} have a mean of {found:.2f} DN; "
+                f"correct it before developing these frames"
+            )
     if frames.white_level_dn is not None and lights:
         brightest, label = max((level.mean, entry.label) for entry in lights for level in entry.levels)
         if brightest > white and levels_disagree(white, brightest, 2 * white):
@@ -347,7 +351,7 @@ EQUAL_GAINS = 0.01
 
 def digital_gain_warnings(reduction: Reduction) -> Iterator[str]:
     """Yield a warning for each channel with a digital gain: its size, and what it means for the results."""
-    darks = reduction.reference_group.levels
+    darks = reduction.first_group.levels
     for name, steps, level in zip(reduction.names, reduction.steps, darks, strict=True):
         if steps is None:
             continue
@@ -369,7 +373,7 @@ def digital_gain_warnings(reduction: Reduction) -> Iterator[str]:
 
 def unequal_gains(reduction: Reduction) -> Missing | None:
     """Return why the channels have no common system gain; None where they have."""
-    gains = [1.0 if steps is None else steps.of_groups[reduction.reference] for steps in reduction.steps]
+    gains = [1.0 if steps is None else steps.of_groups[reduction.reference or 0] for steps in reduction.steps]
     if max(gains) < (1.0 + EQUAL_GAINS) * min(gains):
         return None
     each = ", ".join(f"{name} {gain:.3g}" for name, gain in zip(reduction.names, gains, strict=True))
@@ -417,6 +421,8 @@ def find_first_frames(reduction: Reduction) -> FirstFrames | None:
     In n frames of random order the first is the lowest with probability 1 / n.
     """
     totals = {id(entry.source): entry.total for entry in reduction.used}
+    if reduction.reference_group is None:
+        return None
     dark = pooled_level(reduction.reference_group.levels).mean
     pixels = reduction.frames.rows * reduction.frames.cols
     shares, chances, lowest, highest = [], [], 0, 0

@@ -271,7 +271,7 @@ class ClippedDarks:
         return text
 
 
-def correct_clipped_darks(reduction: Reduction, reader: FrameReader) -> ClippedDarks | None:
+def correct_clipped_darks(reduction: Reduction, reference: GroupStatistics, reader: FrameReader) -> ClippedDarks | None:
     """Read the reference group again for its zeros, fit it, and correct all dark levels; None where none is clipped.
 
     Raises
@@ -279,7 +279,7 @@ def correct_clipped_darks(reduction: Reduction, reader: FrameReader) -> ClippedD
     CalibrationError
         If too little of a level is above 0.
     """
-    darks, reference = reduction.darks, reduction.reference_group
+    darks = reduction.darks
     if not any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):
         return None
     of_group = {id(source) for source in reference.group.frames}

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines
-from photosite.calibration.photon_transfer.fit import Fit
+from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import (
     LINEAR_SHARE,
     LightLevels,
@@ -29,6 +29,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     linear_levels,
 )
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
+from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value
@@ -78,7 +79,7 @@ class Channel:
     def saturation_signal(self) -> float | None:
         """Signal of fully clipped pixels, DN; None where it is not known."""
         top = self.saturation.level_dn
-        if isinstance(top, Missing):
+        if isinstance(top, Missing) or self.dark.mean.reason:
             return None
         # The digital number less the dark level of the brightest level.
         return top.value - float(self.levels.mean[-1] - self.levels.signal[-1])
@@ -93,9 +94,22 @@ class Channel:
         fit = fit_response(self.levels, self.used)
         if fit is None:
             return Missing("no light level lies in the linear range")
+        if (why := self.no_slope_of_light()) is not None:
+            return why
         if by_line or self.curve is None:
             return fit.uncertain[0]
         return self.curve.responsivity(self.levels, self.used & self.levels.trusted)
+
+    def no_slope_of_light(self) -> Missing | None:
+        """Return why the slope of the means is not that of the light alone, with incomplete dark frames; else None."""
+        why = self.dark.mean.reason or self.dark.variance.reason
+        if not why or self.dark.mean.fit is not None:
+            return None
+        take = self.used & self.levels.trusted
+        if self.dark.mean.reason and len(np.unique(self.levels.x[take])) < 2:
+            return Missing(f"one level of light in the linear range; {why}")
+        times = self.levels.exposure_s[take]
+        return unknown_dark_current(float(times.min()), float(times.max()), why)
 
     @property
     def disproportion(self) -> float:
@@ -283,23 +297,39 @@ class LinearRange(Shown):
 
 def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]:
     """Return one channel's curves: "dark_signal", "dark_variance" and, with light, "response", "photon_transfer"."""
-    curves = {
-        "dark_signal": _dark_curve(dark.mean, "Dark signal", "mean (DN)"),
-        "dark_variance": _dark_curve(dark.variance, "Dark temporal variance", "variance (DN²)"),
+    lines = {
+        "dark_signal": (dark.mean, "Dark signal", "mean (DN)"),
+        "dark_variance": (dark.variance, "Dark temporal variance", "variance (DN²)"),
     }
+    curves = {kind: _dark_curve(*line) for kind, line in lines.items() if not line[0].reason}
     if channel is None:
         return curves
     levels, used = channel.levels, channel.used
     axis = "photons per pixel" if levels.photons_known else "exposure (s)"
-    uncertainty = np.sqrt(np.diag(levels.signal_covariance))
-    points = levels.x, levels.signal, uncertainty, used & levels.trusted
-    curves["response"] = Curve.of_fit("Response", axis, "signal (DN)", points, fit_response(levels, used))
+    level, x_label = levels.signal, "signal (DN)"
+    uncertainty, fit = np.sqrt(np.diag(levels.signal_covariance)), fit_response(levels, used)
+    if dark.mean.reason:
+        level, x_label = levels.mean, "mean (DN)"
+        uncertainty = np.sqrt(np.maximum(uncertainty**2 - dark.mean.variance, 0.0))
+        fit = _free_line(levels.x, level, uncertainty, used)
+    points = levels.x, level, uncertainty, used & levels.trusted
+    curves["response"] = Curve.of_fit("Response", axis, x_label, points, fit)
     known = levels.repeated
-    uncertainty = np.sqrt(np.diag(levels.shot_covariance))[known]
-    points = levels.signal[known], levels.shot[known], uncertainty, used[known]
-    y_label, fit = "temporal variance less dark (DN²)", fit_gain([levels], [used])
-    curves["photon_transfer"] = Curve.of_fit("Photon transfer", "signal (DN)", y_label, points, fit)
+    noise, uncertainty, y_label = levels.shot, np.sqrt(np.diag(levels.shot_covariance)), "temporal variance less dark"
+    fit = fit_gain([levels], [used])
+    if dark.variance.reason:
+        noise, uncertainty, y_label = levels.noise, levels.noise_uncertainty, "temporal variance"
+        fit = _free_line(level, noise, uncertainty, used & known)
+    points = level[known], noise[known], uncertainty[known], used[known]
+    curves["photon_transfer"] = Curve.of_fit("Photon transfer", x_label, f"{y_label} (DN²)", points, fit)
     return curves
+
+
+def _free_line(x: Array, y: Array, uncertainty: Array, used: NDArray[np.bool_]) -> Fit | None:
+    """Return the line with a constant of its own, for points whose dark value is unknown."""
+    if len(np.unique(x[used])) < 2:
+        return None
+    return fit_linear(np.vander(x[used], 2, increasing=True), y[used], np.diag(uncertainty[used] ** 2))
 
 
 def _dark_curve(line: DarkLine, title: str, y_label: str) -> Curve:

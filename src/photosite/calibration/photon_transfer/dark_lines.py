@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.quantisation import differing_share
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, correlated
 
 Array = NDArray[np.float64]
@@ -43,6 +44,9 @@ class DarkLine:
         The line; None with one exposure only.
     points
         The quantity with its independent sources, where other results share them; else empty.
+    reason
+        Why the quantity is unknown, else empty. `y` is then one nominal value, and its uncertainty so large that fits
+        to differences from it find a constant of their own.
     """
 
     exposure_s: Array
@@ -52,6 +56,14 @@ class DarkLine:
     shared: Array
     points: tuple[Uncertain, ...] = ()
     differing: float = 0.0
+    reason: str = ""
+
+    @classmethod
+    def unknown(cls, nominal: float, uncertainty: float, reason: str) -> DarkLine:
+        """Return an unknown quantity, constant at all exposures."""
+        point = Uncertain.of(nominal, uncertainty)
+        one = np.ones(1)
+        return cls(0.0 * one, nominal * one, uncertainty**2 * one, None, 0.0 * one, (point,), reason=reason)
 
     @classmethod
     def through(
@@ -86,6 +98,8 @@ class DarkLine:
     @property
     def line(self) -> tuple[Value, Value]:
         """Intercept, and slope per second."""
+        if self.reason:
+            return Missing(self.reason), Missing(self.reason)
         if self.fit is None:
             reason = f"dark frames at one exposure time only, {self.exposure_s[0]:g} s; a slope needs two or more"
             return Missing(reason), Missing(reason)
@@ -115,10 +129,10 @@ class DarkLine:
         )
 
     @property
-    def at_zero(self) -> Uncertain:
+    def at_zero(self) -> Value:
         """The intercept, or the mean where there is one exposure only."""
         intercept, _ = self.line
-        if isinstance(intercept, Uncertain):
+        if isinstance(intercept, Uncertain) or self.reason:
             return intercept
         weight = _inverse(self.variance)
         if self.points:
@@ -172,6 +186,21 @@ class DarkLines:
 
     mean: DarkLine
     variance: DarkLine
+
+    @classmethod
+    def of_single(cls, exposure_s: Sequence[float], levels: Sequence[Level], variance: DarkLine) -> DarkLines:
+        """Return the lines through levels of one frame each, whose temporal variance is unknown.
+
+        The spread over pixels is an upper limit of the noise that is left in a mean.
+        """
+        spread = np.array([level.spatial_variance for level in levels])
+        pixels = np.array([level.pixels for level in levels])
+        rounding = max(level.single_rounding for level in levels)
+        t, y = np.asarray(exposure_s, dtype=np.float64), np.array([level.mean for level in levels])
+        mean = DarkLine.through(
+            t, y, np.maximum(spread, QUANTISATION_DN2) / pixels, np.full(len(t), rounding), differing=1.0
+        )
+        return cls(mean, variance)
 
     @classmethod
     def of(cls, exposure_s: Sequence[float], levels: Sequence[Level], moved: Array | float = 0.0) -> DarkLines:

@@ -79,6 +79,8 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     one is used.
     """
     levels = channel.levels
+    if channel.dark.mean.reason:
+        return Missing(channel.dark.mean.reason)
     order = np.lexsort((np.diag(levels.signal_covariance), levels.x))
     order = order[levels.trusted[order]]
     place = order[np.append(True, np.diff(levels.x[order]) > 0.0)]
@@ -142,8 +144,10 @@ def local_slopes(x: Array) -> Array:
     return slopes
 
 
-def _threshold(dark: Uncertain, x: Array, slope: Array, variance: Array) -> Value:
+def _threshold(dark: Value, x: Array, slope: Array, variance: Array) -> Value:
     """Return where x slope = noise, with variance and slope interpolated linearly between the levels and the dark."""
+    if isinstance(dark, Missing):
+        return dark
     if not x.size or dark.value <= 0.0:
         return Missing("no light level shows noise and signal, or the dark temporal variance is not above zero")
     light, noise = np.append(0.0, x), np.append(dark.value, variance)

@@ -105,6 +105,8 @@ def channel_linearity(channel: Channel) -> Linearity | Missing:
     I.
     """
     levels, saturation = channel.levels, channel.saturation
+    if channel.dark.mean.reason:
+        return Missing(channel.dark.mean.reason)
     if saturation.signal is None or saturation.index is None:
         return Missing("linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation")
     levels = levels.take(np.flatnonzero(levels.trusted & (np.arange(len(levels.x)) <= saturation.index)))

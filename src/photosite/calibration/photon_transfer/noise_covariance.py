@@ -556,9 +556,10 @@ class SharedNoise:
             causes.append("charge stays for the next frame (image lag)")
         above = 100.0 * (float(np.mean([entry.factor.value for entry in self.charge])) - 1.0)
         after = "; DSNU and PRNU are those of the frames, after the sharing" if self.neighbors is not None else ""
+        seen = seen_correlations(self.neighbors, self.frames)
         return (
-            f"{_seen(self.neighbors, self.frames)}, and the dark noise is not: {' and '.join(causes)}. The system gain "
-            f"comes from summed covariances, {above:.2g} % above that from variances{after}"
+            f"{seen}, and the dark noise is not: {' and '.join(causes)}. The system gain comes from summed "
+            f"covariances, {above:.2g} % above that from variances{after}"
         )
 
 
@@ -607,7 +608,7 @@ def _shared_charge(shot: NoiseCovariance, neighbors: bool, frames: bool) -> Shar
     return SharedCharge(total, shot.frames.values / shot.variance)
 
 
-def _seen(neighbors: tuple[float, float] | None, frames: float | None) -> str:
+def seen_correlations(neighbors: tuple[float, float] | None, frames: float | None) -> str:
     """Return the correlations in words."""
     seen = []
     if neighbors is not None:
@@ -624,7 +625,7 @@ def _why_not_charge(
     frames: float | None,
 ) -> Missing | None:
     """Return why the correlation may come from a filter: the dark noise has it too, or may have it."""
-    seen = _seen(neighbors, frames)
+    seen = seen_correlations(neighbors, frames)
     if frames is not None and frames < 0.0:
         return Missing(f"{seen}, which image lag does not explain: the noise is not the sensor's")
     noise = [entry.variance - QUANTISATION_DN2 for entry in dark]

@@ -112,6 +112,8 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
         return gain
     if fit is None:
         return Missing("no light level lies in the linear range")
+    if isinstance(dark := channel.dark.variance.at_zero, Missing):
+        return dark
     variance, variance_u2 = channel.temporal_variance()
     known = levels.repeated & levels.trusted & (variance > 0.0) & (levels.signal > 0.0)
     if channel.saturation.index is not None:
@@ -128,5 +130,5 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
         photons=photons,
         response_dn=slope if photons else gain,
         gain_dn_per_e=gain,
-        dark_variance_dn2=channel.dark.variance.at_zero,
+        dark_variance_dn2=dark,
     )

@@ -115,6 +115,12 @@ class Level:
         )
 
     @property
+    def single_rounding(self) -> float:
+        """Standard uncertainty of the mean of a single frame from rounding: noise and pattern are one spread."""
+        spread, square = self.spatial_variance, self.step**2
+        return self.step * rounding_uncertainty(spread / square, spread / square * math.sqrt(2.0 / self.pixels), 0.0)[0]
+
+    @property
     def scale_uncertainty(self) -> float:
         """Relative standard uncertainty of a small variance, temporal or spatial, from a digital gain."""
         return second_rounding(self.step, self.variance)[1]

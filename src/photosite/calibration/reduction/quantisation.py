@@ -89,7 +89,7 @@ def second_rounding(step: float, variance: float) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     k = np.arange(1, _TERMS + 1)
     f = np.abs(k - np.rint(k * step) / step)
-    left = np.exp(-2.0 * math.pi**2 * f**2 * max(variance, 0.0))
+    left = np.exp(-2.0 * math.pi**2 * f**2 * max(0.0, variance))  # 0 for NaN, the variance of one frame
     root = math.sqrt(2.0)
     of_mean, relative = (float(np.linalg.norm(terms)) / root for terms in (left / (math.pi * k), 4.0 * f / k * left))
     return of_mean, relative, float((left / (math.pi * k) ** 2).sum()) / root

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.checks.dark_exposures import find_wrong_exposure
 from photosite.calibration.checks.foreign_frames import GroupSample, find_foreign_groups
 from photosite.calibration.checks.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.codes import (
@@ -40,8 +41,8 @@ class Reduction:
     frames: FrameSet
     darks: tuple[GroupStatistics, ...]
     lights: tuple[GroupStatistics, ...]
-    reference: int  # index of the dark group for read noise and DSNU (`reference_dark`)
-    reference_mean: MeanFrame
+    reference: int | None  # index of the dark group for read noise and DSNU (`reference_dark`); None without one
+    reference_mean: MeanFrame | None
     dark_slopes: PixelSlopes | None  # map of per-pixel dark slopes, DN/s; None with one dark exposure
     whites: tuple[int, ...]  # number at which each channel's flats are clipped
     steps: tuple[Steps | None, ...]  # of the converter's codes in each channel; None where they are 1 DN
@@ -56,9 +57,14 @@ class Reduction:
         return channel_names(self.frames.cfa)
 
     @property
-    def reference_group(self) -> GroupStatistics:
-        """The dark group for read noise and DSNU."""
-        return self.darks[self.reference]
+    def reference_group(self) -> GroupStatistics | None:
+        """The dark group for read noise and DSNU; None without dark frames."""
+        return None if self.reference is None else self.darks[self.reference]
+
+    @property
+    def first_group(self) -> GroupStatistics:
+        """The reference group, or the dimmest flat fields without dark frames."""
+        return self.reference_group or min(self.lights, key=lambda entry: entry.levels[0].mean)
 
     def of_channel(self, name: str, text: str = ", channel {}") -> str:
         """Return the channel's name in a text, "" for a monochrome chip."""
@@ -77,8 +83,8 @@ class Reduction:
 def reduce_frames(reader: FrameReader) -> Reduction:
     """Read every frame once and return the statistics of each group.
 
-    Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. A few groups of another chip are
-    left out, and the others are read again.
+    Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. A few groups of another chip, and
+    dark frames whose exposure time is wrong, are left out, and the others are read again.
 
     Raises
     ------
@@ -86,11 +92,25 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         If the groups belong to several chips, and none has the majority.
     """
     reduction, samples = _reduce(reader)
+    if foreign := _foreign_groups(reader, reduction, samples):
+        reason = "its fixed pattern is not that of the other groups: another chip, or another readout"
+        reader.leave_out_groups(foreign, reason)
+        reduction, _ = _reduce(reader)
+    if (wrong := find_wrong_exposure(reduction.darks)) is not None:
+        reader.leave_out_groups([reduction.darks[wrong.group].group], str(wrong))
+        reduction, _ = _reduce(reader)
+    return reduction
+
+
+def _foreign_groups(
+    reader: FrameReader, reduction: Reduction, samples: Mapping[int, NDArray[np.float64]]
+) -> list[FrameGroup]:
+    """Return the groups of another chip than most others of their kind."""
     shape = reader.frames.rows, reader.frames.cols
     rows, cols = sample_grid(shape, 1)
     labels = reader.tile[rows % reader.tile.shape[0], cols % reader.tile.shape[1]]
     if labels.size < LEAST_PIXELS:
-        return reduction
+        return []
     darks, lights = (
         [GroupSample(entry, samples[id(entry.group)]) for entry in entries]
         for entries in (reduction.darks, reduction.lights)
@@ -107,12 +127,7 @@ def reduce_frames(reader: FrameReader) -> Reduction:
                 "Calibrate the frames of each chip by themselves",
             )
         foreign += [entry.group for entry in others]
-    if not foreign:
-        return reduction
-    reason = "its fixed pattern is not that of the other groups: another chip, or another readout"
-    reader.leave_out_groups(foreign, reason)
-    reduction, _ = _reduce(reader)
-    return reduction
+    return foreign
 
 
 def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float64]]]:
@@ -123,7 +138,7 @@ def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float6
     slopes, coefficients = None, dark_slope_coefficients(planned)
     if coefficients is not None:
         slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
-    wanted = reference_dark(planned)
+    wanted = reference_dark(planned) if planned else None
     darks: list[GroupStatistics] = []
     mean: MeanFrame | None = None
     for index, group in enumerate(planned):
@@ -134,8 +149,10 @@ def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float6
             mean = sums.mean_frame()
         if slopes is not None and coefficients is not None:
             slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(statistics.levels))
-    reference = reference_dark(darks)
-    if mean is None or reference != wanted:  # frames of the planned reference group were rejected
+    reference = reference_dark(darks) if darks else None
+    if reference is not None and (
+        mean is None or reference != wanted
+    ):  # frames of the planned reference group were rejected
         reader.expect(len(planned[reference]))
         mean = reader.mean(planned[reference])
 

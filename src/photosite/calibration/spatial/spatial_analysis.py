@@ -152,6 +152,9 @@ MOST_BINS = 256
 EXPECTED_BEYOND = 0.1
 """Pixels of the whole map that a normal distribution would have beyond the default threshold for outlier pixels."""
 
+COARSE = 0.1
+"""Step of the values, as a share of their interquartile range, above which it falsifies the range."""
+
 _QUARTILE = NormalDist().inv_cdf(0.75)
 
 
@@ -281,12 +284,16 @@ class OutlierPixels(Shown):
         return {"threshold": self.threshold, "unit": unit, "rule": self.rule, **found}
 
 
-def normal_threshold(sample: NDArray[np.floating], pixels: int) -> float:
+def normal_threshold(sample: NDArray[np.floating], pixels: int, step: float = 0.0) -> float:
     """Return the deviation beyond which a normal distribution of `pixels` values would have 0.1 pixels, on either side.
 
-    Its standard deviation is that of the sample's interquartile range, which outlier pixels do not widen.
+    Its standard deviation is that of the sample's interquartile range, which outlier pixels do not widen. Values at
+    multiples of a `step` that is coarse for this range, as in a single frame, are spread evenly over the step.
     """
     low, high = np.quantile(sample, [0.25, 0.75])
+    if step > COARSE * (high - low):
+        spread = np.random.default_rng(0).uniform(-0.5 * step, 0.5 * step, sample.shape)
+        low, high = np.quantile(sample + spread, [0.25, 0.75])
     sigma = float(high - low) / (2.0 * _QUARTILE)
     return sigma * -NormalDist().inv_cdf(0.5 * EXPECTED_BEYOND / pixels)
 
@@ -296,7 +303,11 @@ Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def outlier_pixels(
-    planes: Sequence[Plane], centres: Sequence[float], places: Sequence[Places], threshold: float | None = None
+    planes: Sequence[Plane],
+    centres: Sequence[float],
+    places: Sequence[Places],
+    threshold: float | None = None,
+    step: float = 0.0,
 ) -> OutlierPixels:
     """Find the pixels of one or more maps that deviate from the mean by more than a threshold.
 
@@ -306,6 +317,8 @@ def outlier_pixels(
         (rows, cols) each; the mean of each; the sensor rows and columns of each.
     threshold
         In the unit of the map; `normal_threshold` if None. EMVA 1288 leaves the choice to the application.
+    step
+        Distance of the values of the maps, 0 where they have no common one.
 
     Examples
     --------
@@ -318,7 +331,7 @@ def outlier_pixels(
     rule = "set by the user"
     if threshold is None:
         sample = np.concatenate([spread_sample(plane) - c for plane, c in zip(planes, centres, strict=True)])
-        threshold = normal_threshold(sample, sum(plane.shape[0] * plane.shape[1] for plane in planes))
+        threshold = normal_threshold(sample, sum(plane.shape[0] * plane.shape[1] for plane in planes), step)
         rule = f"a normal distribution would have {EXPECTED_BEYOND:g} pixels beyond it"
     rows, cols, found = [], [], []
     for plane, centre, (row, col) in zip(planes, centres, places, strict=True):
@@ -500,6 +513,10 @@ def _pattern(frames: MeanPlanes, dark: MeanPlanes | None, threshold: float | Non
         along_rows=along_rows,
         histogram=histogram(counted, centres, grain),
         outliers=outlier_pixels(
-            counted, centres, [frames.places(site, border) for site in range(len(planes))], threshold
+            counted,
+            centres,
+            [frames.places(site, border) for site in range(len(planes))],
+            threshold,
+            0.0 if frames.extrapolated or dark is not None else 1.0 / frames.frames,
         ),
     )

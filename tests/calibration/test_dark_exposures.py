@@ -1,0 +1,90 @@
+"""Dark frames under a wrong exposure time are left out and named; moving black levels are not taken for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.checks.dark_exposures import find_wrong_exposure
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.reduce import reduce_frames
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.studies.plain_camera import Effect, PlainCamera
+from photosite.studies.protocol import ShootingProtocol, Step
+
+DARK_E_PER_S, GAIN, BLACK_DN, READ_E = 2000.0, 0.3, 64.0, 6.0
+TIMES_S = (0.01, 0.02, 0.03, 0.04, 0.06)
+
+CAMERA = PlainCamera(
+    shape=(48, 64),
+    gain=GAIN,
+    black_dn=BLACK_DN,
+    read_noise_e=READ_E,
+    dsnu_dn=0.6,
+    prnu=0.008,
+    electrons_per_s=1.5e5,
+    dark_e_per_s=DARK_E_PER_S,
+    dcnu=0.1,
+)
+
+
+def frames_of(stated_s: tuple[float, ...], taken_s: tuple[float, ...]) -> FrameSet:
+    """Dark frames of stated and other exposure times, and flat fields of the stated ones."""
+    steps = [Step("dark", t, 8) for t in taken_s] + [Step("light", t, 4) for t in stated_s]
+    frames = CAMERA.frame_set(ShootingProtocol("darks", tuple(steps)), Effect(), 3)
+    stated = dict(zip(taken_s, stated_s, strict=True))
+    groups = [
+        replace(group, exposure_s=stated[group.exposure_s]) if group.kind == "dark" else group
+        for group in frames.groups
+    ]
+    return replace(frames, groups=tuple(sorted(groups, key=lambda group: (group.kind, group.exposure_s))))
+
+
+@pytest.mark.parametrize("wrong", [0, 2, 4])
+def test_a_wrong_exposure_time_is_named(wrong: int) -> None:
+    taken = tuple(10.0 * t if i == wrong else t for i, t in enumerate(TIMES_S))
+    calibration = calibrate(frames_of(TIMES_S, taken))
+    assert len(calibration.rejected) == 8
+    shown_s = float(calibration.rejected[0].split("those of ")[1].split()[0])
+    assert shown_s == pytest.approx(taken[wrong], rel=0.02)
+    assert any("stated exposure time" in text for text in calibration.warnings)
+    for name, truth in {
+        "dark_current_dn_per_s": GAIN * DARK_E_PER_S,
+        "black_level_dn": BLACK_DN,
+        "read_noise_dn": GAIN * READ_E,
+        "system_gain_dn_per_e": GAIN,
+    }.items():
+        estimate = getattr(calibration, name)
+        assert estimate.value == pytest.approx(truth, abs=3.5 * estimate.standard_uncertainty), name
+        assert estimate.standard_uncertainty < 0.02 * truth, name
+
+
+def test_three_exposures_do_not_tell_which_is_wrong() -> None:
+    """The dark current keeps an interval that holds it, and a warning names the scatter."""
+    calibration = calibrate(frames_of((0.01, 0.02, 0.04), (0.03, 0.02, 0.04)))
+    assert calibration.rejected == ()
+    low, high = calibration.dark_current_dn_per_s.interval_95
+    assert low < GAIN * DARK_E_PER_S < high
+    assert any("about a straight line against exposure" in text for text in calibration.warnings)
+
+
+def shifted(group: FrameGroup, dn: int) -> FrameGroup:
+    sources = (FrameSource(source.name, partial(np.add, source.read(), np.uint16(dn))) for source in group.frames)
+    return replace(group, frames=tuple(sources))
+
+
+@pytest.mark.parametrize("sets", [3, pytest.param(40, marks=pytest.mark.slow)])
+def test_moving_black_levels_and_clean_frames_are_left_alone(sets: int) -> None:
+    """Of 40 sets each, none is named. A black level that moves from group to group leaves the noise as it is."""
+    rng = np.random.default_rng(1)
+    for seed in range(sets):
+        steps = tuple(Step("dark", t, 8) for t in TIMES_S)
+        frames = CAMERA.frame_set(ShootingProtocol("darks", steps), Effect(), seed)
+        clean = frames.groups
+        for groups in (clean, tuple(shifted(group, int(rng.integers(0, 10))) for group in clean)):
+            with FrameReader(replace(frames, groups=groups)) as reader:
+                assert find_wrong_exposure(reduce_frames(reader).darks) is None
