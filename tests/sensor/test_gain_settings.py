@@ -94,6 +94,15 @@ def test_another_conversion_gain_keeps_electrons() -> None:
             assert facts(again.at_gain_setting(setting)) == pytest.approx(facts(sensor.at_gain_setting(setting)))
 
 
+def test_settings_that_are_no_iso_are_written_as_such() -> None:
+    sensor = parse_sensor(FILE, "mine.yaml")
+    factor = sensor.with_(gain_setting_is_iso=False)
+    for one, written in ((sensor, False), (factor, True), (factor.with_(gain_setting_is_iso=True), False)):
+        for text in (dump_sensor(one), dump_sensor(ps.Sensor.model_validate(one.model_dump()))):
+            assert ("gain_setting_is_iso: false" in text, "gain_setting_is_iso" in text) == (written, written)
+            assert parse_sensor(text, "x").gain_setting_is_iso is not written
+
+
 @pytest.mark.parametrize("noise", ["read_noise_dn: 1.0", "read_noise_mv: 1.0"])
 def test_the_same_volts_at_another_gain_are_written(noise: str) -> None:
     """The same DN or volts at two gains are different electrons: neither may be left out of a file as a repeat."""

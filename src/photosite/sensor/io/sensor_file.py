@@ -150,6 +150,8 @@ def _fields(sensor: Sensor, file: Mapping[str, Any]) -> dict[str, Any]:
     content = sensor.model_dump(mode="json", exclude_none=True)
     if not sensor.gain_settings:
         del content["gain_settings"]
+    if sensor.gain_setting_is_iso:
+        del content["gain_setting_is_iso"]
     names = {str(name) for section in SECTIONS for name in file.get(section, ())}
     if not any(name in other.model_fields for _, other in SECTIONS.values() for name in names):
         for entry in content.get("gain_settings", ()):
