@@ -174,14 +174,25 @@ def _add_greys(share: NDArray[np.float64]) -> tuple[Region, ...]:
 
 
 def _sine(rows: int, cols: int, cycles: int) -> NDArray[np.float64]:
-    """(rows, cols) means of 1/2 + 1/2 cos(cycles * angle), by quadrature with as many points as the phase needs."""
-    row = np.arange(rows) + 0.5 - rows / 2
-    col = np.arange(cols) + 0.5 - cols / 2
+    """(rows, cols) means of 1/2 + 1/2 cos(cycles * angle) in the star, 1/2 beside it."""
+    quarter = _quarter_of_sine(rows, cols, cycles)
+    top = np.hstack([quarter, quarter[:, : cols // 2][:, ::-1]])
+    mirrored = top[: rows // 2][::-1]
+    return np.vstack([top, 1 - mirrored if cycles % 2 else mirrored])
+
+
+def _quarter_of_sine(rows: int, cols: int, cycles: int) -> NDArray[np.float64]:
+    """The upper left quarter, by quadrature with as many points as the phase needs."""
+    row = np.arange((rows + 1) // 2) + 0.5 - rows / 2
+    col = np.arange((cols + 1) // 2) + 0.5 - cols / 2
     radius = np.hypot(row[:, None], col[None, :])
-    turn = cycles / np.maximum(radius - math.sqrt(0.5), 1e-3)  # phase across a sample, rad, at its inner corner
-    mean = np.empty((rows, cols))
+    # Phase across a sample, rad, at its inner corner; the angle itself bends as that of eight cycles.
+    turn = max(cycles, 8) / np.maximum(radius - math.sqrt(0.5), 1e-3)
+    turn[radius > _RADIUS * min(rows, cols) + 1] = math.inf
+    mean = np.full(radius.shape, 0.5)
     below = 0.0
-    for order, most in ((4, 0.5), (6, 1.5), (10, 6.0), (16, 16.0), (48, 80.0), (128, math.inf)):
+    orders = (2, 0.04), (3, 0.3), (4, 0.5), (6, 1.5), (10, 6.0), (16, 16.0), (48, 80.0), (128, 1e7)
+    for order, most in orders:
         here = np.nonzero((turn > below) & (turn <= most))
         below = most
         nodes, weights = np.polynomial.legendre.leggauss(order)
