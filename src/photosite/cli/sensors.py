@@ -119,6 +119,8 @@ _SHEET_FIELDS = (
 )
 """Fields of a sensor file with an option of `photosite sensors new`."""
 
+_QE_PEAK = "Largest quantum efficiency, per photon on the photodetector: on the whole pixel, without --fill-factor."
+
 _ASKED = ("pitch_um", "full_well_e", "read_noise_e")
 """Fields that are required, read noise in any unit."""
 
@@ -145,7 +147,7 @@ def _description(name: str) -> str:
 @click.option("--cols", type=Whole(1), metavar="N", help="Columns of the active array.")
 @click.option("--bits", type=Whole(1, 16), metavar="N", help="Bit depth of the converter.")
 @click.option("--cfa", default="mono", metavar="TILE", help="Color filter array: mono, rggb, ...")
-@click.option("--qe-peak", type=click.FloatRange(0, 1, min_open=True), metavar="X", help="Largest quantum efficiency.")
+@click.option("--qe-peak", type=click.FloatRange(0, 1, min_open=True), metavar="X", help=_QE_PEAK)
 @_sheet_options
 @click.option("--source", metavar="TEXT", help="Origin of the values, such as the data sheet.")
 @json_option

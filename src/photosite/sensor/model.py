@@ -120,7 +120,8 @@ class Channel(Section):
 
     wavelength_nm: Increasing = about("Wavelengths of the table, increasing.", "nm", [450.0, 550.0, 650.0])
     quantum_efficiency: tuple[UnitInterval, ...] = about(
-        "Electrons per photon on the pixel at each wavelength, color filter included; 0 outside the table.",
+        "Electrons per photon on the photodetector at each wavelength, color filter included; 0 outside the table. "
+        "Per photon on the pixel's area, as in EMVA 1288, it is this times the fill factor.",
         "1",
         [0.45, 0.65, 0.5],
     )
