@@ -76,6 +76,7 @@ sphinx_gallery_conf = {
     "doc_module": ("photosite",),
     "download_all_examples": False,
     "show_signature": False,
+    "capture_repr": (),
     "show_memory": False,
     "min_reported_time": 10_000,
     "remove_config_comments": True,

@@ -137,7 +137,9 @@ def command(
         options.check_new(maps_path(output))
     is_series = len(frames.gain_settings) > 1
     if output is not None and sensor is None:
-        raise click.UsageError("-o needs pixel size, volts and spectra, which frames lack: give --sensor")
+        raise click.UsageError(
+            "-o needs pixel size, volts and spectra, which frames lack: give --sensor (photosite sensors new writes one)"
+        )
     if is_series and maps:
         raise click.UsageError("--maps needs frames of one gain setting: calibrate each setting separately")
     if is_series and (outlier_dark or outlier_light):

@@ -7,6 +7,7 @@ figure is made and drawn, independent of the user's matplotlib settings, so that
 from __future__ import annotations
 
 import io
+import math
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,8 +17,10 @@ import matplotlib
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
@@ -113,6 +116,31 @@ def two_panels(height_in: float = 5.4, upper_share: float = 1.0) -> tuple[Figure
     figure = Figure(figsize=(WIDTH_IN, height_in))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(upper_share, 1.0))
     return figure, upper, lower
+
+
+def label_log_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers: 1, 2 and 5; decades if it is long, all ticks if it is short.
+
+    Examples
+    --------
+    >>> _, axes = new_figure()
+    >>> _ = axes.set(xscale="log", xlim=(1500, 40000))
+    >>> label_log_ticks(axes.xaxis)
+    >>> [text for text in axes.xaxis.get_minor_formatter().format_ticks([2000, 3000, 5000, 10000]) if text]
+    ['2000', '5000', '10000']
+    """
+
+    def text(value: float, _: int | None) -> str:
+        low, high = axis.get_view_interval()
+        digit = f"{value:.1e}"[0]
+        if digit not in ("1" if high > 1e3 * low else "125" if high > 2 * low else "123456789"):
+            return ""
+        if 1e-4 < value < 1e5:
+            return f"{value:g}"
+        return f"$10^{{{math.log10(value):.0f}}}$" if digit == "1" else ""
+
+    axis.set_major_formatter(FuncFormatter(text))
+    axis.set_minor_formatter(FuncFormatter(text))
 
 
 def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]:

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
@@ -32,6 +31,7 @@ from photosite.report.style import (
     VERMILION,
     WIDTH_IN,
     channel_style,
+    label_log_ticks,
     new_figure,
     styled,
     thinned,
@@ -192,8 +192,7 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     for axes, title in ((upper, "horizontal, along rows"), (lower, "vertical, along columns")):
         axes.set(yscale="log", xlim=(0.0, 0.5), ylabel=f"standard deviation ({some.unit})")
         axes.set_title(title, loc="left")
-        for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            set_formatter(FuncFormatter(lambda value, _: _tick(value, upper.get_ylim())))
+        label_log_ticks(axes.yaxis)
     lower.set_xlabel(
         "frequency (cycles per pixel" + (")" if some.frames and len(patterns) == 1 else " of the channel)")
     )
@@ -207,13 +206,6 @@ def _with_legend(figure: Figure, handles: list[Line2D]) -> Figure:
 
 def _colors(patterns: Mapping[str, FramePattern]) -> dict[str, str]:
     return {channel: channel_style(channel, position)[0] for position, channel in enumerate(patterns)}
-
-
-def _tick(value: float, limits: tuple[float, float]) -> str:
-    """Label every tick of a short axis, and those at 1, 2 and 5 of a longer one."""
-    leading = value / 10.0 ** np.floor(np.log10(value) + 1e-9)
-    wanted = limits[1] < 2.0 * limits[0] or any(np.isclose(leading, number) for number in (1.0, 2.0, 5.0))
-    return f"{value:.3g}" if wanted else ""
 
 
 def white_band(found: Spectrogram, lines: int) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.gain_series.result import GainMode, GainSeries
 from photosite.calibration.gain_series.series_statistics import log_amplification
-from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, styled, two_panels
+from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, label_log_ticks, styled, two_panels
 
 _POINTS = 200
 _MARKERS = ("o", "s")
@@ -40,8 +40,7 @@ def gain_series_figure(series: GainSeries) -> Figure:
         gain.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     for axes in (noise, gain):
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-        axes.yaxis.set_minor_formatter(FuncFormatter(_between_decades))
+        label_log_ticks(axes.yaxis)
     noise.set_ylim(bottom=_bottom(series))
     noise.set_ylabel("read noise (e⁻)")
     gain.set_ylabel("system gain K (DN/e⁻)")
@@ -52,11 +51,6 @@ def gain_series_figure(series: GainSeries) -> Figure:
     figure.legend([unique[label] for label in shown], shown, loc="outside upper center", ncols=min(len(shown), 3))
     figure.align_ylabels([noise, gain])
     return figure
-
-
-def _between_decades(y: float, _: int | None) -> str:
-    """Return a label for 2 and 5 of each decade."""
-    return f"{y:g}" if f"{y:e}"[0] in "25" else ""
 
 
 def _bottom(series: GainSeries) -> float:

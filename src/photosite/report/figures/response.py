@@ -23,6 +23,7 @@ from photosite.report.style import (
     channel_style,
     draw_band,
     draw_points,
+    label_log_ticks,
     new_figure,
     styled,
     two_panels,
@@ -165,6 +166,8 @@ def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[floa
     axes.plot(x, np.sqrt(x), color=BLACK, linestyle=_DOTS, linewidth=1.4)
     photons = next(iter(curves.values())).photons
     axes.set(xscale="log", yscale="log", ylabel="signal-to-noise ratio")
+    label_log_ticks(axes.xaxis)
+    label_log_ticks(axes.yaxis)
     axes.set_xlabel("photons per pixel" if photons else "signal (e⁻)")
     beside = axes.secondary_yaxis("right", functions=(_decibel, _ratio))
     beside.set_yscale("linear")
