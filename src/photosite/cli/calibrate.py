@@ -138,7 +138,7 @@ def command(
     is_series = len(frames.gain_settings) > 1
     if output is not None and sensor is None:
         raise click.UsageError(
-            "-o needs pixel size, volts and spectra, which frames lack: give --sensor (photosite sensors new writes one)"
+            "-o needs pixel size, volts and spectra, which frames lack: give --sensor (sensors new writes one)"
         )
     if is_series and maps:
         raise click.UsageError("--maps needs frames of one gain setting: calibrate each setting separately")

@@ -101,8 +101,12 @@ _Mask = NDArray[np.bool_]
 @contextmanager
 def styled() -> Iterator[None]:
     """Apply the style; usable as a context manager and as a decorator."""
-    with _SETTINGS, matplotlib.style.context(["default", _STYLE]):
-        yield
+    with _SETTINGS:
+        with matplotlib.style.context(["default", _STYLE]):
+            yield
+            interactive = matplotlib.is_interactive()
+        # The first figure loads the backend. That of notebooks becomes interactive, or later figures are not shown.
+        matplotlib.interactive(interactive)
 
 
 def new_figure(height_in: float = 4.5) -> tuple[Figure, Axes]:

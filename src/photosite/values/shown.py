@@ -173,7 +173,7 @@ class ResultTable:
         rest = f'<tr><td colspan="{len(self.columns)}">{hidden} more rows</td></tr>' if hidden > 0 else ""
         caption = f'<caption style="text-align:left">{html.escape(self.title)}</caption>'
         head = f"<thead>{line('th', self.columns)}</thead>"
-        return f"<table>{caption}{head}<tbody>{body}{rest}</tbody></table>"
+        return f'<div style="overflow-x:auto"><table>{caption}{head}<tbody>{body}{rest}</tbody></table></div>'
 
     def to_dict(self) -> dict[str, list[Cell]]:
         """Return the values by column."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
@@ -12,14 +13,13 @@ from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes, OutlierThresholds, spatial_analysis, spectrogram
 from photosite.report.figures.chip import (
-    _tick,
     histogram_figure,
     profiles_figure,
     spectrogram_figure,
     white_band,
 )
 from photosite.report.figures.response import general_model_figure
-from photosite.report.style import thinned
+from photosite.report.style import label_log_ticks, new_figure, styled, thinned
 from photosite.values.uncertain import Missing, Uncertain
 
 TILE = np.array([[0, 1], [1, 2]])
@@ -72,10 +72,26 @@ def test_several_channels_are_named(spatial):
 
 
 @pytest.mark.parametrize(
-    ("value", "limits", "shown"), [(0.2, (0.1, 3.0), "0.2"), (0.3, (0.1, 3.0), ""), (1.4, (1, 1.9), "1.4")]
+    ("value", "limits", "shown"),
+    [
+        *[(0.2, (0.1, 3.0), "0.2"), (0.3, (0.1, 3.0), ""), (1.4, (1, 1.9), "1.4"), (50000, (1000, 60000), "50000")],
+        *[(20, (1, 1e6), ""), (1000, (1, 1e6), "1000"), (1e6, (1, 2e6), "$10^{6}$")],
+    ],
 )
 def test_ticks_are_few_and_plain(value, limits, shown):
-    assert _tick(value, limits) == shown
+    _, axes = new_figure()
+    axes.set(yscale="log", ylim=limits)
+    label_log_ticks(axes.yaxis)
+    assert axes.yaxis.get_minor_formatter()(value, 0) == shown
+
+
+def test_a_figure_that_switches_on_interactive_mode_keeps_it():
+    with styled():
+        matplotlib.interactive(True)
+    try:
+        assert matplotlib.is_interactive()
+    finally:
+        matplotlib.interactive(False)
 
 
 def test_profiles_are_drawn(spatial):
