@@ -5,15 +5,18 @@ from __future__ import annotations
 import inspect
 import operator
 import re
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
 import photosite as ps
 from photosite.calibration.spectral.protocol import open_spectral
 from photosite.camera.file import load_camera
+from photosite.cli.main import cli
 from photosite.frames.raw_frame import RawFrame
 from photosite.studies.chart_spectral import open_chart
 
@@ -41,6 +44,37 @@ def test_files_that_pages_link_exist() -> None:
                 if not re.search(r"://|gallery/", to) and not (page.parent / to).exists()
             ]
     assert not missing
+
+
+def commands_on(page: Path) -> Iterable[list[str]]:
+    """Yield the commands on a page, in code blocks and in backticks, as words up to a comment, pipe or semicolon."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    for line in re.findall(r"^(?: {4}|!)(photosite .*)|`(photosite [^`\n]+)`", text, re.MULTILINE):
+        words = shlex.shlex("".join(line).split(" 2>")[0], posix=True, punctuation_chars="|;&>")
+        words.whitespace_split = True
+        words.commenters = "#"
+        found = list(words)
+        end = next((k for k, word in enumerate(found) if set(word) <= set("|;&>")), len(found))
+        yield found[1:end]
+
+
+def test_commands_on_pages_have_the_options_that_they_name() -> None:
+    wrong, count = [], 0
+    pages = (page for page in DOCS.rglob("*.md") if {"_build", "gallery"}.isdisjoint(page.parts))
+    for page in (ROOT / "README.md", *pages):
+        if page.name in ("shell-completion.md", "changelog.md", "design-notes.md"):
+            continue
+        for words in commands_on(page):
+            count += 1
+            command, rest = cli, list(words)
+            while isinstance(command, click.Group) and rest and not rest[0].startswith("-"):
+                command = command.get_command(click.Context(command), rest.pop(0))
+            known = {flag for parameter in (command.params if command else ()) for flag in parameter.opts}
+            options = {word.split("=")[0] for word in rest if re.match(r"--?[a-z]", word)}
+            if command is None or options - known - {"--help", "-h"}:
+                wrong.append((page.name, words))
+    assert not wrong
+    assert count > 100
 
 
 def documented() -> list[str]:
