@@ -282,7 +282,7 @@ def reading_options(kind: str = "files", default: str = "") -> Callable[[F], F]:
     text = f"for {kind} that do not state it.{default}"
     return stacked(
         click.option("--bits", type=Whole(1, 16), metavar="N", help=f"Bit depth, {text}"),
-        click.option("--cfa", metavar="TILE", help=f"Color filter array (rggb, ...), {text}"),
+        click.option("--cfa", metavar="TILE", help=f"Color filter array (rggb, RRGG/RRGG/GGBB/GGBB, ...), {text}"),
     )
 
 

@@ -146,7 +146,7 @@ def _description(name: str) -> str:
 @click.option("--rows", type=Whole(1), metavar="N", help="Rows of the active array.")
 @click.option("--cols", type=Whole(1), metavar="N", help="Columns of the active array.")
 @click.option("--bits", type=Whole(1, 16), metavar="N", help="Bit depth of the converter.")
-@click.option("--cfa", default="mono", metavar="TILE", help="Color filter array: mono, rggb, ...")
+@click.option("--cfa", default="mono", metavar="TILE", help="Color filter array: mono, rggb, RRGG/RRGG/GGBB/GGBB, ...")
 @click.option("--qe-peak", type=click.FloatRange(0, 1, min_open=True), metavar="X", help=_QE_PEAK)
 @_sheet_options
 @click.option("--source", metavar="TEXT", help="Origin of the values, such as the data sheet.")

@@ -73,7 +73,11 @@ _PRINCIPAL = (
 _IN_MAPS = {"read_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s", "dcnu_percent"}
 """The values that measured maps hold for every pixel."""
 _CFA_SCHEMA = {
-    "anyOf": [{"enum": list(NAMED)}, {"type": "array", "items": {"type": "array", "items": {"type": "string"}}}]
+    "anyOf": [
+        {"enum": list(NAMED)},
+        {"type": "string", "pattern": "/"},
+        {"type": "array", "items": {"type": "array", "items": {"type": "string"}}},
+    ]
 }
 
 
@@ -83,7 +87,7 @@ class Array(Section):
     rows: int = about("Rows of the active array.", "pixels", 2048, gt=0, le=65_536, strict=True)
     cols: int = about("Columns of the active array.", "pixels", 2448, gt=0, le=65_536, strict=True)
     cfa: Annotated[Cfa, BeforeValidator(cfa_from), WithJsonSchema(_CFA_SCHEMA)] = about(
-        "Tile of the color filter array from the top left pixel: rows of channel names, or a name: rggb, mono, ...",
+        "Tile of the color filter array from the top left pixel: rows of channel names, RG/GB, or a name such as rggb.",
         NO_UNIT,
         [["R", "G"], ["G", "B"]],
         default=MONOCHROME,

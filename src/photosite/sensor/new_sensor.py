@@ -8,10 +8,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from photosite.errors import InputError
 from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
 from photosite.sensor.io.sensor_file import load_sensor, parse_sensor
 from photosite.sensor.model import SECTIONS
-from photosite.values.cfa import Cfa, cfa_from, channel_names
+from photosite.values.cfa import Cfa, cfa_from, channel_names, tile_text
 
 _SILICON_NM: tuple[float, ...] = (
     350,
@@ -76,7 +77,7 @@ def new_sensor_file(
     FileError
         If values are missing, invalid, or contradict each other; with the line of the text.
     InputError
-        If the color filter array is unknown.
+        If the color filter array is unknown, or has other channels than R, G and B.
 
     Examples
     --------
@@ -177,6 +178,9 @@ def _channels(tile: Cfa, qe_peak: float) -> str:
         shape = "a rounded curve of front-illuminated silicon"
     else:
         channels = load_sensor("nikon-d200").channels
+        if not channels.keys() >= set(names):
+            hint = "Make a file with rggb, then edit array and channels in it"
+            raise InputError("cfa", value=tile_text(tile), expected="mono, or a tile of R, G and B", hint=hint)
         tables = {name: (channels[name].wavelength_nm, np.array(channels[name].quantum_efficiency)) for name in names}
         shape = "that of the Nikon D200, with its infrared filter"
     scale = qe_peak / max(float(values.max()) for _, values in tables.values())

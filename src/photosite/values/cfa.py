@@ -24,7 +24,7 @@ NAMED: dict[str, Cfa] = {
 
 
 def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
-    """Return a color filter array from its name (`"rggb"`) or its tile (`[["R", "G"], ["G", "B"]]`).
+    """Return a color filter array from its name (`"rggb"`) or its tile (`"RG/GB"`, `[["R", "G"], ["G", "B"]]`).
 
     Raises
     ------
@@ -35,14 +35,17 @@ def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
     --------
     >>> cfa_from("gbrg")
     (('G', 'B'), ('R', 'G'))
+    >>> cfa_from("WG/RW")
+    (('W', 'G'), ('R', 'W'))
     """
-    if isinstance(tile, str):
-        if tile.lower() not in NAMED:
-            raise InputError("cfa", value=tile, expected=f"{', '.join(NAMED)}, or a tile of channel names")
-        return NAMED[tile.lower()]
+    listed = tile.split("/") if isinstance(tile, str) and "/" in tile else tile
+    if isinstance(listed, str):
+        if listed.lower() not in NAMED:
+            raise InputError("cfa", value=tile, expected=f"{', '.join(NAMED)}, or a tile such as RRGG/RRGG/GGBB/GGBB")
+        return NAMED[listed.lower()]
     rows: Cfa = ()
-    if isinstance(tile, Sequence) and all(isinstance(row, Sequence) for row in tile):
-        rows = tuple(tuple(str(name) for name in row) for row in tile)
+    if isinstance(listed, Sequence) and all(isinstance(row, Sequence) for row in listed):
+        rows = tuple(tuple(str(name) for name in row) for row in listed)
     if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows) or not all(map(all, rows)):
         raise InputError("cfa", value=tile, expected="a name, or rows of channel names, all of the same length")
     return rows

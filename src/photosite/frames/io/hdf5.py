@@ -186,8 +186,6 @@ def _table(value: Any) -> NDArray[np.float64]:
 
 
 def _cfa(value: Any) -> Cfa:
-    if isinstance(value, str) and "/" in value:
-        return cfa_from([list(row) for row in value.split("/")])
     if isinstance(value, np.ndarray):
         return cfa_from([[str(plain(name)) for name in row] for row in np.atleast_2d(value)])
     return cfa_from(value)
