@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
-import os
-import subprocess
+import runpy
 import sys
+import warnings
 from pathlib import Path
 
+import matplotlib
+import matplotlib.pyplot as plt
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -25,18 +27,17 @@ def test_an_example_is_short_and_has_a_title_and_a_caption(script: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["color_charts", "low_pass_filter"])
-def test_an_example_draws_its_pictures(name: str) -> None:
-    # What sphinx-gallery would save: all open figures at the end of the script.
-    program = (
-        "import runpy, sys, matplotlib.pyplot as plt\n"
-        "runpy.run_path(sys.argv[1])\n"
-        "for number in plt.get_fignums():\n"
-        "    plt.figure(number).canvas.draw()\n"
-        "    print(len(set(bytes(plt.figure(number).canvas.buffer_rgba())[::97])))\n"
-    )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT / "examples")])}
-    environment["MPLBACKEND"] = "Agg"
-    command = [sys.executable, "-W", "ignore", "-c", program, str(SCRIPTS[name])]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 0, done.stderr
-    assert [int(count) > 100 for count in done.stdout.split()] == [True]
+def test_an_example_draws_its_pictures(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        plt.switch_backend("Agg")
+        warnings.simplefilter("ignore")
+        try:
+            runpy.run_path(str(SCRIPTS[name]))
+            # What sphinx-gallery would save: all open figures at the end of the script.
+            (figure,) = map(plt.figure, plt.get_fignums())
+            figure.canvas.draw()
+            assert len(set(bytes(figure.canvas.buffer_rgba())[::97])) > 100
+        finally:
+            plt.close("all")
+            sys.modules.pop("drawing", None)
