@@ -65,7 +65,7 @@ _CURVES: dict[str, tuple[Residuals, str]] = {
     ),
     "photon_transfer": (
         "standard",
-        "Photon transfer: temporal variance against signal, both minus the dark value. The slope of the line is the "
+        "Photon transfer: temporal variance against signal, both minus the dark value where it is known. The slope of the line is the "
         "system gain K. Below: residuals in standard uncertainties; 95 % should lie between the dotted lines. The "
         "band is that of the line.",
     ),
@@ -328,9 +328,10 @@ def _general_blocks(calibration: Calibration) -> tuple[Block, ...]:
 
 def _dark_blocks(calibration: Calibration) -> tuple[Block, ...]:
     one = "dark frames at only one exposure time; a slope needs at least two"
+    mean, variance = calibration.dark_current_dn_per_s, calibration.dark_current_from_variance_e_per_s
     return (
         Subheading("From the mean"),
-        *_or_reason(calibration, "dark_signal", one),
+        *_or_reason(calibration, "dark_signal", mean.reason or one),
         Subheading("From the variance"),
-        *_or_reason(calibration, "dark_variance", f"{one}, with two frames each"),
+        *_or_reason(calibration, "dark_variance", variance.reason or f"{one}, with two frames each"),
     )

@@ -106,6 +106,8 @@ def _operating_table(calibration: Calibration) -> Table:
     ]
     if (dark := _first(calibration, "dark_signal")) is not None:
         rows.append(("Dark frames", _exposures(dark.x)))
+    else:
+        rows.append(("Dark frames", "none, or their level is unknown"))
     if (response := _first(calibration, "response")) is None:
         rows.append(("Light", "none; all frames are dark frames"))
     else:
