@@ -162,6 +162,8 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
     gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
     if m.curved:
         gain_method = "gain at small signal, fitted with the response curve to means and temporal variances"
+    elif isinstance(m.dark_variance, Missing):
+        gain_method = "slope of temporal variance against mean with a free constant, from the flat fields alone"
     volts = derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn)
     return Parameters(
         **_noise_and_pattern(m, mv_per_dn, per_e),

@@ -65,9 +65,9 @@ _CURVES: dict[str, tuple[Residuals, str]] = {
     ),
     "photon_transfer": (
         "standard",
-        "Photon transfer: temporal variance against signal, both minus the dark value where it is known. The slope of the line is the "
-        "system gain K. Below: residuals in standard uncertainties; 95 % should lie between the dotted lines. The "
-        "band is that of the line.",
+        "Photon transfer: temporal variance against signal, both minus the dark value where it is known. The slope of "
+        "the line is the system gain K. Below: residuals in standard uncertainties; 95 % should lie between the dotted "
+        "lines. The band is that of the line.",
     ),
     "dark_signal": (
         "standard",
