@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
 
 from photosite.calibration.checks.result_screening import BEYOND_CHANCE, too_short_for_dark_current
 from photosite.calibration.photon_transfer.channel import Channel
@@ -439,6 +438,8 @@ def find_first_frames(reduction: Reduction) -> FirstFrames | None:
         shares.append(first / float(np.mean(others)) - 1.0)
     if not shares:
         return None
+    from scipy.stats import binom
+
     # The largest of the chances is an upper limit for groups of different sizes.
     extreme = max(lowest, highest)
     by_chance = 2.0 * float(binom.sf(extreme - 1, len(chances), max(chances)))

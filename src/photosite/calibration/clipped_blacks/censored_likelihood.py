@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
-from scipy.stats import binom, chi2
 
 from photosite.engine.frame_sums import FrameSums
 from photosite.sensor.noise_profile import QUANTISATION_DN2
@@ -295,6 +294,8 @@ def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float
     A pixel's number of zeros is binomial given its mean, and the means are normal. Deviations (hot pixels, shading,
     noise with tails) show here.
     """
+    from scipy.stats import binom, chi2
+
     n, pixels = counts.frames, int(counts.pixels.sum())
     t = np.linspace(-8.0, 8.0, 801)
     share = np.exp(-0.5 * t * t)
