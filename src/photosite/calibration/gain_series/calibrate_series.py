@@ -174,7 +174,7 @@ def _mode(settings: Array, noise: ReadNoise | None) -> GainMode:
     if noise is None or len(settings) < 2:
         reason = "one setting at this conversion gain; the two parts need at least two"
         if noise is None:
-            reason = "the read noise of a setting is not distinguishable from rounding"
+            reason = "the read noise of a setting is not known, or not distinguishable from rounding"
         missing = Estimate(reason=reason, method=method)
         return GainMode(names, missing, missing)
     fit = noise.two_parts()
