@@ -106,3 +106,24 @@ def test_strong_flicker_on_few_rows_leaves_the_gain(cfa):
     gain = calibrate(camera.frame_set(protocol, Effect(light=bands(0.05, 12.0)), 1)).system_gain_dn_per_e
     assert gain.standard_uncertainty < 0.01 * gain.value
     assert gain.value == pytest.approx(0.5, abs=4.0 * gain.standard_uncertainty)
+
+
+@pytest.mark.parametrize("cfa", ["mono", "rggb"])
+@pytest.mark.parametrize("row_dn", [0.0, 1.5])
+def test_row_and_column_noise_of_an_independent_camera(cfa, row_dn):
+    # Limits of 4 standard uncertainties: 1 false alarm in 16 000 seeds.
+    camera = PlainCamera(
+        shape=(80, 96), cfa=NAMED[cfa], gain=0.5, black_dn=100.0, read_noise_e=8.0, dsnu_dn=1.0, prnu=0.0,
+        electrons_per_s=0.0,
+    )  # fmt: skip
+    protocol = ShootingProtocol("dark", (Step("dark", 1e-3, 16),))
+    effect = Effect(numbers=lambda values, rng: values + rng.normal(0.0, row_dn, (len(values), 1)))
+    found = calibrate(camera.frame_set(protocol, effect, 4))
+    for estimate, truth in ((found.row_noise_dn, row_dn), (found.column_noise_dn, 0.0)):
+        variance = estimate.value * abs(estimate.value)
+        uncertainty = 2.0 * abs(estimate.value) * estimate.standard_uncertainty
+        assert variance == pytest.approx(truth**2, abs=4.0 * uncertainty)
+        assert uncertainty < 0.1 * 4.0**2
+        assert (estimate.upper_limit_95 is None) == (truth > 0.0)
+    assert found.read_noise_dn.value == pytest.approx(np.hypot(4.0, row_dn), rel=0.03)
+    assert found.row_noise_e.value is None

@@ -35,9 +35,9 @@ rng = np.random.default_rng(4)
 levels = [0, 1e-3, 0.5, 4, 9.99, 10, 11, 13, 16, 17, 40, 900, 29900, 60000]
 mean = rng.permutation(np.resize(levels, ROWS * COLS)).reshape(ROWS, COLS).astype(np.float32)
 key = key_from_seed(2**40 + 17)
-for shape, read_e, seconds in (((1, 1), 0.0, 1.0), (mean.shape, 12.5, 0.7)):
+for shape, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (mean.shape, mean.shape, 12.5, 0.7)):
     prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
-    maps = DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32))
+    maps = DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32), *(rng.normal(0, 3, n) for n in lines))
     exposure = Exposure(seconds, 30000.0, 0.4, -10.0, 11900.0, 70, 333, 5000, np.uint32(9), *key)
     maps = DrawnMaps(*map(read_only, maps))
     arguments = read_only(mean), maps, DrawnConstants(1e-5, 2e-3, read_e), exposure

@@ -70,7 +70,9 @@ def test_interpreted_kernel_equals_the_cpu(compile_ptx: Callable[[], str], const
     photo[:20] = 10 ** rng.uniform(-3, 5, (20, 250))
     shape = (1, 1) if constant else photo.shape
     prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
-    maps, constants = DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32)), DrawnConstants(1e-5, 2e-3, 12.5)
+    lines = [rng.normal(0.0, 3.0, length) for length in shape]
+    maps = DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32), *lines)
+    constants = DrawnConstants(1e-5, 2e-3, 12.5)
     out = np.zeros(photo.shape, np.uint16)
     with unfused():
         thread = translated(compile_ptx())

@@ -40,17 +40,23 @@ LEVELS = np.array([0, 1e-3, 0.5, 4.0, 9.99, 10.0, 11.0, 17.0, 40.0, 900.0, 29900
 
 def drawn_maps(rng: np.random.Generator, shape: tuple[int, int]) -> DrawnMaps:
     prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
-    return DrawnMaps(read_only(prnu), read_only(offset), read_only(rng.random(shape).astype(np.float32)))
+    dark, lines = rng.random(shape).astype(np.float32), [rng.normal(0.0, 3.0, length) for length in shape]
+    return DrawnMaps(*map(read_only, (prnu, offset, dark, *lines)))
+
+
+def line_dn(r: int, c: int, maps: DrawnMaps) -> float:
+    """The offset of a pixel's row and column; an array of one value is that of all lines."""
+    return float(maps.row_dn[r % len(maps.row_dn)] + maps.column_dn[c % len(maps.column_dn)])
 
 
 def drawn_in_python(r: int, c: int, photo: NDArray[np.float32], maps: DrawnMaps) -> int:
     """The digital number of a drawn chip's pixel by the equations."""
-    prnu, offset, dark = (np.broadcast_to(m, photo.shape)[r, c] for m in maps)
+    prnu, offset, dark = (np.broadcast_to(m, photo.shape)[r, c] for m in maps[:3])
     number = np.uint32(pixel_number(r, c, SHARED))
     mean = float(photo[r, c]) * (1 + int(prnu) * 1e-5) + float(dark) * SHARED.exposure_s
     electrons = min(poisson(mean, number, FRAME, EXPOSURE, *KEY), SHARED.well_capacity_e) + int(offset) * 2e-3
     z = normal(philox4x32(number, FRAME, EXPOSURE, np.uint32(0), *KEY)[2])
-    dn = math.floor((electrons + READ_E * z) * SHARED.gain_dn_per_e + SHARED.black_level_dn + 0.5)
+    dn = math.floor((electrons + READ_E * z) * SHARED.gain_dn_per_e + line_dn(r, c, maps) + SHARED.black_level_dn + 0.5)
     return int(min(max(dn, 0), SHARED.white_level_dn))
 
 
@@ -60,11 +66,11 @@ def test_drawn_chip_matches_the_equations_and_single_pixels(constant: bool) -> N
     photo = read_only(rng.choice(LEVELS, (2, 2100)).astype(np.float32))
     maps = drawn_maps(rng, (1, 1) if constant else photo.shape)
     frame = expose_drawn(photo, maps, CONSTANTS, SHARED)
-    prnu, offset, dark = (np.broadcast_to(m, photo.shape) for m in maps)
+    prnu, offset, dark = (np.broadcast_to(m, photo.shape) for m in maps[:3])
     for r, c in np.ndindex(photo.shape):
         assert frame[r, c] == drawn_in_python(r, c, photo, maps), (r, c)
     for r, c in np.ndindex(2, 300):
-        pixel = drawn_pixel(prnu[r, c], offset[r, c], dark[r, c], CONSTANTS, SHARED)
+        pixel = drawn_pixel(prnu[r, c], offset[r, c], dark[r, c], line_dn(r, c, maps), CONSTANTS, SHARED)
         assert frame[r, c] == expose_pixel(float(photo[r, c]), pixel, r, c, SHARED)
 
 
@@ -73,12 +79,13 @@ def test_drawn_chip_matches_the_equations_and_single_pixels(constant: bool) -> N
 def test_very_bright_light_is_white(mean: float, well: float) -> None:
     """Counts and digital numbers beyond 2^63 must not overflow to black."""
     zero = read_only(np.zeros((1, 1), np.int16))
-    maps = DrawnMaps(zero, zero, read_only(np.zeros((1, 1), np.float32)))
+    none = read_only(np.zeros(1))
+    maps = DrawnMaps(zero, zero, read_only(np.zeros((1, 1), np.float32)), none, none)
     constants = DrawnConstants(0.0, 0.0, READ_E)
     shared = Exposure(1.0, well, 40.0, 200.0, 5000.0, 0, 0, 3000, FRAME, *KEY)
     photo = read_only(np.full((2, 3000), mean, np.float32))
     assert (expose_drawn(photo, maps, constants, shared) == 5000).all()
-    pixel = drawn_pixel(zero[0, 0], zero[0, 0], np.float32(0), constants, shared)
+    pixel = drawn_pixel(zero[0, 0], zero[0, 0], np.float32(0), 0.0, constants, shared)
     assert all(expose_pixel(float(photo[0, 0]), pixel, 0, i, shared) == 5000 for i in range(200))
 
 
@@ -148,7 +155,7 @@ def test_measured_chip_with_a_drawn_chips_maps_gives_its_frame() -> None:
     gain = SHARED.gain_dn_per_e
     maps = [drawn.prnu * 1e-5, drawn.offset * 2e-3 * gain, drawn.dark_rate_e_per_s * gain]
     maps.append(np.full(photo.shape, READ_E * gain))
-    measured = MeasuredMaps(*(read_only(m.astype(np.float32)) for m in maps), np.zeros(3), np.zeros(1300), 0.0, gain)
+    measured = MeasuredMaps(*(read_only(m.astype(np.float32)) for m in maps), drawn.row_dn, drawn.column_dn, 0.0, gain)
     # 32-bit maps shift a number by 1e-7 of itself.
     assert_nearly_equal(
         expose_measured(photo, measured, SHARED), expose_drawn(photo, drawn, CONSTANTS, SHARED).astype(int), 3

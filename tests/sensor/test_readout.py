@@ -25,10 +25,18 @@ def rectangles(rows: int, cols: int) -> list[tuple[int, int, int, int]]:
     return [(*down, *across) for down, across in product(*ends)]
 
 
-@pytest.mark.parametrize("flat", [(), ("dsnu_mv",), ("prnu_percent", "dark_voltage_mv_per_s")])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"dsnu_mv": 0.0},
+        {"prnu_percent": 0.0, "dark_voltage_mv_per_s": 0.0},
+        {"row_noise_mv": 0.4, "column_noise_mv": 0.2},
+    ],
+)
 @pytest.mark.parametrize("shape", [(6, 5), (1, 7), (7, 1), (1, 1)])
-def test_every_rectangle_of_a_drawn_chip(shape: tuple[int, int], flat: tuple[str, ...]) -> None:
-    sensor = SENSOR.with_(rows=shape[0], cols=shape[1], **dict.fromkeys(flat, 0.0))
+def test_every_rectangle_of_a_drawn_chip(shape: tuple[int, int], changes: dict[str, float]) -> None:
+    sensor = SENSOR.with_(rows=shape[0], cols=shape[1], **changes)
     photo = np.linspace(0.0, 2000.0, shape[0] * shape[1], dtype=np.float32).reshape(shape)
     whole = digital_numbers(sensor, photo, 0.5, seed=5, frame=2)
     for region in rectangles(*shape):
@@ -68,6 +76,39 @@ def test_a_chip_of_one_column_or_row_has_its_fixed_pattern(shape: tuple[int, int
     assert np.all(offset_dn != 0.0)
     found = digital_numbers(sensor, np.zeros(shape, np.float32), 0.5, seed=5)
     np.testing.assert_array_equal(found, np.clip(np.floor(64.5 + offset_dn), 0, 4095))
+
+
+def test_rows_and_columns_share_a_part_of_the_read_noise() -> None:
+    # Limits of 5 standard deviations of each variance, for normal noise: 1 false alarm in 500 000 seeds.
+    rows, cols, frames = 400, 300, 24
+    sensor = SENSOR.with_(rows=rows, cols=cols, read_noise_dn=5.0, dsnu_mv=0.0, dark_voltage_mv_per_s=0.0)
+    noisy = sensor.with_(row_noise_dn=3.0, column_noise_dn=2.0)
+    dark = np.zeros((rows, cols), np.float32)
+    stack = np.stack([digital_numbers(noisy, dark, 0.1, seed=3, frame=n) for n in range(frames)]).astype(np.float64)
+    stack -= stack.mean(axis=(1, 2), keepdims=True)
+    of_rows, of_columns = stack.mean(axis=2), stack.mean(axis=1)
+    rest = stack - of_rows[:, :, None] - of_columns[:, None, :]
+    pixel = 25.0 - 9.0 - 4.0 + 1.0 / 12.0
+    for values, variance, count in (
+        (of_rows, 9.0 + pixel / cols, frames * rows),
+        (of_columns, 4.0 + pixel / rows, frames * cols),
+        (rest, pixel * (1 - 1 / rows) * (1 - 1 / cols), stack.size),
+    ):
+        assert values.var() == pytest.approx(variance, rel=5.0 * np.sqrt(2.0 / count) + 1.0 / 300.0)
+    # Lines of other frames are others: correlations of 400 and 300 values, limit of 5 standard deviations.
+    for values in (of_rows, of_columns):
+        assert abs(np.corrcoef(values[0], values[1])[0, 1]) < 5.0 / np.sqrt(values.shape[1])
+    # Without line noise, the frames are those of a sensor that does not state it.
+    np.testing.assert_array_equal(
+        digital_numbers(sensor, dark, 0.1, seed=3),
+        digital_numbers(sensor.with_(row_noise_mv=0.0), dark, 0.1, seed=3),
+    )
+
+
+def test_line_noise_beyond_the_read_noise_is_refused() -> None:
+    with pytest.raises(InputError) as caught:
+        SENSOR.with_(read_noise_dn=2.0, row_noise_dn=1.5, column_noise_dn=1.5)
+    assert caught.value.what == "read_noise_mv"
 
 
 def test_a_nominal_sensor_file_is_refused() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,6 +286,8 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
             dsnu_variance=_dsnu_variance(moments, zero, k),
             dsnu_method=_AT_ZERO if zero is not mean else _AT_EXPOSURE.format(_SPREAD, format_exposure(exposure_s)),
         )
+        if clipped is None:
+            measured = replace(measured, **_line_variances([mean.noise[k]], [mean.tile == k], mean))
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is not None:
@@ -293,7 +296,10 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
             measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
         channels.append(measured)
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
-    if clipped is not None:
+    if clipped is None:
+        masks = [mean.tile == k for k in range(len(mean.noise))]
+        together = replace(together, **_line_variances(mean.noise, masks, mean))
+    else:
         spread: Value = NO_PIXEL_SLOPES
         if slopes is not None:
             spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
@@ -330,6 +336,8 @@ def _unknown(why: Missing, pixels: int) -> Measurements:
     return Measurements(
         pixels=pixels,
         read_variance=why,
+        row_variance=why,
+        column_variance=why,
         black_level=why,
         dark_slope=why,
         dark_slope_variance=why,
@@ -435,6 +443,29 @@ def _with_line_noise(
         levels = zip(group.levels, scatter, strict=True)
         widened.append(replace(group, levels=tuple(level.widened(u / math.sqrt(more), source) for level, u in levels)))
     return tuple(widened)
+
+
+def _line_variances(
+    noise: Sequence[TemporalParts], masks: Sequence[NDArray[np.bool_]], mean: GroupMean
+) -> dict[str, Any]:
+    """Return the variances of a frame that rows and columns share, the means over channels.
+
+    `masks` are the channels' places in the tile. Channels that lie in the same lines share their noise.
+    """
+    weights = np.array([float(mask.sum()) for mask in masks])
+    weights /= weights.sum()
+    found: dict[str, Any] = {}
+    if min(np.array(mean.mean.shape) // mean.tile.shape) < 2:
+        return found
+    for name, axis in (("row", 1), ("column", 0)):
+        parts = [getattr(entry, name) * float(mean.statistics.frames) for entry in noise]
+        lines = np.array([mask.any(axis=axis) for mask in masks], np.float64)
+        lines /= np.linalg.norm(lines, axis=1, keepdims=True)
+        spread = weights * [part.standard_uncertainty for part in parts]
+        uncertainty = math.sqrt(float(spread @ (lines @ lines.T) @ spread))
+        value = float(weights @ [part.value for part in parts])
+        found[f"{name}_variance"] = Uncertain.of(value, uncertainty)
+    return found
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:

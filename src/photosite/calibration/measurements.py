@@ -17,6 +17,10 @@ from photosite.values.uncertain import Missing, Uncertain, Value, derive, weight
 
 NO_LIGHT = Missing("no light frames")
 
+NO_LINES = Missing(
+    "the noise that rows and columns share needs repeated dark frames, of two lines or more, that are not clipped at 0"
+)
+
 STRAIGHT = Uncertain(1.0)
 """Electrons, or their change, over those of a straight response, where the response is straight."""
 
@@ -37,6 +41,8 @@ class Measurements:
     dark_variance_slope: Value  # against exposure
     read_method: str
     step: float = 1.0  # distance of the converter's codes in the dark frames, DN
+    row_variance: Value = NO_LINES  # temporal, of a frame: the parts of the read variance that rows
+    column_variance: Value = NO_LINES  # and columns share
     dsnu_variance: Value = NO_LIGHT  # of the dark level at exposure zero, or of the reference dark frames
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
     shading_variance: Value = NO_LIGHT  # the part of it that the high-pass filter of EMVA 1288 removes
@@ -154,6 +160,8 @@ def mean_for_sensor(mean: Value, variance: Value, pixels: float) -> Value:
 _NOISE = (
     "gain",
     "read_variance",
+    "row_variance",
+    "column_variance",
     "dsnu_variance",
     "dark_variance",
     "dark_variance_slope",

@@ -48,6 +48,12 @@ class Parameters(Tabular):
     read_noise_dn: Annotated[Estimate, Label("Read noise", "DN", _NOISE)]
     read_noise_e: Annotated[Estimate, Label("Read noise", "e⁻", _NOISE)]
     read_noise_mv: Annotated[Estimate, Label("Read noise", "mV", _NOISE)]
+    row_noise_dn: Annotated[Estimate, Label("Row noise", "DN", _NOISE)]
+    row_noise_e: Annotated[Estimate, Label("Row noise", "e⁻", _NOISE)]
+    row_noise_mv: Annotated[Estimate, Label("Row noise", "mV", _NOISE)]
+    column_noise_dn: Annotated[Estimate, Label("Column noise", "DN", _NOISE)]
+    column_noise_e: Annotated[Estimate, Label("Column noise", "e⁻", _NOISE)]
+    column_noise_mv: Annotated[Estimate, Label("Column noise", "mV", _NOISE)]
     dsnu_dn: Annotated[Estimate, Label("DSNU", "DN", _NOISE)]
     dsnu_e: Annotated[Estimate, Label("DSNU", "e⁻", _NOISE)]
     dsnu_mv: Annotated[Estimate, Label("DSNU", "mV", _NOISE)]
@@ -201,6 +207,8 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
     from_variance = derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e)
     return {
         **{f"read_noise_{unit}": _limited(_read_noise(m, scale, read), m, scale) for unit, scale in scales.items()},
+        **{f"row_noise_{unit}": _line_noise(m, m.row_variance, scale) for unit, scale in scales.items()},
+        **{f"column_noise_{unit}": _line_noise(m, m.column_variance, scale) for unit, scale in scales.items()},
         **{
             f"dsnu_{unit}": _limited(_deviation(m.dsnu_variance, scale, dsnu), m, scale)
             for unit, scale in scales.items()
@@ -248,6 +256,18 @@ def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
         upper_limit_95=limit,
         method=method,
     )
+
+
+def _line_noise(m: Measurements, variance: Value, scale: Value) -> Estimate:
+    """Return the noise that the pixels of a line share, multiplied by a scale; missing where quantization hides it."""
+    method = "what the pixels of a line share in a dark frame and not in the next: two-way analysis of variance"
+    dark, least = m.dark_variance, least_dark_variance(m)
+    if isinstance(dark, Uncertain) and dark.value < least and isinstance(variance, Uncertain):
+        why = (
+            f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization hides the noise"
+        )
+        return Estimate(reason=f"{why} of rows and columns", method=method)
+    return _deviation(variance, scale, method)
 
 
 def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:

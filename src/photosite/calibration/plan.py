@@ -163,6 +163,8 @@ def _dark_measurements(
     spread = Uncertain.of_variance(level.spatial_variance, level.spatial_variance * math.sqrt(2.0 / level.pixels))
     measured = replace(
         measure_dark_level(lines, level, reference.label),
+        row_variance=NOT_PREDICTED,
+        column_variance=NOT_PREDICTED,
         dsnu_variance=spread - level.noise * (1.0 / level.frames),
         dsnu1288=NOT_PREDICTED,
         dsnu1288_filtered=NOT_PREDICTED,

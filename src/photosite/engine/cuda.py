@@ -27,9 +27,10 @@ types: Any = numba.types
 _THREADS = (32, 8)
 
 _DEVIATES, _FLOATS = types.Array(types.int16, 2, "C"), types.Array(types.float32, 2, "C")
+_LINES = types.Array(types.float64, 1, "C")
 SIGNATURE = (
     _FLOATS,
-    types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS], DrawnMaps),
+    types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS, _LINES, _LINES], DrawnMaps),
     types.NamedTuple([types.float64] * 3, DrawnConstants),
     types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure),
     types.Array(types.uint16, 2, "C"),
@@ -56,7 +57,7 @@ def expose_drawn_cuda(
     kernel = _kernel()
     out = cuda.device_array(photo_e.shape, np.uint16)
     blocks = tuple(-(-size // threads) for size, threads in zip(photo_e.shape[::-1], _THREADS, strict=True))
-    on_device = DrawnMaps(*(_on_device(values) for values in (maps.prnu, maps.offset, maps.dark_rate_e_per_s)))
+    on_device = DrawnMaps(*(_on_device(values) for values in maps))
     kernel[blocks, _THREADS](_on_device(photo_e), on_device, constants, exposure, out)
     frame_dn: NDArray[np.uint16] = out.copy_to_host()
     return frame_dn
@@ -88,12 +89,13 @@ def expose_thread(photo_e: Any, maps: Any, constants: Any, exposure: Any, out: A
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
         return
-    # In a map of shape (1, 1), which is one value for all pixels, every index becomes 0.
+    # In a map of shape (1, 1) or (1,), which is one value for all pixels or lines, every index becomes 0.
     prnu = maps.prnu[min(r, maps.prnu.shape[0] - 1), min(c, maps.prnu.shape[1] - 1)]
     offset = maps.offset[min(r, maps.offset.shape[0] - 1), min(c, maps.offset.shape[1] - 1)]
     rates = maps.dark_rate_e_per_s
     dark_rate = rates[min(r, rates.shape[0] - 1), min(c, rates.shape[1] - 1)]
-    pixel = drawn_pixel(prnu, offset, dark_rate, constants, exposure)
+    line_dn = maps.row_dn[min(r, maps.row_dn.shape[0] - 1)] + maps.column_dn[min(c, maps.column_dn.shape[0] - 1)]
+    pixel = drawn_pixel(prnu, offset, dark_rate, line_dn, constants, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
 
 

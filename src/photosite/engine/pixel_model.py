@@ -8,8 +8,9 @@ For pixel i of frame n::
              + map_gain_ratio (offset_dn_i + noise_dn_i z_in) + black level     after it
     dn_i   = clip(floor(dn_i + 1/2), 0, white level)
 
-with z_in standard normal. `mean_electrons` and `digital_number` are these equations. They are compiled into every
-kernel: CPU and GPU, drawn and measured chips. The kernels differ in where the parameters of a pixel come from:
+with z_in standard normal. offset_dn_i contains the offsets of the pixel's row and column in this frame.
+`mean_electrons` and `digital_number` are these equations. They are compiled into every kernel: CPU and GPU, drawn and
+measured chips. The kernels differ in where the parameters of a pixel come from:
 
 - `DrawnMaps`: 16-bit deviates of a chip that a serial number stands for, in electrons.
 - `MeasuredMaps`: maps measured from frames, in digital numbers at a gain of their own.
@@ -77,12 +78,18 @@ class DrawnConstants(NamedTuple):
 
 
 class DrawnMaps(NamedTuple):
-    """Fixed pattern of a drawn chip. Maps are (rows, cols); shape (1, 1) is one value for all pixels."""
+    """Fixed pattern of a drawn chip, and the line noise of one frame.
+
+    Maps are (rows, cols); shape (1, 1) is one value for all pixels, and shape (1,) for all lines.
+    """
 
     # int16 deviates in units of the scales in `DrawnConstants`: relative deviation of the response, and DSNU
     prnu: NDArray[np.int16]
     offset: NDArray[np.int16]
     dark_rate_e_per_s: F32  # float32 dark current
+    # (rows,), (cols,) float64 offset of each line in this frame
+    row_dn: F64
+    column_dn: F64
 
 
 class MeasuredMaps(NamedTuple):
@@ -145,15 +152,20 @@ def digital_number(electrons: float, deviate: float, pixel: Pixel, exposure: Exp
 
 @compiled(inline=True)
 def drawn_pixel(
-    prnu: np.int16, offset: np.int16, dark_rate: np.float32, constants: DrawnConstants, exposure: Exposure
+    prnu: np.int16,
+    offset: np.int16,
+    dark_rate: np.float32,
+    line_dn: float,
+    constants: DrawnConstants,
+    exposure: Exposure,
 ) -> Pixel:
-    """Return a pixel's parameters from its values in `DrawnMaps`."""
+    """Return a pixel's parameters from its values in `DrawnMaps`; `line_dn` is the sum of its row's and column's."""
     return Pixel(
         1.0 + float(prnu) * constants.prnu_scale,
         float(dark_rate) * exposure.exposure_s,
         float(offset) * constants.offset_scale_e,
         constants.read_noise_e,
-        0.0,
+        line_dn,
         0.0,
         1.0,
     )
@@ -224,6 +236,8 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
         run = new_run(_RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
         prnu_1, offset_1, dark_1 = _constant(maps.prnu), _constant(maps.offset), _constant(maps.dark_rate_e_per_s)
+        row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
+        line_dn = np.full(_RUN, row_dn + maps.column_dn[0])
         for c in range(0, cols, _RUN):
             n = min(_RUN, cols - c)
             first = pixel_number(r, c, exposure)
@@ -233,14 +247,17 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
             dark = _row_from(maps.dark_rate_e_per_s, r, c, dark_1)
             random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
             for i in range(n):
-                mean[i] = mean_electrons(float(photo[i]), drawn_pixel(prnu[i], offset[i], dark[i], constants, exposure))
+                pixel = drawn_pixel(prnu[i], offset[i], dark[i], 0.0, constants, exposure)
+                mean[i] = mean_electrons(float(photo[i]), pixel)
             poisson_run(n, run, first, frame, k0, k1)
             if constants.read_noise_e > 0.0:
                 normal_run(n, run.words[2], run)
             else:
                 deviates[:n] = 0.0
+            if maps.column_dn.size > 1:
+                line_dn[:n] = row_dn + maps.column_dn[c : c + n]
             for i in range(n):
-                pixel = drawn_pixel(prnu[i], offset[i], dark[i], constants, exposure)
+                pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
                 target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
     return out
 

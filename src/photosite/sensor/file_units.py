@@ -43,6 +43,8 @@ UNITS: dict[str, tuple[str, ...]] = {
     "height_um": ("pitch_um",),
     "well_capacity_e": ("full_well_e",),
     "read_noise_mv": ("read_noise_e", "read_noise_dn"),
+    "row_noise_mv": ("row_noise_e", "row_noise_dn"),
+    "column_noise_mv": ("column_noise_e", "column_noise_dn"),
     "dsnu_mv": ("dsnu_e", "dsnu_dn"),
     "dark_voltage_mv_per_s": ("dark_current_e_per_s", "dark_current_dn_per_s"),
 }
@@ -58,8 +60,8 @@ REQUIRED = {
 """Per section, the quantities that a file must state in one of their units."""
 
 SETTING_VALUES = (
-    *(CONVERSION, AMPLIFIER, "well_capacity_e", "read_noise_mv", "dsnu_mv", "prnu_percent"),
-    *("dark_voltage_mv_per_s", "dcnu_percent", "black_level_dn"),
+    *(CONVERSION, AMPLIFIER, "well_capacity_e", "read_noise_mv", "row_noise_mv", "column_noise_mv"),
+    *("dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s", "dcnu_percent", "black_level_dn"),
 )
 """Fields of the model that change with the gain setting."""
 
@@ -156,7 +158,8 @@ def _setting_in_model_units(
     units = [name for name in _OTHER_UNITS if {*model_fields_of(name)} <= {*SETTING_VALUES}]
     reject_unknown(entry, ["setting", "covariance", *SETTING_VALUES, *units], *place)
     stated = dict(_quantities(entry, kinds, place))
-    defaults = {AMPLIFIER: 1.0, "dark_voltage_mv_per_s": 0.0, "dcnu_percent": 0.0, "black_level_dn": 0.0}
+    zero = ("row_noise_mv", "column_noise_mv", "dark_voltage_mv_per_s", "dcnu_percent", "black_level_dn")
+    defaults = {AMPLIFIER: 1.0, **dict.fromkeys(zero, 0.0)}
     replaced = {own for name in stated for own in (name, *model_fields_of(name))}
     if AMPLIFIER in stated and (DN_PER_E in stated or E_PER_DN in stated):
         replaced.add(CONVERSION)
@@ -293,7 +296,7 @@ def _factor(name: str, gains: Values, bits: int) -> Uncertain:
     """Return the model's unit per unit of a field: 1, or mV at the pixel per electron or DN."""
     if name.endswith(("_dn", "_dn_per_s")):
         return _MILLI * gains[SWING] / (gains[AMPLIFIER] * float(1 << bits))
-    if name in ("read_noise_e", "dsnu_e", "dark_current_e_per_s"):
+    if name in IN_ELECTRONS.values():
         return gains[CONVERSION] * (1.0 / _MILLI)
     return Uncertain(1.0)
 

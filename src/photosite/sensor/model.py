@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -70,7 +71,10 @@ _PRINCIPAL = (
     *("read_noise_mv", "dsnu_mv", "prnu_percent", "analog_gain", "black_level_dn"),
 )
 """The values that `repr` shows."""
-_IN_MAPS = {"read_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s", "dcnu_percent"}
+_IN_MAPS = {
+    *("read_noise_mv", "row_noise_mv", "column_noise_mv", "dsnu_mv", "prnu_percent"),
+    *("dark_voltage_mv_per_s", "dcnu_percent"),
+}
 """The values that measured maps hold for every pixel."""
 _CFA_SCHEMA = {
     "anyOf": [
@@ -168,7 +172,21 @@ class Channel(Section):
 class Noise(Section):
     """Temporal read noise, and the fixed pattern's standard deviations over pixels."""
 
-    read_noise_mv: NotNegative = about("Temporal dark noise, standard deviation at the pixel.", "mV", 0.52)
+    read_noise_mv: NotNegative = about(
+        "Temporal dark noise, standard deviation at the pixel, with the noise of rows and columns.", "mV", 0.52
+    )
+    row_noise_mv: NotNegative = about(
+        "Part of the read noise that the pixels of a row share in a frame, standard deviation at the pixel.",
+        "mV",
+        0.05,
+        default=Measured(0.0),
+    )
+    column_noise_mv: NotNegative = about(
+        "Part of the read noise that the pixels of a column share in a frame, standard deviation at the pixel.",
+        "mV",
+        0.02,
+        default=Measured(0.0),
+    )
     dsnu_mv: NotNegative = about(
         "Dark signal nonuniformity: standard deviation of the offset over pixels, at the pixel.", "mV", 0.55
     )
@@ -188,12 +206,29 @@ class Noise(Section):
         "Sensor temperature at which the dark current was measured.", "deg C", 25.0, default=None
     )
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_line_noise(self)
+        return self
+
+    @property
+    def pixel_noise_mv(self) -> float:
+        """Read noise without the noise of rows and columns, mV at the pixel."""
+        lines = self.row_noise_mv.value**2 + self.column_noise_mv.value**2
+        return math.sqrt(max(self.read_noise_mv.value**2 - lines, 0.0)) if lines else self.read_noise_mv.value
+
 
 class NoiseUnits(Section):
     """Other units of `noise` in a sensor file."""
 
     read_noise_e: NotNegative = about("Temporal dark noise in electrons. Instead of read_noise_mv.", "e-", 2.4)
     read_noise_dn: NotNegative = about("Temporal dark noise in DN. Instead of read_noise_mv.", "DN", 0.94)
+    row_noise_e: NotNegative = about("Row noise in electrons. Instead of row_noise_mv.", "e-", 0.2, default=None)
+    row_noise_dn: NotNegative = about("Row noise in DN. Instead of row_noise_mv.", "DN", 0.08, default=None)
+    column_noise_e: NotNegative = about(
+        "Column noise in electrons. Instead of column_noise_mv.", "e-", 0.1, default=None
+    )
+    column_noise_dn: NotNegative = about("Column noise in DN. Instead of column_noise_mv.", "DN", 0.04, default=None)
     dsnu_e: NotNegative = about("Dark signal nonuniformity in electrons. Instead of dsnu_mv.", "e-", 1.1)
     dsnu_dn: NotNegative = about("Dark signal nonuniformity in DN. Instead of dsnu_mv.", "DN", 0.43)
     dark_current_e_per_s: NotNegative = about(
@@ -264,6 +299,8 @@ class GainSetting(Section):
     analog_gain: Positive = about("As in readout, at this setting.", "1", 4.0)
     well_capacity_e: Positive = about("As in pixel, at this setting.", "e-", 10500)
     read_noise_mv: NotNegative = about("As in noise, at this setting.", "mV", 0.2)
+    row_noise_mv: NotNegative = about("As in noise, at this setting.", "mV", 0.05, default=Measured(0.0))
+    column_noise_mv: NotNegative = about("As in noise, at this setting.", "mV", 0.02, default=Measured(0.0))
     dsnu_mv: NotNegative = about("As in noise, at this setting.", "mV", 0.3)
     prnu_percent: ResponseSpread = about("As in noise, at this setting.", "%", 0.6)
     dark_voltage_mv_per_s: NotNegative = about("As in noise, at this setting.", "mV/s", 0.1)
@@ -275,6 +312,20 @@ class GainSetting(Section):
         {"names": ["read_noise_mv", "dsnu_mv"], "correlation": [[1.0, 0.5], [0.5, 1.0]]},
         default=None,
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_line_noise(self)
+        return self
+
+
+def _check_line_noise(entry: Noise | GainSetting) -> None:
+    """Raise an error if the noise of rows and columns exceeds the read noise."""
+    read, lines = entry.read_noise_mv.value, math.hypot(entry.row_noise_mv.value, entry.column_noise_mv.value)
+    if lines > read * (1.0 + 1e-9):
+        hint = "The read noise is that of a pixel and contains both; change them together"
+        expected = f"at least {lines:.6g}, the root of the squares of row_noise_mv and column_noise_mv"
+        raise InputError("read_noise_mv", value=read, expected=expected, hint=hint)
 
 
 SECTIONS: dict[str, tuple[type[Section], type[Section]]] = {
@@ -696,7 +747,7 @@ class Sensor(Tabular, Section):
             "height_um": width_um / before,
             "well_capacity_e": area,
             "conversion_gain_uv_per_e": 1.0 / area,
-            "read_noise_mv": 1.0 / area,
+            **dict.fromkeys(("read_noise_mv", "row_noise_mv", "column_noise_mv"), 1.0 / area),
             "dsnu_mv": 1.0 / area,
         }
         note = f"scaled from a pixel of {before:g} um"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from numbers import Integral
 from typing import Any, Literal
 
@@ -113,7 +114,7 @@ def digital_numbers(
         *key_from_seed(int(seed)),
     )
     if (measured := load_measured_chip(sensor)) is None:
-        return _expose_drawn(photo_e, *_drawn_maps(sensor, part), exposure, device)
+        return _expose_drawn(photo_e, *_drawn_maps(sensor, part, exposure), exposure, device)
     if device != "cpu":
         hint = "Use with_(maps=None) to simulate a drawn chip on the GPU"
         raise InputError("device", value=device, expected="'cpu' for a measured chip", hint=hint)
@@ -137,13 +138,17 @@ def _check_full_well(sensor: Sensor) -> None:
         raise InputError("well_capacity_e", where=name, value=well.value, expected=expected, hint=hint)
 
 
-def _drawn_maps(sensor: Sensor, part: tuple[slice, slice]) -> tuple[DrawnMaps, DrawnConstants]:
-    """Return the fixed pattern of a rectangle of the sensor's drawn chip."""
-    chip = draw_chip(sensor)
+def _drawn_maps(sensor: Sensor, part: tuple[slice, slice], exposure: Exposure) -> tuple[DrawnMaps, DrawnConstants]:
+    """Return the fixed pattern of a rectangle of the sensor's drawn chip, and the line noise of one frame."""
+    chip, noise = draw_chip(sensor), sensor.noise
+    spreads = [each.value / sensor.mv_per_dn for each in (noise.row_noise_mv, noise.column_noise_mv)]
     maps = DrawnMaps(
-        _part(chip.prnu.deviates, part), _part(chip.offset_e.deviates, part), _part(chip.dark_rate_e_per_s, part)
+        _part(chip.prnu.deviates, part),
+        _part(chip.offset_e.deviates, part),
+        _part(chip.dark_rate_e_per_s, part),
+        *_line_noise(spreads, part, exposure),
     )
-    read_noise_e = sensor.electrons(sensor.noise.read_noise_mv.value)
+    read_noise_e = sensor.electrons(sensor.noise.pixel_noise_mv)
     constants = DrawnConstants(float(chip.prnu.scale), float(chip.offset_e.scale), float(read_noise_e))
     return maps, constants
 
@@ -197,13 +202,25 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice]
     )
     # A variance that was measured below 0 counts as 0.
     spreads = [max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)]
-    counter = exposure.frame, exposure.k0, exposure.k1
+    # The kernel reads a value for each line.
     row_dn, column_dn = (
-        spread * line_deviates(lines.start, count, word, *counter) if spread else np.zeros(count)
-        for word, (spread, lines, count) in enumerate(zip(spreads, part, shape, strict=True))
+        np.broadcast_to(values, count).copy()
+        for values, count in zip(_line_noise(spreads, part, exposure), shape, strict=True)
     )
     read_noise = read_only(chip.read_noise_dn[part])
     return MeasuredMaps(prnu, offset, dark_rate, read_noise, row_dn, column_dn, math.hypot(*spreads) ** 2, gain)
+
+
+def _line_noise(
+    spreads: Sequence[float], part: tuple[slice, slice], exposure: Exposure
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the offsets of rows and columns in one frame, DN, of standard deviations in DN; (1,) zero for none."""
+    counter = exposure.frame, exposure.k0, exposure.k1
+    rows, columns = (
+        spread * line_deviates(lines.start, lines.stop - lines.start, word, *counter) if spread else np.zeros(1)
+        for word, (spread, lines) in enumerate(zip(spreads, part, strict=True))
+    )
+    return rows, columns
 
 
 def _blinking_within(blinking: Blinking, corner: tuple[int, int], shape: tuple[int, ...]) -> BlinkingPixels:

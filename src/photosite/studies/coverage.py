@@ -344,6 +344,7 @@ class Condition:
     protocol: ShootingProtocol
     black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
     photons_known: bool = False  # whether the light is metered
+    lines: Range | None = None  # noise of rows, and of columns, over the read noise
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -386,6 +387,7 @@ class Condition:
                 },
                 "noise": {
                     "read_noise_mv": read_dn * mv_per_dn,
+                    **({} if self.lines is None else _line_noise(read_dn * mv_per_dn, between, self.lines)),
                     "dsnu_mv": dsnu_dn * mv_per_dn,
                     "prnu_percent": between(0.5, 2.0),
                     "dark_voltage_mv_per_s": between(10.0, 100.0) * gain * mv_per_dn,
@@ -404,6 +406,10 @@ class Condition:
             return virtual_lab(sensor, self.protocol, level=level, seed=number, photons_known=self.photons_known)
         effect, factors = self.disturbed(sensor, np.random.default_rng([number]))
         return DisturbedLab(sensor, self.protocol, level, effect, factors, seed=zlib.crc32(self.name.encode()) + number)
+
+
+def _line_noise(read_mv: float, between: Callable[[float, float], float], share: Range) -> dict[str, float]:
+    return {name: read_mv * between(*share) for name in ("row_noise_mv", "column_noise_mv")}
 
 
 def _protocol(
@@ -494,6 +500,13 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "rows-mono-12", "row noise of 0.1 to 1 times the read noise", "mono",
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.row_noise,
+        ),
+        Condition(
+            "lines-mono-12", "row noise and column noise of 0.05 to 0.6 times the read noise", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, lines=(0.05, 0.6),
+        ),
+        Condition(
+            "lines-cfa-12", "the same", "rggb", 12, *_BAYER, (0.15, 1.2), (0.8, 4.0), 2.5, FULL, lines=(0.05, 0.6),
         ),
         Condition(
             "hot-mono-12", "0.3 to 1 % hot pixels with 100 to 500 e-/s", "mono",

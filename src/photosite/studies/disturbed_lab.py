@@ -34,7 +34,8 @@ class DisturbedLab:
     effect
         What disturbs the frames.
     factors
-        Factor of each parameter whose true value the effect changes; NaN for one that then has none.
+        Factor of each parameter whose true value the effect changes; NaN for one that then has none. The row noise is
+        relative to the read noise of the sensor, which has no row noise.
     """
 
     true_sensor: Sensor
@@ -71,6 +72,11 @@ class DisturbedLab:
     def truth(self, calibration: Calibration) -> dict[str, float]:
         """Return the true parameters, except those at saturation."""
         truth = true_parameters(self.true_sensor)
+        truth |= {
+            f"row_noise_{unit}": truth[f"read_noise_{unit}"]
+            for unit in ("dn", "e", "mv")
+            if f"row_noise_{unit}" in self.factors
+        }
         truth = {name: self.factors.get(name, 1.0) * value for name, value in truth.items()}
         efficiency = self.camera.quantum_efficiency or 1.0
         threshold_e = math.sqrt(truth["read_noise_e"] ** 2 + 1 / (12 * truth["system_gain_dn_per_e"] ** 2) + 0.25) + 0.5
@@ -114,13 +120,16 @@ def flicker(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str,
     return Effect(light=bands(_between(rng, 0.002, 0.02), _between(rng, 10.0, 40.0))), {}
 
 
+_ROW_NOISE = ("row_noise_dn", "row_noise_e", "row_noise_mv")
+
+
 def row_noise(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
     """Draw row noise of 0.1 to 1 times the read noise."""
     share = _between(rng, 0.1, 1.0)
     sigma_dn = sensor.noise.read_noise_mv.value / sensor.mv_per_dn * share
     total = dict.fromkeys(
         ("read_noise_dn", "read_noise_e", "read_noise_mv", "temporal_dark_noise_e"), math.hypot(1.0, share)
-    )
+    ) | dict.fromkeys(_ROW_NOISE, share)
     return Effect(numbers=lambda values, noise: values + noise.normal(0.0, sigma_dn, (len(values), 1))), total
 
 

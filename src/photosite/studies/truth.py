@@ -66,6 +66,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "read_noise_dn": read_e * gain,
         "read_noise_e": read_e,
         "read_noise_mv": noise.read_noise_mv.value,
+        **_line_noise(sensor),
         "dsnu_dn": dsnu_e * gain,
         "dsnu_e": dsnu_e,
         "dsnu_mv": noise.dsnu_mv.value,
@@ -96,6 +97,15 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
             "sensitivity_threshold_photons": threshold_e / mean,
             "saturation_capacity_photons": capacity_e / max(efficiencies),
         }
+    return truth
+
+
+def _line_noise(sensor: Sensor) -> dict[str, float]:
+    truth: dict[str, float] = {}
+    for name in ("row_noise", "column_noise"):
+        mv = getattr(sensor.noise, f"{name}_mv").value
+        electrons = sensor.electrons(mv)
+        truth |= {f"{name}_dn": electrons * sensor.system_gain_dn_per_e, f"{name}_e": electrons, f"{name}_mv": mv}
     return truth
 
 

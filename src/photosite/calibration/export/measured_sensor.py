@@ -21,7 +21,15 @@ if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
 
 _MEASURED_FIELDS = (
-    *("read_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s", "dcnu_percent"),
+    *(
+        "read_noise_mv",
+        "row_noise_mv",
+        "column_noise_mv",
+        "dsnu_mv",
+        "prnu_percent",
+        "dark_voltage_mv_per_s",
+        "dcnu_percent",
+    ),
     *("black_level_dn", "conversion_gain_uv_per_e"),
 )
 """Fields of a sensor file that have the names of measured parameters."""

@@ -37,7 +37,10 @@ from photosite.values.uncertain import COVERAGE_95, Measured, Uncertain, correla
 
 Array = NDArray[np.float64]
 
-_AT_THE_PIXEL = ("read_noise_mv", "dsnu_mv", "dark_voltage_mv_per_s", "conversion_gain_uv_per_e")
+_AT_THE_PIXEL = (
+    *("read_noise_mv", "row_noise_mv", "column_noise_mv", "dsnu_mv"),
+    *("dark_voltage_mv_per_s", "conversion_gain_uv_per_e"),
+)
 """Parameters in volts at the pixel, which are inversely proportional to the analog gain."""
 
 
