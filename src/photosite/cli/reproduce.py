@@ -33,6 +33,8 @@ CONDITION_NAMES = (
     "crosstalk-mono-12",
     "flicker-mono-12",
     "rows-mono-12",
+    "lines-mono-12",
+    "lines-cfa-12",
     "hot-mono-12",
     "shaded-mono-12",
     "level-mono-12",

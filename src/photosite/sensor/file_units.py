@@ -422,7 +422,8 @@ def in_file_units(
 def stated_names(names: Set[str], values: Stated) -> list[str]:
     """Return the fields in which a file states the values of the model, given the fields that it had before.
 
-    A value keeps its units. Gains that follow from the system gain are left out.
+    A value keeps its units. Gains that follow from the system gain are left out. A file that states no volts gets new
+    values in electrons.
     """
     if values.get("width_um") != values.get("height_um"):
         names = names - {"pitch_um"}
@@ -434,10 +435,11 @@ def stated_names(names: Set[str], values: Stated) -> list[str]:
             implied = {CONVERSION, *(name for name in (SWING, AMPLIFIER) if is_one[name])}
         else:
             implied = {AMPLIFIER} if SWING in names else {SWING, *([AMPLIFIER] if is_one[AMPLIFIER] else [])}
+    in_volts = not gains or CONVERSION in names or SWING in names
     result = []
     for own in values:
         others = [name for name in UNITS.get(own, ()) if name in names]
         if own in names or not (others or own in implied):
-            result.append(own)
+            result.append(own if in_volts else IN_ELECTRONS.get(own, own))
         result += others
     return list(dict.fromkeys([*result, *gains]))
