@@ -220,7 +220,8 @@ def _warnings(
     negative = [
         name
         for name, entry in estimates.items()
-        if entry.value is not None
+        if not name.startswith(("row_noise", "column_noise"))  # which row and column noise cannot lower
+        and entry.value is not None
         and entry.upper_limit_95 is not None
         and entry.standard_uncertainty is not None
         and entry.value < -FAR_BELOW_ZERO * entry.standard_uncertainty
