@@ -71,8 +71,8 @@ def test_new_needs_what_every_data_sheet_states(photosite: Any, tmp_path: Path) 
     assert refused.status == 2
     assert "--read-noise-e" in refused.err
     assert not file.exists()
-    clear = photosite("sensors", "new", *SHEET, "--read-noise-e", 2.4, "--cfa", "WG/RB", "-o", file)
-    assert "--cfa must be mono, or a tile of R, G and B, got 'WG/RB'" in clear.err
+    clear = photosite("sensors", "new", *SHEET, "--read-noise-e", 2.4, "--cfa", "WG/RX", "-o", file)
+    assert "--cfa must be a tile of R, G, B, M, W, C, Y, Cy, Ir, P, got 'WG/RX'" in clear.err
     assert photosite("sensors", "new", *SHEET, "--read-noise-dn", 0.9, "-o", file).status == 0
     assert photosite("sensors", "new", *SHEET, "--read-noise-dn", 0.9, "-o", file).status == 2
     assert photosite("sensors", "new", *SHEET, "--read-noise-dn", 1.8, "-o", file, "--force").status == 0

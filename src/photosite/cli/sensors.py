@@ -16,7 +16,7 @@ from photosite.cli.options import SENSOR_SUFFIXES, Whole, file_option, json_opti
 from photosite.cli.output import show, table
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import parse_yaml
-from photosite.values.cfa import tile_text
+from photosite.values.cfa import NAMED, tile_name
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -59,7 +59,7 @@ def list_(as_json: bool) -> None:
     rows = [("sensor", "pixel", "rows x cols", "CFA", "bits", "read noise", "name")]
     for name, sensor in presets.items():
         size = f"{sensor.array.rows} x {sensor.array.cols}"
-        tile = tile_text(sensor.array.cfa).replace("/", "").lower()
+        tile = tile_name(sensor.array.cfa)
         noise = f"{sensor.electrons(sensor.noise.read_noise_mv.value):.1f} e-"
         bits = str(sensor.readout.bits)
         rows.append((name, f"{sensor.pixel.width_um.value:g} um", size, tile, bits, noise, sensor.name))
@@ -146,7 +146,12 @@ def _description(name: str) -> str:
 @click.option("--rows", type=Whole(1), metavar="N", help="Rows of the active array.")
 @click.option("--cols", type=Whole(1), metavar="N", help="Columns of the active array.")
 @click.option("--bits", type=Whole(1, 16), metavar="N", help="Bit depth of the converter.")
-@click.option("--cfa", default="mono", metavar="TILE", help="Color filter array: mono, rggb, RRGG/RRGG/GGBB/GGBB, ...")
+@click.option(
+    "--cfa",
+    default="mono",
+    metavar="TILE",
+    help=f"Color filter array: {', '.join(NAMED)}, or a tile such as RG/GB.  [default: mono]",
+)
 @click.option("--qe-peak", type=click.FloatRange(0, 1, min_open=True), metavar="X", help=_QE_PEAK)
 @_sheet_options
 @click.option("--source", metavar="TEXT", help="Origin of the values, such as the data sheet.")

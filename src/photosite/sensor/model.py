@@ -91,7 +91,8 @@ class Array(Section):
     rows: int = about("Rows of the active array.", "pixels", 2048, gt=0, le=65_536, strict=True)
     cols: int = about("Columns of the active array.", "pixels", 2448, gt=0, le=65_536, strict=True)
     cfa: Annotated[Cfa, BeforeValidator(cfa_from), WithJsonSchema(_CFA_SCHEMA)] = about(
-        "Tile of the color filter array from the top left pixel: rows of channel names, RG/GB, or a name such as rggb.",
+        "Tile of the color filter array from the top left pixel: rows of channel names, RG/GB, or a name such as "
+        "rggb or x-trans.",
         NO_UNIT,
         [["R", "G"], ["G", "B"]],
         default=MONOCHROME,

@@ -9,32 +9,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from photosite.errors import InputError
+from photosite.sensor.assumed_response import KNOWN, assumed_response
 from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
-from photosite.sensor.io.sensor_file import load_sensor, parse_sensor
+from photosite.sensor.io.sensor_file import parse_sensor
 from photosite.sensor.model import SECTIONS
 from photosite.values.cfa import Cfa, cfa_from, channel_names, tile_text
 
-_SILICON_NM: tuple[float, ...] = (
-    350,
-    400,
-    450,
-    500,
-    530,
-    550,
-    600,
-    650,
-    700,
-    750,
-    800,
-    850,
-    900,
-    950,
-    1000,
-    1050,
-    1100,
-)
-_SILICON = (0.2, 0.55, 0.8, 0.96, 1.0, 0.99, 0.91, 0.78, 0.63, 0.48, 0.34, 0.22, 0.13, 0.07, 0.02, 0.005, 0.0)
-"""A rounded curve of a monochrome sensor: reflection and surface recombination in the blue, absorption in the red."""
+_SHAPE = "a rounded curve of front-illuminated silicon and an ideal filter"
 
 _HEADING = """\
 # {name}
@@ -65,8 +46,8 @@ def new_sensor_file(
     name, rows, cols, bits, cfa
         As in the file.
     qe_peak
-        Largest quantum efficiency of all channels. The spectral shape is assumed: a rounded curve of silicon for a
-        monochrome sensor, that of the Nikon D200 for a mosaic of R, G and B.
+        Largest quantum efficiency of all channels. The spectral shape is assumed, see
+        `photosite.sensor.assumed_response`.
     values
         Fields of `pixel`, `noise` and `readout` in any of the file's units.
     source
@@ -77,7 +58,7 @@ def new_sensor_file(
     FileError
         If values are missing, invalid, or contradict each other; with the line of the text.
     InputError
-        If the color filter array is unknown, or has other channels than R, G and B.
+        If the color filter array is unknown, or no shape is known for one of its channels.
 
     Examples
     --------
@@ -171,22 +152,17 @@ def _dn_per_unit(read_noise: str, stated: Mapping[str, float], gain: float | Non
 
 
 def _channels(tile: Cfa, qe_peak: float) -> str:
-    """Return the section `channels`: an assumed shape, scaled to the peak."""
-    names = channel_names(tile)
-    if names == ("M",):
-        tables = {"M": (_SILICON_NM, np.array(_SILICON))}
-        shape = "a rounded curve of front-illuminated silicon"
-    else:
-        channels = load_sensor("nikon-d200").channels
-        if not channels.keys() >= set(names):
-            hint = "Make a file with rggb, then edit array and channels in it"
-            raise InputError("cfa", value=tile_text(tile), expected="mono, or a tile of R, G and B", hint=hint)
-        tables = {name: (channels[name].wavelength_nm, np.array(channels[name].quantum_efficiency)) for name in names}
-        shape = "that of the Nikon D200, with its infrared filter"
-    scale = qe_peak / max(float(values.max()) for _, values in tables.values())
+    """Return the section `channels`: assumed shapes, scaled to the peak."""
+    try:
+        tables = assumed_response(channel_names(tile), qe_peak)
+    except InputError as error:
+        hint = "Make a file with rggb, then edit array and channels in it"
+        raise InputError("cfa", value=tile_text(tile), expected=f"a tile of {', '.join(KNOWN)}", hint=hint) from error
     text = "# The largest quantum efficiency was given; the spectral shape is assumed.\nchannels:\n"
     for name, (wavelengths, values) in tables.items():
-        text += f"  {name}:\n    wavelength_nm: [{', '.join(f'{nm:g}' for nm in wavelengths)}]\n"
-        text += f"    quantum_efficiency: [{', '.join(f'{value:.4g}' for value in values * scale)}]\n"
+        letter = name.rstrip("0123456789")
+        shape = "that of the Nikon D200, with its infrared filter" if letter in ("R", "G", "B") else _SHAPE
+        text += f"  {name}:\n    wavelength_nm: [{', '.join(f'{nm:g}' for nm in np.asarray(wavelengths))}]\n"
+        text += f"    quantum_efficiency: [{', '.join(f'{value:.4g}' for value in values)}]\n"
         text += f'    source: "assumed: the shape is {shape}, scaled to a peak of {qe_peak:g}"\n    assumed: true\n'
     return text

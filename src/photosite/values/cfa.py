@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,17 +15,46 @@ Cfa = tuple[tuple[str, ...], ...]
 
 MONOCHROME: Cfa = (("M",),)
 
+_NAME = re.compile(r"[A-Z][a-z0-9]*|[^A-Z\s]")
+"""One channel in a row without spaces: a letter, or a capital with the small letters and digits after it."""
+
+
+def _row(text: str) -> tuple[str, ...]:
+    return tuple(text.split() if " " in text else _NAME.findall(text))
+
+
+def _tile(text: str) -> Cfa:
+    return tuple(map(_row, text.split("/")))
+
+
 NAMED: dict[str, Cfa] = {
     "mono": MONOCHROME,
-    "rggb": (("R", "G"), ("G", "B")),
-    "bggr": (("B", "G"), ("G", "R")),
-    "gbrg": (("G", "B"), ("R", "G")),
-    "grbg": (("G", "R"), ("B", "G")),
+    "rggb": _tile("RG/GB"),
+    "bggr": _tile("BG/GR"),
+    "gbrg": _tile("GB/RG"),
+    "grbg": _tile("GR/BG"),
+    "quad-rggb": _tile("RRGG/RRGG/GGBB/GGBB"),
+    "rgbw": _tile("WBWG/BWGW/WGWR/GWRW"),
+    "rccb": _tile("RC/CB"),
+    "ryycy": _tile("RY/YCy"),
+    "rgb-ir": _tile("IrGIrG/GBGR/IrGIrG/GRGB"),
+    "x-trans": _tile("GBGGRG/RGRBGB/GBGGRG/GRGGBG/BGBRGR/GRGGBG"),
+    "polarization": _tile("P90P45/P135P0"),
+    "polarization-rggb": _tile("R90R45G90G45/R135R0G135G0/G90G45B90B45/G135G0B135B0"),
 }
+"""Tiles by name, with W and C for unfiltered pixels, Y yellow, Cy cyan, Ir infrared; a number is a polarizer's angle.
+
+`quad-rggb` is Sony's Quad Bayer (IMX586). `rgbw` is that of Compton and Hamilton (Kodak, US patent 8 139 130). `rccb`
+and `ryycy` are those of automotive sensors (onsemi AR0231, Sony IMX324). `rgb-ir` is that of OmniVision's OV01A1S,
+`x-trans` Fujifilm's, `polarization` and `polarization-rggb` those of Sony's IMX250MZR and IMX250MYR.
+"""
 
 
 def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
     """Return a color filter array from its name (`"rggb"`) or its tile (`"RG/GB"`, `[["R", "G"], ["G", "B"]]`).
+
+    In a tile as text, a capital letter begins a channel, and small letters and digits belong to it: `"RY/YCy"` has the
+    channels R, Y and Cy. Other names are separated by spaces.
 
     Raises
     ------
@@ -35,17 +65,17 @@ def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
     --------
     >>> cfa_from("gbrg")
     (('G', 'B'), ('R', 'G'))
-    >>> cfa_from("WG/RW")
-    (('W', 'G'), ('R', 'W'))
+    >>> cfa_from("RY/YCy")
+    (('R', 'Y'), ('Y', 'Cy'))
     """
-    listed = tile.split("/") if isinstance(tile, str) and "/" in tile else tile
-    if isinstance(listed, str):
-        if listed.lower() not in NAMED:
+    listed: object = tile
+    if isinstance(tile, str):
+        if "/" not in tile and tile.lower() not in NAMED:
             raise InputError("cfa", value=tile, expected=f"{', '.join(NAMED)}, or a tile such as RRGG/RRGG/GGBB/GGBB")
-        return NAMED[listed.lower()]
+        listed = _tile(tile) if "/" in tile else NAMED[tile.lower()]
     rows: Cfa = ()
     if isinstance(listed, Sequence) and all(isinstance(row, Sequence) for row in listed):
-        rows = tuple(tuple(str(name) for name in row) for row in listed)
+        rows = tuple(_row(row) if isinstance(row, str) else tuple(str(name) for name in row) for row in listed)
     if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows) or not all(map(all, rows)):
         raise InputError("cfa", value=tile, expected="a name, or rows of channel names, all of the same length")
     return rows
@@ -75,14 +105,26 @@ def plane_names(cfa: Cfa) -> tuple[str, ...]:
 
 
 def tile_text(cfa: Sequence[Sequence[str]]) -> str:
-    """Return the tile on one line, for messages and tables.
+    """Return the tile on one line, as `cfa_from` reads it if it has two rows or more.
 
     Examples
     --------
-    >>> tile_text(cfa_from("rggb"))
-    'RG/GB'
+    >>> tile_text(cfa_from("rggb")), tile_text((("green", "red"),))
+    ('RG/GB', 'green red')
     """
-    return "/".join("".join(row) for row in cfa)
+    plain = all(_row("".join(row)) == tuple(row) for row in cfa)
+    return "/".join(("" if plain else " ").join(row) for row in cfa)
+
+
+def tile_name(cfa: Cfa) -> str:
+    """Return the tile's name, or the tile as text if it has none.
+
+    Examples
+    --------
+    >>> tile_name((("R", "G"), ("G", "B"))), tile_name((("R", "W"), ("W", "B")))
+    ('rggb', 'RW/WB')
+    """
+    return next((name for name, tile in NAMED.items() if tile == cfa), tile_text(cfa))
 
 
 def channel_sites(cfa: Cfa, channel: str) -> tuple[tuple[int, int], ...]:

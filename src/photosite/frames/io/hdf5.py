@@ -31,7 +31,7 @@ from photosite.errors import FileError, InputError
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain
 from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
 from photosite.frames.raw_frame import RawFrame
-from photosite.values.cfa import NAMED, Cfa, cfa_from
+from photosite.values.cfa import NAMED, Cfa, cfa_from, tile_name
 
 SUFFIXES = frozenset({".h5", ".hdf5", ".hdf"})
 
@@ -64,8 +64,7 @@ def write_hdf5(frame: RawFrame, path: Path) -> None:
 
 
 def _cfa_attribute(cfa: Cfa) -> Any:
-    named = [name for name, tile in NAMED.items() if tile == cfa]
-    return named[0] if named else np.char.encode(np.array(cfa), "utf-8")
+    return tile_name(cfa) if cfa in NAMED.values() else np.char.encode(np.array(cfa), "utf-8")
 
 
 def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
