@@ -50,9 +50,21 @@ def test_clipped_frames_are_not_compared_for_their_noise():
         assert not find_foreign_frames(list(clipped), MONO)
 
 
-def test_frames_that_wells_saturate_are_not_compared_for_their_noise():
+@pytest.mark.parametrize(("condition", "number"), [("bright-mono-12", 81), ("bright-cfa-12", 105)])
+def test_frames_that_wells_saturate_are_not_compared_for_their_noise(condition, number):
     """Most pixels are at their well and have read noise only, a few are below and have shot noise: heavy tails."""
-    assert not calibrate(CONDITIONS["bright-mono-12"].lab(81).frame_set()).rejected
+    assert not calibrate(CONDITIONS[condition].lab(number).frame_set()).rejected
+
+
+@pytest.mark.parametrize("noise", [(0.15, 0.15, 6.0), (0.15, 1.0, 2.0)], ids=["two saturated", "one saturated"])
+def test_channels_of_different_noise_count_alike(noise):
+    """A saturated channel has read noise only, another has shot noise; a frame of another gain shows in all."""
+    rng = np.random.default_rng(12)
+    scale = np.array(noise)[RGGB]
+    for foreign in [(), (3,)] * 3:
+        stack = frames(rng, 8, 0.0, foreign=foreign, gain=1.3)
+        stack = [np.rint(1000.0 + scale * (frame - 1000.0)).astype(np.uint16) for frame in stack]
+        assert tuple(find_foreign_frames(stack, RGGB)) == foreign
 
 
 def test_two_of_nine_are_found():

@@ -40,31 +40,34 @@ CLIPPED = 0.002
 """Share of a frame's pixels at the highest number of all, above which its noise may be clipped and is not compared."""
 
 HEAVY = 4.0
-"""Kurtosis, 3 for normal noise, above which frames are partly saturated by their wells and are not compared."""
+"""Kurtosis, 3 for normal noise, above which a channel is partly saturated by its wells and is not compared."""
 
 TAILS = 5.0
 """Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
 
 
 def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the (frames, pixels) deviations from the means of blocks, rows and columns, and the same moved.
+    """Return the (frames, pixels) deviations from the means of blocks, rows and columns, and the same, moved.
 
-    `samples` are (rows, cols) each; `labels` are the channels of the pixels. Blocks have a mean for each channel. Tails
-    are clipped.
+    `samples` are (rows, cols) each; `labels` are the channels of the pixels. Each channel has its own means and its own
+    limit at which tails are clipped: one may be saturated where another is not.
     """
     stack = np.stack(samples).astype(np.float32)
     stack -= stack.mean(axis=(1, 2), keepdims=True)  # keeps single precision exact enough
-    for _ in range(2):  # the second time without the pull of the tails on the means
-        for label in range(int(labels.max()) + 1):
-            inside = labels == label
-            pixels = np.maximum(block_sums(inside.astype(np.float32)), 1.0)
-            stack -= over_blocks(block_sums(stack * inside) / pixels, labels.shape) * inside
-        stack -= stack.mean(axis=2, keepdims=True)
-        stack -= stack.mean(axis=1, keepdims=True)
-        # A quarter of the pixels shows the spread.
-        limit = TAILS * 1.4826 * np.median(np.abs(stack[:, ::2, ::2]), axis=(1, 2), keepdims=True)
-        np.clip(stack, -limit, limit, out=stack)
-    moved = np.roll(stack, [length // 3 for length in labels.shape], axis=(1, 2))
+    moved = np.empty_like(stack)
+    for label in range(int(labels.max()) + 1):
+        inside = labels == label
+        in_blocks = np.maximum(block_sums(inside.astype(np.float32)), 1.0)
+        for _ in range(2):  # the second time without the pull of the tails on the means
+            stack -= over_blocks(block_sums(stack * inside) / in_blocks, labels.shape) * inside
+            for axis in (2, 1):
+                means = np.sum(stack, axis=axis, keepdims=True, where=inside)
+                stack -= means / np.maximum(inside.sum(axis=axis - 1, keepdims=True), 1) * inside
+            pixels = stack[:, inside]
+            # A quarter of the pixels shows the spread.
+            limit = TAILS * 1.4826 * np.median(np.abs(pixels[:, ::4]), axis=1, keepdims=True)
+            stack[:, inside] = np.clip(pixels, -limit, limit)
+        moved[:, inside] = np.roll(stack[:, inside], np.count_nonzero(inside) // 3, axis=1)
     return stack.reshape(len(stack), -1), moved.reshape(len(stack), -1)
 
 
@@ -124,6 +127,18 @@ def _connected(linked: NDArray[np.bool_], start: int) -> NDArray[np.intp]:
     return np.flatnonzero(found)
 
 
+def _of_normal_channels(patterns: Array, shifted: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the patterns without channels of heavy tails or without noise, and with the same spread in the others."""
+    spread = np.zeros(int(labels.max()) + 1, np.float32)
+    for label in range(len(spread)):
+        square = patterns[:, labels == label] ** 2
+        variance = square.mean(axis=1)
+        if variance.all() and np.median(np.mean(square**2, axis=1) / variance**2) <= HEAVY:
+            spread[label] = math.sqrt(np.median(variance))
+    used, scale = spread[labels] > 0.0, spread[labels]
+    return patterns[:, used] / scale[used], shifted[:, used] / scale[used]
+
+
 def _noise(patterns: Array) -> Array:
     """Return the temporal variance of each frame, from differences of pairs; a few copies do not change it."""
     core = _spread(len(patterns))
@@ -159,9 +174,8 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
     n = len(samples)
     if n < LEAST_FRAMES or samples[0].size < LEAST_PIXELS:
         return {}
-    patterns, shifted = fine_pattern(samples, labels)
-    square = np.mean(patterns**2, axis=1)
-    if np.median(np.mean(patterns**4, axis=1) / np.maximum(square**2, 1e-30)) > HEAVY:
+    patterns, shifted = _of_normal_channels(*fine_pattern(samples, labels), labels.ravel())
+    if not patterns.size:
         return {}
     reason = "its fixed pattern is not that of the others: another chip, or another readout"
     found = dict.fromkeys(find_foreign(patterns, shifted), reason)
