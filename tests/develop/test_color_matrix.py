@@ -26,6 +26,14 @@ def test_an_exact_relation_is_found_whatever_the_cameras_scale():
     assert fit.delta_e_76_left_out.max() < 1e-9
 
 
+def test_four_channels_find_an_exact_relation():
+    """A fourth channel that sees the others' infrared light: the matrix takes it away."""
+    random = np.random.default_rng(3)
+    rgb, infrared = random.uniform(0, 1, (24, 3)), random.uniform(0, 1, (24, 1))
+    fit = fit_color_matrix(np.hstack([rgb + 0.3 * infrared, 0.8 * infrared]), rgb @ TRUTH.T)
+    np.testing.assert_allclose(fit.matrix, np.hstack([TRUTH, -0.375 * TRUTH.sum(axis=1, keepdims=True)]), rtol=1e-9)
+
+
 def test_residuals_are_orthogonal_to_the_camera(patches):
     rgb, xyz = patches
     fit = fit_color_matrix(rgb, xyz)
@@ -53,10 +61,14 @@ def test_invalid_patches(patches):
     rgb, xyz = patches
     with raises(InputError, "rgb", value="3 patches"):
         fit_color_matrix(rgb[:3], xyz[:3])
+    with raises(InputError, "rgb, xyz", value=((24, 2), (24, 3))):
+        fit_color_matrix(rgb[:, :2], xyz)
     with raises(InputError, "the camera RGB of the patches lie in a plane"):
         fit_color_matrix(np.outer(rgb[:, 0], [1.0, 2.0, 3.0]), xyz)
     with raises(InputError, "rgb, xyz", value=((24, 3), (23, 3))):
         fit_color_matrix(rgb, xyz[:23])
+    with raises(InputError, "rgb", value="4 patches"):
+        fit_color_matrix(np.ones((4, 4)), xyz[:4])
     with raises(InputError, "rgb, xyz", expected="finite"):
         fit_color_matrix(rgb, np.where(np.arange(24)[:, None] == 3, np.inf, xyz))
     lonely = rgb.copy()

@@ -1,47 +1,57 @@
-"""Bilinear demosaic: against a per-pixel loop, against textbook kernels, and on pictures that it reproduces exactly."""
+"""Demosaicing: against a per-pixel loop and textbook kernels, and on pictures that it reproduces exactly."""
 
 import numpy as np
 import pytest
 from raising import raises
 from scipy.ndimage import convolve
 
-from photosite.develop.demosaic import demosaic_bilinear
+from photosite.develop.demosaic import BAYER, demosaic, demosaic_bilinear
 from photosite.errors import InputError
 from photosite.values.cfa import NAMED, channel_mask, plane_names
 
-BAYER = ("rggb", "bggr", "gbrg", "grbg")
-
-# On a Bayer tile a channel's neighbors are all beside or all diagonal; on this one the weights matter.
 DIAGONAL = (("R", "G", "B"), ("G", "B", "R"), ("B", "R", "G"))
+HALF_WIDTHS = {
+    "rggb": {"R": 2, "G": 2, "B": 2},
+    "rgbw": {"W": 2, "R": 4, "G": 4, "B": 4},
+    "rgb-ir": {"Ir": 2, "G": 2, "R": 4, "B": 4},
+    "x-trans": {"R": 6, "G": 3, "B": 6},
+}
 
 
-def pixel_by_pixel(mosaic, cfa):
+def pixel_by_pixel(mosaic, cfa, half_widths):
     """The definition, one pixel at a time."""
     rows, cols = mosaic.shape
     names = plane_names(cfa)
     out = np.empty((rows, cols, len(names)))
-    for r in range(rows):
-        for c in range(cols):
-            for k, name in enumerate(names):
-                if cfa[r % len(cfa)][c % len(cfa[0])] == name:
-                    out[r, c, k] = mosaic[r, c]
-                    continue
-                total = weight = 0.0
-                for rr in range(max(r - 1, 0), min(r + 2, rows)):
-                    for cc in range(max(c - 1, 0), min(c + 2, cols)):
-                        if cfa[rr % len(cfa)][cc % len(cfa[0])] == name:
-                            w = 2.0 if rr == r or cc == c else 1.0
-                            total += w * mosaic[rr, cc]
-                            weight += w
-                out[r, c, k] = total / weight
+    for r, c, k in np.ndindex(out.shape):
+        if cfa[r % len(cfa)][c % len(cfa[0])] == names[k]:
+            out[r, c, k] = mosaic[r, c]
+            continue
+        total = weight = 0.0
+        for rr, cc in np.ndindex(rows, cols):
+            if cfa[rr % len(cfa)][cc % len(cfa[0])] == names[k]:
+                w = np.prod(np.maximum(half_widths[names[k]] - np.abs([rr - r, cc - c]), 0))
+                total += w * mosaic[rr, cc]
+                weight += w
+        out[r, c, k] = total / weight
     return out
 
 
-@pytest.mark.parametrize("cfa", [*(NAMED[name] for name in BAYER), DIAGONAL])
-@pytest.mark.parametrize("shape", [(3, 3), (3, 5), (6, 8), (7, 4)])
-def test_every_pixel_follows_the_definition(cfa, shape):
-    mosaic = np.random.default_rng(11).integers(0, 4096, shape).astype(np.float64)
-    np.testing.assert_allclose(demosaic_bilinear(mosaic, cfa), pixel_by_pixel(mosaic, cfa), rtol=3e-7)
+@pytest.mark.parametrize("name", HALF_WIDTHS)
+def test_every_pixel_follows_the_definition(name):
+    mosaic = np.random.default_rng(11).integers(0, 4096, (9, 8)).astype(np.float64)
+    wanted = pixel_by_pixel(mosaic, NAMED[name], HALF_WIDTHS[name])
+    np.testing.assert_allclose(demosaic_bilinear(mosaic, NAMED[name]), wanted, rtol=3e-7)
+
+
+def test_a_stated_half_width_is_used():
+    mosaic = np.random.default_rng(14).integers(0, 4096, (12, 13)).astype(np.float64)
+    wanted = pixel_by_pixel(mosaic, NAMED["x-trans"], dict.fromkeys("RGB", 4))
+    np.testing.assert_allclose(demosaic_bilinear(mosaic, NAMED["x-trans"], 4), wanted, rtol=3e-7)
+    with raises(InputError, "half_width", value=0):
+        demosaic_bilinear(mosaic, NAMED["x-trans"], 0)
+    with raises(InputError, "cfa"):  # the nearest red pixel is two rows or columns away
+        demosaic_bilinear(mosaic, NAMED["x-trans"], 1)
 
 
 @pytest.mark.parametrize("name", BAYER)
@@ -55,28 +65,18 @@ def test_interior_is_the_textbook_convolution(name):
         np.testing.assert_allclose(planes[1:-1, 1:-1, k], wanted[1:-1, 1:-1], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", BAYER)
-def test_even_colour_is_kept_to_the_last_row_and_column(name):
-    colour = {"R": 301.0, "G": 977.0, "B": 45.0}
-    mosaic = sum(v * channel_mask(NAMED[name], c, (5, 7)) for c, v in colour.items())
-    assert (demosaic_bilinear(mosaic, NAMED[name]) == [301.0, 977.0, 45.0]).all()
-
-
-@pytest.mark.parametrize("name", BAYER)
-def test_ramps_of_different_slopes_are_kept_inside(name):
-    r, c = np.mgrid[0:9, 0:8].astype(np.float64)
-    ramps = {"R": 10 + 3 * r - c, "G": 50 - 2 * r + 4 * c, "B": 5 + r + 7 * c}
-    mosaic = sum(ramps[k] * channel_mask(NAMED[name], k, r.shape) for k in ramps)
-    wanted = np.stack([ramps[k] for k in "RGB"], axis=-1)
-    # Sums of small integers over powers of two: exact in float32.
-    assert (demosaic_bilinear(mosaic, NAMED[name])[1:-1, 1:-1] == wanted[1:-1, 1:-1]).all()
-
-
-def test_monochrome_is_unchanged():
-    mosaic = np.arange(12, dtype=np.uint16).reshape(3, 4)
-    planes = demosaic_bilinear(mosaic, NAMED["mono"])
-    assert planes.shape == (3, 4, 1)
-    assert (planes[..., 0] == mosaic).all()
+@pytest.mark.parametrize("cfa", [*NAMED.values(), DIAGONAL])
+def test_constants_are_kept_to_the_border_and_ramps_of_different_slopes_inside(cfa):
+    names, shape = plane_names(cfa), (19, 17)
+    colors = 301.0 + 67.0 * np.arange(len(names))
+    mosaic = sum(value * channel_mask(cfa, name, shape) for name, value in zip(names, colors, strict=True))
+    np.testing.assert_allclose(demosaic_bilinear(mosaic, cfa), np.broadcast_to(colors, (*shape, len(names))), rtol=1e-6)
+    r, c = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    ramps = np.stack([300 + (3 - k) * r + (2 * k - 5) * c for k in range(len(names))], axis=-1)
+    mosaic = sum(ramps[..., k] * channel_mask(cfa, name, shape) for k, name in enumerate(names))
+    reach = max(len(cfa), len(cfa[0])) - 1
+    inside = np.s_[reach : shape[0] - reach, reach : shape[1] - reach]
+    np.testing.assert_allclose(demosaic_bilinear(mosaic, cfa)[inside], ramps[inside], rtol=1e-6)
 
 
 def test_input_of_any_type_and_memory_order_gives_the_same():
@@ -87,29 +87,49 @@ def test_input_of_any_type_and_memory_order_gives_the_same():
         assert (demosaic_bilinear(other, NAMED["rggb"]) == wanted).all()
 
 
-@pytest.mark.parametrize(
-    "tile",
-    [
-        ("RRGG", "RRGG", "GGBB", "GGBB"),
-        ("RWGW", "WRWG", "GWBW", "WGWB"),
-        ("GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG"),
-    ],
-)
-@pytest.mark.parametrize("shape", [(8, 8), (9, 11)])
-def test_large_tiles_keep_even_colors(tile, shape):
-    """Quad Bayer, RGBW and X-Trans; at corners some channels are more than half a tile away."""
-    cfa = tuple(tuple(row) for row in tile)
-    names = plane_names(cfa)
-    mosaic = sum((10.0 + k) * channel_mask(cfa, name, shape) for k, name in enumerate(names))
-    planes = demosaic_bilinear(mosaic, cfa)
-    np.testing.assert_allclose(planes, np.broadcast_to(10.0 + np.arange(len(names)), planes.shape), rtol=1e-6)
-
-
 def test_a_missing_channel_is_an_error():
     with raises(InputError, "cfa"):
         demosaic_bilinear(np.ones((1, 8)), NAMED["rggb"])
 
 
 def test_a_stack_is_not_a_mosaic():
-    with raises(InputError, "mosaic", value=(2, 4, 4)):
-        demosaic_bilinear(np.ones((2, 4, 4)), NAMED["rggb"])
+    for method in ("bilinear", "menon"):
+        with raises(InputError, "mosaic", value=(2, 4, 4)):
+            demosaic(np.ones((2, 4, 4)), NAMED["rggb"], method)
+
+
+@pytest.mark.parametrize("name", BAYER)
+def test_malvar_is_the_published_filter(name):
+    """The coefficients of Malvar, He and Cutler (2004), figure 2, at the red and blue pixels."""
+    mosaic = np.random.default_rng(15).uniform(0, 1, (14, 12))
+    planes = demosaic(mosaic, NAMED[name], "malvar")
+    cross, diagonal = np.zeros((5, 5)), np.zeros((5, 5))
+    cross[[0, 2, 2, 4], [2, 0, 4, 2]] = -1
+    cross[[1, 2, 2, 3], [2, 1, 3, 2]] = 2
+    cross[2, 2] = 4
+    diagonal[[0, 2, 2, 4], [2, 0, 4, 2]] = -1.5
+    diagonal[[1, 1, 3, 3], [1, 3, 1, 3]] = 2
+    diagonal[2, 2] = 6
+    inside = np.zeros(mosaic.shape, bool)
+    inside[2:-2, 2:-2] = True
+    for own, other in ("RB", "BR"):
+        at = inside & channel_mask(NAMED[name], own, mosaic.shape)
+        np.testing.assert_allclose(planes[at, 1], convolve(mosaic, cross / 8)[at], rtol=1e-5)
+        np.testing.assert_allclose(planes[at, "RGB".index(other)], convolve(mosaic, diagonal / 8)[at], atol=1e-6)
+        np.testing.assert_allclose(planes[at, "RGB".index(own)], mosaic[at], rtol=1e-6)
+
+
+def test_the_methods_for_bayer_mosaics_are_sharper_and_refuse_other_tiles():
+    r, c = np.mgrid[:48, :64]
+    gray = 0.5 + 0.4 * np.sin(0.9 * r) * np.cos(0.6 * c)
+    inside = np.s_[4:-4, 4:-4]
+    errors = {
+        method: float(np.std((demosaic(gray, NAMED["grbg"], method) - gray[..., None])[inside]))
+        for method in ("bilinear", "malvar", "menon")
+    }
+    assert errors["malvar"] < 0.5 * errors["bilinear"]
+    assert errors["menon"] < 0.5 * errors["bilinear"]
+    with raises(InputError, "cfa", value="RC/CB", hint="Use the method 'bilinear'"):
+        demosaic(gray, NAMED["rccb"], "malvar")
+    with raises(InputError, "demosaic", value="ahd"):
+        demosaic(gray, NAMED["rggb"], "ahd")

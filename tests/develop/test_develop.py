@@ -17,7 +17,7 @@ from photosite.color.colorimetry import D65_WHITE_XYZ, colour_science, encode_sr
 from photosite.develop.develop import develop, save_picture
 from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.values.cfa import NAMED, channel_mask, channel_names
+from photosite.values.cfa import NAMED, channel_mask, channel_names, plane_names
 
 # A camera's XYZ to R, G, B in the manner of published DNG matrices.
 FROM_XYZ = np.array([[0.8367, -0.2248, -0.0981], [-0.3931, 1.1500, 0.2720], [-0.0742, 0.1517, 0.7257]])
@@ -92,6 +92,25 @@ def test_other_channels_than_red_green_blue():
     np.testing.assert_allclose(develop(frame, exposure=1), np.broadcast_to(wanted, (8, 8, 3)), atol=1e-3)
     gray = develop(replace(frame, color_matrix=None, color_matrix_a=None))
     assert np.ptp(gray, axis=-1).max() < 1e-6
+
+
+def test_infrared_light_is_taken_away_before_the_white_balance():
+    """A camera of exact colors, whose R, G and B also see the infrared; foliage is bright there."""
+    cfa, share = NAMED["rgb-ir"], 0.4
+    to_xyz = np.linalg.inv(FROM_XYZ)
+    matrix = np.column_stack([to_xyz, -share * to_xyz.sum(axis=1)])  # of R, G, B and Ir
+    white, leaf = np.array([*(FROM_XYZ @ D65_WHITE_XYZ), 0.5]), np.array([*(FROM_XYZ @ [0.15, 0.2, 0.1]), 0.9])
+    seen = [np.append(part[:3] + share * part[3], part[3]) for part in (white, leaf)]
+    scale = 0.8 / max(map(np.max, seen))
+    names = ("R", "G", "B", "Ir")
+    order = [names.index(name) for name in plane_names(cfa)]
+    signal = dict(zip(names, scale * seen[1], strict=True))
+    dn = np.rint(65535 * sum(signal[name] * channel_mask(cfa, name, (16, 16)) for name in names)).astype(np.uint16)
+    neutral = ",".join(map(str, (seen[0] / seen[0].max())[order]))
+    frame = RawFrame(dn, bits=16, cfa=cfa, metadata={"as_shot_neutral": neutral})
+    picture = develop(frame, color_matrix=matrix[:, order], exposure=1 / (scale * seen[0].max()))
+    wanted = colour_science().XYZ_to_sRGB(np.array([0.15, 0.2, 0.1]))
+    np.testing.assert_allclose(picture, np.broadcast_to(wanted, (16, 16, 3)), atol=2e-3)
 
 
 @pytest.mark.parametrize("matrix", [None, np.linalg.inv(FROM_XYZ)])

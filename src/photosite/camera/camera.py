@@ -33,6 +33,7 @@ from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
 
 _AUTO_EXPOSURE_PERCENTILE, _AUTO_EXPOSURE_LEVEL = 99.5, 0.8
+_INFRARED_NM = np.arange(790.0, 1101.0, 10.0)
 _ONE_SECOND = {"exposure_s": 1.0}
 
 
@@ -344,7 +345,7 @@ class Camera(Shown):
         -------
         str or None
             Comma-separated numbers in the order of `photosite.values.cfa.plane_names`: R, G, B (DNG specification 1.7);
-            None for a monochrome sensor, or if a channel receives no light.
+            None for a monochrome sensor, or if no light reaches R, G or B, or any channel.
 
         Examples
         --------
@@ -359,7 +360,10 @@ class Camera(Shown):
         alone = electrons_per_weight(light, self).sum(axis=(1, 2))
         electrons = channel_mixing(self.sensor) @ alone
         signal = np.array([electrons[names.index(name)] for name in plane_names(self.sensor.array.cfa)])
-        if not signal.min() > 0:
+        colors = [
+            value for name, value in zip(plane_names(self.sensor.array.cfa), signal, strict=True) if name in "RGB"
+        ]
+        if not min(colors, default=signal.max()) > 0:
             return None
         return neutral_text(signal.tolist())
 
@@ -404,7 +408,8 @@ def color_matrix(sensor: Sensor, illuminant_name: str = "D65") -> NDArray[np.flo
 
     It is the (pseudo)inverse of the least-squares matrix from camera channels to XYZ over the ColorChecker's 24 patches
     under the illuminant (Farrell, Okincha and Parmar 2008, section 3). It is scaled so that the largest channel is 1
-    for the illuminant's white.
+    for the illuminant's white. With more than three channels, light beyond 780 nm is one more patch, which is black to
+    the eye: the matrix takes it away by means of an infrared channel.
 
     Returns
     -------
@@ -422,11 +427,17 @@ def color_matrix(sensor: Sensor, illuminant_name: str = "D65") -> NDArray[np.flo
     if len(names) < 3:
         return None
     responses = channel_mixing(sensor) @ np.stack([sensor.response_at(name, DEFAULT_WAVELENGTH_NM) for name in names])
-    return _color_matrix(tuple(tuple(response.tolist()) for response in responses), illuminant_name)
+    infrared = np.zeros(len(names))
+    if len(names) > 3:
+        beyond = np.stack([sensor.response_at(name, _INFRARED_NM) for name in names])
+        infrared = channel_mixing(sensor) @ beyond @ integration_weights(_INFRARED_NM)
+    return _color_matrix(tuple(map(tuple, responses.tolist())), tuple(infrared.tolist()), illuminant_name)
 
 
 @lru_cache(maxsize=8)
-def _color_matrix(responses: tuple[tuple[float, ...], ...], illuminant_name: str) -> NDArray[np.float64] | None:
+def _color_matrix(
+    responses: tuple[tuple[float, ...], ...], infrared: tuple[float, ...], illuminant_name: str
+) -> NDArray[np.float64] | None:
     grid = DEFAULT_WAVELENGTH_NM
     light = photons_from_energy(illuminant(illuminant_name, grid), grid)
     patches = macbeth_reflectance(grid) * light
@@ -434,7 +445,9 @@ def _color_matrix(responses: tuple[tuple[float, ...], ...], illuminant_name: str
     if np.linalg.matrix_rank(camera) < 3:
         return None
     white = xyz(light, grid)
-    to_xyz, *_ = np.linalg.lstsq(camera, xyz(patches, grid) / white[1], rcond=None)
+    target = xyz(patches, grid) / white[1]
+    camera, target = np.vstack([camera, np.array(infrared) * light.mean()]), np.vstack([target, np.zeros(3)])
+    to_xyz, *_ = np.linalg.lstsq(camera, target, rcond=None)
     matrix = np.asarray(np.linalg.pinv(to_xyz.T), dtype=np.float64)
     matrix /= (matrix @ (white / white[1])).max()
     matrix.flags.writeable = False

@@ -50,6 +50,12 @@ def brightness_of(text: str) -> str | float:
 @click.option(
     "--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture; .jpg has 8."
 )
+@click.option(
+    "--demosaic",
+    type=click.Choice(["bilinear", "malvar", "menon"]),
+    default="bilinear",
+    help="bilinear for every mosaic; malvar or menon for Bayer mosaics, sharper.",
+)
 @options.reading_options()
 @options.json_option
 def command(
@@ -58,12 +64,13 @@ def command(
     white_balance: str | list[float],
     brightness: str | float,
     depth: str,
+    demosaic: Any,
     as_json: bool,
     **reading: Any,
 ) -> None:
     """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG or JPEG, sRGB).
 
-    Steps: bilinear demosaic, white balance, the file's color matrix, sRGB encoding. Gray surfaces are gray if the file
+    Steps: demosaic, white balance, the file's color matrix, sRGB encoding. Gray surfaces are gray if the file
     states the white of its light, as frames of `photosite simulate`, DNG and camera raw do.
 
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
@@ -75,7 +82,9 @@ def command(
         raise click.UsageError("--depth 16 needs a picture in .png")
     frame = read_raw(raw, **reading)
     rows, cols = frame.shape
-    save_picture(develop(frame, white_balance=white_balance, exposure=brightness), output, bits=int(depth))
+    save_picture(
+        develop(frame, white_balance=white_balance, exposure=brightness, demosaic=demosaic), output, bits=int(depth)
+    )
     used = white_balance
     if frame.is_mosaic and used == "as-shot" and frame.as_shot_neutral is None:
         used = "gray-world"

@@ -24,6 +24,9 @@ D65_WHITE_XYZ: NDArray[np.float64] = np.array([D65_XY[0] / D65_XY[1], 1.0, (1.0 
 """XYZ of the perfect white under D65, Y = 1."""
 D65_WHITE_XYZ.flags.writeable = False
 
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+"""XYZ to cone responses (ICC.1:2022, annex E)."""
+
 _PRIMARIES_XY = np.array([[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]])
 """Chromaticities of red, green and blue (IEC 61966-2-1, ITU-R BT.709)."""
 
@@ -144,6 +147,30 @@ def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     # 1.055 p - 0.055, written so that white is 1 exactly.
     curve = 1 - np.float32(1.055) * (1 - clipped ** np.float32(1 / 2.4))
     return np.asarray(np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve))
+
+
+def adaptation_to_d65(white_xyz: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix that adapts XYZ seen under a white to D65 (Y = 1): the linearized Bradford transform.
+
+    Raises
+    ------
+    InputError
+        If the white is not a color of light: a cone response of it is not above 0.
+
+    References
+    ----------
+    ICC.1:2022, annex E; K. M. Lam, "Metamerism and colour constancy", Ph.D. thesis, University of Bradford, 1985.
+
+    Examples
+    --------
+    >>> bool(np.allclose(adaptation_to_d65([1.1, 1.0, 0.36]) @ [1.1, 1.0, 0.36], D65_WHITE_XYZ))
+    True
+    """
+    white = np.asarray(white_xyz, dtype=np.float64)
+    cones = _BRADFORD @ white
+    if white.shape != (3,) or not (cones > 0).all():
+        raise InputError("white_xyz", value=white.tolist(), expected="the XYZ of a light")
+    return np.asarray(np.linalg.inv(_BRADFORD) @ np.diag(_BRADFORD @ D65_WHITE_XYZ / cones) @ _BRADFORD)
 
 
 # Color differences between tristimulus values under D65 (CIE 015:2018), computed by colour-science.

@@ -98,7 +98,7 @@ class ColorMatrix(Shown):
     Parameters
     ----------
     matrix
-        (3, 3): XYZ under D65 = matrix @ camera RGB.
+        (3, channels): XYZ under D65 = matrix @ camera channels.
     delta_e_76, delta_e_94, delta_e_2000
         (patches,), difference between fitted and true color; the true color is the reference of CIE 1994.
     delta_e_76_left_out, delta_e_94_left_out, delta_e_2000_left_out
@@ -114,7 +114,7 @@ class ColorMatrix(Shown):
     delta_e_2000_left_out: NDArray[np.float64]
 
     def apply(self, rgb: ArrayLike) -> NDArray[np.float64]:
-        """Return XYZ, (..., 3), of (..., 3) camera RGB in the unit of the fit.
+        """Return XYZ, (..., 3), of (..., channels) camera values in the unit of the fit.
 
         Examples
         --------
@@ -132,16 +132,16 @@ def fit_color_matrix(rgb: ArrayLike, xyz: ArrayLike) -> ColorMatrix:
     Parameters
     ----------
     rgb
-        (patches, 3), linear camera red, green and blue, black at 0. Its unit is free (digital numbers, electrons,
-        volts); the matrix includes it and the exposure.
+        (patches, channels), linear camera red, green and blue, or three or more other channels, black at 0. Its unit is
+        free (digital numbers, electrons, volts); the matrix includes it and the exposure.
     xyz
         (patches, 3), the patches under D65. Color differences need Y = 1 for the perfect white.
 
     Raises
     ------
     InputError
-        If the shapes differ, there are fewer than four patches, or the camera's colors, with or without one patch, lie
-        in a plane.
+        If the shapes differ, there are fewer patches than channels and one, or the camera's colors, with or without one
+        patch, lie in a plane.
 
     Notes
     -----
@@ -158,14 +158,16 @@ def fit_color_matrix(rgb: ArrayLike, xyz: ArrayLike) -> ColorMatrix:
     (True, 0.0)
     """
     camera, target = np.asarray(rgb, dtype=np.float64), np.asarray(xyz, dtype=np.float64)
-    if camera.ndim != 2 or camera.shape[1] != 3 or camera.shape != target.shape:
-        raise InputError("rgb, xyz", value=(camera.shape, target.shape), expected="two arrays of shape (patches, 3)")
-    if len(camera) < 4:
-        raise InputError("rgb", value=f"{len(camera)} patches", expected="four patches or more")
+    if camera.ndim != 2 or camera.shape[1] < 3 or target.shape != (len(camera), 3):
+        expected = "of shapes (patches, 3 or more channels) and (patches, 3)"
+        raise InputError("rgb, xyz", value=(camera.shape, target.shape), expected=expected)
+    channels = camera.shape[1]
+    if len(camera) <= channels:
+        raise InputError("rgb", value=f"{len(camera)} patches", expected=f"{channels + 1} patches or more")
     if not (np.isfinite(camera).all() and np.isfinite(target).all()):
         raise InputError("rgb, xyz", expected="finite")
     solution, _, rank, _ = np.linalg.lstsq(camera, target, rcond=None)
-    if rank < 3:
+    if rank < channels:
         raise InputError("the camera RGB of the patches lie in a plane", hint="Add patches of other colors")
     basis, _ = np.linalg.qr(camera)
     leverage = np.sum(basis**2, axis=1)

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, encode_srgb
+from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, adaptation_to_d65, encode_srgb
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
-from photosite.develop.demosaic import demosaic_bilinear
+from photosite.develop.demosaic import Demosaic
+from photosite.develop.demosaic import demosaic as demosaic_planes
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
@@ -43,12 +44,14 @@ def develop(
     white_balance: str | Sequence[float] = "as-shot",
     color_matrix: ColorMatrix | ArrayLike | None = None,
     exposure: float | str = "auto",
+    *,
+    demosaic: Demosaic = "bilinear",
 ) -> NDArray[np.float32]:
     """Develop a raw frame into a display picture.
 
-    Steps: scale black level to 0 and white level to 1, bilinear demosaic, white balance, color matrix to linear sRGB,
-    exposure, sRGB encoding. A monochrome frame becomes gray, without the steps for color. So does a frame with other
-    channels than R, G and B and without a matrix: its balanced channels are averaged.
+    Steps: scale black level to 0 and white level to 1, demosaic, white balance, color matrix to linear sRGB, exposure,
+    sRGB encoding. A monochrome frame becomes gray, without the steps for color. So does a frame with other channels
+    than R, G and B and without a matrix, such as one with polarizers: its balanced channels are averaged.
 
     Parameters
     ----------
@@ -68,6 +71,8 @@ def develop(
     exposure
         "auto": the 99.5th percentile over pixels of the brightest primary becomes display white. Or a factor; with 1 a
         neutral surface at the sensor's white level becomes display white.
+    demosaic
+        "bilinear" for every tile; "malvar" and "menon" for Bayer mosaics (`photosite.develop.demosaic.demosaic`).
 
     Returns
     -------
@@ -83,7 +88,9 @@ def develop(
     Notes
     -----
     White balance and matrix are combined as in the DNG specification 1.7, chapter 6: the matrix has a neutral, the
-    camera RGB that it maps to the white of D65, and balanced values are in units of that neutral.
+    camera RGB that it maps to the white of D65, and balanced values are in units of that neutral. With other channels
+    than R, G and B the matrix comes first: it takes infrared light away from red, green and blue, and separates
+    channels that overlap. The white of the light is then adapted to D65 by the Bradford transform.
 
     Examples
     --------
@@ -94,7 +101,7 @@ def develop(
     ((8, 8, 3), 1.0, 1.0)
     """
     _check_exposure(exposure)
-    planes = _normalised_planes(raw)
+    planes = _normalised_planes(raw, demosaic)
     if planes.shape[2] == 1:
         if not isinstance(white_balance, str) or color_matrix is not None:
             problem = "a monochrome frame has no white balance and no color matrix"
@@ -103,9 +110,8 @@ def develop(
         linear = np.repeat(planes, 3, axis=2)
     else:
         to_xyz = _camera_to_xyz(raw, color_matrix)
-        if white_balance != "none":
-            _balance(planes, raw, white_balance)
-        to_srgb = _to_srgb(to_xyz, plane_names(raw.cfa), balanced=white_balance != "none").T.astype(np.float32)
+        light = None if white_balance == "none" else _white_of_light(planes, raw, white_balance)
+        to_srgb = _to_srgb(to_xyz, plane_names(raw.cfa), light).T.astype(np.float32)
         linear = planes if planes.shape[2] == 3 else np.empty((*planes.shape[:2], 3), np.float32)
         for block, seen in zip(_blocks(linear), _blocks(planes), strict=True):
             block[...] = seen @ to_srgb
@@ -163,16 +169,18 @@ def _check_white_balance(name: str) -> str:
     return name
 
 
-def _normalised_planes(raw: RawFrame) -> NDArray[np.float32]:
+def _normalised_planes(raw: RawFrame, demosaic: Demosaic) -> NDArray[np.float32]:
     """Return the demosaiced frame, black level at 0 and white level at 1."""
     signal = raw.dn.astype(np.float32)
     signal -= np.float32(raw.black_level_dn)
     signal /= np.float32(raw.white_level_dn - raw.black_level_dn)
-    return demosaic_bilinear(signal, raw.cfa)
+    return demosaic_planes(signal, raw.cfa, demosaic)
 
 
-def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Sequence[float]) -> None:
-    """Apply the gains in place; limit saturated pixels so that they are not tinted."""
+def _white_of_light(
+    planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Sequence[float]
+) -> NDArray[np.float64]:
+    """Return the signal of a gray surface, the largest 1, after limiting saturated pixels in place to its color."""
     saturated = saturated_neighbourhood(raw)
     names = plane_names(raw.cfa)
     if not isinstance(white_balance, str):
@@ -180,16 +188,16 @@ def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Se
         if gains.shape != (len(names),) or not (np.isfinite(gains).all() and (gains > 0).all()):
             expected = f"{len(names)} numbers above 0, for {', '.join(names)}"
             raise InputError("white_balance", value=white_balance, expected=expected)
+        white = 1.0 / gains
     elif _check_white_balance(white_balance) == "as-shot" and (neutral := raw.as_shot_neutral) is not None:
-        gains = 1.0 / np.array(neutral)
+        white = np.array(neutral)
     else:
-        gains = gray_world_gains(planes, saturated, names.index("G") if "G" in names else 0)
-    planes *= gains.astype(np.float32)
+        white = 1.0 / gray_world_gains(planes, saturated, names.index("G") if "G" in names else 0)
+    white /= white.max()
     if saturated.any():
         # If a channel is clipped, its ratio to the others does not follow the light's color.
-        planes[saturated] = np.minimum(planes[saturated], np.float32(gains.min()))
-    # A neutral surface first saturates the channel with the least gain: that level is 1.
-    planes /= np.float32(gains.min())
+        planes[saturated] = np.minimum(planes[saturated], white.astype(np.float32))
+    return white
 
 
 def _camera_to_xyz(raw: RawFrame, color_matrix: ColorMatrix | ArrayLike | None) -> NDArray[np.float64] | None:
@@ -221,22 +229,29 @@ def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 def _neutral(to_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the camera values that the matrix maps to the white of D65; of several, the least."""
     neutral = np.asarray(np.linalg.pinv(to_xyz) @ D65_WHITE_XYZ, dtype=np.float64)
-    if not (neutral > 0).all():
+    if to_xyz.shape[1] == 3 and not (neutral > 0).all():
         problem = f"white would need the camera values ({', '.join(f'{n:.4g}' for n in neutral)}), not all above 0"
         hint = "Check that the matrix is camera channels to XYZ, not its inverse"
         raise InputError(problem, where="color_matrix", hint=hint)
     return neutral
 
 
-def _to_srgb(to_xyz: NDArray[np.float64] | None, names: Sequence[str], balanced: bool) -> NDArray[np.float64]:
+def _to_srgb(
+    to_xyz: NDArray[np.float64] | None, names: Sequence[str], white: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
     """Return (3, channels), camera channels to linear sRGB.
 
-    Balanced values of 1 stay 1. Unbalanced, the neutral that just saturates a channel becomes (1, 1, 1).
+    The signal of a gray surface becomes (1, 1, 1). Without it, the neutral that just saturates a channel does.
     """
+    is_rgb = tuple(names) == ("R", "G", "B")
     if to_xyz is None:
-        return np.eye(3) if tuple(names) == ("R", "G", "B") else np.full((3, len(names)), 1 / len(names))
+        lit = np.ones(len(names)) if white is None else white
+        shares = np.divide(1.0, lit, out=np.zeros_like(lit), where=lit > 0)
+        return np.diag(shares) if is_rgb else np.tile(shares / np.count_nonzero(shares), (3, 1))
+    if white is not None and not is_rgb:
+        return np.asarray(SRGB_FROM_XYZ @ adaptation_to_d65(to_xyz @ white) @ to_xyz)
     neutral = _neutral(to_xyz)
-    return np.asarray(SRGB_FROM_XYZ @ to_xyz @ np.diag(neutral) if balanced else SRGB_FROM_XYZ @ to_xyz * neutral.max())
+    return np.asarray(SRGB_FROM_XYZ @ to_xyz * (neutral.max() if white is None else neutral / white))
 
 
 def _auto_exposure(linear: NDArray[np.float32]) -> float:

@@ -153,7 +153,8 @@ class RawFrame(Shown):
         Raises
         ------
         InputError
-            If the metadata have something else than one number above 0 and at most 1 for each channel.
+            If the metadata have something else than one number above 0 and at most 1 for each channel. Channels other
+            than R, G and B may have 0, such as infrared ones under light without infrared.
         """
         stated = self.metadata.get("as_shot_neutral")
         if stated is None:
@@ -162,8 +163,12 @@ class RawFrame(Shown):
             neutral = tuple(float(part) for part in str(stated).split(","))
         except ValueError:
             neutral = ()
-        if len(neutral) != len(self.channels) or not all(0 < part <= 1 for part in neutral):
-            expected = f"a number above 0 and at most 1 for each of {', '.join(plane_names(self.cfa))}"
+        names = plane_names(self.cfa)
+        valid = len(neutral) == len(names) and max(neutral) > 0
+        for name, part in zip(names, neutral, strict=False):
+            valid &= 0 <= part <= 1 and (part > 0 or name not in ("R", "G", "B"))
+        if not valid:
+            expected = f"a number above 0 and at most 1 for each of {', '.join(names)}"
             raise InputError("as_shot_neutral", where="metadata", value=stated, expected=expected)
         return neutral
 

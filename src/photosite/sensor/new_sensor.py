@@ -6,16 +6,12 @@ import json
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from photosite.errors import InputError
-from photosite.sensor.assumed_response import KNOWN, assumed_response
+from photosite.sensor.assumed_channels import KNOWN, assumed_channels
 from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
 from photosite.sensor.io.sensor_file import parse_sensor
 from photosite.sensor.model import SECTIONS
 from photosite.values.cfa import Cfa, cfa_from, channel_names, tile_text
-
-_SHAPE = "a rounded curve of front-illuminated silicon and an ideal filter"
 
 _HEADING = """\
 # {name}
@@ -47,7 +43,7 @@ def new_sensor_file(
         As in the file.
     qe_peak
         Largest quantum efficiency of all channels. The spectral shape is assumed, see
-        `photosite.sensor.assumed_response`.
+        `photosite.sensor.assumed_channels`.
     values
         Fields of `pixel`, `noise` and `readout` in any of the file's units.
     source
@@ -154,15 +150,13 @@ def _dn_per_unit(read_noise: str, stated: Mapping[str, float], gain: float | Non
 def _channels(tile: Cfa, qe_peak: float) -> str:
     """Return the section `channels`: assumed shapes, scaled to the peak."""
     try:
-        tables = assumed_response(channel_names(tile), qe_peak)
+        channels = assumed_channels(channel_names(tile), qe_peak)
     except InputError as error:
         hint = "Make a file with rggb, then edit array and channels in it"
         raise InputError("cfa", value=tile_text(tile), expected=f"a tile of {', '.join(KNOWN)}", hint=hint) from error
     text = "# The largest quantum efficiency was given; the spectral shape is assumed.\nchannels:\n"
-    for name, (wavelengths, values) in tables.items():
-        letter = name.rstrip("0123456789")
-        shape = "that of the Nikon D200, with its infrared filter" if letter in ("R", "G", "B") else _SHAPE
-        text += f"  {name}:\n    wavelength_nm: [{', '.join(f'{nm:g}' for nm in np.asarray(wavelengths))}]\n"
-        text += f"    quantum_efficiency: [{', '.join(f'{value:.4g}' for value in values)}]\n"
-        text += f'    source: "assumed: the shape is {shape}, scaled to a peak of {qe_peak:g}"\n    assumed: true\n'
+    for name, channel in channels.items():
+        text += f"  {name}:\n    wavelength_nm: [{', '.join(f'{nm:g}' for nm in channel.wavelength_nm)}]\n"
+        text += f"    quantum_efficiency: [{', '.join(f'{value:.4g}' for value in channel.quantum_efficiency)}]\n"
+        text += f"    source: {json.dumps(channel.source)}\n    assumed: true\n"
     return text
