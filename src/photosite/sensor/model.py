@@ -52,13 +52,28 @@ from photosite.sensor.quantity import (
     as_measured,
     check_length,
 )
-from photosite.values.cfa import MONOCHROME, NAMED, Cfa, cfa_from, channel_names, tile_text
+from photosite.values.cfa import MONOCHROME, NAMED, Cfa, binned, cfa_from, channel_names, tile_text
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Measured
-from photosite.values.validated import NonNegativeNumber, Number, Section, input_error
+from photosite.values.validated import NonNegativeNumber, Number, Section, check_choice, input_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+Binning = Literal["charge", "sum", "mean"]
+"""What is combined of the pixels of a block: their electrons before the reading, or their digital numbers after it."""
+
+
+def mean_offset_dn(n: int) -> float:
+    """Return by how much rounding, halves up, raises the mean of n whole numbers.
+
+    Examples
+    --------
+    >>> mean_offset_dn(4), mean_offset_dn(9)
+    (0.125, 0.0)
+    """
+    return 0.5 / n if n % 2 == 0 else 0.0
 
 
 _SECTIONS = ("array", "pixel", "noise", "readout", "provenance")
@@ -759,6 +774,92 @@ class Sensor(Tabular, Section):
         }
         width = Measured(float(width_um), source="chosen", assumed=True)
         return self.with_(width_um=width, maps=None, gain_settings=(), **scaled)
+
+    def binned(self, factor: int = 2, kind: Binning = "charge") -> Sensor:
+        """Return the sensor as its binned mode reads it: blocks of factor x factor pixels as one pixel.
+
+        The pixels of a block have one color filter: a monochrome sensor, or a tile such as quad-rggb, which becomes
+        rggb. Of the n pixels, electrons, dark current and full well add up, and PRNU and dark current nonuniformity,
+        which are independent, fall by the square root of n. Other gain settings and measured maps do not apply.
+
+        Parameters
+        ----------
+        factor
+            Rows and columns of a block.
+        kind
+            "charge": the electrons are added before they are read once, so that read noise, DSNU and black level are
+            those of one pixel. "sum" and "mean": digital numbers are added or averaged after each pixel was read, as
+            `photosite.frames.binning.bin_frame` does it. Read noise and DSNU in electrons then grow by the square root
+            of n, and the rounding of each pixel adds to the read noise; the bit depth of a sum grows.
+
+        Raises
+        ------
+        InputError
+            If the pixels of a block have different filters, the sensor has crosstalk, whose kernels are those of single
+            pixels, a sum exceeds 16 bits, or the kind is unknown.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> mono = ps.load_sensor("sony-imx174")
+        >>> for sensor in (mono, mono.binned(2, "charge"), mono.binned(2, "sum")):
+        ...     round(sensor.electrons(sensor.noise.read_noise_mv.value), 2), sensor.readout.bits
+        (6.83, 12)
+        (6.83, 12)
+        (14.26, 14)
+        """
+        check_choice("kind", kind, Binning)
+        cfa = binned(self.array.cfa, factor)
+        if self.optical_stack is not None and self.optical_stack.crosstalk is not None:
+            hint = "Pass with_(crosstalk=None) first"
+            raise InputError("a sensor with crosstalk cannot be binned", where="optical_stack", hint=hint)
+        n = factor**2
+        extra_bits = math.ceil(math.log2(n)) if kind == "sum" else 0
+        if self.readout.bits + extra_bits > 16:
+            expected = f"at most {16 - extra_bits} for a sum of {n} pixels"
+            raise InputError("bits", where="readout", value=self.readout.bits, expected=expected, hint="Use 'mean'")
+        amplifier = {"charge": 1.0, "sum": 2.0**-extra_bits, "mean": 1.0 / n}[kind]
+        reads, lines = (1.0, 1.0) if kind == "charge" else (math.sqrt(n), factor**1.5)
+        factors = {
+            **dict.fromkeys(("width_um", "height_um"), float(factor)),
+            **dict.fromkeys(("well_capacity_e", "dark_voltage_mv_per_s"), float(n)),
+            **dict.fromkeys(("prnu_percent", "dcnu_percent"), 1.0 / factor),
+            **dict.fromkeys(("row_noise_mv", "column_noise_mv"), lines),
+            "dsnu_mv": reads,
+            "analog_gain": amplifier,
+            "black_level_dn": float(n) if kind == "sum" else 1.0,
+        }
+        note = f"from {factor} x {factor} pixels ({kind})"
+        values = {
+            name: Measured(by * old.value, by * old.standard_uncertainty, note, assumed=old.assumed)
+            for name, by in factors.items()
+            for old in (self.measured(name),)
+        }
+        if kind == "mean":
+            black = values["black_level_dn"]
+            values["black_level_dn"] = replace(black, value=black.value + mean_offset_dn(n))
+        # The readings of n pixels, each rounded. The mean of n is a multiple of 1/n before it is rounded again.
+        rounding_dn2 = {"charge": 0.0, "sum": (n - 1) / 12, "mean": 1 / (12 * n) - 1 / (12 * n**2)}[kind]
+        mv_per_dn = self.mv_per_dn * (n if kind == "mean" else 1.0)
+        old = self.noise.read_noise_mv
+        squares = (reads * self.noise.pixel_noise_mv) ** 2 + rounding_dn2 * mv_per_dn**2
+        read_mv = math.sqrt(squares + sum(values[name].value ** 2 for name in ("row_noise_mv", "column_noise_mv")))
+        slope = reads**2 * old.value / read_mv if read_mv else reads
+        values["read_noise_mv"] = Measured(read_mv, slope * old.standard_uncertainty, note, assumed=old.assumed)
+        data = self.model_dump()
+        data |= {"maps": None, "gain_settings": ()}
+        data["array"] |= {"rows": self.array.rows // factor, "cols": self.array.cols // factor, "cfa": cfa}
+        data["readout"]["bits"] += extra_bits
+        if self.covariance is not None:
+            data["covariance"] = self.covariance.without(values)
+        for section in SECTIONS:
+            data[section] |= {name: value for name, value in values.items() if name in data[section]}
+        try:
+            changed = Sensor.model_validate(data)
+        except ValidationError as error:
+            raise input_error(error) from None
+        changed._written = self._written.renamed()
+        return changed
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the quantum efficiencies on Matplotlib axes, new ones by default, and return them."""

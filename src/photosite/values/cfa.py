@@ -162,3 +162,28 @@ def shifted(cfa: Cfa, row: int, col: int) -> Cfa:
     """
     rows, cols = len(cfa), len(cfa[0])
     return tuple(tuple(cfa[(r + row) % rows][(c + col) % cols] for c in range(cols)) for r in range(rows))
+
+
+def binned(cfa: Cfa, factor: int) -> Cfa:
+    """Return the tile of blocks of factor x factor pixels that share a color filter.
+
+    Raises
+    ------
+    InputError
+        If the factor is below 2, or the pixels of a block have different channels.
+
+    Examples
+    --------
+    >>> tile_name(binned(cfa_from("quad-rggb"), 2))
+    'rggb'
+    """
+    if factor < 2:
+        raise InputError("factor", value=factor, expected="2 or more")
+    if len(channel_names(cfa)) == 1:
+        return ((cfa[0][0],),)
+    blocks = tuple(row[::factor] for row in cfa[::factor])
+    whole = tuple(tuple(name for name in row for _ in range(factor)) for row in blocks for _ in range(factor))
+    if whole != cfa:
+        expected = f"a tile of {factor} x {factor} pixels of one color, such as quad-rggb"
+        raise InputError("cfa", value=tile_text(cfa), expected=expected)
+    return blocks
