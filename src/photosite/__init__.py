@@ -18,21 +18,26 @@ _MODULE_OF = {
     "Camera": "photosite.camera.camera",
     "DiffractionLimited": "photosite.optics.diffraction",
     "Distortion": "photosite.optics.distortion",
+    "DynamicScene": "photosite.scene.dynamic_scene",
     "FieldPoints": "photosite.optics.field_points",
     "IlluminationTable": "photosite.optics.illumination",
     "LateralColor": "photosite.optics.distortion",
     "Lens": "photosite.optics.lens",
     "LensDesign": "photosite.optics.lens_design",
     "Measured": "photosite.values.uncertain",
+    "Motion": "photosite.scene.motion",
     "OtfTable": "photosite.optics.tables",
     "Plane": "photosite.scene.planes",
     "Planes": "photosite.scene.planes",
     "PsfTable": "photosite.optics.tables",
+    "PulseFlicker": "photosite.scene.flicker",
     "Pupil": "photosite.optics.pupil",
     "RawFrame": "photosite.frames.raw_frame",
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
+    "SineFlicker": "photosite.scene.flicker",
     "Spectrum": "photosite.color.spectrum",
+    "TableFlicker": "photosite.scene.flicker",
     "VeilingGlare": "photosite.optics.illumination",
     "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
@@ -100,9 +105,14 @@ if TYPE_CHECKING:
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene import render as render
+    from photosite.scene.dynamic_scene import DynamicScene as DynamicScene
+    from photosite.scene.flicker import PulseFlicker as PulseFlicker
+    from photosite.scene.flicker import SineFlicker as SineFlicker
+    from photosite.scene.flicker import TableFlicker as TableFlicker
     from photosite.scene.io.formats import convert as convert
     from photosite.scene.io.formats import read_scene as read_scene
     from photosite.scene.io.formats import write_scene as write_scene
+    from photosite.scene.motion import Motion as Motion
     from photosite.scene.planes import Plane as Plane
     from photosite.scene.planes import Planes as Planes
     from photosite.scene.scene import Scene as Scene

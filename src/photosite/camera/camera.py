@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions, planes_electron_rate
-from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
+from photosite.camera.image_over_time import AnyScene, MovingImage, StaticImage, image_over_time
+from photosite.camera.mean_image import electrons_per_weight, image_regions
+from photosite.camera.optical_stack import channel_mixing
 from photosite.camera.sampled_otf import Progress
 from photosite.color.colorimetry import xyz
 from photosite.color.illuminants import illuminant
@@ -21,6 +22,7 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame, neutral_text
 from photosite.optics.lens import Optics
 from photosite.scene.charts import macbeth_reflectance
+from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -92,7 +94,7 @@ class Camera(Shown):
             raise InputError("cells_per_pixel", value=cells, expected="odd and positive: 1, 3, 5, ...")
 
     def mean_electrons(
-        self, scene: Scene | Planes, exposure_s: float, progress: Progress | None = None
+        self, scene: AnyScene, exposure_s: float, progress: Progress | None = None, *, start_s: float = 0.0
     ) -> NDArray[np.float32]:
         """Return the mean electrons from light in every pixel, without noise, fixed pattern or dark current.
 
@@ -102,9 +104,12 @@ class Camera(Shown):
         Parameters
         ----------
         scene, exposure_s
-            A scene, or `Planes` in depth, and the exposure time.
+            A scene, `Planes` in depth, or a `DynamicScene`; and the exposure time.
         progress
             Called with the number of parts done, of how many, and what they are: "wavelengths", then "transforms".
+        start_s
+            Time at which the frame starts: the exposure of the first row of a rolling shutter, of all rows of a global
+            one.
 
         Returns
         -------
@@ -122,26 +127,27 @@ class Camera(Shown):
         PhotositeWarning
             If the sensor responds to light beyond the scene's wavelengths.
         """
-        time_s = check_exposure(exposure_s)
-        rate = self._electron_rate(scene, progress)
-        return _exposed(rate, time_s, out=rate)
+        time_s, start_s = check_exposure(exposure_s), _checked_start(start_s)
+        image = self._image(scene, start_s, time_s, progress)
+        return image.electrons(start_s, time_s, out=_memory(image))
+
+    def _image(
+        self, scene: AnyScene, start_s: float, longest_s: float, progress: Progress | None = None
+    ) -> StaticImage | MovingImage:
+        end_s = start_s + float(self.sensor.row_start_s.max()) + longest_s
+        return image_over_time(scene, self, (start_s, end_s), progress)
 
     @cached_property
     def _color_matrices(self) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
         """The color matrices under D65 and A, which all frames share."""
         return color_matrix(self.sensor), color_matrix(self.sensor, "A")
 
-    def _electron_rate(self, scene: Scene | Planes, progress: Progress | None = None) -> NDArray[np.float32]:
-        warn_of_transmittance_range(self.optics, self.sensor)
-        if isinstance(scene, Planes):
-            return planes_electron_rate(scene, self, progress)
-        return electron_rate(scene, self, progress)
-
     def capture(
         self,
-        scene: Scene | Planes,
+        scene: AnyScene,
         exposure_s: float,
         *,
+        start_s: float = 0.0,
         seed: int = 0,
         frame: int = 0,
         region: Rectangle | None = None,
@@ -151,7 +157,7 @@ class Camera(Shown):
 
         Parameters
         ----------
-        scene, exposure_s
+        scene, exposure_s, start_s
             As for `mean_electrons`.
         seed, frame
             Key of the temporal noise, 0 to 2^64 - 1, and frame number in a sequence, 0 to 2^32 - 1. The same two give
@@ -180,25 +186,26 @@ class Camera(Shown):
         >>> bool((part.dn == whole.dn[10:30, 51:99]).all()), part.cfa
         (True, (('G', 'R'), ('B', 'G')))
         """
-        mean = self.mean_electrons(scene, exposure_s)
+        mean = self.mean_electrons(scene, exposure_s, start_s=start_s)
         return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region, device=device, scene=scene)
 
     def stream(
         self,
-        scene: Scene | Planes,
+        scene: AnyScene,
         exposures_s: float | Iterable[float],
         frames: int = 1,
         *,
+        start_s: float = 0.0,
         seed: int = 0,
         first_frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
     ) -> Iterator[RawFrame]:
-        """Yield raw frames of a scene; the mean image is computed once.
+        """Yield raw frames of a scene that all start at one time; the mean image is computed once.
 
         Parameters
         ----------
-        scene, seed, region, device
+        scene, start_s, seed, region, device
             As for `capture`.
         exposures_s
             One exposure time, or several.
@@ -217,11 +224,12 @@ class Camera(Shown):
             raise InputError("frames", value=frames, expected="1 or more")
         times = exposures_s if isinstance(exposures_s, Iterable) and not isinstance(exposures_s, str) else [exposures_s]
         checked = [check_exposure(exposure_s) for exposure_s in times]
-        rate = self._electron_rate(scene)
+        start_s = _checked_start(start_s)
+        image = self._image(scene, start_s, max(checked, default=0.0))
         number = first_frame
-        mean = rate if len(checked) == 1 else np.empty_like(rate)
+        memory = _memory(image) if len(checked) == 1 else None
         for exposure_s in checked:
-            _exposed(rate, exposure_s, out=mean)
+            mean = image.electrons(start_s, exposure_s, out=memory)
             for _ in range(frames):
                 yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device, scene=scene)
                 number += 1
@@ -235,7 +243,7 @@ class Camera(Shown):
         frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
-        scene: Scene | Planes | None = None,
+        scene: AnyScene | None = None,
     ) -> RawFrame:
         """Return a raw frame from mean electrons, which several frames may share.
 
@@ -367,22 +375,21 @@ class Camera(Shown):
             return None
         return neutral_text(signal.tolist())
 
-    def _neutral_of(self, scene: Scene | Planes) -> str | None:
+    def _neutral_of(self, scene: AnyScene) -> str | None:
         """Return `as_shot_neutral` of a scene's light where its reflectance is known; of planes, the first such."""
-        scenes = [plane.scene for plane in scene.planes] if isinstance(scene, Planes) else [scene]
+        scenes = _parts(scene)
         lit = next((one for one in scenes if one.reflectance is not None), None)
         return None if lit is None else self.as_shot_neutral(Scene.uniform(lit.light(), lit.wavelength_nm))
 
-    def image_regions(self, scene: Scene | Planes) -> tuple[Region, ...]:
-        """Return the scene's named regions in pixels of the frame; with distortion, rectangles inside their images.
+    def image_regions(self, scene: AnyScene) -> tuple[Region, ...]:
+        """Return the scene's named regions in pixels at time 0; with distortion, rectangles inside their images.
 
         Raises
         ------
         InputError
             If a region contains no whole pixel of the frame.
         """
-        scenes = [plane.scene for plane in scene.planes] if isinstance(scene, Planes) else [scene]
-        return tuple(region for one in scenes for region in image_regions(one, self))
+        return tuple(region for one in _parts(scene) for region in image_regions(one, self))
 
 
 def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
@@ -390,14 +397,25 @@ def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
     return float(f"{rounded(round(value / step, 9)) * step:.2g}")
 
 
-def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the electrons of an exposure; raise an error if they exceed 32-bit floats."""
-    with np.errstate(over="raise"):
-        try:
-            return np.multiply(rate, np.float32(time_s), out=out)
-        except FloatingPointError:
-            expected = "short enough for its electrons to be 32-bit floats"
-            raise InputError("exposure_s", value=time_s, expected=expected) from None
+def _at_rest(scene: AnyScene) -> Scene | Planes:
+    return scene.scene if isinstance(scene, DynamicScene) else scene
+
+
+def _parts(scene: AnyScene) -> list[Scene]:
+    """Return the flat scenes that a scene consists of."""
+    still = _at_rest(scene)
+    return [plane.scene for plane in still.planes] if isinstance(still, Planes) else [still]
+
+
+def _memory(image: StaticImage | MovingImage) -> NDArray[np.float32] | None:
+    """Return memory for the mean electrons of an image that is not needed any more."""
+    return image.rate if isinstance(image, StaticImage) else None
+
+
+def _checked_start(start_s: float) -> float:
+    if isinstance(start_s, bool | str) or not math.isfinite(start_s):
+        raise InputError("start_s", value=start_s, expected="a finite number of seconds")
+    return float(start_s)
 
 
 # The color matrix and the noise profile of a camera, as DNG defines them for raw files.

@@ -100,6 +100,45 @@ def image_rate(
     return mosaic
 
 
+def fine_images(
+    scene: Scene, camera: Camera, margin: tuple[int, int], progress: Progress | None = None
+) -> NDArray[np.float32]:
+    """Return (channels, R, C) electrons per second that a pixel of each channel collects at each cell of a field.
+
+    The field is the frame with a margin of (rows, cols) pixels on all sides. Relative illumination and what follows it
+    are left out, and the lens has neither distortion nor a blur that varies over the field.
+    """
+    warn_of_missing_light(scene, camera.sensor)
+    sensor, cells, where = camera.sensor, camera.cells_per_pixel, placement(scene, camera)
+    array, pitch, side = sensor.array, pitch_m(sensor), math.sqrt(sensor.pixel.fill_factor.value)
+    coupling, spread = electrons_per_weight(scene, camera), camera.optics.point_spread(scene.distance_m)
+    sampling = Sampling(
+        (pitch[0] / cells, pitch[1] / cells), (pitch[0] * side, pitch[1] * side), 1, low_pass_split_m(sensor)
+    )
+    start = where.row_start - margin[0] * where.row_step, where.col_start - margin[1] * where.col_step
+    view = View(scene.weights, start, (where.row_step / cells, where.col_step / cells))
+    shape = (array.rows + 2 * margin[0]) * cells, (array.cols + 2 * margin[1]) * cells
+    images = np.zeros((len(coupling), *shape), np.float32)
+    for image, of_channel in zip(images, coupling, strict=True):
+        shares = np.ones((1, scene.wavelength_nm.size))
+        transfers = reduced_transfers(spread, of_channel[None], scene.wavelength_nm, sampling, shares, progress)
+        if not transfers:  # the channel receives no light
+            continue
+        # A photodetector is wider than a cell.
+        padding = cells + math.ceil(max(reduced.padding_m for reduced in transfers) / min(sampling.pitch_m))
+        layers = [_layer(reduced, (view,), None) for reduced in transfers]
+        with threads_for(image.size):
+            image[:] = mosaic_of_layers(layers, sampling, Grid(shape, padding, (1, 1)), [[(0, 0)]], progress)
+        _clip_negative(image, scene.relative_error, lambda: _brightest(scene, camera))
+    return images
+
+
+def finish_moving_mosaic(mosaic: Mosaic, camera: Camera, scene: Scene) -> Mosaic:
+    """Apply what stays with the camera to a mosaic from `fine_images`; the mosaic may be changed."""
+    _apply_relative_illumination(mosaic, camera, scene.distance_m)
+    return finish_mosaic(mosaic, camera, [scene], 0.0)
+
+
 def finish_mosaic(mosaic: Mosaic, camera: Camera, scenes: Sequence[Scene], relative_error: float) -> Mosaic:
     """Check that a mosaic is not negative, then apply veiling glare and the sensor's optical stack.
 

@@ -52,6 +52,7 @@ from photosite.sensor.quantity import (
     as_measured,
     check_length,
 )
+from photosite.sensor.shutter import Shutter
 from photosite.values.cfa import MONOCHROME, NAMED, Cfa, binned, cfa_from, channel_names, tile_text
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Measured
@@ -428,6 +429,12 @@ class Sensor(Tabular, Section):
     optical_stack: OpticalStack | None = about(
         "Filters, microlenses and crosstalk in front of the silicon.", NO_UNIT, {"cover_glass": 0.92}, default=None
     )
+    shutter: Shutter | None = about(
+        "When each row is exposed; by default all rows together.",
+        NO_UNIT,
+        {"kind": "rolling", "line_time_us": 14.8},
+        default=None,
+    )
     provenance: Provenance = about(
         "Origin of the values.", NO_UNIT, {"source": "data sheet, revision 3"}, default=Provenance()
     )
@@ -607,6 +614,12 @@ class Sensor(Tabular, Section):
         return tuple(sorted((*own, *(entry.setting for entry in self.gain_settings))))
 
     @property
+    def row_start_s(self) -> NDArray[np.float64]:
+        """(rows,) seconds from the start of a frame to that of each row's exposure; 0 for a global shutter."""
+        rows = self.array.rows
+        return np.zeros(rows) if self.shutter is None else self.shutter.row_start_s(rows)
+
+    @property
     def is_preset(self) -> bool:
         """Whether the sensor is a preset, or a changed copy of one with the preset's name."""
         return self._written.is_preset
@@ -688,6 +701,8 @@ class Sensor(Tabular, Section):
             targets |= dict.fromkeys(self._names_in(section), data[section])
         stack = data["optical_stack"] = data["optical_stack"] or {}
         targets |= dict.fromkeys(OpticalStack.model_fields, stack) | {"optical_stack": data}
+        shutter = data["shutter"] = data["shutter"] or {}
+        targets |= dict.fromkeys(Shutter.model_fields, shutter) | {"shutter": data}
         if "serial" in changes:
             data["maps"] = None
         if self.covariance is not None:
@@ -703,8 +718,9 @@ class Sensor(Tabular, Section):
             for own in model_fields_of(name):
                 del targets[own][own]
             targets[name][name] = value
-        if isinstance(stack := data["optical_stack"], dict) and not any(part is not None for part in stack.values()):
-            data["optical_stack"] = None
+        for name in ("optical_stack", "shutter"):
+            if isinstance(part := data[name], dict) and not any(value is not None for value in part.values()):
+                data[name] = None
         try:
             if self.pixel.voltage_swing_v == ASSUMED_SWING:
                 volts = {
@@ -725,7 +741,7 @@ class Sensor(Tabular, Section):
     def field_names(self) -> tuple[str, ...]:
         """The names that `with_` takes."""
         names = (name for section in _SECTIONS for name in self._names_in(section))
-        return (*_OWN, *names, *OpticalStack.model_fields, "optical_stack")
+        return (*_OWN, *names, *OpticalStack.model_fields, "optical_stack", *Shutter.model_fields, "shutter")
 
     def with_pixel_width(self, width_um: float) -> Sensor:
         """Return the sensor with a larger or smaller pixel of the same technology.
