@@ -41,7 +41,7 @@ def test_parts_are_unbiased_and_covered(frames, tile, channel):
     found = {name: [] for name in truth}
     for _ in range(150):
         dn = stack(rng, frames, (40, 50), 3.0, 1.0, 0.5)
-        parts = temporal_parts(levels(dn, tile)[channel], line_sums(dn, tile.shape), tile, channel)
+        parts = temporal_parts(levels(dn, tile), line_sums(dn, tile.shape), tile)[channel]
         for name, values in found.items():
             part = getattr(parts, name)
             values.append((part.value, part.standard_uncertainty))
@@ -56,13 +56,13 @@ def test_parts_add_up_to_the_temporal_variance():
     """Except for the share of one line, which the mean of the frame contains."""
     dn = stack(np.random.default_rng(2), 5, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
-    assert temporal_parts(level, line_sums(dn), MONO, 0).total.value == pytest.approx(level.variance, rel=2e-3)
+    assert temporal_parts([level], line_sums(dn), MONO)[0].total.value == pytest.approx(level.variance, rel=2e-3)
 
 
 def test_few_frames_of_a_stack_give_its_line_noise():
     dn = stack(np.random.default_rng(3), 40, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
-    parts = temporal_parts(level, line_sums(dn[::5]), MONO, 0)
+    (parts,) = temporal_parts([level], line_sums(dn[::5]), MONO)
     assert parts.row.value == pytest.approx(1.0, abs=4 * parts.row.standard_uncertainty)
     assert parts.row.standard_uncertainty < 0.04
 
@@ -127,3 +127,15 @@ def test_row_and_column_noise_of_an_independent_camera(cfa, row_dn):
         assert (estimate.upper_limit_95 is None) == (truth > 0.0)
     assert found.read_noise_dn.value == pytest.approx(np.hypot(4.0, row_dn), rel=0.03)
     assert found.row_noise_e.value is None
+
+
+@pytest.mark.parametrize(("axis", "name"), [(1, "row_noise_dn"), (0, "column_noise_dn")])
+def test_lines_whose_means_the_camera_subtracts_are_named(axis, name):
+    camera = PlainCamera(
+        shape=(40, 48), gain=0.5, black_dn=100.0, read_noise_e=8.0, dsnu_dn=1.0, prnu=0.0, electrons_per_s=0.0
+    )
+    protocol = ShootingProtocol("dark", (Step("dark", 1e-3, 4),))
+    effect = Effect(numbers=lambda values, rng: values - values.mean(axis=axis, keepdims=True) + values.mean())
+    assert any(text.startswith(f"{name}: ") for text in calibrate(camera.frame_set(protocol, effect, 4)).warnings)
+    clean = calibrate(camera.frame_set(protocol, Effect(), 4))
+    assert not any(name in text for text in clean.warnings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantisation import differing_share, with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
-from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
+from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts, pool_temporal
 from photosite.calibration.spatial.nonuniformity import Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
@@ -287,7 +286,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
             dsnu_method=_AT_ZERO if zero is not mean else _AT_EXPOSURE.format(_SPREAD, format_exposure(exposure_s)),
         )
         if clipped is None:
-            measured = replace(measured, **_line_variances([mean.noise[k]], [mean.tile == k], mean))
+            measured = replace(measured, **_line_variances(mean, [k]))
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is not None:
@@ -297,8 +296,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         channels.append(measured)
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
     if clipped is None:
-        masks = [mean.tile == k for k in range(len(mean.noise))]
-        together = replace(together, **_line_variances(mean.noise, masks, mean))
+        together = replace(together, **_line_variances(mean, range(len(mean.noise))))
     else:
         spread: Value = NO_PIXEL_SLOPES
         if slopes is not None:
@@ -445,27 +443,13 @@ def _with_line_noise(
     return tuple(widened)
 
 
-def _line_variances(
-    noise: Sequence[TemporalParts], masks: Sequence[NDArray[np.bool_]], mean: GroupMean
-) -> dict[str, Any]:
-    """Return the variances of a frame that rows and columns share, the means over channels.
-
-    `masks` are the channels' places in the tile. Channels that lie in the same lines share their noise.
-    """
-    weights = np.array([float(mask.sum()) for mask in masks])
-    weights /= weights.sum()
-    found: dict[str, Any] = {}
+def _line_variances(mean: GroupMean, channels: Sequence[int]) -> dict[str, Value]:
+    """Return the variances of a frame that rows and columns share, the means over some channels."""
     if min(np.array(mean.mean.shape) // mean.tile.shape) < 2:
-        return found
-    for name, axis in (("row", 1), ("column", 0)):
-        parts = [getattr(entry, name) * float(mean.statistics.frames) for entry in noise]
-        lines = np.array([mask.any(axis=axis) for mask in masks], np.float64)
-        lines /= np.linalg.norm(lines, axis=1, keepdims=True)
-        spread = weights * [part.standard_uncertainty for part in parts]
-        uncertainty = math.sqrt(float(spread @ (lines @ lines.T) @ spread))
-        value = float(weights @ [part.value for part in parts])
-        found[f"{name}_variance"] = Uncertain.of(value, uncertainty)
-    return found
+        return {}
+    pixels = [float(np.count_nonzero(mean.tile == k)) for k in channels]
+    parts = pool_temporal([mean.noise[k] for k in channels], pixels).scaled(float(mean.statistics.frames))
+    return {"row_variance": parts.row, "column_variance": parts.column}
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:

@@ -264,8 +264,7 @@ def measure_temporal_noise(
     of each pixel.
     """
     parts = pool_temporal(
-        [temporal_parts(level, look.lines, tile, k) for k, level in enumerate(stack.levels)],
-        [float(level.pixels) for level in stack.levels],
+        temporal_parts(stack.levels, look.lines, tile), [float(level.pixels) for level in stack.levels]
     )
     method = f"{stack.frames} {stack.label}, two-way analysis of variance"
     rounding = pooled_level(stack.levels).rounding_variance

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level
 from photosite.engine.map_statistics import line_sums
-from photosite.values.uncertain import Uncertain, combined, weighted_mean
+from photosite.values.uncertain import Source, Uncertain, combined, weighted_mean
 
 LINE_FRAMES = 8
 """Frames of a group that are read for row and column noise.
@@ -70,18 +70,12 @@ def level_parts(reader: FrameReader, statistics: GroupStatistics, most: int = LI
     # Sort by content, so that the result does not depend on the order of the frames.
     used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
     chosen = np.linspace(0, len(used) - 1, min(most, len(used))).round().astype(int)
-    tile = reader.tile
-    lines = line_sums((used[i].source.read() for i in chosen), (tile.shape[0], tile.shape[1]))
-    return [temporal_parts(level, lines, tile, k) for k, level in enumerate(statistics.levels)]
+    lines = line_sums((used[i].source.read() for i in chosen), (reader.tile.shape[0], reader.tile.shape[1]))
+    return temporal_parts(statistics.levels, lines, reader.tile)
 
 
-def independent(level: Level) -> TemporalParts:
-    """Assign all temporal variance of a level to independent pixels, as EMVA 1288 does."""
-    return TemporalParts(Uncertain.of(level.variance, level.variance_uncertainty), Uncertain(0.0), Uncertain(0.0))
-
-
-def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], channel: int) -> TemporalParts:
-    """Split a channel's temporal variance into pixel, row and column parts.
+def temporal_parts(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.int64]) -> list[TemporalParts]:
+    """Split the temporal variance of each channel into pixel, row and column parts.
 
     The equations are those of the two-way analysis of variance, frames by lines. Shifts of whole frames and the fixed
     pattern are removed first. The means of rows then have the variance s_row + s_pixel / cols, and the means of columns
@@ -89,7 +83,10 @@ def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], chann
     is unbiased and may be negative. EMVA 1288 R4.0 splits spatial variances this way, but assumes that temporal noise
     is independent between pixels.
 
-    `level` is that of the channel, and `lines` the row and column sums of at least two of its frames.
+    Planes of a mosaic in the same rows have the row noise in common, not that of their pixels: the covariance of two
+    mean squares with n degrees of freedom is 2 s_row^2 / n. The parts of the channels share sources for this.
+
+    `levels` are those of the channels, and `lines` the row and column sums of at least two of their frames.
 
     Examples
     --------
@@ -99,17 +96,22 @@ def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], chann
     >>> noise = rng.normal(100, 4, (40, 64, 64)) + rng.normal(0, 2, (40, 64, 1))
     >>> stack = noise.round().astype(np.uint16)
     >>> level = Level.of(FrameSums((64, 64)).add(stack).label_totals()[0])
-    >>> parts = temporal_parts(level, line_sums(stack), np.zeros((1, 1), np.int64), 0)
+    >>> (parts,) = temporal_parts([level], line_sums(stack), np.zeros((1, 1), np.int64))
     >>> [round(part.value, 1) for part in (parts.pixel, parts.row, parts.column)]
     [16.0, 4.1, 0.0]
     """
     row_sums, column_sums = lines
     tile_rows, tile_cols = tile.shape
-    found = []
-    for r, c in np.argwhere(tile == channel):
-        rows, columns = row_sums[:, r::tile_rows, c], column_sums[:, r, c::tile_cols]
-        found.append(_plane_parts(level, rows / columns.shape[1], columns / rows.shape[1]))
-    return pool_temporal(found, [1.0] * len(found))
+    of_rows, of_columns = ([Source() for _ in range(length)] for length in tile.shape)
+    result = []
+    for channel, level in enumerate(levels):
+        whole, found = Uncertain.of(level.variance, level.variance_uncertainty), []
+        for r, c in np.argwhere(tile == channel):
+            rows, columns = row_sums[:, r::tile_rows, c], column_sums[:, r, c::tile_cols]
+            means = rows / columns.shape[1], columns / rows.shape[1]
+            found.append(_plane_parts(whole, *means, (of_rows[r], of_columns[c])))
+        result.append(pool_temporal(found, [1.0] * len(found)))
+    return result
 
 
 def pool_temporal(parts: Sequence[TemporalParts], weights: Sequence[float]) -> TemporalParts:
@@ -118,12 +120,13 @@ def pool_temporal(parts: Sequence[TemporalParts], weights: Sequence[float]) -> T
     return TemporalParts(*(weighted_mean([getattr(entry, name) for entry in parts], weights) for name in names))
 
 
-def _plane_parts(level: Level, row_means: NDArray[np.float64], column_means: NDArray[np.float64]) -> TemporalParts:
+def _plane_parts(
+    whole: Uncertain, row_means: NDArray[np.float64], column_means: NDArray[np.float64], shared: tuple[Source, Source]
+) -> TemporalParts:
+    """Split the variance of a plane; `shared` are the sources of its rows and columns. One line counts as pixels."""
     rows, cols = row_means.shape[1], column_means.shape[1]
     if min(rows, cols) < 2:
-        return independent(level)
-    of_pixels = Uncertain.of(level.variance, level.variance_uncertainty)
-    of_rows, of_columns = _residual_variance(row_means), _residual_variance(column_means)
+        return TemporalParts(whole, Uncertain(0.0), Uncertain(0.0))
     # Unknowns: pixel, row, column. The frame mean removes a share of the row and column noise from the residuals.
     pixels = rows * cols
     equations = np.array(
@@ -133,13 +136,20 @@ def _plane_parts(level: Level, row_means: NDArray[np.float64], column_means: NDA
             [1.0 / rows, 0.0, 1.0],
         ]
     )
-    return TemporalParts(*(combined((of_pixels, of_rows, of_columns), row) for row in np.linalg.inv(equations)))
+    solution = np.linalg.inv(equations)
+    measured = [_residual_variance(means) for means in (row_means, column_means)]
+    _, *of_lines = solution @ [whole.value, *(variance for variance, _ in measured)]
+    inputs = [whole]
+    for (variance, freedom), line, source in zip(measured, of_lines, shared, strict=True):
+        common, relative = min(max(float(line), 0.0), variance), math.sqrt(2.0 / freedom)
+        own = relative * math.sqrt(variance**2 - common**2)
+        inputs.append(Uncertain(variance, {source: relative * common, Source(): own}))
+    return TemporalParts(*(combined(inputs, row) for row in solution))
 
 
-def _residual_variance(means: NDArray[np.float64]) -> Uncertain:
-    """Return the variance of (frames, lines) means after removing each line's and each frame's mean."""
+def _residual_variance(means: NDArray[np.float64]) -> tuple[float, int]:
+    """Return the variance of (frames, lines) means without each line's and each frame's mean; its freedom."""
     frames, lines = means.shape
     residual = means - means.mean(axis=0) - means.mean(axis=1, keepdims=True) + means.mean()
     freedom = (frames - 1) * (lines - 1)
-    variance = float(np.sum(residual**2)) / freedom
-    return Uncertain.of(variance, variance * math.sqrt(2.0 / freedom))
+    return float(np.sum(residual**2)) / freedom, freedom
