@@ -220,24 +220,28 @@ class DarkResult:
 
 
 def with_shared_charge(dark: DarkResult, shared: SharedNoise | None) -> DarkResult:
-    """Return the result with summed covariances of the dark charge, which pixels share as they share that of light."""
+    """Return the result with summed covariances of the dark charge, which pixels share as they share that of light.
+
+    Where a filter in the camera may be the cause, the noise of the dark frames may be less than the sensor's.
+    """
     if shared is None or isinstance(shared.charge, Missing):
         return dark
-    factors = [charge.factor for charge in shared.charge]
 
-    def scaled(value: Value, factor: Uncertain) -> Value:
-        return derive(lambda slope: slope * factor, value)
+    def of(m: Measurements, factor: Uncertain, doubt: float) -> Measurements:
+        found = replace(m, dark_variance_slope=derive(lambda slope: slope * factor, m.dark_variance_slope))
+        if not shared.doubt:
+            return found
+        noise = {name: getattr(m, name) for name in ("read_variance", "dark_variance", "dsnu_variance")}
+        of_filter = Uncertain.of(1.0, doubt)
+        return replace(found, **{name: derive(lambda v: v * of_filter, value) for name, value in noise.items()})
 
-    channels = tuple(
-        replace(m, dark_variance_slope=scaled(m.dark_variance_slope, factor))
-        for m, factor in zip(dark.channels, factors, strict=True)
-    )
+    factors, doubts = ([getattr(entry, name) for entry in shared.charge] for name in ("factor", "doubt"))
+    channels = tuple(map(of, dark.channels, factors, doubts))
     mean = Uncertain.of(
         float(np.mean([factor.value for factor in factors])),
         float(np.mean([factor.standard_uncertainty for factor in factors])),
     )
-    together = replace(dark.together, dark_variance_slope=scaled(dark.together.dark_variance_slope, mean))
-    return replace(dark, channels=channels, together=together)
+    return replace(dark, channels=channels, together=of(dark.together, mean, float(np.mean(doubts))))
 
 
 def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkResult:

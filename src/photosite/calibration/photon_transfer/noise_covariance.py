@@ -13,13 +13,17 @@ contain the variance that is lost.
 The read noise joins after the charge is shared, and stays independent. A filter in the camera acts on all noise. So
 correlated noise of dark frames shows a filter. Its weights need not sum to 1, and it need not be linear: the noise is
 then not the sensor's, and the system gain is withheld.
+
+Where the dark frames do not tell the two apart, summed covariances still give the system gain if a filter is linear and
+keeps the mean. A small correction is therefore made, and half of it counts as its uncertainty, because a filter may be
+another one. A large one is withheld.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -174,6 +178,13 @@ A filter gives 1, crosstalk 0.
 
 FAR_APART = 3.0
 """Standard uncertainties by which that share must be apart from the limit."""
+
+LARGEST_IN_DOUBT = 0.1
+"""Correction of photon transfer up to which it is made in doubt about the cause."""
+
+IN_DOUBT = 0.5
+"""Standard uncertainty that such a doubt adds, as a share of the correction: the interval then reaches from none to
+twice the correction."""
 
 Run = Sequence[NDArray[np.unsignedinteger]]
 """Two or more successive frames of one level."""
@@ -486,6 +497,15 @@ class SharedCharge:
     factor: Uncertain
     between_frames: NDArray[np.float64]
 
+    @property
+    def doubt(self) -> float:
+        """Standard uncertainty of the factor where a filter in the camera may be the cause."""
+        return IN_DOUBT * abs(self.factor.value - 1.0)
+
+    def in_doubt(self) -> SharedCharge:
+        """Return the correction with the uncertainty of a doubt about the cause."""
+        return replace(self, factor=self.factor + Uncertain.of(0.0, self.doubt))
+
     def factors(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (levels,) summed covariance over the variance that so many successive frames of a level show.
 
@@ -518,11 +538,14 @@ class SharedNoise:
         Correlation with the same pixel of the next frame; None within chance.
     charge
         By channel, what corrects photon transfer; or why the noise of the frames is not the sensor's.
+    doubt
+        Why a filter in the camera may be the cause, and what would tell; empty where shared charge is.
     """
 
     neighbors: tuple[float, float] | None
     frames: float | None
     charge: tuple[SharedCharge, ...] | Missing
+    doubt: str = ""
 
     def summed_covariances(
         self, channels: Sequence[LightLevels], indices: Sequence[int]
@@ -557,9 +580,13 @@ class SharedNoise:
         above = 100.0 * (float(np.mean([entry.factor.value for entry in self.charge])) - 1.0)
         after = "; DSNU and PRNU are those of the frames, after the sharing" if self.neighbors is not None else ""
         seen = seen_correlations(self.neighbors, self.frames)
+        cause = f"and the dark noise is not: {' and '.join(causes)}"
+        if self.doubt:
+            cause = f"{self.doubt}; or {' and '.join(causes)}"
+            after = f"; the uncertainties of gain, read noise and DSNU include half of this{after}"
         return (
-            f"{seen}, and the dark noise is not: {' and '.join(causes)}. The system gain comes from summed "
-            f"covariances, {above:.2g} % above that from variances{after}"
+            f"{seen}, {cause}. The system gain comes from summed covariances, {above:.2g} % above that from "
+            f"variances{after}"
         )
 
 
@@ -588,9 +615,17 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
         neighbors = across, down
     if of_frames.max(initial=0.0) >= limit:
         frames = float(np.mean([entry.frames.values[0] / entry.variance for entry in shot]))
-    kinds = neighbors is not None, frames is not None
-    why = _why_not_charge(shot, dark, neighbors, frames)
-    return SharedNoise(neighbors, frames, why or tuple(_shared_charge(entry, *kinds) for entry in shot))
+    doubt = _doubt(shot, dark, neighbors, frames)
+    if isinstance(doubt, Missing):
+        return SharedNoise(neighbors, frames, doubt)
+    charge = tuple(_shared_charge(entry, neighbors is not None, frames is not None) for entry in shot)
+    if not doubt:
+        return SharedNoise(neighbors, frames, charge)
+    largest = max(abs(entry.factor.value - 1.0) for entry in charge)
+    if largest > LARGEST_IN_DOUBT:
+        why = f"{seen_correlations(neighbors, frames)}, {doubt}, which would change the gain by {100.0 * largest:.2g} %"
+        return SharedNoise(neighbors, frames, Missing(why))
+    return SharedNoise(neighbors, frames, tuple(entry.in_doubt() for entry in charge), doubt)
 
 
 def _shared_charge(shot: NoiseCovariance, neighbors: bool, frames: bool) -> SharedCharge:
@@ -618,19 +653,19 @@ def seen_correlations(neighbors: tuple[float, float] | None, frames: float | Non
     return f"the noise is correlated between {' and between '.join(seen)}"
 
 
-def _why_not_charge(
+def _doubt(
     shot: Sequence[NoiseCovariance],
     dark: Sequence[NoiseCovariance],
     neighbors: tuple[float, float] | None,
     frames: float | None,
-) -> Missing | None:
-    """Return why the correlation may come from a filter: the dark noise has it too, or may have it."""
+) -> str | Missing:
+    """Return why a filter may be the cause, and what would tell; empty where it is not, missing where it is."""
     seen = seen_correlations(neighbors, frames)
     if frames is not None and frames < 0.0:
         return Missing(f"{seen}, which image lag does not explain: the noise is not the sensor's")
     noise = [entry.variance - QUANTISATION_DN2 for entry in dark]
     if min(noise) <= QUANTISATION_DN2:
-        return Missing(f"{seen}, and rounding hides whether the dark noise is too, as after a filter in the camera")
+        return "and rounding hides whether the dark noise is too, as after a filter in the camera (take a higher gain)"
 
     def chosen(of_neighbors: NDArray[np.float64], of_frames: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.append(of_neighbors if neighbors is not None else [], of_frames if frames is not None else [])
@@ -648,9 +683,13 @@ def _why_not_charge(
     share = float(of_shot @ of_dark) / power
     uncertainty = float(np.sqrt(np.sum((of_shot * u_dark) ** 2))) / power
     if share + FAR_APART * uncertainty < FILTER_SHARE:
-        return None
+        return ""
     if share - FAR_APART * uncertainty < FILTER_SHARE:
-        return Missing(f"{seen}, and too few dark frames show whether a filter in the camera is the cause")
+        times = max((FAR_APART * uncertainty / FILTER_SHARE) ** 2, 1.0)
+        return (
+            f"and the dark frames are too few to show whether a filter in the camera is the cause (take "
+            f"{2 * math.ceil(times)} times as many at the shortest exposure time)"
+        )
     causes = []
     if neighbors is not None:
         causes.append("noise reduction, sharpening, lossy compression, demosaicing or rescaling")
