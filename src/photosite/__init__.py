@@ -15,6 +15,7 @@ from photosite.develop.develop import develop as develop
 __version__ = "0.1.0"
 
 _MODULE_OF = {
+    "AutoExposure": "photosite.camera.auto_exposure",
     "Camera": "photosite.camera.camera",
     "DiffractionLimited": "photosite.optics.diffraction",
     "Distortion": "photosite.optics.distortion",
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart
     from photosite.calibration.spectral.monochromator import calibrate_spectral as calibrate_spectral
     from photosite.calibration.spectral.protocol import open_spectral as open_spectral
+    from photosite.camera.auto_exposure import AutoExposure as AutoExposure
     from photosite.camera.camera import Camera as Camera
     from photosite.camera.file import load_camera as load_camera
     from photosite.color import illuminants as illuminants

@@ -133,6 +133,7 @@ def edge() -> SlantedEdge:
 
 
 INSTANCES: dict[str, Callable[[], Any]] = {
+    "AutoExposure": lambda: ps.AutoExposure(0.01),
     "Camera": camera,
     "DiffractionLimited": base,
     "Distortion": lambda: lens().distortion,

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import InitVar, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import InitVar, dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.camera.auto_exposure import ExposureControl, exposure_control
 from photosite.camera.image_over_time import AnyScene, MovingImage, StaticImage, image_over_time
 from photosite.camera.mean_image import electrons_per_weight, image_regions
 from photosite.camera.optical_stack import channel_mixing
@@ -233,6 +235,97 @@ class Camera(Shown):
             for _ in range(frames):
                 yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device, scene=scene)
                 number += 1
+
+    def record(
+        self,
+        scene: AnyScene | Callable[[float], AnyScene],
+        frames: int,
+        fps: float,
+        exposure_s: float | Sequence[float] | ExposureControl,
+        *,
+        start_s: float = 0.0,
+        scenes_per_frame: int = 1,
+        seed: int = 0,
+        first_frame: int = 0,
+        region: Rectangle | None = None,
+        device: Device = "cpu",
+    ) -> Iterator[RawFrame]:
+        """Yield the frames of a video; frame n starts at `start_s` + n / `fps`, as its metadata `start_s` states.
+
+        Parameters
+        ----------
+        scene
+            A scene as for `capture`, imaged once. Or a function of the time in s that returns one; each frame then
+            sees the scenes of times evenly spread over it, each while its time is the nearest.
+        frames, fps
+            Number of frames, and frames per second.
+        exposure_s
+            One exposure time; several in turn, as a bracket; or a function of the last frame, and of None for the
+            first, such as `AutoExposure`. A function's times are limited to 1 / fps.
+        start_s
+            Time at which the first frame starts.
+        scenes_per_frame
+            Scenes of a frame, if `scene` is a function.
+        seed, first_frame, region, device
+            As for `stream`.
+
+        Raises
+        ------
+        InputError
+            As `capture`; or if an exposure, or the readout of a rolling shutter, is longer than 1 / fps.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=44, cols=66, line_time_us=100)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> panned = ps.DynamicScene(ps.charts.macbeth(), motion=ps.Motion(cols_per_s=-120))
+        >>> [raw.metadata["start_s"] for raw in camera.record(panned, frames=3, fps=25, exposure_s=1 / 50)]
+        [0.0, 0.04, 0.08]
+        >>> bracket = camera.record(panned, frames=3, fps=25, exposure_s=[1 / 400, 1 / 100, 1 / 25])
+        >>> [raw.exposure_s for raw in bracket]
+        [0.0025, 0.01, 0.04]
+        """
+        for name, count in (("frames", frames), ("scenes_per_frame", scenes_per_frame)):
+            if count < 1:
+                raise InputError(name, value=count, expected="1 or more")
+        if isinstance(fps, bool | str) or not (fps > 0 and math.isfinite(fps)):
+            raise InputError("fps", value=fps, expected="above 0")
+        if (readout_s := float(np.ptp(self.sensor.row_start_s))) > 1.0 / fps:
+            hint = "The rows of a frame start one line time apart"
+            raise InputError("fps", value=fps, expected=f"at most {1.0 / readout_s:.6g} for this shutter", hint=hint)
+        start_s, control, last = _checked_start(start_s), exposure_control(exposure_s), None
+        image = None if callable(scene) else self._image(scene, start_s, (frames + 1) / fps)
+        for number in range(frames):
+            begin_s, time_s = start_s + number / fps, check_exposure(control(last))
+            if time_s > 1.0 / fps * (1.0 + 1e-9):
+                if not callable(exposure_s):
+                    raise InputError("exposure_s", value=time_s, expected=f"at most 1 / fps, {1.0 / fps:.6g} s")
+                time_s = 1.0 / fps
+            if image is None:
+                assert callable(scene)
+                seen, mean = self._mean_of_scenes(scene, begin_s, time_s, scenes_per_frame)
+            else:
+                seen, mean = scene, image.electrons(begin_s, time_s)
+            place = {"seed": seed, "frame": first_frame + number, "region": region, "device": device}
+            raw = self.expose(mean, time_s, scene=seen, **place)
+            last = replace(raw, metadata={**raw.metadata, "start_s": begin_s})
+            yield last
+
+    def _mean_of_scenes(
+        self, scene_at: Callable[[float], AnyScene], start_s: float, exposure_s: float, count: int
+    ) -> tuple[AnyScene, NDArray[np.float32]]:
+        """Return the first scene of a frame, and the mean electrons from `count` scenes, one after the other."""
+        borders = start_s + (float(np.ptp(self.sensor.row_start_s)) + exposure_s) * np.linspace(0.0, 1.0, count + 1)
+        first, total = None, None
+        for part_s in pairwise(borders.tolist()):
+            scene = scene_at(0.5 * sum(part_s))
+            image = image_over_time(scene, self, part_s)
+            mean = image.electrons(start_s, exposure_s, part_s=None if count == 1 else part_s)
+            first, total = (scene, mean) if total is None else (first, np.add(total, mean, out=total))
+        assert first is not None
+        assert total is not None
+        return first, total
 
     def expose(
         self,

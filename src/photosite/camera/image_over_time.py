@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Mosaic = NDArray[np.float32]
+Span = tuple[float, float]
+"""Begin and end, in s."""
 
 AnyScene = Scene | Planes | DynamicScene
 """What a camera takes frames of."""
@@ -58,6 +60,13 @@ _REACH = 3
 """Pixels beyond the places that the pixels see: those of the interpolation, and one for rounding."""
 
 
+def exposures(row_start_s: Array, start_s: float, exposure_s: float, part_s: Span | None) -> tuple[Array, Array]:
+    """Return (rows,) begin and end of the exposures of a frame, or of what lies between two times."""
+    begin_s = start_s + row_start_s
+    end_s = begin_s + exposure_s
+    return (begin_s, end_s) if part_s is None else (np.clip(begin_s, *part_s), np.clip(end_s, *part_s))
+
+
 @dataclass(frozen=True, eq=False)
 class StaticImage:
     """The image of a scene that does not move."""
@@ -66,14 +75,19 @@ class StaticImage:
     row_start_s: Array  # (rows,) start of each row's exposure after the frame's
     flicker: Flicker | None = None
 
-    def electrons(self, start_s: float, exposure_s: float, out: Mosaic | None = None) -> Mosaic:
-        """Return (rows, cols) mean electrons, in `out` if given; raise `InputError` if they exceed 32-bit floats."""
+    def electrons(
+        self, start_s: float, exposure_s: float, *, part_s: Span | None = None, out: Mosaic | None = None
+    ) -> Mosaic:
+        """Return (rows, cols) mean electrons, in `out` if given; raise `InputError` if they exceed 32-bit floats.
+
+        `part_s` are two times, between which alone there is light.
+        """
         with np.errstate(over="raise"):
             try:
-                if self.flicker is None:
+                if self.flicker is None and part_s is None:
                     return np.multiply(self.rate, np.float32(exposure_s), out=out)
-                begin_s = start_s + self.row_start_s
-                of_rows = self.flicker.integral_s(begin_s, begin_s + exposure_s)
+                begin_s, end_s = exposures(self.row_start_s, start_s, exposure_s, part_s)
+                of_rows = end_s - begin_s if self.flicker is None else self.flicker.integral_s(begin_s, end_s)
                 return np.multiply(self.rate, of_rows.astype(np.float32)[:, None], out=out)
             except FloatingPointError:
                 expected = "short enough for its electrons to be 32-bit floats"
@@ -90,25 +104,27 @@ class MovingImage:
     flicker: Flicker | None
     cells: Cells  # the scene at rest
 
-    def electrons(self, start_s: float, exposure_s: float, out: Mosaic | None = None) -> Mosaic:
-        """Return (rows, cols) mean electrons, in `out` if given."""
+    def electrons(
+        self, start_s: float, exposure_s: float, *, part_s: Span | None = None, out: Mosaic | None = None
+    ) -> Mosaic:
+        """Return (rows, cols) mean electrons as `StaticImage.electrons`."""
         sensor = self.camera.sensor
         rows, cols = sensor.array.rows, sensor.array.cols
-        begin_s = start_s + sensor.row_start_s
+        begin_s, end_s = (each[:, None] for each in exposures(sensor.row_start_s, start_s, exposure_s, part_s))
+        length_s = end_s - begin_s
         mosaic = np.empty((rows, cols), np.float32) if out is None else out
-        n, path = self.cells.per_pixel, self._longest_path(begin_s, exposure_s)
+        n, path = self.cells.per_pixel, self._longest_path(begin_s, end_s)
         if self.flicker is not None:
             steps = min(max(math.ceil(path / LIGHT_STEP_CELLS), 1), _MOST_STEPS)
-            edges_s = begin_s[:, None] + exposure_s * np.linspace(0.0, 1.0, steps + 1)
+            edges_s = begin_s + length_s * np.linspace(0.0, 1.0, steps + 1)
             middle_s = 0.5 * (edges_s[:, :-1] + edges_s[:, 1:])
             light_s = self.flicker.integral_s(edges_s[:, :-1], edges_s[:, 1:])
         elif self.motion.is_translation:
-            edges_s = begin_s[:, None] + np.array([0.0, exposure_s])
-            light_s = np.full((rows, 1), exposure_s)
+            edges_s, light_s = np.hstack([begin_s, end_s]), length_s
         else:
             nodes, weights = np.polynomial.legendre.leggauss(min(2 + math.ceil(NODES_PER_CELL * path), _MOST_STEPS))
-            middle_s = begin_s[:, None] + exposure_s * (0.5 + 0.5 * nodes)
-            light_s = np.tile(0.5 * exposure_s * weights, (rows, 1))
+            middle_s = begin_s + length_s * (0.5 + 0.5 * nodes)
+            light_s = 0.5 * length_s * weights
         with threads_for(rows * cols):
             if self.motion.is_translation:
                 y, x = self.motion.at_rest(0.0, 0.0, edges_s)
@@ -117,10 +133,11 @@ class MovingImage:
                 sampled_rows(self.cells, self._places(middle_s), light_s, mosaic)
         return finish_moving_mosaic(mosaic, self.camera, self.scene)
 
-    def _longest_path(self, begin_s: Array, exposure_s: float) -> float:
+    def _longest_path(self, begin_s: Array, end_s: Array) -> float:
         """Return the longest path of a pixel in an exposure, in cells: that of a corner, at its start or its end."""
         array = self.camera.sensor.array
-        moments = np.array([[begin_s.min()], [begin_s.max()]]) + np.array([0.0, 0.5, 1.0]) * exposure_s
+        longest_s = float((end_s - begin_s).max())
+        moments = np.array([[begin_s.min()], [end_s.max() - longest_s]]) + np.array([0.0, 0.5, 1.0]) * longest_s
         corners = [(0.5 * s * array.rows, 0.5 * t * array.cols) for s in (-1, 1) for t in (-1, 1)]
         paths = np.array([self.motion.at_rest(r, c, moments) for r, c in corners])
         steps = np.hypot(*np.moveaxis(np.diff(paths, axis=-1), 1, 0))
@@ -143,7 +160,7 @@ class MovingImage:
 
 
 def image_over_time(
-    scene: AnyScene, camera: Camera, times_s: tuple[float, float], progress: Progress | None = None
+    scene: AnyScene, camera: Camera, times_s: Span, progress: Progress | None = None
 ) -> StaticImage | MovingImage:
     """Return the image of a scene from which all exposures between two times follow."""
     warn_of_transmittance_range(camera.optics, camera.sensor)
@@ -175,7 +192,7 @@ def _check_lens(scene: Scene, camera: Camera) -> None:
         raise InputError(f"motion does not apply to a lens whose {what}", hint=hint)
 
 
-def _margin(camera: Camera, motion: Motion, times_s: tuple[float, float]) -> tuple[int, int]:
+def _margin(camera: Camera, motion: Motion, times_s: Span) -> tuple[int, int]:
     """Return the pixels (rows, cols) beyond the frame's borders that its pixels see between two times."""
     array, n = camera.sensor.array, camera.cells_per_pixel
     turn_deg = abs(motion.rotation_deg_per_s) * (times_s[1] - times_s[0])
