@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,8 +84,14 @@ def image_rate(
     """Return (rows, cols) electrons per second of a scene's image; rounding may leave values slightly below 0.
 
     Occluders are scenes whose only weights are opacities: what hides parts of the scene, before the lens blurs it.
+    A channel with a polarizer sees the sum of the images of the Stokes parameters S0, S1 and S2, which are linear.
     """
     coupling = electrons_per_weight(scene, camera)
+    channels = camera.sensor.channels
+    polarizers = np.array([channels[name].polarizer for name in camera.sensor.channel_names])
+    stokes = scene.polarization.stokes if scene.polarization is not None and polarizers.any() else np.zeros(2)
+    if stokes.size == 2:
+        coupling = coupling * (1.0 + polarizers @ stokes.ravel())[:, None, None]
     if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS_PER_S:
         raise InputError(
             "the scene's electrons per second in a pixel for weight 1",
@@ -96,6 +103,9 @@ def image_rate(
         mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), camera.sensor)
     else:
         mosaic = _blurred_mosaic(scene, camera, coupling, occluders, progress)
+        for part, seen in zip(stokes if stokes.size > 2 else (), polarizers.T, strict=False):
+            polarized = replace(scene, weights=scene.weights * part.astype(np.float32), polarization=None)
+            mosaic += _blurred_mosaic(polarized, camera, coupling * seen[:, None, None], occluders, progress)
     _apply_relative_illumination(mosaic, camera, scene.distance_m)
     return mosaic
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.scene.polarization import Polarization
 from photosite.scene.scene import Scene
 from photosite.values.region import Region
 from photosite.values.shown import Shown
@@ -77,7 +78,10 @@ def _laid_out(scene: Scene, weights: NDArray[np.float32], ends: bool) -> Scene:
     if not ends or width_m is None:
         return replace(scene, weights=weights, regions=())
     rim = np.pad(weights, ((0, 0), (1, 1), (1, 1)))
-    return replace(scene, weights=rim, width_m=width_m * (cols + 2) / cols, regions=())
+    seen = scene.polarization
+    if seen is not None and seen.shape:
+        seen = Polarization(np.pad(seen.degree, 1), np.pad(seen.angle_deg, 1))
+    return replace(scene, weights=rim, width_m=width_m * (cols + 2) / cols, regions=(), polarization=seen)
 
 
 @dataclass(frozen=True, eq=False)

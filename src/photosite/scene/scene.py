@@ -16,6 +16,7 @@ from photosite.color.spectrum import Rule, Spectrum, integration_weights, photon
 from photosite.errors import InputError
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
+from photosite.scene.polarization import Polarization
 from photosite.scene.weights import checked_weights, component_means, reduce_to_components
 from photosite.values.region import Region
 from photosite.values.shown import Shown
@@ -59,6 +60,8 @@ class Scene(Shown):
     patches
         Whether the scene is a chart whose luminance is the mean of its patches, the regions, without the black between
         them.
+    polarization
+        Linear polarization of the light, which pixels with polarizers see; None is unpolarized.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Scene(Shown):
     reflectance: NDArray[np.float64] | None = None
     relative_error: float = 0.0
     patches: bool = False
+    polarization: Polarization | None = None
 
     def __post_init__(self) -> None:
         weights, finite = checked_weights(self.weights)
@@ -100,6 +104,9 @@ class Scene(Shown):
         rows, cols = weights.shape[1:]
         if self.patches and any(part.r1 > rows or part.c1 > cols for part in self.regions):
             raise InputError("regions", expected=f"within the chart of {rows} x {cols} samples")
+        if self.polarization is not None and self.polarization.shape not in ((), (rows, cols)):
+            expected = f"one degree and angle, or ({rows}, {cols}) as the scene's samples"
+            raise InputError("polarization", value=self.polarization.shape, expected=expected)
         for name, value in (("weights", weights), ("basis", basis), ("wavelength_nm", grid)):
             object.__setattr__(self, name, value)
         if self.reflectance is not None:
@@ -222,6 +229,17 @@ class Scene(Shown):
         if not (np.isfinite(factor) and factor >= 0):
             raise InputError("factor", value=factor, expected="0 or more")
         return replace(self, basis=self.basis * factor)
+
+    def polarized(self, degree: ArrayLike, angle_deg: ArrayLike) -> Scene:
+        """Return the scene with linearly polarized light; arguments as for `photosite.scene.polarization.Polarization`.
+
+        Examples
+        --------
+        >>> sky = Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10)).polarized(0.6, 30.0)
+        >>> sky.polarization.stokes.round(3)
+        array([0.3 , 0.52])
+        """
+        return replace(self, polarization=Polarization(degree, angle_deg))
 
     def light(self) -> NDArray[np.float64]:
         """Return the photons/s/sr/m2/nm (wavelengths,) that a perfect white in the scene sends out.
@@ -423,7 +441,7 @@ def thumbnail(scene: Scene) -> NDArray[np.float32]:
     334
     """
     step = stride_for(*scene.shape)
-    small = replace(scene, weights=scene.weights[:, ::step, ::step], regions=(), patches=False)
+    small = replace(scene, weights=scene.weights[:, ::step, ::step], regions=(), patches=False, polarization=None)
     try:
         return preview(small)
     except InputError:

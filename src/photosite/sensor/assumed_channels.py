@@ -22,6 +22,9 @@ _TRANSMITTANCE = 0.85
 _D200 = "that of the Nikon D200, with its infrared filter"
 _CURVE = "a rounded curve of front-illuminated silicon and an ideal filter"
 
+_EXTINCTION_RATIO = 300.0
+"""Of on-chip polarizers in the green (Sony IMX250MZR)."""
+
 _CLEAR, _INFRARED = ("W", "C"), "Ir"
 KNOWN = ("R", "G", "B", "M", *_CLEAR, "Y", "Cy", _INFRARED, "P")
 
@@ -34,7 +37,8 @@ def _edge(at_nm: float, width_nm: float) -> NDArray[np.float64]:
 def assumed_channels(names: Sequence[str], peak: float) -> dict[str, Channel]:
     """Return channels, marked as assumed, the largest quantum efficiency of all equal to the peak.
 
-    M and the polarized channels P0, P45, ... have a rounded curve of front-illuminated silicon. R, G and B have the
+    M and P have a rounded curve of front-illuminated silicon. A number after a name, as in P45 and R0, is the angle of
+    a polarizer with an extinction ratio of 300. R, G and B have the
     shape of the Nikon D200, whose infrared filter ends at 700 nm; with such a filter, W and C are silicon, Y without
     the blue and Cy without the red. With a channel Ir, the filter passes 810 to 900 nm, too, where all dyes are clear.
 
@@ -79,6 +83,8 @@ def assumed_channels(names: Sequence[str], peak: float) -> dict[str, Channel]:
             quantum_efficiency=tuple(float(f"{value:.4g}") for value in factor * values),
             source=f"assumed: the shape is {_D200 if letter in dyes else _CURVE}, scaled to a peak of {peak:g}",
             assumed=True,
+            polarization_angle_deg=float(name.removeprefix(letter)) if name != letter else None,
+            extinction_ratio=_EXTINCTION_RATIO if name != letter else None,
         )
         for (name, (grid, values)), letter in zip(tables.items(), letters, strict=True)
     }

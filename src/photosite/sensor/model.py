@@ -141,12 +141,13 @@ class PixelUnits(Section):
 
 
 class Channel(Section):
-    """One color channel: its quantum efficiency, color filter included."""
+    """One channel: its quantum efficiency with the color filter, and its polarizer."""
 
     wavelength_nm: Increasing = about("Wavelengths of the table, increasing.", "nm", [450.0, 550.0, 650.0])
     quantum_efficiency: tuple[UnitInterval, ...] = about(
         "Electrons per photon on the photodetector at each wavelength, color filter included; 0 outside the table. "
-        "Per photon on the pixel's area, as in EMVA 1288, it is this times the fill factor.",
+        "Per photon on the pixel's area, as in EMVA 1288, it is this times the fill factor. With a polarizer, "
+        "for unpolarized light.",
         "1",
         [0.45, 0.65, 0.5],
     )
@@ -155,9 +156,23 @@ class Channel(Section):
     )
     source: str | None = about("Origin of the table.", NO_UNIT, "data sheet, figure 4", default=None)
     assumed: bool = about("Whether the table is an assumption.", NO_UNIT, True, default=False)
+    polarization_angle_deg: Number | None = about(
+        "Angle of the electric field that the polarizer passes, counterclockwise from the rows. None: no polarizer.",
+        "deg",
+        45.0,
+        default=None,
+    )
+    extinction_ratio: Annotated[float, Field(ge=1.0)] | None = about(
+        "Response to light polarized along this angle over that to light across it. None: an ideal polarizer.",
+        "1",
+        300.0,
+        default=None,
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.extinction_ratio is not None and self.polarization_angle_deg is None:
+            raise InputError("extinction_ratio", value=self.extinction_ratio, expected="with polarization_angle_deg")
         count = len(self.wavelength_nm)
         check_length("quantum_efficiency", self.quantum_efficiency, "wavelength", count)
         if self.standard_uncertainty is not None:
@@ -174,6 +189,26 @@ class Channel(Section):
         """
         grid = np.asarray(wavelength_nm, dtype=np.float64)
         return np.interp(grid, self.wavelength_nm, self.quantum_efficiency, left=0.0, right=0.0)
+
+    @property
+    def polarizer(self) -> tuple[float, float]:
+        """Diattenuation times cosine and sine of twice the angle; (0, 0) without a polarizer.
+
+        The response to light of the Stokes parameters S0, S1 and S2 is (S0 + a S1 + b S2) / S0 of that to unpolarized
+        light, which is Malus' law (D. H. Goldstein, Polarized Light, 3rd ed., 2011).
+
+        Examples
+        --------
+        >>> Channel(
+        ...     wavelength_nm=(500,), quantum_efficiency=(0.3,), polarization_angle_deg=90, extinction_ratio=9
+        ... ).polarizer
+        (-0.8, 9.797174393178826e-17)
+        """
+        if self.polarization_angle_deg is None:
+            return 0.0, 0.0
+        ratio, twice = self.extinction_ratio, math.radians(2.0 * self.polarization_angle_deg)
+        diattenuation = 1.0 if ratio is None else (ratio - 1.0) / (ratio + 1.0)
+        return diattenuation * math.cos(twice), diattenuation * math.sin(twice)
 
     @property
     def responds_nm(self) -> tuple[float, float] | None:

@@ -158,5 +158,8 @@ def _channels(tile: Cfa, qe_peak: float) -> str:
     for name, channel in channels.items():
         text += f"  {name}:\n    wavelength_nm: [{', '.join(f'{nm:g}' for nm in channel.wavelength_nm)}]\n"
         text += f"    quantum_efficiency: [{', '.join(f'{value:.4g}' for value in channel.quantum_efficiency)}]\n"
+        if channel.polarization_angle_deg is not None:
+            text += f"    polarization_angle_deg: {channel.polarization_angle_deg:g}\n"
+            text += f"    extinction_ratio: {channel.extinction_ratio:g}\n"
         text += f"    source: {json.dumps(channel.source)}\n    assumed: true\n"
     return text

@@ -197,7 +197,7 @@ def _spectral(
             raise FileError(part.path, "has reflectances (T channels)", hint=hint)
         units = units or Units("reflectance")
     elif "polarized" in found:
-        what = "S1 to S3 are ignored: polarization is not simulated"
+        what = "S1 to S3 are ignored: the light counts as unpolarized"
         warnings.warn(PhotositeWarning(what, where=str(part.path)), stacklevel=2)
     channels = found[kind]
     grid = wavelengths_in_nm(part.path, [c.wavelength_nm for c in channels], "nm", options.wavelength_nm)

@@ -308,6 +308,11 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
     InputError
         If the format has no such option.
 
+    Warns
+    -----
+    PhotositeWarning
+        If the light is polarized, which only `.h5` keeps.
+
     Examples
     --------
     >>> import tempfile
@@ -325,6 +330,9 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
             hint = did_you_mean(name, known) if known else "There are no options"
             raise InputError(f"writing {file.suffix} has no option '{name}'", hint=hint)
     write(scene, file, **options)
+    if scene.polarization is not None and (write.__module__ != "photosite.scene.io.hdf5" or options.get("cube")):
+        problem = "the polarization of the scene's light is not written"
+        warnings.warn(PhotositeWarning(problem, where=str(file), hint="Save as .h5, which keeps it"), stacklevel=2)
 
 
 def _format_to_write(path: Path) -> Format:

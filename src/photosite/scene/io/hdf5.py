@@ -9,6 +9,7 @@ length, in UTF-8:
     /basis            (K, wavelengths) photons/s/sr/m2/nm
     /wavelength_nm    (wavelengths,)
     /reflectance      (K, wavelengths), where known
+    /polarization     (2,) or (2, rows, cols) degree and angle in degrees, where the light is polarized
     /regions          (n, 4) first row, last row + 1, first column, last column + 1; attribute names; where any
 
 A cube is a dataset of three axes. Attributes of the dataset, of a group above it or of the file (in this order), or
@@ -41,6 +42,7 @@ from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain, read_
 from photosite.files.writing import Piece, atomic_path, write_bands
 from photosite.scene.cube import Array, Block, Interleave, RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
+from photosite.scene.polarization import Polarization
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import Reduction, apply_options, cube_of_scene
 from photosite.scene.units import file_units
@@ -326,6 +328,8 @@ def _write_rest(file: Any, scene: Scene) -> None:
     for name in ("basis", "wavelength_nm", "reflectance"):
         if (values := getattr(scene, name)) is not None:
             file.create_dataset(name, data=np.asarray(values, "<f8"))
+    if (polarization := scene.polarization) is not None:
+        file.create_dataset("polarization", data=np.stack([polarization.degree, polarization.angle_deg]))
     if scene.regions:
         places = [(region.r0, region.r1, region.c0, region.c1) for region in scene.regions]
         data = file.create_dataset("regions", data=np.array(places, "<i8"))
@@ -356,6 +360,7 @@ def _read_own(file: Hdf5File, options: ReadOptions) -> Scene:
             name=str(attributes.get("name", "")),
             relative_error=lost,
             patches="patches" in attributes,
+            polarization=_polarization(file),
             **spectra,
         )
         return apply_options(scene, options)
@@ -376,6 +381,16 @@ def _weights(path: Path, data: Any) -> NDArray[np.float32]:
     if not all_finite(weights):
         raise FileError(path, "is damaged: some weights are not finite")
     return weights
+
+
+def _polarization(file: Hdf5File) -> Polarization | None:
+    data = file.datasets.get("polarization")
+    if data is None:
+        return None
+    values = read_numbers(file.path, data)
+    if values.shape[:1] != (2,):
+        raise FileError(file.path, "polarization", value=values.shape, expected="(2,) or (2, rows, cols)")
+    return Polarization(*values)
 
 
 def _regions(file: Hdf5File) -> tuple[Region, ...]:
