@@ -10,13 +10,14 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+import rawpy
 import tifffile
 from raising import raises
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.values.cfa import cfa_from
+from photosite.values.cfa import cfa_from, channel_names, plane_names, tile_text
 
 BAYER = ("rggb", "bggr", "gbrg", "grbg")
 
@@ -199,8 +200,6 @@ def test_frames_too_small_for_libraw_are_written_with_a_warning(tmp_path):
     ("fields", "what"),
     [
         ({"cfa": [["R", "G", "B"]]}, "cfa"),
-        ({"cfa": [["R", "G"], ["G", "W"]]}, "cfa"),
-        ({"cfa": [["R", "B"], ["G", "G"]]}, "cfa"),
         ({"white_level_dn": 4000.5}, "white_level_dn"),
         ({"exposure_s": 1e-12}, "exposure_s"),
         ({"color_matrix": np.eye(2)}, "color_matrix"),
@@ -227,3 +226,53 @@ def test_an_edited_dng(tmp_path, code, value, what):
         file.pages.first.tags[code].overwrite(value)
     with pytest.raises(FileError, match=f"was edited: its tags state .*{what}"):
         read_raw(tmp_path / "a.dng")
+
+
+@pytest.mark.parametrize("tile", ["x-trans", "rccb", "ryycy", "RG/WB", "YCy/GM", "RB/GG", "RG/GW"])
+def test_libraw_reads_other_mosaics(tile, tmp_path):
+    """The visible raw, and which pixels have one color, in the order of the rows of ColorMatrix."""
+    cfa = cfa_from(tile)
+    rng, names = np.random.default_rng(9), channel_names(cfa)
+    matrix, profile = rng.uniform(0.1, 1, (len(names), 3)), rng.uniform(1e-5, 1e-4, (len(names), 2))
+    neutral = ",".join(map(str, np.linspace(1, 0.5, len(names))))
+    dn = rng.integers(64, 4096, (36, 42)).astype(np.uint16)
+    frame = RawFrame(
+        *(dn, 12, cfa), black_level_dn=64, color_matrix=matrix, noise_profile=profile,
+        metadata={"as_shot_neutral": neutral},
+    )  # fmt: skip
+    frame.save(tmp_path / "a.dng")
+    with rawpy.imread(str(tmp_path / "a.dng")) as decoder:
+        np.testing.assert_array_equal(decoder.raw_image_visible, dn)
+        colors = decoder.raw_colors_visible[: len(cfa), : len(cfa[0])].copy()
+        white_balance = decoder.camera_whitebalance
+    if len(names) == 3:
+        colors[colors == 3] = 1  # the second green
+    numbers = {name: set(colors[[[c == name for c in row] for row in cfa]].tolist()) for name in names}
+    assert sorted(map(len, numbers.values())) == [1] * len(names)
+    order = [next(iter(numbers[name])) for name in names]
+    assert sorted(order) == list(range(len(names)))
+    of_plane = dict(zip(plane_names(cfa), np.linspace(1, 0.5, len(names)), strict=True))
+    for name, number in zip(names, order, strict=True):
+        assert white_balance[number] == pytest.approx(1 / of_plane[name], rel=1e-4)
+    read = read_raw(tmp_path / "a.dng")
+    assert (read.cfa, read.as_shot_neutral) == (cfa, frame.as_shot_neutral)
+    np.testing.assert_allclose(read.color_matrix, matrix, rtol=1e-12)
+    # Without photosite's own description, from the tags alone.
+    with tifffile.TiffFile(tmp_path / "a.dng", mode="r+") as file:
+        file.pages.first.tags["ImageDescription"].overwrite("")
+    tags = read_raw(tmp_path / "a.dng")
+    assert tags.cfa == tuple(tuple("W" if name == "C" else name for name in row) for row in cfa)
+    np.testing.assert_allclose(tags.color_matrix, matrix, rtol=1e-6)
+    np.testing.assert_allclose(tags.noise_profile, profile, rtol=1e-12)
+    np.testing.assert_allclose(tags.as_shot_neutral, frame.as_shot_neutral, rtol=1e-4)
+
+
+@pytest.mark.parametrize("tile", ["quad-rggb", "rgbw", "rgb-ir", "polarization", "polarization-rggb", "RW/CB"])
+def test_other_mosaics_need_another_format(tile, tmp_path):
+    cfa = cfa_from(tile)
+    frame = RawFrame(np.full((24, 24), 100, np.uint16), bits=12, cfa=cfa)
+    with raises(InputError, "cfa", value=tile_text(cfa), hint="Save as TIFF (.tif) or HDF5 (.h5)"):
+        frame.save(tmp_path / "a.dng")
+    for name in ("a.tif", "a.h5", "a.png"):
+        frame.save(tmp_path / name)
+        assert read_raw(tmp_path / name).cfa == cfa

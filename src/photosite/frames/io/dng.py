@@ -1,6 +1,7 @@
 """Frames in Adobe DNG 1.4: written for LibRaw, and read from any DNG of one sample per pixel.
 
-Writing. One directory, uncompressed 16-bit. A mosaic is CFA, a monochrome frame LinearRaw of one sample. Levels,
+Writing. One directory, uncompressed 16-bit. A mosaic is CFA (2 x 2 pixels of up to four colors, or X-Trans), a
+monochrome frame LinearRaw of one sample. Levels,
 exposure, color matrices and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
 integers, is also in ImageDescription (`photosite.frames.frame_file`). AsShotNeutral, ISO, FNumber, FocalLength and
 DateTime are written if the metadata have as_shot_neutral, iso, f_number, focal_length_mm and date_time (ISO 8601);
@@ -47,7 +48,7 @@ from photosite.frames.io.tiff import (
     read_tiff_pixels,
 )
 from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_note, neutral_text
-from photosite.values.cfa import MONOCHROME, NAMED, Cfa, channel_names, tile_text
+from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites, plane_names, tile_text
 
 CFA, LINEAR_RAW = 32803, 34892
 NEW_SUBFILE_TYPE, MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, ISO = 254, 271, 272, 274, 33434, 34855
@@ -63,15 +64,15 @@ ACTIVE_AREA, MASKED_AREAS, NOISE_PROFILE = 50829, 50830, 51041
 ILLUMINANT_A, D65 = 17, 21
 """Exif's LightSource."""
 
-PLANES = ("R", "G", "B")
-"""The colors in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile."""
-
 LIBRAW_SMALLEST = 22
 
-_COLORS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
-"""TIFF/EP CFAPattern, and white as DNG adds it."""
+_COLORS = {0: "R", 1: "G", 2: "B", 3: "Cy", 4: "M", 5: "Y", 6: "W"}
+"""TIFF/EP CFAPattern, and white as DNG adds it. The planes are in the order of these numbers."""
 
-_BAYER = {NAMED[name] for name in ("rggb", "bggr", "gbrg", "grbg")}
+_CODES = {name: code for code, name in _COLORS.items()} | {"C": 6}
+"""Clear pixels count as white ones."""
+
+_XTRANS = (6, 6)
 # CIE 15, 2 degree observer
 _D65_WHITE_XYZ = (0.3127 / 0.3290, 1.0, (1 - 0.3127 - 0.3290) / 0.3290)
 _A_WHITE_XYZ = (0.44758 / 0.40745, 1.0, (1 - 0.44758 - 0.40745) / 0.40745)
@@ -108,10 +109,26 @@ def write_dng(frame: RawFrame, path: Path) -> None:
 
 
 def check_dng_cfa(cfa: Cfa) -> None:
-    """Raise `InputError` for a color filter array that readers of DNG do not take: Quad Bayer, RGBW, X-Trans, ..."""
-    if len(channel_names(cfa)) > 1 and cfa not in _BAYER:
-        expected = "rggb, bggr, gbrg, grbg or monochrome in DNG"
-        raise InputError("cfa", value=tile_text(cfa), expected=expected, hint="Save as TIFF (.tif) or HDF5 (.h5)")
+    """Raise `InputError` for a color filter array that LibRaw does not read from DNG: Quad Bayer, RGBW of 4 x 4, ...
+
+    LibRaw reads tiles of 2 x 2 pixels in up to four of DNG's colors, and X-Trans, 6 x 6 pixels of red, green and blue.
+    """
+    names, size = channel_names(cfa), (len(cfa), len(cfa[0]))
+    coded = len({_CODES.get(name, name) for name in names}) == len(names) <= 4 and set(names) <= _CODES.keys()
+    if len(names) == 1 or (coded and (size == (2, 2) or (size == _XTRANS and set(names) == {"R", "G", "B"}))):
+        return
+    expected = "monochrome, 2 x 2 pixels of R, G, B, Cy, M, Y and W or C, or X-Trans in DNG, as LibRaw reads it"
+    raise InputError("cfa", value=tile_text(cfa), expected=expected, hint="Save as TIFF (.tif) or HDF5 (.h5)")
+
+
+def _planes(cfa: Cfa) -> tuple[str, ...]:
+    """Return the channels in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile.
+
+    LibRaw takes the second of three as green, of which a tile has two pixels.
+    """
+    names = sorted(channel_names(cfa), key=lambda name: _CODES.get(name, len(_CODES)))
+    most = max(names, key=lambda name: len(channel_sites(cfa, name)))
+    return (names[0], most, *(name for name in names[1:] if name != most)) if len(names) == 3 else tuple(names)
 
 
 def _common_tags(frame: RawFrame) -> list[Tag]:
@@ -156,11 +173,12 @@ def _color_tags(frame: RawFrame) -> list[Tag]:
     if not frame.is_mosaic:
         return []
     check_dng_cfa(frame.cfa)
-    pattern = bytes(PLANES.index(name) for row in frame.cfa for name in row)
+    pattern = bytes(_CODES[name] for row in frame.cfa for name in row)
+    planes = _planes(frame.cfa)
     tags: list[Tag] = [
-        (CFA_REPEAT_DIM, "H", 2, (2, 2), True),
-        (CFA_PATTERN, "B", 4, pattern, True),
-        (CFA_PLANE_COLOR, "B", 3, bytes((0, 1, 2)), True),
+        (CFA_REPEAT_DIM, "H", 2, (len(frame.cfa), len(frame.cfa[0])), True),
+        (CFA_PATTERN, "B", len(pattern), pattern, True),
+        (CFA_PLANE_COLOR, "B", len(planes), bytes(_CODES[name] for name in planes), True),
         (CFA_LAYOUT, "H", 1, 1, True),  # rectangular
     ]
     if frame.color_matrix is None:
@@ -170,7 +188,9 @@ def _color_tags(frame: RawFrame) -> list[Tag]:
         tags += _matrix_tags(frame, frame.color_matrix_a, "color_matrix_a", ILLUMINANT_A, _A_WHITE_XYZ, second=False)
     tags += _matrix_tags(frame, frame.color_matrix, "color_matrix", D65, _D65_WHITE_XYZ, second=two)
     if (neutral := frame.as_shot_neutral) is not None:
-        tags.append((AS_SHOT_NEUTRAL, "2I", 3, sum((_ratio(x, "as_shot_neutral") for x in neutral), ()), True))
+        of_channel = dict(zip(plane_names(frame.cfa), neutral, strict=True))
+        ratios = sum((_ratio(of_channel[name], "as_shot_neutral") for name in planes), ())
+        tags.append((AS_SHOT_NEUTRAL, "2I", len(planes), ratios, True))
     return tags
 
 
@@ -184,7 +204,7 @@ def _matrix_tags(
         raise InputError(what, value=matrix.tolist(), expected=expected)
     ratios = sum((_ratio(x, what, signed=True) for x in matrix.ravel()), ())
     matrix_tag, light_tag = (COLOR_MATRIX_2, ILLUMINANT_2) if second else (COLOR_MATRIX_1, ILLUMINANT_1)
-    return [(matrix_tag, "2i", 9, ratios, True), (light_tag, "H", 1, light, True)]
+    return [(matrix_tag, "2i", matrix.size, ratios, True), (light_tag, "H", 1, light, True)]
 
 
 def _by_plane(frame: RawFrame, rows: NDArray[np.float64], cols: int, what: str) -> NDArray[np.float64]:
@@ -195,7 +215,7 @@ def _by_plane(frame: RawFrame, rows: NDArray[np.float64], cols: int, what: str) 
         raise InputError(what, value=table.shape, expected=f"of shape {expected}")
     if not frame.is_mosaic:
         return table
-    return table[[frame.channels.index(name) for name in PLANES if name in frame.channels]]
+    return table[[frame.channels.index(name) for name in _planes(frame.cfa)]]
 
 
 def _ratio(value: float, what: str, *, signed: bool = False) -> tuple[int, int]:
@@ -322,7 +342,8 @@ def _check_unedited(path: Path, own: FrameHeader, top: Directory) -> None:
         ("exposure", None if exposure_s is None else _rounded(exposure_s), exposure_of(top)),
     ]
     if own.cfa is not None and len(channel_names(own.cfa)) > 1:
-        pairs.append(("color filter array", own.cfa, _cfa(path, top)))
+        coded = tuple(tuple(_COLORS[_CODES[name]] for name in row) for row in own.cfa)
+        pairs.append(("color filter array", coded, _cfa(path, top)))
     for what, in_description, in_tags in pairs:
         if in_description != in_tags:
             problem = f"the file was edited: its tags state {what} {in_tags}, its description {in_description}"
@@ -406,6 +427,9 @@ def _metadata(top: Directory, raw: Directory, cfa: Cfa) -> dict[str, Any]:
     camera = top.text(UNIQUE_CAMERA_MODEL)
     found = camera_settings(top) if camera is None else {"camera": camera, **camera_settings(top)}
     neutral, planes = top.numbers(AS_SHOT_NEUTRAL), raw.numbers(CFA_PLANE_COLOR) or (0, 1, 2)
-    if neutral is None or planes != (0, 1, 2) or len(neutral) != 3 or set(channel_names(cfa)) != set(PLANES):
+    of_plane = dict(zip((_COLORS.get(int(code)) for code in planes), neutral or (), strict=False))
+    if neutral is None or len(neutral) != len(planes) or of_plane.keys() != set(channel_names(cfa)):
         return found
-    return found | ({"as_shot_neutral": neutral_text(neutral)} if min(neutral) > 0 else {})
+    if min(neutral) <= 0:
+        return found
+    return found | {"as_shot_neutral": neutral_text([of_plane[name] for name in plane_names(cfa)])}

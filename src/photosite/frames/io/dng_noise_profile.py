@@ -78,7 +78,7 @@ def write_dng_profile(profile: NoiseProfile, source: str | PathLike[str], path: 
         replace(read_raw(file), noise_profile=table).save(path)
         return
     names = channel_names(header.cfa or MONOCHROME)
-    planes = [name for name in dng.PLANES if name in names]
+    planes = [name for name in ("R", "G", "B") if name in names]
     one_row = len(planes) < len(names) or len(names) == 1 or not np.ptp(table, axis=0).any()
     values = table.mean(axis=0, keepdims=True) if one_row else table[[names.index(name) for name in planes]]
     try:
