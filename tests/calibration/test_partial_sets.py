@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -125,6 +126,26 @@ def test_bias_frames_and_one_level_of_light(frames: int, largest: float) -> None
     holds(calibration.read_noise_e, READ_DN / GAIN)
     missing(calibration, "prnu_percent", "saturation_dn", "linearity_error_percent", "dark_current_dn_per_s")
     assert any("one level of light" in warning for warning in calibration.warnings)
+
+
+@pytest.mark.parametrize("dark_e_per_s", [0.0, 1000.0])
+def test_responsivity_includes_the_dark_current_that_one_exposure_leaves_open(dark_e_per_s: float) -> None:
+    """A dark current of 1000 e-/s is 0.7 % of the light."""
+    camera = replace(CAMERA, dark_e_per_s=dark_e_per_s)
+    flats = [("light", 0.01 * t, 4) for t in range(1, 8)]
+    for dark_s, largest in ((0.005, 0.02), (0.03, 0.01)):
+        calibration = calibrate(frames_of(("dark", dark_s, 8), *flats, camera=camera))
+        for estimate, truth in (
+            (calibration.responsivity_dn_per_photon, 0.5 * GAIN),
+            (calibration.quantum_efficiency_percent, 50.0),
+        ):
+            low, high = estimate.interval_95
+            assert low < truth < high
+            assert estimate.standard_uncertainty < largest * truth
+        assert any("the dark current is not known, up to " in warning for warning in calibration.warnings)
+    calibration = calibrate(frames_of(("dark", 1e-5, 8), *flats, camera=camera))
+    missing(calibration, "responsivity_dn_per_photon", "quantum_efficiency_percent", reason="dark current is not known")
+    holds(calibration.system_gain_dn_per_e, GAIN)
 
 
 def test_single_dark_frame() -> None:

@@ -319,10 +319,21 @@ def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[C
     """Warn of dark frames and flat fields that do not cover the range of exposures."""
     longest_dark = max((entry.group.exposure_s for entry in dark.groups), default=math.inf)
     longest_light = max(float(channel.levels.exposure_s.max()) for channel in channels)
-    if longest_light > longest_dark * (1.0 + 1e-6):
+    current = channels[0].unknown_dark_current()
+    if current is not None and channels[0].levels.photons_known:
+        size = ""
+        if isinstance(current, Uncertain):
+            largest = current.value + math.sqrt(3.0) * current.standard_uncertainty
+            size = f", up to {largest:.2g} DN/s; the uncertainties of responsivity and quantum efficiency include it"
+        yield (
+            f"the dark frames have one exposure time, {longest_dark:g} s, and the flat fields others: the dark current "
+            f"is not known{size}; take dark frames at a second exposure time"
+        )
+    elif longest_light > longest_dark * (1.0 + 1e-6):
+        taken = "extrapolated" if current is None else "taken as constant"
         yield (
             f"the longest dark exposure, {longest_dark:g} s, is shorter than the longest flat, {longest_light:g} s; "
-            f"the dark signal of the longer flat fields was extrapolated"
+            f"the dark signal of the longer flat fields was {taken}"
         )
     if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
         of_channel = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines
+from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines, same_exposure
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import (
     LINEAR_SHARE,
@@ -31,14 +31,20 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.exposure import format_exposure
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Missing, Uncertain, Value
+from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
 
 FAR = 3.29
 """Size of a bend, in its standard uncertainties, from which a warning names its cause: 1 in 1000."""
+
+FAR_CURRENT, LARGEST_DARK = 3.0, 0.1
+"""Standard uncertainties to the largest dark current that the means allow; share of the signal up to which it may be
+unknown."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +102,45 @@ class Channel:
             return Missing("no light level lies in the linear range")
         if (why := self.no_slope_of_light()) is not None:
             return why
-        if by_line or self.curve is None:
-            return fit.uncertain[0]
-        return self.curve.responsivity(self.levels, self.used & self.levels.trusted)
+        take = self.used & self.levels.trusted
+        value = fit.uncertain[0] if by_line or self.curve is None else self.curve.responsivity(self.levels, take)
+        current = self.unknown_dark_current()
+        if current is None:
+            return value
+        return derive(lambda c: value - c * float(fit.estimator[0] @ self._dark_seconds(take)), current)
+
+    def unknown_dark_current(self) -> Value | None:
+        """Return the dark current in DN/s where dark frames of one exposure time leave it open; None elsewhere.
+
+        It is between 0 and what the dark noise and the means of the flat fields allow: a dark current shifts these by
+        its charge in the dark frames from the straight line through the origin.
+        """
+        dark, take = self.dark, self.used & self.levels.trusted
+        seconds = self._dark_seconds(take)
+        if dark.mean.fit is not None or dark.mean.reason or dark.variance.reason or not seconds.any():
+            return None
+        low, high, dark_s = 0.0, math.inf, float(dark.mean.exposure_s[0])
+        noise = dark.variance.at_zero
+        if isinstance(self.gain, Uncertain) and isinstance(noise, Uncertain) and dark_s > 0.0:
+            high = max(noise.interval_95[1] - QUANTISATION_DN2, 0.0) / (self.gain.value * dark_s)
+        design = np.column_stack([self.levels.x[take], seconds])
+        if self.curve is None and np.linalg.matrix_rank(design / np.abs(design).max(axis=0)) == 2:
+            found = fit_linear(design, self.levels.signal[take], self.levels.signal_covariance[np.ix_(take, take)])
+            current = found.uncertain[1]
+            reach = FAR_CURRENT * current.standard_uncertainty
+            high = min(high, max(current.value, 0.0) + reach)
+            low = min(max(current.value - reach, 0.0), high)
+        if high * float(np.abs(seconds).max()) > LARGEST_DARK * float(self.levels.signal[take].max()):
+            return Missing(
+                f"the dark current is not known, and may be a part of the signal of more than {100 * LARGEST_DARK:.0f} "
+                f"%: all dark frames have the exposure time {format_exposure(dark_s)} s; take some at a second one"
+            )
+        return Uncertain.of(0.5 * (low + high), 0.5 * (high - low) / math.sqrt(3.0))
+
+    def _dark_seconds(self, take: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return by how much the exposure times of some levels exceed that of the dark frames of one exposure time."""
+        seconds = self.levels.exposure_s[take] - self.dark.mean.exposure_s[0]
+        return np.where(same_exposure(self.levels.exposure_s[take], self.dark.mean.exposure_s[0]), 0.0, seconds)
 
     def no_slope_of_light(self) -> Missing | None:
         """Return why the slope of the means is not that of the light alone, with incomplete dark frames; else None."""
