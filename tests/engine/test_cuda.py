@@ -47,6 +47,33 @@ for shape, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (mean.shape, m
     np.testing.assert_array_equal(cuda, cpu)
 """
 
+STAGES = """
+import numpy as np
+from photosite.engine.charge import ConversionMaps, collect_charge, convert_charge
+from photosite.engine.cuda import collect_charge_cuda, convert_charge_cuda
+from photosite.engine.jit import read_only
+from photosite.engine.pixel_model import Exposure
+from photosite.engine.random_numbers import key_from_seed
+
+rng = np.random.default_rng(4)
+shape = ROWS, COLS
+mean = rng.permutation(np.resize([0, 0.5, 9.99, 10, 900, 29900, 60000], ROWS * COLS)).reshape(shape).astype(np.float32)
+exposure = Exposure(0.7, 30000.0, 0.4, -10.0, 11900.0, 70, 333, 5000, np.uint32(9), *key_from_seed(2**40 + 17))
+for size, counts, table in (((1, 1), (1, 1), 1), (shape, shape, 9)):
+    prnu, dark, offset, noise = (read_only(rng.normal(0, 0.1, size).astype(np.float32)) for _ in range(4))
+    dark, noise = read_only(abs(dark)), read_only(abs(noise) * 200 + 20)
+    lines = [rng.normal(0, 3, count) for count in counts]
+    groups = [rng.integers(0, 2, count) for count in counts]
+    curve, error = np.linspace(0, 3.3e4, table) - 1e3 * np.sin(range(table)) ** 2, rng.normal(0, 3, table)
+    parts = [*lines, *groups, rng.normal(1.1, 0.02, (2, 2)), rng.normal(0, 9, (2, 2)), curve]
+    maps = ConversionMaps(offset, noise, *map(read_only, parts), 3750.0, read_only(error))
+    charge = collect_charge(read_only(mean), prnu, dark, exposure)
+    np.testing.assert_array_equal(collect_charge_cuda(mean, prnu, dark, exposure), charge)
+    cpu = convert_charge(read_only(charge), maps, exposure)
+    assert cpu.min() == 0 and cpu.max() > 11880, "both ends of the converter"
+    np.testing.assert_array_equal(convert_charge_cuda(charge, maps, exposure), cpu)
+"""
+
 CAMERA = """
 import numpy as np
 import photosite as ps
@@ -67,7 +94,12 @@ for cuda, cpu in zip(*streams, strict=True):
 
 
 @pytest.mark.parametrize(
-    "program", [pytest.param(KERNEL, id="kernel"), pytest.param(CAMERA, id="camera", marks=pytest.mark.slow)]
+    "program",
+    [
+        pytest.param(KERNEL, id="kernel"),
+        pytest.param(STAGES, id="stages"),
+        pytest.param(CAMERA, id="camera", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("target", ["simulator", "gpu"])
 def test_frames_equal_those_of_the_cpu(program: str, target: str) -> None:

@@ -27,9 +27,10 @@ from photosite.scene.charts import macbeth_reflectance
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
+from photosite.sensor.device import Device
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
-from photosite.sensor.readout import Device, Rectangle, digital_numbers
+from photosite.sensor.readout import Rectangle, digital_numbers
 from photosite.values.cfa import plane_names, shifted
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Region

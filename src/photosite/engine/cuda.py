@@ -18,6 +18,16 @@ import numba.cuda
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.charge import (
+    ConversionMaps,
+    between,
+    collected_pixel,
+    converter_input,
+    mean_charge,
+    read_deviate,
+    rounded,
+    step_below,
+)
 from photosite.engine.jit import F32
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
 
@@ -27,15 +37,25 @@ types: Any = numba.types
 _THREADS = (32, 8)
 
 _DEVIATES, _FLOATS = types.Array(types.int16, 2, "C"), types.Array(types.float32, 2, "C")
-_LINES = types.Array(types.float64, 1, "C")
+_LINES, _GROUPS = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
+_TABLE = types.Array(types.float64, 2, "C")
+_NUMBERS = types.Array(types.uint16, 2, "C")
+_EXPOSURE = types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure)
+_CONVERSION = types.NamedTuple(
+    [*[_FLOATS] * 2, *[_LINES] * 2, *[_GROUPS] * 2, *[_TABLE] * 2, _LINES, types.float64, _LINES], ConversionMaps
+)
 SIGNATURE = (
     _FLOATS,
     types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS, _LINES, _LINES], DrawnMaps),
     types.NamedTuple([types.float64] * 3, DrawnConstants),
-    types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure),
-    types.Array(types.uint16, 2, "C"),
+    _EXPOSURE,
+    _NUMBERS,
 )
 """Argument types of `expose_thread`."""
+COLLECT_SIGNATURE = (_FLOATS, _FLOATS, _FLOATS, _EXPOSURE, _FLOATS)
+"""Argument types of `collect_thread`."""
+CONVERT_SIGNATURE = (_FLOATS, _CONVERSION, _EXPOSURE, _NUMBERS)
+"""Argument types of `convert_thread`."""
 
 # Every floating-point operation that rounds must state how (.rn: to nearest); otherwise the assembler may fuse it.
 _INEXACT = re.compile(
@@ -54,34 +74,71 @@ def expose_drawn_cuda(
 
     Raises `NoCudaError` if the GPU, its driver or numba-cuda is missing, or its code rounds differently.
     """
-    kernel = _kernel()
-    out = cuda.device_array(photo_e.shape, np.uint16)
-    blocks = tuple(-(-size // threads) for size, threads in zip(photo_e.shape[::-1], _THREADS, strict=True))
-    on_device = DrawnMaps(*(_on_device(values) for values in maps))
-    kernel[blocks, _THREADS](_on_device(photo_e), on_device, constants, exposure, out)
-    frame_dn: NDArray[np.uint16] = out.copy_to_host()
+    frame_dn: NDArray[np.uint16] = _run(SIGNATURE, expose_thread, np.uint16, photo_e, maps, constants, exposure)
     return frame_dn
 
 
-def _on_device(values: NDArray[Any]) -> Any:
-    return cuda.to_device(np.ascontiguousarray(values))
+def collect_charge_cuda(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Exposure) -> F32:
+    """Return the electrons of `charge.collect_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
+    charge_e: F32 = _run(COLLECT_SIGNATURE, collect_thread, np.float32, photo_e, prnu, dark_rate_e_per_s, exposure)
+    return charge_e
 
 
-@lru_cache(maxsize=1)
-def _kernel() -> Any:
+def convert_charge_cuda(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> NDArray[np.uint16]:
+    """Return the digital numbers of `charge.convert_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
+    frame_dn: NDArray[np.uint16] = _run(CONVERT_SIGNATURE, convert_thread, np.uint16, charge_e, maps, exposure)
+    return frame_dn
+
+
+def _run(signature: Any, thread: Callable[..., None], dtype: Any, pixels: NDArray[Any], *arguments: Any) -> Any:
+    """Return a (rows, cols) array that a kernel with a thread for each pixel fills."""
+    kernel = _kernel(signature, thread)
+    out = cuda.device_array(pixels.shape, dtype)
+    blocks = tuple(-(-size // threads) for size, threads in zip(pixels.shape[::-1], _THREADS, strict=True))
+    kernel[blocks, _THREADS](*map(_on_device, (pixels, *arguments)), out)
+    return out.copy_to_host()
+
+
+def _on_device(argument: Any) -> Any:
+    """Return an argument with its arrays copied to the GPU."""
+    if isinstance(argument, np.ndarray):
+        return cuda.to_device(np.ascontiguousarray(argument))
+    return type(argument)(*map(_on_device, argument)) if isinstance(argument, tuple) else argument
+
+
+@lru_cache
+def _kernel(signature: Any, thread: Callable[..., None]) -> Any:
     """Return the compiled kernel; failed attempts are not cached."""
     settings: Any = numba.config
     if settings.ENABLE_CUDASIM:
-        return cuda.jit(SIGNATURE)(expose_thread)
+        return cuda.jit(signature)(thread)
     if importlib.util.find_spec("numba_cuda") is None:
         raise NoCudaError("the package numba-cuda is not installed")
     if not cuda.is_available():
         raise NoCudaError("numba-cuda finds no GPU with a driver and a toolkit")
     with unfused():
-        kernel = cuda.jit(SIGNATURE, lto=False)(expose_thread)
+        kernel = cuda.jit(signature, lto=False)(thread)
         for ptx in kernel.inspect_asm().values():
             check_unfused(ptx)
     return kernel
+
+
+def _device_function(function: Callable[..., Any]) -> Any:
+    """Return a function for use in kernels; numba's simulator calls it as it is."""
+    settings: Any = numba.config
+    return function if settings.ENABLE_CUDASIM else cuda.jit(device=True, inline=True)(function)
+
+
+@_device_function
+def _at(values: Any, r: int, c: int) -> Any:
+    """Return the value of a map; every index of a map of shape (1, 1), one value for all pixels, becomes 0."""
+    return values[min(r, values.shape[0] - 1), min(c, values.shape[1] - 1)]
+
+
+@_device_function
+def _line(values: Any, i: int) -> Any:
+    """Return the value of a line; every index of shape (1,), one value for all lines, becomes 0."""
+    return values[min(i, values.shape[0] - 1)]
 
 
 def expose_thread(photo_e: Any, maps: Any, constants: Any, exposure: Any, out: Any) -> None:
@@ -89,14 +146,43 @@ def expose_thread(photo_e: Any, maps: Any, constants: Any, exposure: Any, out: A
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
         return
-    # In a map of shape (1, 1) or (1,), which is one value for all pixels or lines, every index becomes 0.
-    prnu = maps.prnu[min(r, maps.prnu.shape[0] - 1), min(c, maps.prnu.shape[1] - 1)]
-    offset = maps.offset[min(r, maps.offset.shape[0] - 1), min(c, maps.offset.shape[1] - 1)]
-    rates = maps.dark_rate_e_per_s
-    dark_rate = rates[min(r, rates.shape[0] - 1), min(c, rates.shape[1] - 1)]
-    line_dn = maps.row_dn[min(r, maps.row_dn.shape[0] - 1)] + maps.column_dn[min(c, maps.column_dn.shape[0] - 1)]
+    prnu, offset = _at(maps.prnu, r, c), _at(maps.offset, r, c)
+    dark_rate = _at(maps.dark_rate_e_per_s, r, c)
+    line_dn = _line(maps.row_dn, r) + _line(maps.column_dn, c)
     pixel = drawn_pixel(prnu, offset, dark_rate, line_dn, constants, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
+
+
+def collect_thread(photo_e: Any, prnu: Any, dark_rate_e_per_s: Any, exposure: Any, out: Any) -> None:
+    """Compute the charge of one pixel."""
+    c, r = cuda.grid(2)
+    if r >= out.shape[0] or c >= out.shape[1]:
+        return
+    mean_e = mean_charge(photo_e[r, c], _at(prnu, r, c), _at(dark_rate_e_per_s, r, c), exposure)
+    out[r, c] = collected_pixel(mean_e, r, c, exposure)
+
+
+def convert_thread(charge_e: Any, maps: Any, exposure: Any, out: Any) -> None:
+    """Compute the digital number of one pixel from its charge."""
+    c, r = cuda.grid(2)
+    if r >= out.shape[0] or c >= out.shape[1]:
+        return
+    curve, error = maps.curve_e, maps.converter_error_dn
+    signal_e = float(charge_e[r, c])
+    if curve.shape[0] > 1:
+        place = max(signal_e, 0.0) / maps.curve_step_e
+        low = step_below(place, curve.shape[0])
+        signal_e = between(curve[low], curve[low + 1], place - low)
+    row_group, column_group = _line(maps.row_group, r), _line(maps.column_group, c)
+    offset_e = _at(maps.offset_e, r, c) + maps.group_offset_e[row_group, column_group]
+    read_e = offset_e + _at(maps.noise_e, r, c) * read_deviate(r, c, exposure)
+    line_dn = _line(maps.row_dn, r) + _line(maps.column_dn, c)
+    dn = converter_input(signal_e, read_e, maps.group_gain[row_group, column_group], line_dn, exposure)
+    if error.shape[0] > 1:
+        place = max(dn, 0.0) * ((error.shape[0] - 1) / exposure.white_level_dn)
+        low = step_below(place, error.shape[0])
+        dn += between(error[low], error[low + 1], place - low)
+    out[r, c] = rounded(dn, exposure)
 
 
 @contextmanager

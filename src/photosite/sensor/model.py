@@ -24,6 +24,7 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
+from photosite.sensor.effects.model import Effects
 from photosite.sensor.file_units import (
     ASSUMED_SWING,
     CONVERSION,
@@ -387,6 +388,9 @@ SECTIONS: dict[str, tuple[type[Section], type[Section]]] = {
 }
 """Sections with measured values: their fields, and their fields in other units."""
 
+_PARTS: dict[str, type[Section]] = {"optical_stack": OpticalStack, "shutter": Shutter, "effects": Effects}
+"""Sections that a sensor may have; each part is a field of `with_`."""
+
 
 @dataclass(frozen=True)
 class Written:
@@ -470,6 +474,12 @@ class Sensor(Tabular, Section):
         {"kind": "rolling", "line_time_us": 14.8},
         default=None,
     )
+    effects: Effects | None = about(
+        "Effects beyond the pixel model, such as a response curve.",
+        NO_UNIT,
+        {"response_curve": {"polynomial_percent": [0.0, -2.0]}},
+        default=None,
+    )
     provenance: Provenance = about(
         "Origin of the values.", NO_UNIT, {"source": "data sheet, revision 3"}, default=Provenance()
     )
@@ -538,6 +548,8 @@ class Sensor(Tabular, Section):
         if self.optical_stack is not None:
             array, ranges = self.array, {name: channel.responds_nm for name, channel in self.channels.items()}
             self.optical_stack.check(ranges, (array.rows, array.cols), (len(array.cfa), len(array.cfa[0])))
+        if self.effects is not None:
+            self.effects.check(self.array.rows, self.array.cols, self.pixel.well_capacity_e.value)
         return self
 
     def response_at(self, channel: str, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
@@ -734,10 +746,9 @@ class Sensor(Tabular, Section):
         targets: dict[str, dict[str, Any]] = dict.fromkeys(_OWN, data)
         for section in _SECTIONS:
             targets |= dict.fromkeys(self._names_in(section), data[section])
-        stack = data["optical_stack"] = data["optical_stack"] or {}
-        targets |= dict.fromkeys(OpticalStack.model_fields, stack) | {"optical_stack": data}
-        shutter = data["shutter"] = data["shutter"] or {}
-        targets |= dict.fromkeys(Shutter.model_fields, shutter) | {"shutter": data}
+        for section, kind in _PARTS.items():
+            parts = data[section] = data[section] or {}
+            targets |= dict.fromkeys(kind.model_fields, parts) | {section: data}
         if "serial" in changes:
             data["maps"] = None
         if self.covariance is not None:
@@ -753,9 +764,9 @@ class Sensor(Tabular, Section):
             for own in model_fields_of(name):
                 del targets[own][own]
             targets[name][name] = value
-        for name in ("optical_stack", "shutter"):
-            if isinstance(part := data[name], dict) and not any(value is not None for value in part.values()):
-                data[name] = None
+        for section in _PARTS:
+            if isinstance(parts := data[section], dict) and all(part is None for part in parts.values()):
+                data[section] = None
         try:
             if self.pixel.voltage_swing_v == ASSUMED_SWING:
                 volts = {
@@ -776,7 +787,8 @@ class Sensor(Tabular, Section):
     def field_names(self) -> tuple[str, ...]:
         """The names that `with_` takes."""
         names = (name for section in _SECTIONS for name in self._names_in(section))
-        return (*_OWN, *names, *OpticalStack.model_fields, "optical_stack", *Shutter.model_fields, "shutter")
+        parts = (name for kind in _PARTS.values() for name in kind.model_fields)
+        return (*_OWN, *names, *parts, *_PARTS)
 
     def with_pixel_width(self, width_um: float) -> Sensor:
         """Return the sensor with a larger or smaller pixel of the same technology.

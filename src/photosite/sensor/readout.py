@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from numbers import Integral
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,20 +18,18 @@ from photosite.engine.pixel_model import (
     expose_blinking,
     expose_drawn,
     expose_measured,
-    line_deviates,
 )
 from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.chip import Blinking, MeasuredChip, draw_chip
+from photosite.sensor.device import Device, computed
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
+from photosite.sensor.staged_readout import line_noise, line_noise_dn, staged_frame, within
 from photosite.values.validated import check_choice
 
 Rectangle = tuple[int, int, int, int]
 """(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
-
-Device = Literal["cpu", "cuda"]
-"""Where pixels are computed; the digital numbers are the same."""
 
 
 def digital_numbers(
@@ -113,8 +109,16 @@ def digital_numbers(
         np.uint32(frame),
         *key_from_seed(int(seed)),
     )
-    if (measured := load_measured_chip(sensor)) is None:
-        return _expose_drawn(photo_e, *_drawn_maps(sensor, part, exposure), exposure, device)
+    measured = load_measured_chip(sensor)
+    if measured is not None:
+        _check_size(measured, sensor)
+    if sensor.effects is not None:
+        return staged_frame(sensor, measured, photo_e, part, exposure, device)
+    if measured is None:
+        frame_dn: NDArray[np.uint16] = computed(
+            device, expose_drawn, photo_e, *_drawn_maps(sensor, part, exposure), exposure
+        )
+        return frame_dn
     if device != "cpu":
         hint = "Use with_(maps=None) to simulate a drawn chip on the GPU"
         raise InputError("device", value=device, expected="'cpu' for a measured chip", hint=hint)
@@ -140,47 +144,24 @@ def _check_full_well(sensor: Sensor) -> None:
 
 def _drawn_maps(sensor: Sensor, part: tuple[slice, slice], exposure: Exposure) -> tuple[DrawnMaps, DrawnConstants]:
     """Return the fixed pattern of a rectangle of the sensor's drawn chip, and the line noise of one frame."""
-    chip, noise = draw_chip(sensor), sensor.noise
-    spreads = [each.value / sensor.mv_per_dn for each in (noise.row_noise_mv, noise.column_noise_mv)]
+    chip = draw_chip(sensor)
     maps = DrawnMaps(
-        _part(chip.prnu.deviates, part),
-        _part(chip.offset_e.deviates, part),
-        _part(chip.dark_rate_e_per_s, part),
-        *_line_noise(spreads, part, exposure),
+        within(chip.prnu.deviates, part),
+        within(chip.offset_e.deviates, part),
+        within(chip.dark_rate_e_per_s, part),
+        *line_noise(line_noise_dn(sensor), part, exposure),
     )
     read_noise_e = sensor.electrons(sensor.noise.pixel_noise_mv)
     constants = DrawnConstants(float(chip.prnu.scale), float(chip.offset_e.scale), float(read_noise_e))
     return maps, constants
 
 
-def _part(values: NDArray[Any], part: tuple[slice, slice]) -> NDArray[Any]:
-    """Return a rectangle of a map; a map of shape (1, 1) as it is."""
-    return read_only(values if values.shape == (1, 1) else values[part])
-
-
-def _expose_drawn(
-    photo_e: NDArray[np.float32], maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure, device: Device
-) -> NDArray[np.uint16]:
-    """Return a drawn chip's frame, computed on the device."""
-    if device == "cpu":
-        with threads_for(photo_e.size):
-            return expose_drawn(photo_e, maps, constants, exposure)
-    try:
-        from photosite.engine.cuda import NoCudaError, expose_drawn_cuda
-    except ImportError:
-        raise _no_cuda("numba.cuda cannot be imported") from None
-    try:
-        return expose_drawn_cuda(photo_e, maps, constants, exposure)
-    except NoCudaError as error:
-        raise _no_cuda(str(error)) from None
-
-
-def _no_cuda(reason: str) -> InputError:
-    return InputError(
-        f"device 'cuda' needs an NVIDIA GPU and photosite's extra 'gpu', but {reason}",
-        hint="Run pip install '.[gpu]' in the clone, or pass {device}, which gives the same numbers",
-        arguments={"device": "cpu"},
-    )
+def _check_size(chip: MeasuredChip, sensor: Sensor) -> None:
+    """Refuse maps of another size than the sensor's."""
+    size = sensor.array.rows, sensor.array.cols
+    if chip.shape != size:
+        hint = "Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip"
+        raise InputError("maps", value=chip.shape, expected=f"of the sensor's size {size}", hint=hint)
 
 
 def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice], exposure: Exposure) -> MeasuredMaps:
@@ -189,10 +170,6 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice]
     The maps replace read noise, DSNU, PRNU and dark voltage of the sensor's description. A map that was not measured is
     constant: no PRNU, or the dark current of the description.
     """
-    size = sensor.array.rows, sensor.array.cols
-    if chip.shape != size:
-        hint = "Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip"
-        raise InputError("maps", value=chip.shape, expected=f"of the sensor's size {size}", hint=hint)
     gain = float(chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e)
     constant_dark = np.float32(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain)
     shape = part[0].stop - part[0].start, part[1].stop - part[1].start
@@ -201,26 +178,14 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice]
         for values, constant in ((chip.prnu, 0), (chip.offset_dn, 0), (chip.dark_rate_dn_per_s, constant_dark))
     )
     # A variance that was measured below 0 counts as 0.
-    spreads = [max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)]
+    spreads = max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)
     # The kernel reads a value for each line.
     row_dn, column_dn = (
         np.broadcast_to(values, count).copy()
-        for values, count in zip(_line_noise(spreads, part, exposure), shape, strict=True)
+        for values, count in zip(line_noise(spreads, part, exposure), shape, strict=True)
     )
     read_noise = read_only(chip.read_noise_dn[part])
     return MeasuredMaps(prnu, offset, dark_rate, read_noise, row_dn, column_dn, math.hypot(*spreads) ** 2, gain)
-
-
-def _line_noise(
-    spreads: Sequence[float], part: tuple[slice, slice], exposure: Exposure
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the offsets of rows and columns in one frame, DN, of standard deviations in DN; (1,) zero for none."""
-    counter = exposure.frame, exposure.k0, exposure.k1
-    rows, columns = (
-        spread * line_deviates(lines.start, lines.stop - lines.start, word, *counter) if spread else np.zeros(1)
-        for word, (spread, lines) in enumerate(zip(spreads, part, strict=True))
-    )
-    return rows, columns
 
 
 def _blinking_within(blinking: Blinking, corner: tuple[int, int], shape: tuple[int, ...]) -> BlinkingPixels:

@@ -1,0 +1,79 @@
+"""Readout channels: parts of the array that are read through amplifiers of their own."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from photosite.errors import InputError
+from photosite.sensor.quantity import NO_UNIT, about
+from photosite.values.validated import Number, Section
+
+_Gain = Annotated[float, Field(gt=0.0)]
+
+
+class ReadoutChannels(Section):
+    """Gains and offsets of readout channels, a value for each place of a tile or block.
+
+    Examples
+    --------
+    >>> columns = ReadoutChannels(relative_gain=((1.01, 0.99),), offset_e=((3, -3),))
+    >>> quadrants = ReadoutChannels(arrangement="blocks", relative_gain=((1, 1.02), (0.99, 1)))
+    >>> columns.groups(2, 4)[1].tolist(), quadrants.groups(2, 4)[1].tolist()
+    ([0, 1, 0, 1], [0, 0, 1, 1])
+    """
+
+    arrangement: Literal["tile", "blocks"] = about(
+        "tile: the values repeat over the array, as those of odd and even columns; blocks: each value holds for a part "
+        "of the array, as those of quadrants.",
+        NO_UNIT,
+        "tile",
+        default="tile",
+    )
+    relative_gain: tuple[tuple[_Gain, ...], ...] = about(
+        "Gain of each channel relative to the system gain: rows of columns.", "1", [[1.01, 0.99]], default=((1.0,),)
+    )
+    offset_e: tuple[tuple[Number, ...], ...] = about(
+        "Offset of each channel, relative to the black level: rows of columns.", "e-", [[3, -3]], default=((0.0,),)
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("relative_gain", "offset_e"):
+            rows = getattr(self, name)
+            if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
+                raise InputError(name, value=rows, expected="rows of the same number of values")
+        shapes = {np.shape(self.relative_gain), np.shape(self.offset_e)} - {(1, 1)}
+        if len(shapes) > 1:
+            raise InputError("offset_e", value=np.shape(self.offset_e), expected="of the shape of relative_gain")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the table of channels."""
+        rows, columns = np.broadcast_shapes(np.shape(self.relative_gain), np.shape(self.offset_e))
+        return rows, columns
+
+    def check(self, rows: int, cols: int) -> None:
+        """Raise `InputError` unless the array has at least a row and a column for each channel."""
+        if self.shape[0] > rows or self.shape[1] > cols:
+            raise InputError("relative_gain", value=self.shape, expected=f"at most the array's size, {(rows, cols)}")
+
+    def groups(self, rows: int, cols: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the row of the table for each row of the array, and the column of the table for each column."""
+        sizes = zip(self.shape, (rows, cols), strict=True)
+        if self.arrangement == "tile":
+            row, column = (np.arange(size) % count for count, size in sizes)
+        else:
+            row, column = (np.arange(size) * count // size for count, size in sizes)
+        return row, column
+
+    def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return relative gain and offset in electrons of each channel, arrays of `shape`."""
+        gain, offset = (
+            np.broadcast_to(np.array(part, float), self.shape) for part in (self.relative_gain, self.offset_e)
+        )
+        return gain.copy(), offset.copy()

@@ -1,0 +1,138 @@
+"""A frame of a sensor with effects: charge, the stages that change it, and its conversion to digital numbers.
+
+Each effect of `photosite.sensor.effects` changes one of the arrays here. `engine.charge` has the equations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.charge import ConversionMaps, collect_charge, convert_charge
+from photosite.engine.jit import T, read_only
+from photosite.engine.pixel_model import Exposure, line_deviates
+from photosite.sensor.chip import MeasuredChip, draw_chip
+from photosite.sensor.device import Device, computed
+from photosite.sensor.effects.model import Effects
+from photosite.sensor.model import Sensor
+
+Part = tuple[slice, slice]
+"""Rows and columns of a rectangle."""
+
+
+@dataclass(frozen=True)
+class FixedPattern:
+    """Maps of a rectangle in electrons, (rows, cols) float32 or (1, 1); spreads of row and column noise in DN."""
+
+    prnu: NDArray[np.float32]
+    dark_rate_e_per_s: NDArray[np.float32]
+    offset_e: NDArray[np.float32]
+    noise_e: NDArray[np.float32]
+    line_noise_dn: tuple[float, float]
+
+
+def staged_frame(
+    sensor: Sensor,
+    measured: MeasuredChip | None,
+    photo_e: NDArray[np.float32],
+    part: Part,
+    exposure: Exposure,
+    device: Device,
+) -> NDArray[np.uint16]:
+    """Return the digital numbers of a rectangle of a sensor with effects; `photo_e` is that of the rectangle."""
+    effects = sensor.effects or Effects()
+    pattern = _drawn_pattern(sensor, part) if measured is None else _measured_pattern(sensor, measured, part, exposure)
+    charge_e = computed(device, collect_charge, photo_e, pattern.prnu, pattern.dark_rate_e_per_s, exposure)
+    maps = _conversion(sensor, effects, pattern, part, exposure)
+    frame_dn: NDArray[np.uint16] = computed(device, convert_charge, read_only(charge_e), maps, exposure)
+    return frame_dn
+
+
+def _drawn_pattern(sensor: Sensor, part: Part) -> FixedPattern:
+    """Return the maps of a rectangle of the chip that the serial stands for."""
+    chip, noise = draw_chip(sensor), sensor.noise
+    return FixedPattern(
+        read_only(within(chip.prnu.deviates, part) * np.float32(chip.prnu.scale)),
+        within(chip.dark_rate_e_per_s, part),
+        read_only(within(chip.offset_e.deviates, part) * np.float32(chip.offset_e.scale)),
+        _one(sensor.electrons(noise.pixel_noise_mv)),
+        line_noise_dn(sensor),
+    )
+
+
+def within(values: NDArray[T], part: Part) -> NDArray[T]:
+    """Return a rectangle of a map; a map of shape (1, 1), which is one value for all pixels, as it is."""
+    return read_only(values if values.shape == (1, 1) else values[part])
+
+
+def line_noise_dn(sensor: Sensor) -> tuple[float, float]:
+    """Return the standard deviations of row and column noise, DN."""
+    noise = sensor.noise
+    return noise.row_noise_mv.value / sensor.mv_per_dn, noise.column_noise_mv.value / sensor.mv_per_dn
+
+
+def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: Exposure) -> FixedPattern:
+    """Return the maps of a rectangle of a measured chip; see `pixel_model.measured_pixel` for values below 0."""
+    gain = np.float32(chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e)
+    lines = max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)
+    noise_dn = chip.read_noise_dn[part]
+    variance = noise_dn * np.abs(noise_dn) - np.float32(math.hypot(*lines) ** 2)
+    dark = chip.dark_rate_dn_per_s
+    dark_rate = _one(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value)) if dark is None else dark[part] / gain
+    offset = chip.offset_dn[part] / gain + np.minimum(dark_rate, 0.0) * np.float32(exposure.exposure_s)
+    ratio = exposure.gain_dn_per_e / float(gain)
+    return FixedPattern(
+        _one(0.0) if chip.prnu is None else read_only(chip.prnu[part]),
+        read_only(np.maximum(dark_rate, np.float32(0.0))),
+        read_only(offset),
+        read_only(np.sqrt(np.maximum(variance, np.float32(0.0))) / gain),
+        (lines[0] * ratio, lines[1] * ratio),
+    )
+
+
+def _conversion(
+    sensor: Sensor, effects: Effects, pattern: FixedPattern, part: Part, exposure: Exposure
+) -> ConversionMaps:
+    """Return what converts the charge of a rectangle."""
+    row_group = column_group = np.zeros(1, np.int64)
+    group_gain, group_offset = np.ones((1, 1)), np.zeros((1, 1))
+    if (channels := effects.readout_channels) is not None:
+        row_group, column_group = channels.groups(sensor.array.rows, sensor.array.cols)
+        row_group, column_group = row_group[part[0]], column_group[part[1]]
+        group_gain, group_offset = channels.tables()
+    curve, step = np.zeros(1), 1.0
+    if effects.response_curve is not None:
+        curve, step = effects.response_curve.nodes(exposure.well_capacity_e)
+    row_dn, column_dn = line_noise(pattern.line_noise_dn, part, exposure)
+    return ConversionMaps(
+        pattern.offset_e,
+        pattern.noise_e,
+        read_only(row_dn),
+        read_only(column_dn),
+        read_only(row_group),
+        read_only(column_group),
+        read_only(group_gain),
+        read_only(group_offset),
+        read_only(curve),
+        step,
+        read_only(np.zeros(1)),
+    )
+
+
+def line_noise(
+    spreads: tuple[float, float], part: Part, exposure: Exposure
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the offsets of rows and columns in one frame, DN, of standard deviations in DN; (1,) zero for none."""
+    counter = exposure.frame, exposure.k0, exposure.k1
+    rows, columns = (
+        spread * line_deviates(lines.start, lines.stop - lines.start, word, *counter) if spread else np.zeros(1)
+        for word, (spread, lines) in enumerate(zip(spreads, part, strict=True))
+    )
+    return rows, columns
+
+
+def _one(value: float) -> NDArray[np.float32]:
+    return read_only(np.full((1, 1), value, np.float32))
