@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.spatial.periodic_structure import MOSAIC_SHARE, periodic_structure
+from photosite.values.cfa import NAMED, shifted
 
 MONO = np.zeros((1, 1), np.int64)
 
@@ -72,6 +73,22 @@ def test_a_mosaic_is_found_in_its_phase():
         assert seen is not None
         assert seen.of_mosaic()
         assert " ".join(seen.bayer_patterns()) == patterns
+
+
+@pytest.mark.parametrize("name", ["quad-rggb", "rgbw", "rgb-ir", "x-trans"])
+def test_other_mosaics_are_named_in_any_phase(name):
+    rng, signal = np.random.default_rng(6), {"R": 0.5, "G": 0.8, "B": 0.35, "W": 1.0, "Ir": 0.2}
+    for row, col in ((0, 0), (1, 0), (1, 3)):
+        cell = np.array([[signal[channel] for channel in line] for line in shifted(NAMED[name], row, col)])
+        seen = found(tiled(flat(rng, shape=(120, 144)), cell))
+        assert seen.tiles() == (name,)
+        assert str(seen).endswith(f"; {name} fits")
+
+
+def test_an_unknown_mosaic_is_not_named():
+    rng = np.random.default_rng(7)
+    cell = rng.uniform(0.3, 1.0, (4, 4))
+    assert found(tiled(flat(rng, shape=(120, 144)), cell)).tiles() == ()
 
 
 def test_the_stated_mosaic_is_no_structure_and_its_wrong_phase_is():

@@ -20,6 +20,8 @@ SENSORS, QUICK_SENSORS = 500, 50
 CONDITION_NAMES = (
     "bright-mono-12",
     "bright-cfa-12",
+    "quad-cfa-12",
+    "xtrans-cfa-12",
     "bright-mono-8",
     "bright-cfa-10",
     "bright-mono-16",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -334,7 +334,7 @@ class Condition:
 
     name: str
     summary: str
-    cfa: Literal["mono", "rggb"]
+    cfa: str  # name of the tile
     bits: int
     rows: int
     cols: int
@@ -433,7 +433,7 @@ FULL = _protocol("full", darks=24, repeats=4, levels=16, flats=4, stack=16)
 WARM = _protocol("warm", darks=24, repeats=4, levels=16, flats=4, stack=16, reference_s=1.0)
 FEW = _protocol("few frames", darks=4, repeats=2, levels=8, flats=2, stack=0)
 
-_MONO, _BAYER, _LARGE = (48, 64), (72, 88), (96, 128)
+_MONO, _BAYER, _LARGE, _TILES = (48, 64), (72, 88), (96, 128), (96, 120)
 _PEDESTAL = "black level at 10 standard deviations of a dark frame"
 
 CONDITIONS: dict[str, Condition] = {
@@ -446,6 +446,12 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "bright-cfa-12", "flat fields to 2.5 times saturation of the green pixels", "rggb", 12, *_BAYER,
             (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
+        ),
+        Condition(
+            "quad-cfa-12", "Quad Bayer", "quad-rggb", 12, *_TILES, (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
+        ),
+        Condition(
+            "xtrans-cfa-12", "X-Trans", "x-trans", 12, *_TILES, (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
         ),
         Condition(
             "bright-mono-8", "8 bits: 4000 to 12 000 electrons in 255 steps", "mono", 8, *_MONO,

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from photosite.values.cfa import NAMED, channel_names
+
 Array = NDArray[np.float64]
 
 PERIODS = (1, 2, 4, 6)
@@ -35,6 +37,9 @@ The two greens of a Bayer mosaic and the readout channels of a chip differ by le
 
 FILTER_SHARE = 0.1
 """Difference above which rows or columns belong to a striped color filter array: readout channels differ by less."""
+
+SAME_CHANNEL = 0.15
+"""Largest difference within a channel of a tile that fits, as a share of the whole difference."""
 
 READOUT_SHARE = 0.002
 """Difference above which places of a period are reported as readout channels of different response."""
@@ -89,12 +94,37 @@ class PeriodicStructure:
                 f"the flat fields differ by {percent} with a period of {self.period} {self.by_lines or 'pixels'}, "
                 f"as with readout channels of different gain{filters}; PRNU includes this difference"
             )
-        likely = f"; {' or '.join(self.bayer_patterns())} fits" if self.period == 2 else ""
+        fitting = self.bayer_patterns() or self.tiles()
+        likely = f"; {' or '.join(fitting)} fits" if fitting else ""
         return (
             f"the flat fields repeat every {self.period} {self.by_lines or 'rows and columns'}, by {percent} of the "
             f"signal, within what is stated as one channel, as with a color filter array that is not stated or has "
             f"another phase{likely}"
         )
+
+    def tiles(self) -> tuple[str, ...]:
+        """Return the names of the known tiles of this period that fit in some phase, those with the fewest channels.
+
+        In a tile that fits, the places of a channel differ by little of the whole difference.
+
+        Examples
+        --------
+        >>> signal = {"R": 0.5, "G": 1.0, "B": 0.6}
+        >>> PeriodicStructure(np.array([[signal[name] for name in row] for row in NAMED["x-trans"]]), 0.01).tiles()
+        ('x-trans',)
+        """
+        allowed = max(SAME_CHANNEL * self.difference, 2.0 * self.chance)
+        fitting: dict[str, int] = {}
+        for name, cfa in NAMED.items():
+            names = channel_names(cfa)
+            if len(cfa) != self.period or len(cfa[0]) != self.period or "P0" in names:
+                continue
+            tile = np.array([[names.index(channel) for channel in row] for row in cfa])
+            for shift in np.ndindex(tile.shape):
+                shifted = np.roll(tile, shift, axis=(0, 1))
+                if all(np.ptp(self.relative[shifted == k]) < allowed for k in range(len(names))):
+                    fitting[name] = len(names)
+        return tuple(name for name, channels in fitting.items() if channels == min(fitting.values()))
 
     def bayer_patterns(self) -> tuple[str, ...]:
         """Return the Bayer patterns that fit: the greens lie on the diagonal whose two places are most alike."""
