@@ -282,8 +282,7 @@ def _dark_scatter_warning(dark: DarkResult) -> str | None:
             return (
                 f"the dark levels scatter by {scatter:.2g} DN about a straight line against exposure, beyond their "
                 f"noise: a stated exposure time is wrong, or black level or temperature changed; the uncertainties of "
-                f"black level and dark current from the mean were widened accordingly, and read noise and DSNU are "
-                f"those of {dark.reference_exposure_s:g} s as stated"
+                f"black level, dark current from the mean, read noise and DSNU were widened accordingly"
             )
     return None
 

@@ -292,7 +292,13 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         if clipped is None:
             measured = replace(measured, **_line_variances(mean, [k]))
         if slopes is not None:
-            measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
+            spread = slopes[k]
+            measured = replace(measured, dark_slope_variance=spread.variance, dark_slope_third=spread.third)
+            if zero is not mean and spread.mean:
+                # A charge that is off by u DN spreads as the dark current does, and not more than the frames.
+                off = lines[k].mean.unsure ** 2 * max(spread.variance.value, 0.0) / spread.mean**2
+                off = min(off, max(reference.levels[k].spatial_variance, measured.dsnu_variance.value))
+                measured = replace(measured, dsnu_variance=measured.dsnu_variance + Uncertain.of(0.0, off))
         if clipped is not None:
             plain, filtered = clipped.parts(k, *mean.parts(k))
             measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
@@ -471,6 +477,7 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
         dark_variance=lines.variance.at_zero,
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
+        unsure_charge_dn=lines.mean.unsure,
         step=level.step,
         dark_exposure=dark_exposure(lines),
     )

@@ -40,6 +40,8 @@ class Measurements:
     dark_variance: Value  # temporal, at exposure zero, quantization included
     dark_variance_slope: Value  # against exposure
     read_method: str
+    # Of the reference dark frames, standard uncertainty where the dark levels do not lie on a line, DN
+    unsure_charge_dn: float = 0.0
     step: float = 1.0  # distance of the converter's codes in the dark frames, DN
     row_variance: Value = NO_LINES  # temporal, of a frame: the parts of the read variance that rows
     column_variance: Value = NO_LINES  # and columns share
@@ -107,17 +109,26 @@ class Measurements:
     def without_dark_shot_noise(self, exposure_s: float) -> Measurements:
         """Return the measurements with the shot noise of the dark current, K (dark slope) t, taken off the read noise.
 
-        A sensor file holds read noise and dark current, and a simulation adds both. Where the dark slope contradicts
-        the dark variance, the read noise is the dark variance at exposure zero. Without gain or dark slope, the
-        measurements are returned unchanged.
+        A sensor file holds read noise and dark current, and a simulation adds both. Without gain, the slope of the dark
+        variance is that of the shot noise. Where the dark slope contradicts the dark variance, the read noise is the
+        dark variance at exposure zero. Without both slopes, the measurements are returned unchanged.
         """
         if isinstance(self.dark_slope, Implausible) and isinstance(self.dark_variance_slope, Uncertain):
             at_zero = derive(lambda v: v - QUANTISATION_DN2, self.dark_variance)
             return replace(self, read_variance=at_zero, read_method="dark temporal variance at exposure zero")
-        inputs = self.read_variance, self.gain, self.dark_slope
-        left = derive(lambda read, gain, slope: read - gain * slope * exposure_s, *inputs)
-        if isinstance(left, Missing):
+        gain = self.gain
+        if isinstance(gain, Missing) and isinstance(self.dark_slope, Uncertain) and self.dark_slope.beyond(3.0):
+            gain = derive(lambda noise, slope: noise / slope, self.dark_variance_slope, self.dark_slope)
+        read = self.read_variance
+        if isinstance(read, Missing):
             return self
+        # The shot noise of an unsure charge: at most the whole.
+        if self.unsure_charge_dn > 0.0:
+            unsure = math.inf if isinstance(gain, Missing) else gain.value * self.unsure_charge_dn
+            read += Uncertain.of(0.0, min(unsure, max(read.value, 0.0)))
+        left = derive(lambda gain, slope: read - gain * slope * exposure_s, gain, self.dark_slope)
+        if isinstance(left, Missing):
+            return replace(self, read_variance=read)
         method = f"{self.read_method}, shot noise of the dark current subtracted"
         return replace(self, read_variance=left, read_method=method)
 

@@ -13,7 +13,7 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.quantisation import differing_share
 from photosite.sensor.noise_profile import QUANTISATION_DN2
-from photosite.values.uncertain import Missing, Uncertain, Value, combined, correlated
+from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, combined, correlated
 
 Array = NDArray[np.float64]
 
@@ -153,6 +153,18 @@ class DarkLine:
         if fit is None or free == 0 or fit.chi_square <= float(chi2.isf(BEYOND_SAMPLING, free)):
             return 0.0
         return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
+
+    @property
+    def unsure(self) -> float:
+        """Standard uncertainty of the intercept where the points scatter about the line beyond chance, else 0.
+
+        Their exposure times may be wrong then. Few degrees of freedom count by their 95 % interval.
+        """
+        intercept, _ = self.line
+        if self.scatter == 0.0 or isinstance(intercept, Missing):
+            return 0.0
+        low, high = intercept.interval_95
+        return (high - low) / (2.0 * COVERAGE_95)
 
     def weights_at(self, exposure_s: Array) -> Array:
         """Return (exposures, m) weights: the dark value at each exposure is their product with `y`.
