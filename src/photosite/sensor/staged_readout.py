@@ -43,10 +43,36 @@ def staged_frame(
     device: Device,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a sensor with effects; `photo_e` is that of the rectangle."""
-    effects = sensor.effects or Effects()
-    pattern = _drawn_pattern(sensor, part) if measured is None else _measured_pattern(sensor, measured, part, exposure)
-    charge_e = computed(device, collect_charge, photo_e, pattern.prnu, pattern.dark_rate_e_per_s, exposure)
-    maps = _conversion(sensor, effects, pattern, part, exposure)
+    pattern = fixed_pattern(sensor, measured, part, exposure)
+    charge_e = collected_charge(pattern, photo_e, exposure, device)
+    return converted_charge(sensor, pattern, charge_e, part, exposure, device)
+
+
+def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exposure: Exposure) -> FixedPattern:
+    """Return the maps of a rectangle of the chip."""
+    return _drawn_pattern(sensor, part) if measured is None else _measured_pattern(sensor, measured, part, exposure)
+
+
+def collected_charge(
+    pattern: FixedPattern, photo_e: NDArray[np.float32], exposure: Exposure, device: Device
+) -> NDArray[np.float32]:
+    """Return the charge of the pixels of a rectangle, electrons."""
+    charge_e: NDArray[np.float32] = computed(
+        device, collect_charge, photo_e, pattern.prnu, pattern.dark_rate_e_per_s, exposure
+    )
+    return charge_e
+
+
+def converted_charge(
+    sensor: Sensor,
+    pattern: FixedPattern,
+    charge_e: NDArray[np.float32],
+    part: Part,
+    exposure: Exposure,
+    device: Device,
+) -> NDArray[np.uint16]:
+    """Return the digital numbers of the charge of a rectangle."""
+    maps = _conversion(sensor, sensor.effects or Effects(), pattern, part, exposure)
     frame_dn: NDArray[np.uint16] = computed(device, convert_charge, read_only(charge_e), maps, exposure)
     return frame_dn
 
