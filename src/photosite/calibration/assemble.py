@@ -90,6 +90,7 @@ def assemble(
             if (channel.used & channel.levels.trusted).any()
         },
         warnings=tuple(_warnings(reduction, dark, light, patterns, together, estimates)),
+        flicker=light.noise.flicker,
         rejected=reduction.rejected,
         frames_used=reduction.used,
         source=frames.source,

@@ -95,7 +95,7 @@ def calibrate(
             check_levels(reduction)
             dark = measure_dark_frames(reduction, reader)
             noise = measure_noise_structure(reduction, reader)
-            light = measure_light_frames(reduction, dark, noise, reader)
+            light = measure_light_frames(reduction, dark, noise, reader, sensor)
             if light.tone is None:
                 check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)

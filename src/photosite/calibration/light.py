@@ -22,6 +22,7 @@ from photosite.calibration.photon_transfer.response_shape import ToneCurve, find
 from photosite.calibration.photon_transfer.unknown_darks import straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
+from photosite.sensor.model import Sensor
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 
@@ -61,14 +62,19 @@ class LightResult:
 
 
 def measure_light_frames(
-    reduction: Reduction, dark: DarkResult, noise: NoiseStructure, reader: FrameReader
+    reduction: Reduction, dark: DarkResult, noise: NoiseStructure, reader: FrameReader, sensor: Sensor | None
 ) -> LightResult:
-    """Analyze the light levels of each channel, and fit the system gain to all of them."""
+    """Analyze the light levels of each channel, and fit the system gain to all of them.
+
+    The sensor as known before gives the line time, for the frequency of flicker.
+    """
     if not reduction.lights:
         return LightResult((), None, NO_LIGHT, NO_LIGHT, noise)
     if noise.flicker is not None:
         assert dark.mean is not None  # flicker is found against the reference dark frames
-        reduction, flicker = without_flicker(reduction, reader, dark.mean, noise.flicker)
+        reduction, flicker = without_flicker(
+            reduction, reader, dark.mean, noise.flicker, None if sensor is None else sensor.line_time_us
+        )
         noise = replace(noise, flicker=flicker)
     levels = [light_levels(reduction.lights, k, line) for k, line in enumerate(dark.lines)]
     outliers = [] if dark.level_unknown else find_light_outliers(levels, reduction.whites)

@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from photosite.calibration.dark import GroupMean
+from photosite.calibration.flicker import Flicker, RowLight, find_flicker, with_frequency
 from photosite.calibration.photon_transfer.noise_covariance import (
-    BY_CHANCE,
     LEAST_RUN,
     NoiseCovariance,
     Run,
@@ -25,8 +24,8 @@ from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.line_noise import level_parts
-from photosite.values.uncertain import Missing, Uncertain
+from photosite.calibration.spatial.line_noise import group_lines, temporal_parts
+from photosite.values.uncertain import Measured, Missing, Uncertain
 
 PIXELS = 1 << 21
 """Pixels, over all pairs of frames of a level, that decide whether noise is correlated."""
@@ -143,9 +142,9 @@ def _pairs(reader: FrameReader, group: GroupStatistics) -> int:
 
 
 def without_flicker(
-    reduction: Reduction, reader: FrameReader, dark: GroupMean, flicker: Flicker
+    reduction: Reduction, reader: FrameReader, dark: GroupMean, flicker: Flicker, line_time_us: Measured | None
 ) -> tuple[Reduction, Flicker]:
-    """Return the reduction without flicker in the temporal variances of the flat fields, and its size over all of them.
+    """Return the reduction without flicker in the temporal variances of the flat fields, and what all of them show.
 
     The variance that rows share in the reference dark frames stays, because it is subtracted with the dark variance.
 
@@ -159,12 +158,18 @@ def without_flicker(
         The reference dark frames.
     flicker
         The flicker as found.
+    line_time_us
+        Line time of the sensor, if it is known.
     """
-    lights, shares = [], []
+    lights, shares, bands = [], [], []
+    dark_rows = dark.mean.mean(axis=1)
     for group in reduction.lights:
         if group.frames > 1 and not any(level.clipped for level in group.levels):
             levels = []
-            found = level_parts(reader, group, most=group.frames)
+            lines = group_lines(reader, group, most=group.frames)
+            found = temporal_parts(group.levels, lines, reader.tile)
+            of_rows = lines[0].sum(axis=2, dtype=np.float64) / reader.frames.cols
+            bands.append(RowLight(group.group.exposure_s, of_rows - dark_rows))
             for k, (level, parts) in enumerate(zip(group.levels, found, strict=True)):
                 of_dark = dark.noise[k].row.value * dark.statistics.frames
                 # The bands are those of the same frames: they leave no error behind in what is left.
@@ -177,7 +182,8 @@ def without_flicker(
             group = replace(group, levels=tuple(levels))
         lights.append(group)
     share = math.sqrt(max(float(np.median(shares)), 0.0))
-    return replace(reduction, lights=tuple(lights)), replace(flicker, share=share or flicker.share)
+    flicker = with_frequency(replace(flicker, share=share or flicker.share), bands, line_time_us)
+    return replace(reduction, lights=tuple(lights)), flicker
 
 
 def _linear(reduction: Reduction) -> list[GroupStatistics]:
@@ -213,49 +219,3 @@ def _runs(reader: FrameReader, group: GroupStatistics, pixels: int) -> Iterator[
     start = (rows - height) // 2 // step * step
     for first in np.linspace(0, len(sources) - length, runs).astype(int):
         yield [source.read()[start : start + height].copy() for source in sources[first : first + length]]
-
-
-@dataclass(frozen=True)
-class Flicker:
-    """Bands in the light.
-
-    Parameters
-    ----------
-    share
-        Standard deviation of the rows over the signal, the mean over the channels.
-    period_rows
-        Period of the bands in rows; None where the rows vary without a period.
-    """
-
-    share: float
-    period_rows: float | None
-
-    def __str__(self) -> str:
-        period = "" if self.period_rows is None else f", with a period of {self.period_rows:.3g} rows"
-        return (
-            f"the light flickers: rows vary by {100 * self.share:.2g} % of the signal from frame to frame{period}, as "
-            f"under a rolling shutter"
-        )
-
-
-def find_flicker(
-    light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance], square_dn2: Sequence[float]
-) -> Flicker | None:
-    """Return the flicker of the light; None where rows vary no more than in dark frames.
-
-    Parameters
-    ----------
-    light, dark
-        Noise covariances of the channels in flat fields and in dark frames.
-    square_dn2
-        Mean squared signal of the flat fields in each channel, DN^2.
-    """
-    extra = [a - b for a, b in zip(light, dark, strict=True)]
-    scores = [entry.row / entry.row_uncertainty for entry in extra]
-    # The variance of the row means follows a chi-square distribution.
-    freedom = np.array([entry.row_freedom for entry in extra])
-    limits = (chdtri(freedom, BY_CHANCE / len(extra)) / freedom - 1.0) / np.sqrt(2.0 / freedom)
-    if (scores < limits).all():
-        return None
-    shares = [max(entry.row, 0.0) / square for entry, square in zip(extra, square_dn2, strict=True)]
-    return Flicker(math.sqrt(float(np.mean(shares))), light[int(np.argmax(scores))].row_period)

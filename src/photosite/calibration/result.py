@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+    from photosite.calibration.flicker import Flicker
     from photosite.calibration.photon_transfer.general_model import GeneralModel
     from photosite.calibration.photon_transfer.linearity import Linearity
     from photosite.calibration.photon_transfer.response_curve import ResponseCurve
@@ -53,6 +54,8 @@ class Calibration(Parameters):
         spectrograms, profiles and histograms; the results of the general model; or the reasons why they are missing.
     model
         "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
+    flicker
+        Flicker of the light, None where rows vary no more than in dark frames.
     chip, temporal, no_maps_reason
         Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested, and
         where they are missing for the reason given.
@@ -91,6 +94,7 @@ class Calibration(Parameters):
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
     model: Literal["linear", "general"] = "general"
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
+    flicker: Flicker | None = None
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
     no_maps_reason: str | None = None
@@ -199,8 +203,8 @@ class Calibration(Parameters):
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
             `channels` (the parameters per color channel), `response_curve` (per channel that bends), `model`,
             `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
-            candidates for the defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and
-            `temporal`.
+            candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
+            `defects` (number of each kind) and `temporal`.
         """
 
         def of(parameters: Parameters) -> dict[str, Any]:
@@ -217,6 +221,7 @@ class Calibration(Parameters):
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},
             "outlier_pixels": {channel: found.to_dict() for channel, found in self.spatial.items()},
+            "flicker": None if self.flicker is None else self.flicker.to_dict(),
             "warnings": list(self.warnings),
             "rejected": list(self.rejected),
         }

@@ -661,6 +661,11 @@ class Sensor(Tabular, Section):
         return tuple(sorted((*own, *(entry.setting for entry in self.gain_settings))))
 
     @property
+    def line_time_us(self) -> Measured | None:
+        """Time from the start of a row's exposure to that of the next; None for a global shutter."""
+        return None if self.shutter is None or self.shutter.kind == "global" else self.shutter.line_time_us
+
+    @property
     def row_start_s(self) -> NDArray[np.float64]:
         """(rows,) seconds from the start of a frame to that of each row's exposure; 0 for a global shutter."""
         rows = self.array.rows

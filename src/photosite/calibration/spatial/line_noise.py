@@ -66,12 +66,16 @@ def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: 
 
 def level_parts(reader: FrameReader, statistics: GroupStatistics, most: int = LINE_FRAMES) -> list[TemporalParts]:
     """Split, per channel, the temporal variance of a group's frames, from some frames spread evenly over the group."""
+    return temporal_parts(statistics.levels, group_lines(reader, statistics, most), reader.tile)
+
+
+def group_lines(reader: FrameReader, statistics: GroupStatistics, most: int) -> LineSums:
+    """Return the row and column sums of a group's frames, at most so many, spread evenly over the group."""
     members = {id(source) for source in statistics.group.frames}
     # Sort by content, so that the result does not depend on the order of the frames.
     used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
     chosen = np.linspace(0, len(used) - 1, min(most, len(used))).round().astype(int)
-    lines = line_sums((used[i].source.read() for i in chosen), (reader.tile.shape[0], reader.tile.shape[1]))
-    return temporal_parts(statistics.levels, lines, reader.tile)
+    return line_sums((used[i].source.read() for i in chosen), (reader.tile.shape[0], reader.tile.shape[1]))
 
 
 def temporal_parts(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.int64]) -> list[TemporalParts]:
