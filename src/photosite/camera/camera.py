@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.auto_exposure import ExposureControl, exposure_control
-from photosite.camera.image_over_time import AnyScene, MovingImage, StaticImage, image_over_time
+from photosite.camera.image_over_time import AnyImage, AnyScene, StaticImage, image_over_time
 from photosite.camera.mean_image import electrons_per_weight, image_regions
 from photosite.camera.optical_stack import channel_mixing
 from photosite.camera.sampled_otf import Progress
@@ -134,9 +134,7 @@ class Camera(Shown):
         image = self._image(scene, start_s, time_s, progress)
         return image.electrons(start_s, time_s, out=_memory(image))
 
-    def _image(
-        self, scene: AnyScene, start_s: float, longest_s: float, progress: Progress | None = None
-    ) -> StaticImage | MovingImage:
+    def _image(self, scene: AnyScene, start_s: float, longest_s: float, progress: Progress | None = None) -> AnyImage:
         end_s = start_s + float(self.sensor.row_start_s.max()) + longest_s
         return image_over_time(scene, self, (start_s, end_s), progress)
 
@@ -368,6 +366,10 @@ class Camera(Shown):
         metadata |= {key: value for key in ("f_number", "focal_length_mm") if (value := getattr(lens, key, None))}
         if (neutral := None if scene is None else self._neutral_of(scene)) is not None:
             metadata["as_shot_neutral"] = neutral
+        if self.sensor.array.stacked:
+            metadata["stacked"] = 1
+            if region is not None and (region[2] % len(cfa[0]) or region[3] % len(cfa[0])):
+                raise InputError("region", value=region, expected=f"columns in multiples of {len(cfa[0])}")
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))
@@ -478,12 +480,16 @@ class Camera(Shown):
     def image_regions(self, scene: AnyScene) -> tuple[Region, ...]:
         """Return the scene's named regions in pixels at time 0; with distortion, rectangles inside their images.
 
+        With stacked channels, these are the pixels of `RawFrame.layers`.
+
         Raises
         ------
         InputError
             If a region contains no whole pixel of the frame.
         """
-        return tuple(region for one in _parts(scene) for region in image_regions(one, self))
+        stacked = self.sensor.array.stacked
+        seen = replace(self, sensor=self.sensor.layer(self.sensor.channel_names[0])) if stacked else self
+        return tuple(region for one in _parts(scene) for region in image_regions(one, seen))
 
 
 def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
@@ -501,7 +507,7 @@ def _parts(scene: AnyScene) -> list[Scene]:
     return [plane.scene for plane in still.planes] if isinstance(still, Planes) else [still]
 
 
-def _memory(image: StaticImage | MovingImage) -> NDArray[np.float32] | None:
+def _memory(image: AnyImage) -> NDArray[np.float32] | None:
     """Return memory for the mean electrons of an image that is not needed any more."""
     return image.rate if isinstance(image, StaticImage) else None
 

@@ -12,7 +12,7 @@ illumination, veiling glare, angular response and crosstalk.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -159,10 +159,38 @@ class MovingImage:
         return np.stack([*start, *along], axis=-1)
 
 
-def image_over_time(
-    scene: AnyScene, camera: Camera, times_s: Span, progress: Progress | None = None
-) -> StaticImage | MovingImage:
+@dataclass(frozen=True, eq=False)
+class StackedImage:
+    """The images of the layers of stacked channels, whose readings lie side by side in a row."""
+
+    layers: tuple[StaticImage | MovingImage, ...]
+
+    def electrons(
+        self, start_s: float, exposure_s: float, *, part_s: Span | None = None, out: Mosaic | None = None
+    ) -> Mosaic:
+        """Return (rows, cols) mean electrons as `StaticImage.electrons`."""
+        planes = [layer.electrons(start_s, exposure_s, part_s=part_s) for layer in self.layers]
+        rows, cols = planes[0].shape
+        shape = rows, cols * len(planes)
+        return np.stack(planes, axis=2, out=None if out is None else out.reshape(rows, cols, -1)).reshape(shape)
+
+
+AnyImage = StaticImage | MovingImage | StackedImage
+
+
+def image_over_time(scene: AnyScene, camera: Camera, times_s: Span, progress: Progress | None = None) -> AnyImage:
     """Return the image of a scene from which all exposures between two times follow."""
+    if camera.sensor.array.stacked:
+        sensors = [camera.sensor.layer(name) for name in camera.sensor.channel_names]
+        return StackedImage(
+            tuple(_image_of_mosaic(scene, replace(camera, sensor=sensor), times_s, progress) for sensor in sensors)
+        )
+    return _image_of_mosaic(scene, camera, times_s, progress)
+
+
+def _image_of_mosaic(
+    scene: AnyScene, camera: Camera, times_s: Span, progress: Progress | None
+) -> StaticImage | MovingImage:
     warn_of_transmittance_range(camera.optics, camera.sensor)
     still = scene if not isinstance(scene, DynamicScene) else scene.scene
     flicker = scene.flicker if isinstance(scene, DynamicScene) else None

@@ -87,11 +87,6 @@ def image_rate(
     A channel with a polarizer sees the sum of the images of the Stokes parameters S0, S1 and S2, which are linear.
     """
     coupling = electrons_per_weight(scene, camera)
-    channels = camera.sensor.channels
-    polarizers = np.array([channels[name].polarizer for name in camera.sensor.channel_names])
-    stokes = scene.polarization.stokes if scene.polarization is not None and polarizers.any() else np.zeros(2)
-    if stokes.size == 2:
-        coupling = coupling * (1.0 + polarizers @ stokes.ravel())[:, None, None]
     if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS_PER_S:
         raise InputError(
             "the scene's electrons per second in a pixel for weight 1",
@@ -103,8 +98,8 @@ def image_rate(
         mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), camera.sensor)
     else:
         mosaic = _blurred_mosaic(scene, camera, coupling, occluders, progress)
-        for part, seen in zip(stokes if stokes.size > 2 else (), polarizers.T, strict=False):
-            polarized = replace(scene, weights=scene.weights * part.astype(np.float32), polarization=None)
+        for part, seen in _polarization_maps(scene, camera.sensor):
+            polarized = replace(scene, weights=scene.weights * part, polarization=None)
             mosaic += _blurred_mosaic(polarized, camera, coupling * seen[:, None, None], occluders, progress)
     _apply_relative_illumination(mosaic, camera, scene.distance_m)
     return mosaic
@@ -119,6 +114,9 @@ def fine_images(
     are left out, and the lens has neither distortion nor a blur that varies over the field.
     """
     warn_of_missing_light(scene, camera.sensor)
+    if _polarization_maps(scene, camera.sensor):
+        hint = "Give it one degree and angle, or record a function of time"
+        raise InputError("motion does not apply to a scene whose polarization varies", hint=hint)
     sensor, cells, where = camera.sensor, camera.cells_per_pixel, placement(scene, camera)
     array, pitch, side = sensor.array, pitch_m(sensor), math.sqrt(sensor.pixel.fill_factor.value)
     coupling, spread = electrons_per_weight(scene, camera), camera.optics.point_spread(scene.distance_m)
@@ -195,13 +193,29 @@ def image_regions(scene: Scene, camera: Camera) -> tuple[Region, ...]:
 def electrons_per_weight(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return the coupling: (channels, K, wavelengths) electrons per second in a pixel for weight 1.
 
-    The sum over wavelength is the integral; the integration weights are included.
+    The sum over wavelength is the integral; the integration weights are included. So is the response of polarizers to
+    light whose polarization is the same everywhere.
     """
     grid, sensor = scene.wavelength_nm, camera.sensor
     irradiance = scene.basis * camera.optics.irradiance_per_radiance(grid, scene.distance_m)
     area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value
     responses = np.stack([sensor.response_at(name, grid) for name in sensor.channel_names])
+    if scene.polarization is not None and scene.polarization.degree.size == 1:
+        responses *= 1.0 + _polarizers(sensor) @ scene.polarization.stokes.reshape(2, 1)
     return responses[:, None, :] * (irradiance * integration_weights(grid, camera.integration) * area_m2)
+
+
+def _polarizers(sensor: Sensor) -> NDArray[np.float64]:
+    """Return (channels, 2): how the channels respond to the Stokes parameters S1 and S2."""
+    return np.array([sensor.channels[name].polarizer for name in sensor.channel_names])
+
+
+def _polarization_maps(scene: Scene, sensor: Sensor) -> list[tuple[NDArray[np.float32], NDArray[np.float64]]]:
+    """Return (rows, cols) S1 and S2 over S0 with the channels' responses to each; none without such maps."""
+    polarizers = _polarizers(sensor)
+    if scene.polarization is None or scene.polarization.degree.size == 1 or not polarizers.any():
+        return []
+    return list(zip(scene.polarization.stokes.astype(np.float32), polarizers.T, strict=True))
 
 
 def _blurred_mosaic(

@@ -51,7 +51,8 @@ def develop(
 
     Steps: scale black level to 0 and white level to 1, demosaic, white balance, color matrix to linear sRGB, exposure,
     sRGB encoding. A monochrome frame becomes gray, without the steps for color. So does a frame with other channels
-    than R, G and B and without a matrix, such as one with polarizers: its balanced channels are averaged.
+    than R, G and B and without a matrix, such as one with polarizers: its balanced channels are averaged. Stacked
+    channels need no demosaic; the picture has a column for each pixel.
 
     Parameters
     ----------
@@ -170,7 +171,10 @@ def _check_white_balance(name: str) -> str:
 
 
 def _normalised_planes(raw: RawFrame, demosaic: Demosaic) -> NDArray[np.float32]:
-    """Return the demosaiced frame, black level at 0 and white level at 1."""
+    """Return the channels at every pixel, black level at 0 and white level at 1."""
+    if raw.is_stacked:
+        layers = raw.layers()
+        return np.concatenate([_normalised_planes(layers[name], demosaic) for name in plane_names(raw.cfa)], axis=2)
     signal = raw.dn.astype(np.float32)
     signal -= np.float32(raw.black_level_dn)
     signal /= np.float32(raw.white_level_dn - raw.black_level_dn)
@@ -182,6 +186,8 @@ def _white_of_light(
 ) -> NDArray[np.float64]:
     """Return the signal of a gray surface, the largest 1, after limiting saturated pixels in place to its color."""
     saturated = saturated_neighbourhood(raw)
+    if raw.is_stacked:
+        saturated = saturated.reshape(*planes.shape).any(axis=2)
     names = plane_names(raw.cfa)
     if not isinstance(white_balance, str):
         gains = np.asarray(white_balance, dtype=np.float64)

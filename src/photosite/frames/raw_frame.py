@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -143,6 +143,47 @@ class RawFrame(Shown):
     def is_mosaic(self) -> bool:
         """Whether the frame has more than one channel."""
         return len(self.channels) > 1
+
+    @property
+    def is_stacked(self) -> bool:
+        """Whether the channels are layers of one pixel, read side by side: "stacked" in the metadata is 1."""
+        return self.metadata.get("stacked") == 1
+
+    def check_mosaic(self) -> None:
+        """Raise `InputError` if the channels are stacked, so that columns are not those of pixels."""
+        if self.is_stacked:
+            raise InputError("the channels of the frame are stacked", hint="Pass one of its layers()")
+
+    def layers(self) -> dict[str, RawFrame]:
+        """Return the stacked channels as monochrome frames of all pixels.
+
+        Raises
+        ------
+        InputError
+            If the frame has no stacked channels, or part of a pixel.
+
+        Examples
+        --------
+        >>> dn = np.arange(12, dtype=np.uint16).reshape(2, 6)
+        >>> RawFrame(dn, bits=12, cfa=(("B", "G", "R"),), metadata={"stacked": 1}).layers()["G"].dn
+        array([[ 1,  4],
+               [ 7, 10]], dtype=uint16)
+        """
+        names = self.channels
+        if not self.is_stacked or self.cfa != (names,) or self.shape[1] % len(names):
+            expected = "one row of channels in each of whole pixels, and stacked = 1 in the metadata"
+            raise InputError("cfa", where="layers", value=tile_text(self.cfa), expected=expected)
+        metadata = {key: value for key, value in self.metadata.items() if key not in ("stacked", "as_shot_neutral")}
+        plain = {"cfa": MONOCHROME, "color_matrix": None, "color_matrix_a": None, "metadata": metadata}
+        return {
+            name: replace(
+                self,
+                dn=self.dn[:, k :: len(names)],
+                noise_profile=None if self.noise_profile is None else np.asarray(self.noise_profile)[k : k + 1],
+                **plain,
+            )
+            for k, name in enumerate(names)
+        }
 
     @property
     def as_shot_neutral(self) -> tuple[float, ...] | None:

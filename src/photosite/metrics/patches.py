@@ -128,6 +128,7 @@ def patch_statistics(
 def _check_stack(stack: tuple[RawFrame, ...]) -> None:
     if not stack:
         raise InputError("frames", value=0, expected="one or more")
+    stack[0].check_mosaic()
     for what in ("shape", "cfa", "bits", "black_level_dn", "white_level_dn", "exposure_s"):
         for number, frame in enumerate(stack[1:], start=2):
             one, other = getattr(stack[0], what), getattr(frame, what)

@@ -190,6 +190,7 @@ def _channel_of(
     """Return the values of the region above black level, its tile, the channel, and its first row and column."""
     white = math.inf
     if isinstance(frame, RawFrame):
+        frame.check_mosaic()
         whole, cfa = frame.dn.astype(np.float64) - frame.black_level_dn, frame.cfa
         white = frame.white_level_dn - frame.black_level_dn
     else:

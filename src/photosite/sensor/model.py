@@ -114,6 +114,28 @@ class Array(Section):
         [["R", "G"], ["G", "B"]],
         default=MONOCHROME,
     )
+    stacked: bool = about(
+        "Whether the channels of cfa, one row, are layers of one pixel. A row of a frame then holds the readings of "
+        "all channels of each pixel side by side, and cols counts readings.",
+        NO_UNIT,
+        False,
+        default=False,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        names = channel_names(self.cfa)
+        if self.stacked and (self.cfa != (names,) or len(names) < 2):
+            expected = "one row of two or more different channels where they are stacked"
+            raise InputError("cfa", value=tile_text(self.cfa), expected=expected)
+        if self.stacked and self.cols % len(names):
+            raise InputError("cols", value=self.cols, expected=f"a multiple of the {len(names)} stacked channels")
+        return self
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Rows and columns of pixels: fewer columns than readings where channels are stacked."""
+        return self.rows, self.cols // len(self.cfa[0]) if self.stacked else self.cols
 
 
 class Pixel(Section):
@@ -548,6 +570,8 @@ class Sensor(Tabular, Section):
         if self.optical_stack is not None:
             array, ranges = self.array, {name: channel.responds_nm for name, channel in self.channels.items()}
             self.optical_stack.check(ranges, (array.rows, array.cols), (len(array.cfa), len(array.cfa[0])))
+            if array.stacked and self.optical_stack.crosstalk is not None:
+                raise InputError("crosstalk", where="optical_stack", value="given", expected="none in stacked channels")
         if self.effects is not None:
             self.effects.check(self.array.rows, self.array.cols, self.pixel.well_capacity_e.value)
         return self
@@ -843,12 +867,31 @@ class Sensor(Tabular, Section):
         width = Measured(float(width_um), source="chosen", assumed=True)
         return self.with_(width_um=width, maps=None, gain_settings=(), **scaled)
 
+    def layer(self, channel: str) -> Sensor:
+        """Return one of the stacked channels as a monochrome sensor.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=4, cols=18, cfa=[["B", "G", "R"]], stacked=True)
+        >>> green = sensor.layer("G")
+        >>> green.array.cols, green.channel_names
+        (6, ('G',))
+        """
+        if not self.array.stacked or channel not in self.channels:
+            raise InputError("channel", value=channel, expected="one of a sensor with stacked channels")
+        data = self.model_dump()
+        data |= {"maps": None, "channels": {channel: data["channels"][channel]}}
+        data["array"] |= {"cfa": ((channel,),), "cols": self.array.pixels[1], "stacked": False}
+        return Sensor.model_validate(data)
+
     def binned(self, factor: int = 2, kind: Binning = "charge") -> Sensor:
         """Return the sensor as its binned mode reads it: blocks of factor x factor pixels as one pixel.
 
         The pixels of a block have one color filter: a monochrome sensor, or a tile such as quad-rggb, which becomes
         rggb. Of the n pixels, electrons, dark current and full well add up, and PRNU and dark current nonuniformity,
-        which are independent, fall by the square root of n. Other gain settings and measured maps do not apply.
+        which are independent, fall by the square root of n. The rows of a block are read in one line time by charge,
+        else each in its own. Other gain settings and measured maps do not apply.
 
         Parameters
         ----------
@@ -863,8 +906,8 @@ class Sensor(Tabular, Section):
         Raises
         ------
         InputError
-            If the pixels of a block have different filters, the sensor has crosstalk, whose kernels are those of single
-            pixels, a sum exceeds 16 bits, or the kind is unknown.
+            If the pixels of a block have different filters, the sensor has crosstalk or effects, which are those of
+            single pixels, a sum exceeds 16 bits, or the kind is unknown.
 
         Examples
         --------
@@ -881,6 +924,8 @@ class Sensor(Tabular, Section):
         if self.optical_stack is not None and self.optical_stack.crosstalk is not None:
             hint = "Pass with_(crosstalk=None) first"
             raise InputError("a sensor with crosstalk cannot be binned", where="optical_stack", hint=hint)
+        if self.effects is not None:
+            raise InputError("a sensor with effects cannot be binned", hint="Pass with_(effects=None) first")
         n = factor**2
         extra_bits = math.ceil(math.log2(n)) if kind == "sum" else 0
         if self.readout.bits + extra_bits > 16:
@@ -920,6 +965,9 @@ class Sensor(Tabular, Section):
         data["readout"]["bits"] += extra_bits
         if self.covariance is not None:
             data["covariance"] = self.covariance.without(values)
+        if self.shutter is not None and self.shutter.line_time_us is not None and kind != "charge":
+            line, lines = self.shutter.line_time_us, float(factor)
+            data["shutter"]["line_time_us"] = Measured(lines * line.value, lines * line.standard_uncertainty, note)
         for section in SECTIONS:
             data[section] |= {name: value for name, value in values.items() if name in data[section]}
         try:
