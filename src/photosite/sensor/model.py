@@ -735,8 +735,11 @@ class Sensor(Tabular, Section):
     @property
     def saturation_capacity_e(self) -> float:
         """Electrons at which the output saturates: the smaller of well capacity and converter range."""
-        head_room_dn = self.white_level_dn - self.readout.black_level_dn.value
-        return min(self.pixel.well_capacity_e.value, head_room_dn / self.system_gain_dn_per_e)
+        head_room_e = (self.white_level_dn - self.readout.black_level_dn.value) / self.system_gain_dn_per_e
+        well_e = self.pixel.well_capacity_e.value
+        if self.effects is not None and (curve := self.effects.response_curve) is not None:
+            return curve.charge_at(head_room_e, well_e)
+        return min(well_e, head_room_e)
 
     @property
     def pixel_area_m2(self) -> float:

@@ -277,8 +277,33 @@ def measure_sensor(lab: VirtualLab | DisturbedLab) -> _Result:
         calibration = calibrate(lab.frame_set())
     except CalibrationError as error:
         return str(error)
-    truth = lab.truth(calibration) if isinstance(lab, DisturbedLab) else measured_truth(lab, calibration)
-    return compare(calibration, truth), tuple(calibration.warnings)
+    if isinstance(lab, DisturbedLab):
+        outcomes = compare(calibration, lab.truth(calibration))
+    else:
+        outcomes = compare(calibration, measured_truth(lab, calibration))
+        outcomes |= _compare_curve(calibration, lab.camera.sensor)
+    return outcomes, tuple(calibration.warnings)
+
+
+def _compare_curve(calibration: Calibration, sensor: Sensor) -> dict[str, Outcome | str]:
+    """Compare the deviation of the response at half and at the largest signal below saturation with the truth."""
+    if sensor.effects is None or (curve := sensor.effects.response_curve) is None:
+        return {}
+    result: dict[str, Outcome | str] = {}
+    gain = sensor.system_gain_dn_per_e
+    for found in calibration.response_curve.values():
+        full = 0.9 * sensor.saturation_capacity_e * gain
+        for name, share in (("half", 0.5), ("full", 1.0)):
+            level = int(np.argmin(np.abs(found.signal_dn - share * full)))
+            signal_e = float(found.signal_dn[level]) / gain
+            true = 100.0 * (signal_e / curve.charge_at(signal_e, sensor.pixel.well_capacity_e.value) - 1.0)
+            entry = found.deviation_percent[level]
+            low, high = entry.interval_95
+            covered = low <= true <= high
+            result[f"response_curve_{name}_percent"] = Outcome(
+                entry.value - true, entry.standard_uncertainty, abs(true), covered
+            )
+    return result
 
 
 def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
@@ -345,6 +370,7 @@ class Condition:
     black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
     photons_known: bool = False  # whether the light is metered
     lines: Range | None = None  # noise of rows, and of columns, over the read noise
+    bend_percent: Range | None = None  # deviation of the response at the well capacity, of either sign, cubic
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -394,6 +420,7 @@ class Condition:
                     "dcnu_percent": between(10.0, 50.0),
                 },
                 "readout": {"bits": self.bits, "analog_gain": analog_gain, "black_level_dn": black},
+                "effects": None if self.bend_percent is None else _cubic(between(*self.bend_percent), number),
             }
         )
 
@@ -406,6 +433,11 @@ class Condition:
             return virtual_lab(sensor, self.protocol, level=level, seed=number, photons_known=self.photons_known)
         effect, factors = self.disturbed(sensor, np.random.default_rng([number]))
         return DisturbedLab(sensor, self.protocol, level, effect, factors, seed=zlib.crc32(self.name.encode()) + number)
+
+
+def _cubic(percent: float, number: int) -> dict[str, Any]:
+    """Return a response whose deviation grows with the square of the charge; upwards for every second pair."""
+    return {"response_curve": {"polynomial_percent": (0.0, percent if number // 2 % 2 else -percent)}}
 
 
 def _line_noise(read_mv: float, between: Callable[[float, float], float], share: Range) -> dict[str, float]:
@@ -494,6 +526,15 @@ CONDITIONS: dict[str, Condition] = {
             "bent-mono-12", "response bent by 0.5 to 10 % at saturation, of either sign, second to fourth power",
             "mono",
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.bend,
+        ),
+        Condition(
+            "curve-mono-12", "response bent by 1 to 3 % at the well capacity, of either sign, third power", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend_percent=(1.0, 3.0),
+        ),
+        Condition(
+            "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
+            disturbed=disturbed_lab.bend_and_wrong_level,
         ),
         Condition(
             "crosstalk-mono-12", "crosstalk of 0.5 to 3 % of the charge to each next pixel", "mono",

@@ -154,3 +154,10 @@ def shading(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str,
 def wrong_level(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
     """Draw one of 16 levels, after 6 steps of dark frames, whose light is 1 to 10 % off the stated one."""
     return Effect(wrong_level=(6 + int(rng.integers(16)), 1.0 + _between(rng, 0.01, 0.1) * rng.choice([-1.0, 1.0]))), {}
+
+
+def bend_and_wrong_level(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+    """Draw a response bent by 1 to 3 % with the third power, and one of 16 levels whose light is 4 % off."""
+    size = _between(rng, 0.01, 0.03) * rng.choice([-1.0, 1.0])
+    level = 6 + int(rng.integers(16)), 1.0 + 0.04 * rng.choice([-1.0, 1.0])
+    return Effect(charge=bent(size, 3, sensor.saturation_capacity_e), wrong_level=level), {}

@@ -122,7 +122,10 @@ def full_well_reading_dn(sensor: Sensor) -> float:
     >>> full_well_reading_dn(d200), round(full_well_reading_dn(d200.with_(well_capacity_e=7980)), 3)
     (4095.0, 1000.0)
     """
-    mean = sensor.readout.black_level_dn.value + sensor.pixel.well_capacity_e.value * sensor.system_gain_dn_per_e
+    full_e = well_e = sensor.pixel.well_capacity_e.value
+    if sensor.effects is not None and (curve := sensor.effects.response_curve) is not None:
+        full_e = float(curve.signal_e(well_e, well_e))
+    mean = sensor.readout.black_level_dn.value + full_e * sensor.system_gain_dn_per_e
     sigma = math.hypot(sensor.noise.read_noise_mv.value, sensor.noise.dsnu_mv.value) / sensor.mv_per_dn
     top = int(sensor.white_level_dn)
     if sigma == 0:

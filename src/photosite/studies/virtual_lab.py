@@ -106,6 +106,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,
         maps=None,
+        effects=None,
         gain_settings=(),
     )
 

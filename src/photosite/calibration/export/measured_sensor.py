@@ -7,8 +7,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
+from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import maps_path
 from photosite.sensor.model import Sensor
@@ -76,6 +79,8 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     # The values in volts are those at the base's analog gain, so the base stays at its own setting.
     measured_at = base.gain_setting if calibration.gain_setting is None else calibration.gain_setting
     base = base.with_(gain_settings=(), gain_setting=measured_at)
+    if calibration.system_gain_dn_per_e.value is not None:
+        base = base.with_(response_curve=_response_curve(calibration, source))
     if "dark_voltage_mv_per_s" in changes:
         spread = calibration.temperature_c
         base = base.with_(dark_current_temperature_c=None if spread is None else 0.5 * (spread[0] + spread[1]))
@@ -88,6 +93,38 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         created=date.today().isoformat(),
         frames_sha256=calibration.frames_sha256,
         maps=None,  # `save_measured_sensor` adds the maps of this measurement
+    )
+
+
+def _response_curve(calibration: Calibration, source: str) -> ResponseCurve | None:
+    """Return the response curve: the channels' weighted mean at the charges of the one with the widest range."""
+    curves = list(calibration.response_curve.values())
+    if not curves:
+        return None
+    tables = []
+    for curve in curves:
+        charge = np.array([entry.value for entry in curve.electrons])
+        order = np.argsort(charge)
+        deviation = np.array([entry.value for entry in curve.deviation_percent])
+        spread = np.array([entry.standard_uncertainty for entry in curve.deviation_percent])
+        tables.append((charge[order], deviation[order], spread[order]))
+    grid = max((charge for charge, _, _ in tables), key=lambda charge: float(charge[-1]))
+    grid = grid[np.append(True, np.diff(grid) > 1e-3 * grid[-1])]
+    values, weights = np.zeros((2, grid.size))
+    spread = np.full(grid.size, np.inf)
+    for charge, deviation, own in tables:
+        covered = grid <= charge[-1]
+        at, u = (np.interp(grid, np.append(0.0, charge), np.append(0.0, part)) for part in (deviation, own))
+        weight = covered / np.maximum(u, 1e-9) ** 2
+        values += weight * at
+        weights += weight
+        # The channels share the gain, so that their mean is not better known than the best of them.
+        spread = np.minimum(spread, np.where(covered, u, np.inf))
+    return ResponseCurve(
+        charge_e=(0.0, *grid.tolist()),
+        deviation_percent=(0.0, *(values / weights).tolist()),
+        standard_uncertainty_percent=(0.0, *spread.tolist()),
+        source=source,
     )
 
 

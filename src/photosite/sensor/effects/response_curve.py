@@ -88,6 +88,17 @@ class ResponseCurve(Section):
             deviation = cubic(np.clip(charge, 0.0, self.charge_e[-1]))
         return charge * (1.0 + deviation / 100.0)
 
+    def charge_at(self, signal_e: float, well_capacity_e: float) -> float:
+        """Return the charge that gives a signal, at most the well capacity; both in electrons.
+
+        Examples
+        --------
+        >>> ResponseCurve(polynomial_percent=(-10.0,)).charge_at(4750.0, well_capacity_e=10000)
+        5000.0
+        """
+        signal, step = self.nodes(well_capacity_e)
+        return float(np.interp(signal_e, signal, np.arange(signal.size) * step))
+
     def nodes(self, well_capacity_e: float) -> tuple[NDArray[np.float64], float]:
         """Return the signal at equal steps of charge from 0 to the well capacity, and the step, electrons."""
         grid = np.linspace(0.0, well_capacity_e, _NODES)
