@@ -48,6 +48,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("scene/scene.py", "photosite.scene.io.formats"): "Scene.save: a value's thin method",
     ("calibration/result.py", "photosite.report"): "Calibration.report and .plot: a value's thin methods",
     ("calibration/gain_series/result.py", "photosite.report"): "GainSeries.report and .plot: a value's thin methods",
+    ("calibration/dark_temperature.py", "photosite.report.plots"): "DarkTemperature.plot: a value's thin method",
     ("color/spectrum.py", "photosite.report.plots"): "Spectrum.plot: a value's thin method",
     ("frames/raw_frame.py", "photosite.report.plots"): "RawFrame.plot: a value's thin method",
     ("frames/raw_frame.py", "photosite.develop.thumbnail"): "RawFrame._repr_html_: a value's thin method",

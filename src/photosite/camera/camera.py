@@ -153,6 +153,7 @@ class Camera(Shown):
         frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
+        temperature_c: float | None = None,
     ) -> RawFrame:
         """Return a raw frame of a scene.
 
@@ -170,6 +171,9 @@ class Camera(Shown):
         device
             Where noise and digital numbers are computed: "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`), with equal
             results. The mean image is always computed on the CPU.
+        temperature_c
+            Temperature of the sensor, which scales its dark current (`Sensor.at_temperature`) and is stated in the
+            frame's metadata. None: the dark current of the description.
 
         Raises
         ------
@@ -188,7 +192,8 @@ class Camera(Shown):
         (True, (('G', 'R'), ('B', 'G')))
         """
         mean = self.mean_electrons(scene, exposure_s, start_s=start_s)
-        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region, device=device, scene=scene)
+        place = {"seed": seed, "frame": frame, "region": region, "device": device, "temperature_c": temperature_c}
+        return self.expose(mean, exposure_s, scene=scene, **place)
 
     def stream(
         self,
@@ -201,12 +206,13 @@ class Camera(Shown):
         first_frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
+        temperature_c: float | None = None,
     ) -> Iterator[RawFrame]:
         """Yield raw frames of a scene that all start at one time; the mean image is computed once.
 
         Parameters
         ----------
-        scene, start_s, seed, region, device
+        scene, start_s, seed, region, device, temperature_c
             As for `capture`.
         exposures_s
             One exposure time, or several.
@@ -228,11 +234,12 @@ class Camera(Shown):
         start_s = _checked_start(start_s)
         image = self._image(scene, start_s, max(checked, default=0.0))
         number = first_frame
+        place = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
         memory = _memory(image) if len(checked) == 1 else None
         for exposure_s in checked:
             mean = image.electrons(start_s, exposure_s, out=memory)
             for _ in range(frames):
-                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device, scene=scene)
+                yield self.expose(mean, exposure_s, frame=number, scene=scene, **place)
                 number += 1
 
     def record(
@@ -248,6 +255,7 @@ class Camera(Shown):
         first_frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
+        temperature_c: float | None = None,
     ) -> Iterator[RawFrame]:
         """Yield the frames of a video; frame n starts at `start_s` + n / `fps`, as its metadata `start_s` states.
 
@@ -265,7 +273,7 @@ class Camera(Shown):
             Time at which the first frame starts.
         scenes_per_frame
             Scenes of a frame, if `scene` is a function.
-        seed, first_frame, region, device
+        seed, first_frame, region, device, temperature_c
             As for `stream`.
 
         Raises
@@ -294,6 +302,7 @@ class Camera(Shown):
             hint = "The rows of a frame start one line time apart"
             raise InputError("fps", value=fps, expected=f"at most {1.0 / readout_s:.6g} for this shutter", hint=hint)
         start_s, control, last = _checked_start(start_s), exposure_control(exposure_s), None
+        place = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
         image = None if callable(scene) else self._image(scene, start_s, (frames + 1) / fps)
         for number in range(frames):
             begin_s, time_s = start_s + number / fps, check_exposure(control(last))
@@ -306,8 +315,7 @@ class Camera(Shown):
                 seen, mean = self._mean_of_scenes(scene, begin_s, time_s, scenes_per_frame)
             else:
                 seen, mean = scene, image.electrons(begin_s, time_s)
-            place = {"seed": seed, "frame": first_frame + number, "region": region, "device": device}
-            raw = self.expose(mean, time_s, scene=seen, **place)
+            raw = self.expose(mean, time_s, frame=first_frame + number, scene=seen, **place)
             last = replace(raw, metadata={**raw.metadata, "start_s": begin_s})
             yield last
 
@@ -335,6 +343,7 @@ class Camera(Shown):
         frame: int = 0,
         region: Rectangle | None = None,
         device: Device = "cpu",
+        temperature_c: float | None = None,
         scene: AnyScene | None = None,
     ) -> RawFrame:
         """Return a raw frame from mean electrons, which several frames may share.
@@ -343,7 +352,7 @@ class Camera(Shown):
         ----------
         mean_electrons
             (rows, cols) of the whole chip, as from `mean_electrons`; not negative.
-        exposure_s, seed, frame, region, device
+        exposure_s, seed, frame, region, device, temperature_c
             As for `capture`; the exposure time is that of the dark current.
         scene
             The scene of the mean electrons, whose light gives `RawFrame.as_shot_neutral`; None leaves it out.
@@ -354,7 +363,8 @@ class Camera(Shown):
             As `capture`; or if the shape is not the sensor's, or a mean is negative or not finite.
         """
         time_s = check_exposure(exposure_s)
-        dn = digital_numbers(self.sensor, mean_electrons, time_s, seed=seed, frame=frame, region=region, device=device)
+        place = {"seed": seed, "frame": frame, "region": region, "device": device, "temperature_c": temperature_c}
+        dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
         readout, cfa = self.sensor.readout, self.sensor.array.cfa
         name, serial = self.sensor.name, self.sensor.serial
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
@@ -362,6 +372,9 @@ class Camera(Shown):
             metadata["gain_setting"] = self.sensor.gain_setting
             if self.sensor.gain_setting_is_iso:
                 metadata["iso"] = self.sensor.gain_setting
+        at = self.sensor if temperature_c is None else self.sensor.at_temperature(temperature_c)
+        if temperature_c is not None:
+            metadata["temperature_c"] = float(temperature_c)
         lens = getattr(self.optics, "base", self.optics)
         metadata |= {key: value for key in ("f_number", "focal_length_mm") if (value := getattr(lens, key, None))}
         if (neutral := None if scene is None else self._neutral_of(scene)) is not None:
@@ -381,7 +394,7 @@ class Camera(Shown):
             exposure_s=exposure_s,
             color_matrix=self._color_matrices[0],
             color_matrix_a=self._color_matrices[1],
-            noise_profile=noise_profile(self.sensor, exposure_s),
+            noise_profile=noise_profile(at, exposure_s),
             metadata=metadata,
         )
 

@@ -52,6 +52,13 @@ if TYPE_CHECKING:
     metavar="ODD",
     help="Cells across a pixel in which the image is computed; use 3 or more to measure edges.  [default: 1]",
 )
+@click.option(
+    "--temperature",
+    "temperature_c",
+    type=click.FloatRange(-273.15),
+    metavar="C",
+    help="Sensor temperature in degrees Celsius, for the dark current; by default that of the sensor file.",
+)
 @options.seed_option()
 @click.option(
     "--frames",
@@ -78,6 +85,7 @@ if TYPE_CHECKING:
 def command(
     camera_file: Path | None,
     exposure_s: float | str | None,
+    temperature_c: float | None,
     seed: int,
     frames: int,
     output: Path,
@@ -122,7 +130,7 @@ def command(
     taken = date_of_files().replace(tzinfo=None).isoformat(timespec="seconds")
     progress = Stages()
     for number, path in enumerate(paths):
-        raw = camera.expose(mean, time_s, seed=seed, frame=number, scene=scene)
+        raw = camera.expose(mean, time_s, seed=seed, frame=number, scene=scene, temperature_c=temperature_c)
         raw = replace(raw, metadata={**raw.metadata, "date_time": taken})
         raw = _with_white_balance(raw, camera, set_up.scene.light)
         _save(raw, path, preview if number == 0 else None)

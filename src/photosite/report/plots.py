@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from photosite.calibration.dark_temperature import DarkTemperature
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
 from photosite.color.spectrum import Spectrum
@@ -68,6 +69,22 @@ def plot_gain_series(series: GainSeries, parameter: str = "read_noise_e", ax: Ax
         axes.set_xscale("log")
         axes.set_xticks(series.settings, [f"{setting:g}" for setting in series.settings])
         axes.minorticks_off()
+    return axes
+
+
+@styled()
+def plot_dark_temperature(found: DarkTemperature, ax: Axes | None = None) -> Axes:
+    """Draw the dark current with 95 % intervals against the temperature, and the fit."""
+    axes = new_or_given(ax)
+    celsius = np.array([one for one, _ in found.measured])
+    ends = np.array([(entry.value, *(entry.interval_95 or ())) for _, entry in found.measured], float)
+    bars = ends[:, 0] - ends[:, 1], ends[:, 2] - ends[:, 0]
+    axes.errorbar(celsius, ends[:, 0], bars, fmt="o", color=BLUE, elinewidth=0.9, label="measured")
+    grid = np.linspace(celsius.min(), celsius.max(), 101)
+    axes.plot(grid, [found.at(one) for one in grid], color=BLUE, label="fit")
+    axes.set(xlabel="temperature (deg C)", ylabel="dark current (DN/s)", yscale="log")
+    axes.set_title("Dark current against temperature")
+    axes.legend()
     return axes
 
 

@@ -78,6 +78,8 @@ def mean_offset_dn(n: int) -> float:
     return 0.5 / n if n % 2 == 0 else 0.0
 
 
+_ZERO_KELVIN_C = 273.15
+_MOST_DOUBLINGS = 100.0
 _SECTIONS = ("array", "pixel", "noise", "readout", "provenance")
 _OWN = (
     *("name", "serial", "channels", "maps", "covariance"),
@@ -279,6 +281,9 @@ class Noise(Section):
     )
     dark_current_temperature_c: Number | None = about(
         "Sensor temperature at which the dark current was measured.", "deg C", 25.0, default=None
+    )
+    dark_doubling_c: Positive | None = about(
+        "Rise of the temperature that doubles the dark current.", "deg C", 6.5, default=None
     )
 
     @model_validator(mode="after")
@@ -668,6 +673,66 @@ class Sensor(Tabular, Section):
             **values, maps=None, covariance=entry.covariance, gain_setting=entry.setting, gain_settings=()
         )
         return changed.model_copy(update={"gain_settings": tuple(sorted(others, key=lambda each: each.setting))})
+
+    def dark_current_ratio(self, temperature_c: float) -> Measured:
+        """Return the dark current at a temperature over that of the description: 2^((T - T0) / doubling temperature).
+
+        Raises
+        ------
+        InputError
+            If the temperature is invalid, or the sensor does not state the two fields that the ratio needs.
+        """
+        if isinstance(temperature_c, bool | str) or not -_ZERO_KELVIN_C <= temperature_c < math.inf:
+            raise InputError("temperature_c", value=temperature_c, expected=f"{-_ZERO_KELVIN_C:g} or above")
+        noise = self.noise
+        if noise.dark_current_temperature_c is None or noise.dark_doubling_c is None:
+            missing = "dark_doubling_c" if noise.dark_doubling_c is None else "dark_current_temperature_c"
+            hint = "Frames at a temperature need both dark_current_temperature_c and dark_doubling_c"
+            raise InputError(f"field '{missing}' is missing", where="noise", hint=hint)
+        doublings = (temperature_c - noise.dark_current_temperature_c) / noise.dark_doubling_c.value
+        relative = math.log(2.0) * doublings * noise.dark_doubling_c.standard_uncertainty / noise.dark_doubling_c.value
+        if doublings > _MOST_DOUBLINGS:
+            expected = f"at most {_MOST_DOUBLINGS:g} doublings above {noise.dark_current_temperature_c:g}"
+            raise InputError("temperature_c", value=temperature_c, expected=expected)
+        ratio = 2.0**doublings
+        return Measured(ratio, ratio * abs(relative), assumed=noise.dark_doubling_c.assumed)
+
+    def at_temperature(self, temperature_c: float) -> Sensor:
+        """Return the sensor at another temperature, at which its dark current is larger or smaller.
+
+        The dark current of all gain settings is scaled by `dark_current_ratio`. Read noise, DSNU, gain and measured
+        maps are those of the description.
+
+        Raises
+        ------
+        InputError
+            As `dark_current_ratio`.
+
+        References
+        ----------
+        EMVA 1288 release 4.0, section 7.3: the dark current doubles with the doubling temperature.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(
+        ...     dark_current_e_per_s=2, dark_current_temperature_c=25, dark_doubling_c=6
+        ... )
+        >>> warm = sensor.at_temperature(37)
+        >>> round(warm.electrons(warm.noise.dark_voltage_mv_per_s.value), 3), warm.noise.dark_current_temperature_c
+        (8.0, 37.0)
+        """
+        ratio = self.dark_current_ratio(temperature_c)
+
+        def scaled(entry: Noise | GainSetting) -> dict[str, Any]:
+            old = entry.dark_voltage_mv_per_s
+            uncertainty = math.hypot(old.standard_uncertainty * ratio.value, old.value * ratio.standard_uncertainty)
+            new = replace(old, value=old.value * ratio.value, standard_uncertainty=uncertainty)
+            return {"dark_voltage_mv_per_s": new}
+
+        changes = {**scaled(self.noise), "dark_current_temperature_c": float(temperature_c)}
+        settings = tuple(entry.model_copy(update=scaled(entry)) for entry in self.gain_settings)
+        return self.model_copy(update={"noise": self.noise.model_copy(update=changes), "gain_settings": settings})
 
     @property
     def own_gain_setting(self) -> GainSetting:

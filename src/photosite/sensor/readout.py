@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -41,6 +42,7 @@ def digital_numbers(
     frame: int = 0,
     region: Rectangle | None = None,
     device: Device = "cpu",
+    temperature_c: float | None = None,
 ) -> NDArray[np.uint16]:
     """Return one frame of a sensor, or a rectangle of it, (rows, cols).
 
@@ -61,13 +63,16 @@ def digital_numbers(
         (r0, r1, c0, c1) of the chip; None is the whole chip. Its digital numbers are those of the whole frame.
     device
         "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`).
+    temperature_c
+        Temperature of the sensor, for the dark current; default that of the description.
 
     Raises
     ------
     InputError
         If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region is out of range, the
         device is unknown or missing, measured maps have another size or are requested on a GPU, or the well capacity is
-        below half a digital number.
+        below half a digital number, or the sensor does not state what a temperature needs
+        (`Sensor.dark_current_ratio`).
     FileError
         If a file of measured maps is missing, or is not the file that the sensor file names by its hash.
 
@@ -112,6 +117,11 @@ def digital_numbers(
     measured = load_measured_chip(sensor)
     if measured is not None:
         _check_size(measured, sensor)
+    if temperature_c is not None:
+        if measured is not None and measured.dark_rate_dn_per_s is not None:
+            ratio = np.float32(sensor.dark_current_ratio(temperature_c).value)
+            measured = replace(measured, dark_rate_dn_per_s=measured.dark_rate_dn_per_s * ratio)
+        sensor = sensor.at_temperature(temperature_c)
     if sensor.effects is not None:
         return staged_frame(sensor, measured, photo_e, part, exposure, device)
     if measured is None:

@@ -40,6 +40,7 @@ CLIP_SIGMA, PEDESTAL_SIGMA = 5.0, 8.0
 
 NOMINAL_NAME, TRUTH_NAME, PROTOCOL_NAME = "nominal.sensor.yaml", "truth.sensor.yaml", "protocol.yaml"
 
+_OF_TEMPERATURE = ("dark_current_temperature_c", "dark_doubling_c")
 _WRITERS = 2
 _PENDING = 8
 """Largest number of frames that wait to be written, which bounds the memory."""
@@ -100,8 +101,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     unknown = Measured(0.0, source="placeholder: to be measured", assumed=True)
     scale = replace(unknown, value=1.0)
     return sensor.with_(
-        **{name: unknown for name in type(sensor.noise).model_fields if name != "dark_current_temperature_c"},
-        dark_current_temperature_c=None,
+        **{name: None if name in _OF_TEMPERATURE else unknown for name in type(sensor.noise).model_fields},
         black_level_dn=unknown,
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,
