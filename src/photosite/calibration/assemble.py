@@ -23,6 +23,7 @@ from photosite.calibration.photon_transfer.level_outliers import outlier_warning
 from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
+from photosite.calibration.photon_transfer.unknown_darks import BRIGHTER_FATTER
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
@@ -254,7 +255,13 @@ def _incomplete_warning(dark: DarkResult, lights: Sequence[GroupStatistics], gai
     lacking = "black level, dark current, read noise, DSNU" if dark.level_unknown else "read noise, DSNU"
     text = f"{dark.noise_unknown}; without them {lacking} and what follows from them are not known"
     if not isinstance(gain, Missing):
-        return f"{text}; the system gain comes from the differences between flat fields"
+        if not dark.level_unknown:
+            return f"{text}; the system gain comes from the differences between flat fields"
+        return (
+            f"{text}; the system gain comes from the differences between flat fields, and its uncertainty contains a "
+            f"variance that is {100.0 * BRIGHTER_FATTER:.0f} % too small in the brightest (brighter-fatter effect), as "
+            f"far as the variances do not exclude it"
+        )
     if not dark.level_unknown or not lights:
         return text
     means = sorted(pooled_level(entry.levels).mean for entry in lights)

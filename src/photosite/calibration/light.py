@@ -19,7 +19,7 @@ from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
 from photosite.calibration.photon_transfer.response_shape import ToneCurve, find_tone_curve
-from photosite.calibration.photon_transfer.unknown_darks import straightening
+from photosite.calibration.photon_transfer.unknown_darks import brighter_fatter, straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.sensor.model import Sensor
@@ -133,6 +133,9 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
         bent = fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
     if isinstance(bent, Missing):
         return LightResult(tuple(channels), line, bent, bent, NoiseStructure())
+    if bent is None and channels[0].dark.mean.reason:
+        shared_by_charge = brighter_fatter(levels, used)
+        factor = derive(lambda a: a * shared_by_charge, factor)
     of_line, gain = (
         factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if factor.parts else value
         for value in (of_line, of_line if bent is None else gain_value(bent.fit, bent.gain))

@@ -3,6 +3,9 @@
 The temporal variance of the flat fields is a straight line against their mean, whose slope is the system gain K. Dark
 frames only give one more point of it. Without them the line's constant is free. A bend of the response then shows less
 clearly: with y the mean, x the light and y = R (x + b x^2), the variance has the slope K (1 + 6 b x) against the mean.
+
+So does noise that pixels share the more, the more charge they hold (brighter-fatter effect: Guyonnet et al., A&A 575
+(2015) A41): the variance of bright levels is then too small, while the means stay straight.
 """
 
 from __future__ import annotations
@@ -38,6 +41,9 @@ LARGEST_BEND = 0.5
 
 LEAST_LEVELS = 3
 """Different amounts of light that a bend needs."""
+
+BRIGHTER_FATTER = 0.02
+"""Relative change of the brightest level's variance by brighter-fatter noise that is taken as usual."""
 
 CONSTANT_S = 0.01
 """Range of exposure times up to which dark current is neglected: 100 electrons per second leave one."""
@@ -133,6 +139,38 @@ def straightening(levels: LightLevels, used: NDArray[np.bool_]) -> Value:
     factor = 1.0 / (1.0 + change)
     half = 0.5 * (factor - 1.0)
     return Uncertain.of(1.0 + half, math.hypot(half, factor**2 * by_b * b.standard_uncertainty))
+
+
+def brighter_fatter(levels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]]) -> Uncertain:
+    """Return the gain at small signal over the slope of a straight line of variance against mean, for an unknown dark.
+
+    It is the curvature of the variances of some channels, as far as they determine it. Before, a change of the
+    brightest variance is taken as normally distributed about 0 with the standard deviation `BRIGHTER_FATTER`.
+    """
+    precision, weighted = 0.0, 0.0
+    usual = []
+    for of_channel, take in zip(levels, used, strict=True):
+        take = take & of_channel.repeated
+        mean, variance = of_channel.signal[take], of_channel.shot[take]
+        if len(np.unique(mean)) < 2:
+            continue
+        sampling = of_channel.noise_uncertainty[take] ** 2
+        # What c mean^2 adds to the slope of the line.
+        reach = float(slope_coefficients(mean, 1.0 / sampling) @ mean**2)
+        usual.append(BRIGHTER_FATTER * reach / float(mean.max()))
+        if len(mean) < LEAST_LEVELS:
+            continue
+        scale = float(mean.max())
+        line, bent = (
+            fit_linear(np.vander(mean / scale, order, increasing=True), variance, np.diag(sampling)) for order in (2, 3)
+        )
+        size = -reach * scale / (scale**2 * line.parameters[1])
+        precision += 1.0 / (size**2 * bent.covariance[2, 2])
+        weighted += bent.parameters[2] / (size * bent.covariance[2, 2])
+    if not usual:
+        return Uncertain(1.0)
+    prior = 1.0 / float(np.mean(usual)) ** 2
+    return Uncertain.of(1.0 + weighted / (precision + prior), 1.0 / math.sqrt(precision + prior))
 
 
 def _not_proportional() -> Missing:
