@@ -31,7 +31,6 @@ from photosite.engine.jit import F32, F64, I64, compiled, prange
 from photosite.engine.random_numbers import (
     BLINKING,
     EXPOSURE,
-    FIXED_PATTERN,
     LINES,
     new_run,
     normal,
@@ -312,15 +311,12 @@ def expose_blinking(
 
 
 @compiled(parallel=True)
-def normal_deviates(rows: int, cols: int, word: int, k0: np.uint32, k1: np.uint32) -> NDArray[np.int16]:
-    """Return (rows, cols) standard normal deviates in units of DEVIATE_STEP.
-
-    They are from a word of the FIXED_PATTERN block: 0 PRNU, 1 DSNU, 2 dark current.
-    """
+def normal_deviates(rows: int, cols: int, use: np.uint32, word: int, k0: np.uint32, k1: np.uint32) -> NDArray[np.int16]:
+    """Return (rows, cols) standard normal deviates in units of DEVIATE_STEP, from a word, 0 to 2, of a use."""
     out = np.empty((rows, cols), np.int16)
     for r in prange(rows):
         run = new_run(cols)
-        random_words(np.uint32(r * cols), cols, np.uint32(0), FIXED_PATTERN, k0, k1, run.words)
+        random_words(np.uint32(r * cols), cols, np.uint32(0), use, k0, k1, run.words)
         normal_run(cols, run.words[word], run)
         for c in range(cols):
             out[r, c] = np.int16(math.floor(run.deviates[c] / DEVIATE_STEP + 0.5))

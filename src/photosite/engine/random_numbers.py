@@ -20,9 +20,19 @@ EXPOSURE = np.uint32(0)
 FIXED_PATTERN = np.uint32(1)
 """Words 0, 1 and 2: PRNU, DSNU and dark current."""
 BLINKING = np.uint32(2)
-"""Word 0: the state of a blinking pixel."""
+"""Word 0: the state of a blinking pixel. Word 1: whether it is drawn anew."""
 LINES = np.uint32(3)
 """Word 0: the deviate of a row. Word 1: that of the column with the same number."""
+READ_NOISE = np.uint32(8)
+"""Word 0: the read noise of a pixel, as a deviate."""
+HOT_PIXELS = np.uint32(9)
+"""Word 0: whether a pixel is hot. Word 1: its dark current."""
+DEFECTS = np.uint32(10)
+"""Word 0: whether a pixel is dead or stuck. Word 1: the number of a stuck one. Series 1 and 2: columns, clusters."""
+TELEGRAPH = np.uint32(11)
+"""Word 0: whether a pixel blinks. Words 1 and 2: its amplitude, and its share of time in the upper level."""
+DRIFT = np.uint32(12)
+"""Word 0: a step of the black level's drift, whose octave is the pixel; frame 0 is where it starts."""
 
 _M0 = np.uint64(0xD2511F53)
 _M1 = np.uint64(0xCD9E8D57)

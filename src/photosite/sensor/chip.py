@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import threads_for
 from photosite.engine.pixel_model import DEVIATE_STEP, normal_deviates
-from photosite.engine.random_numbers import key_from_seed
+from photosite.engine.random_numbers import FIXED_PATTERN, READ_NOISE, key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.values.shown import Shown
@@ -93,13 +93,22 @@ def draw_chip(sensor: Sensor) -> Chip:
     return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_STEP), Pattern(dsnu, spreads[_DSNU] * DEVIATE_STEP), rate)
 
 
+def serial_seed(serial: str) -> int:
+    """Return the seed of a chip's random numbers."""
+    return int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little")
+
+
+def read_noise_deviates(serial: str, rows: int, cols: int) -> NDArray[np.int16]:
+    """Return the normal deviates of the pixels' read noise in units of DEVIATE_STEP."""
+    return _deviates(serial, rows, cols, 0, int(READ_NOISE))
+
+
 # Six maps: two chips with all three patterns.
 @lru_cache(maxsize=6)
-def _deviates(serial: str, rows: int, cols: int, word: int) -> NDArray[np.int16]:
+def _deviates(serial: str, rows: int, cols: int, word: int, use: int = int(FIXED_PATTERN)) -> NDArray[np.int16]:
     """Return the normal deviates of a serial's pattern in units of DEVIATE_STEP."""
-    key = int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little")
     with threads_for(rows * cols):
-        deviates = normal_deviates(rows, cols, word, *key_from_seed(key))
+        deviates = normal_deviates(rows, cols, np.uint32(use), word, *key_from_seed(serial_seed(serial)))
     deviates.flags.writeable = False
     return deviates
 

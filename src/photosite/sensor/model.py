@@ -578,7 +578,8 @@ class Sensor(Tabular, Section):
             if array.stacked and self.optical_stack.crosstalk is not None:
                 raise InputError("crosstalk", where="optical_stack", value="given", expected="none in stacked channels")
         if self.effects is not None:
-            self.effects.check(self.array.rows, self.array.cols, self.pixel.well_capacity_e.value)
+            array, well_e = self.array, self.pixel.well_capacity_e.value
+            self.effects.check(array.rows, array.cols, well_e, self.white_level_dn)
         return self
 
     def response_at(self, channel: str, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
@@ -732,7 +733,9 @@ class Sensor(Tabular, Section):
 
         changes = {**scaled(self.noise), "dark_current_temperature_c": float(temperature_c)}
         settings = tuple(entry.model_copy(update=scaled(entry)) for entry in self.gain_settings)
-        return self.model_copy(update={"noise": self.noise.model_copy(update=changes), "gain_settings": settings})
+        effects = None if self.effects is None else self.effects.with_dark_current(ratio.value)
+        noise = self.noise.model_copy(update=changes)
+        return self.model_copy(update={"noise": noise, "gain_settings": settings, "effects": effects})
 
     @property
     def own_gain_setting(self) -> GainSetting:

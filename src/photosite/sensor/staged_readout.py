@@ -6,7 +6,7 @@ Each effect of `photosite.sensor.effects` changes one of the arrays here. `engin
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,22 @@ from photosite.engine.charge import ConversionMaps, collect_charge, convert_char
 from photosite.engine.jit import T, read_only
 from photosite.engine.pixel_model import Exposure, line_deviates
 from photosite.sensor.chip import MeasuredChip, draw_chip
+from photosite.sensor.chip_effects import (
+    Part,
+    add_glow,
+    add_hot_pixels,
+    add_listed_hot,
+    add_measured_blinking,
+    add_telegraph_noise,
+    drift_e,
+    noise_ratio,
+    set_dead_pixels,
+    set_stuck_pixels,
+    whole,
+)
 from photosite.sensor.device import Device, computed
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
-
-Part = tuple[slice, slice]
-"""Rows and columns of a rectangle."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +60,32 @@ def staged_frame(
 
 def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exposure: Exposure) -> FixedPattern:
     """Return the maps of a rectangle of the chip."""
-    return _drawn_pattern(sensor, part) if measured is None else _measured_pattern(sensor, measured, part, exposure)
+    if measured is not None:
+        return _measured_pattern(sensor, measured, part, exposure)
+    return _with_effects(_drawn_pattern(sensor, part), sensor, part, exposure)
+
+
+def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: Exposure) -> FixedPattern:
+    """Return the maps of a drawn chip with the effects that change them."""
+    effects = sensor.effects or Effects()
+    defects, changed = effects.pixel_defects, {}
+    if effects.hot_pixels is not None or effects.glow is not None or defects is not None:
+        rate = changed["dark_rate_e_per_s"] = whole(pattern.dark_rate_e_per_s, part)
+        if effects.hot_pixels is not None:
+            add_hot_pixels(rate, effects.hot_pixels, sensor, part)
+        if effects.glow is not None:
+            add_glow(rate, effects.glow, sensor, part)
+        if defects is not None:
+            add_listed_hot(rate, defects, part)
+    if defects is not None:
+        changed["prnu"] = whole(pattern.prnu, part)
+        set_dead_pixels(changed["prnu"], defects, sensor, part)
+    if effects.read_noise_spread is not None:
+        changed["noise_e"] = pattern.noise_e * noise_ratio(effects.read_noise_spread, sensor, part)
+    if effects.telegraph_noise is not None:
+        changed["offset_e"] = whole(pattern.offset_e, part)
+        add_telegraph_noise(changed["offset_e"], effects.telegraph_noise, sensor, part, exposure)
+    return replace(pattern, **{name: read_only(values) for name, values in changed.items()})
 
 
 def collected_charge(
@@ -72,8 +107,11 @@ def converted_charge(
     device: Device,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of the charge of a rectangle."""
-    maps = _conversion(sensor, sensor.effects or Effects(), pattern, part, exposure)
+    effects = sensor.effects or Effects()
+    maps = _conversion(sensor, effects, pattern, part, exposure)
     frame_dn: NDArray[np.uint16] = computed(device, convert_charge, read_only(charge_e), maps, exposure)
+    if effects.pixel_defects is not None and sensor.maps is None:
+        set_stuck_pixels(frame_dn, effects.pixel_defects, sensor, part)
     return frame_dn
 
 
@@ -109,12 +147,19 @@ def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: 
     dark = chip.dark_rate_dn_per_s
     dark_rate = _one(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value)) if dark is None else dark[part] / gain
     offset = chip.offset_dn[part] / gain + np.minimum(dark_rate, 0.0) * np.float32(exposure.exposure_s)
+    noise = np.sqrt(np.maximum(variance, np.float32(0.0))) / gain
     ratio = exposure.gain_dn_per_e / float(gain)
+    if len(chip.blinking):
+        offset, cols = whole(offset, part), sensor.array.cols
+        inside, place = add_measured_blinking(offset, chip.blinking, float(gain), cols, part, exposure)
+        within_level = chip.blinking.noise_dn[inside]
+        variance = np.maximum(within_level * np.abs(within_level) - math.hypot(*lines) ** 2, 0.0)
+        noise[place] = np.sqrt(variance) / gain
     return FixedPattern(
         _one(0.0) if chip.prnu is None else read_only(chip.prnu[part]),
         read_only(np.maximum(dark_rate, np.float32(0.0))),
         read_only(offset),
-        read_only(np.sqrt(np.maximum(variance, np.float32(0.0))) / gain),
+        read_only(noise),
         (lines[0] * ratio, lines[1] * ratio),
     )
 
@@ -133,6 +178,8 @@ def _conversion(
     if effects.response_curve is not None:
         curve, step = effects.response_curve.nodes(exposure.well_capacity_e)
     row_dn, column_dn = line_noise(pattern.line_noise_dn, part, exposure)
+    if effects.black_level_drift is not None:
+        row_dn = row_dn + drift_e(effects.black_level_drift, exposure) * exposure.gain_dn_per_e
     return ConversionMaps(
         pattern.offset_e,
         pattern.noise_e,

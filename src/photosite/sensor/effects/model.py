@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from photosite.errors import InputError
+from photosite.sensor.effects.black_level_drift import BlackLevelDrift
+from photosite.sensor.effects.glow import Glow
+from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.effects.pixel_defects import PixelDefects
+from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.effects.response_curve import ResponseCurve
+from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.quantity import NO_UNIT, about
 from photosite.values.validated import Section
 
@@ -25,8 +33,30 @@ class Effects(Section):
         "Gains and offsets of readout channels.", NO_UNIT, {"relative_gain": [[1.01, 0.99]]}, default=None
     )
 
-    def check(self, rows: int, cols: int, well_capacity_e: float) -> None:
-        """Raise `InputError` unless the effects are consistent with the sensor's size and well capacity."""
+    hot_pixels: HotPixels | None = about(
+        "Tail of the dark current.", NO_UNIT, {"fraction": 0.001, "median_e_per_s": 200}, default=None
+    )
+    pixel_defects: PixelDefects | None = about(
+        "Dead, stuck and hot pixels, columns and clusters.", NO_UNIT, {"dead_fraction": 1e-4}, default=None
+    )
+    telegraph_noise: TelegraphNoise | None = about(
+        "Pixels that blink.", NO_UNIT, {"fraction": 0.01, "amplitude_e": 20}, default=None
+    )
+    read_noise_spread: ReadNoiseSpread | None = about(
+        "Distribution of the read noise over the pixels.", NO_UNIT, {"log_spread": 0.2}, default=None
+    )
+    glow: Glow | None = about(
+        "Amplifier glow.",
+        NO_UNIT,
+        {"places": ["top_left"], "peak_e_per_s": 5, "decay_pixels": 100},
+        default=None,
+    )
+    black_level_drift: BlackLevelDrift | None = about(
+        "1/f noise of the black level over frames.", NO_UNIT, {"standard_deviation_e": 2}, default=None
+    )
+
+    def check(self, rows: int, cols: int, well_capacity_e: float, white_level_dn: float) -> None:
+        """Raise `InputError` unless the effects are consistent with the sensor's size, well and converter."""
         try:
             if self.response_curve is not None:
                 self.response_curve.check(well_capacity_e)
@@ -37,3 +67,24 @@ class Effects(Section):
                 self.readout_channels.check(rows, cols)
         except InputError as error:
             raise error.within("effects.readout_channels") from None
+        try:
+            if self.pixel_defects is not None:
+                self.pixel_defects.check(rows, cols, white_level_dn)
+        except InputError as error:
+            raise error.within("effects.pixel_defects") from None
+
+    def with_dark_current(self, ratio: float) -> Effects:
+        """Return the effects with a dark current that is larger or smaller by a ratio: that of hot pixels.
+
+        Glow is light, and does not follow the temperature as the dark current does.
+        """
+        changes: dict[str, Any] = {}
+        if (hot := self.hot_pixels) is not None:
+            changes["hot_pixels"] = hot.model_copy(update={"median_e_per_s": hot.median_e_per_s * ratio})
+        if (defects := self.pixel_defects) is not None:
+            listed = tuple(
+                one.model_copy(update={"value": (one.value or 0.0) * ratio}) if one.kind == "hot" else one
+                for one in defects.listed
+            )
+            changes["pixel_defects"] = defects.model_copy(update={"listed": listed})
+        return self.model_copy(update=changes)

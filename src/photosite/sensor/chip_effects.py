@@ -1,0 +1,205 @@
+"""Effects of `photosite.sensor.effects` that belong to the pixels of a drawn chip: defects, hot and blinking pixels.
+
+Which pixels have an effect, and its size there, is drawn from the serial; a larger share keeps the pixels of a smaller
+one. What changes from frame to frame depends on the seed and the frame number alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.jit import read_only
+from photosite.engine.pixel_draws import chosen_pixels, single_deviate, telegraph_states
+from photosite.engine.pixel_model import DEVIATE_STEP, Exposure
+from photosite.engine.random_numbers import DEFECTS, DRIFT, HOT_PIXELS, TELEGRAPH, key_from_seed
+from photosite.sensor.chip import Blinking, read_noise_deviates, serial_seed
+from photosite.sensor.effects.black_level_drift import BlackLevelDrift
+from photosite.sensor.effects.glow import Glow
+from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.effects.pixel_defects import PixelDefects
+from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
+from photosite.sensor.effects.telegraph_noise import TelegraphNoise
+from photosite.sensor.model import Sensor
+
+Part = tuple[slice, slice]
+"""Rows and columns of a rectangle."""
+FloatMap = NDArray[np.float32]
+_Floats = NDArray[np.float64]
+_Numbers = NDArray[np.int64]
+_SINGLE, _COLUMNS, _CLUSTERS = range(3)
+
+
+@lru_cache(maxsize=16)
+def _chosen(serial: str, pixels: int, share: float, use: int, series: int = 0) -> tuple[_Numbers, _Floats]:
+    """Return the pixels that the serial chooses, and three uniform numbers of each."""
+    numbers, values = chosen_pixels(pixels, share, np.uint32(use), series, *key_from_seed(serial_seed(serial)))
+    numbers.flags.writeable = values.flags.writeable = False
+    return numbers, values
+
+
+def _of_chip(sensor: Sensor, share: float, use: np.uint32) -> tuple[_Numbers, _Floats]:
+    return _chosen(sensor.serial, sensor.array.rows * sensor.array.cols, share, int(use))
+
+
+def _within(numbers: _Numbers, cols: int, part: Part) -> tuple[NDArray[np.bool_], tuple[_Numbers, _Numbers]]:
+    """Return which pixels are in a rectangle, and the row and column of these in it."""
+    row, col = numbers // cols - part[0].start, numbers % cols - part[1].start
+    inside = (row >= 0) & (row < part[0].stop - part[0].start) & (col >= 0) & (col < part[1].stop - part[1].start)
+    return inside, (row[inside], col[inside])
+
+
+def whole(values: FloatMap, part: Part) -> FloatMap:
+    """Return a copy of a map with a value for each pixel of the rectangle."""
+    return np.array(np.broadcast_to(values, (part[0].stop - part[0].start, part[1].stop - part[1].start)))
+
+
+def _normal(uniform: _Floats) -> _Floats:
+    from scipy.special import ndtri
+
+    return np.asarray(ndtri(uniform))
+
+
+def add_hot_pixels(rate: FloatMap, hot: HotPixels, sensor: Sensor, part: Part) -> None:
+    """Add the dark current of hot pixels to the map of a rectangle."""
+    numbers, values = _of_chip(sensor, hot.fraction, HOT_PIXELS)
+    inside, place = _within(numbers, sensor.array.cols, part)
+    rate[place] += (hot.median_e_per_s * np.exp(hot.log_spread * _normal(values[0, inside]))).astype(np.float32)
+
+
+@lru_cache(maxsize=2)
+def _glow_map(glow: Glow, rows: int, cols: int) -> FloatMap:
+    return read_only(glow.map(rows, cols))
+
+
+def add_glow(rate: FloatMap, glow: Glow, sensor: Sensor, part: Part) -> None:
+    """Add the glow to the dark current of a rectangle."""
+    rate += _glow_map(glow, sensor.array.rows, sensor.array.cols)[part]
+
+
+def dead_pixels(defects: PixelDefects, sensor: Sensor) -> _Numbers:
+    """Return the numbers of the pixels without response to light that are drawn from the serial."""
+    rows, cols = sensor.array.rows, sensor.array.cols
+    single = _of_chip(sensor, defects.dead_fraction, DEFECTS)[0]
+    # The columns with the smallest numbers: as many different ones as wanted
+    ranks = _chosen(sensor.serial, cols, 1.0, int(DEFECTS), _COLUMNS)[1][0]
+    columns = np.argsort(ranks)[: defects.dead_columns]
+    lines = (np.arange(rows)[:, None] * cols + columns).ravel()
+    _, at = _chosen(sensor.serial, defects.clusters, 1.0, int(DEFECTS), _CLUSTERS)
+    center = (at[:2] * np.array([[rows], [cols]])).astype(np.int64)
+    reach = math.isqrt(defects.cluster_pixels) + 1
+    step = np.stack(np.meshgrid(*2 * [np.arange(-reach, reach + 1)], indexing="ij")).reshape(2, -1)
+    step = step[:, np.argsort((step**2).sum(axis=0), kind="stable")[: defects.cluster_pixels]]
+    row, col = (center[:, :, None] + step[:, None]).reshape(2, -1)
+    on_chip = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    return np.unique(np.concatenate([single, lines, (row * cols + col)[on_chip]]))
+
+
+def set_dead_pixels(prnu: FloatMap, defects: PixelDefects, sensor: Sensor, part: Part) -> None:
+    """Set the relative deviation of the response of dead pixels in the map of a rectangle."""
+    prnu[_within(dead_pixels(defects, sensor), sensor.array.cols, part)[1]] = -1.0
+    for place, value in _listed(defects, "dead", part):
+        prnu[place] = (value or 0.0) - 1.0
+
+
+def add_listed_hot(rate: FloatMap, defects: PixelDefects, part: Part) -> None:
+    """Add the dark current of the listed hot pixels to the map of a rectangle."""
+    for place, value in _listed(defects, "hot", part):
+        rate[place] += np.float32(value or 0.0)
+
+
+def stuck_pixels(defects: PixelDefects, sensor: Sensor) -> tuple[_Numbers, _Floats]:
+    """Return the numbers of stuck pixels that are drawn from the serial, and their digital numbers."""
+    # Those that the dead pixels leave over: the next numbers of the same draw
+    share = min(defects.dead_fraction + defects.stuck_fraction, 1.0)
+    numbers, values = _of_chip(sensor, share, DEFECTS)
+    stuck = ~np.isin(numbers, _of_chip(sensor, defects.dead_fraction, DEFECTS)[0])
+    return numbers[stuck], np.floor(values[0, stuck] * (sensor.white_level_dn + 1.0))
+
+
+def set_stuck_pixels(dn: NDArray[np.uint16], defects: PixelDefects, sensor: Sensor, part: Part) -> None:
+    """Set the digital numbers of stuck pixels in a frame of a rectangle."""
+    numbers, values = stuck_pixels(defects, sensor)
+    inside, place = _within(numbers, sensor.array.cols, part)
+    dn[place] = values[inside].astype(np.uint16)
+    for place, value in _listed(defects, "stuck", part):
+        dn[place] = int(sensor.white_level_dn if value is None else value)
+
+
+def _listed(defects: PixelDefects, kind: str, part: Part) -> Iterator[tuple[Part, float | None]]:
+    """Yield the listed defects of a kind in a rectangle, as rows and columns of it, with their values."""
+    for one in defects.listed:
+        if one.kind == kind:
+            row, col = (
+                slice(max(first - side.start, 0), max(min(last + 1, side.stop) - side.start, 0))
+                for (first, last), side in zip((one.rows, one.cols), part, strict=True)
+            )
+            yield (row, col), one.value
+
+
+@lru_cache(maxsize=2)
+def _noise_map(spread: ReadNoiseSpread, serial: str, rows: int, cols: int) -> FloatMap:
+    deviates = read_noise_deviates(serial, rows, cols)
+    return read_only(spread.relative(deviates * np.float32(DEVIATE_STEP)).astype(np.float32))
+
+
+def noise_ratio(spread: ReadNoiseSpread, sensor: Sensor, part: Part) -> FloatMap:
+    """Return the read noise of the pixels of a rectangle over its root mean square."""
+    return _noise_map(spread, sensor.serial, sensor.array.rows, sensor.array.cols)[part]
+
+
+def telegraph_pixels(noise: TelegraphNoise, sensor: Sensor) -> tuple[_Numbers, _Floats, _Floats]:
+    """Return numbers (n,), distances of the levels in electrons, and shares of time in the upper one."""
+    numbers, values = _of_chip(sensor, noise.fraction, TELEGRAPH)
+    amplitude_e = np.full(len(numbers), noise.amplitude_e)
+    if noise.amplitudes == "exponential":
+        amplitude_e *= -np.log(values[0])
+    high = values[1].copy() if noise.high_fraction is None else np.full(len(numbers), noise.high_fraction)
+    return numbers, amplitude_e, high
+
+
+def add_telegraph_noise(
+    offset_e: FloatMap, noise: TelegraphNoise, sensor: Sensor, part: Part, exposure: Exposure
+) -> None:
+    """Add the states of blinking pixels in one frame to the offsets of a rectangle; their mean over frames is 0."""
+    numbers, amplitude_e, high = telegraph_pixels(noise, sensor)
+    inside, place = _within(numbers, sensor.array.cols, part)
+    keep = math.exp(-1.0 / noise.correlation_frames) if noise.correlation_frames else 0.0
+    offset_e[place] += _shift(numbers[inside], amplitude_e[inside], high[inside], keep, exposure)
+
+
+def add_measured_blinking(
+    offset_e: FloatMap, blinking: Blinking, gain: float, cols: int, part: Part, exposure: Exposure
+) -> tuple[NDArray[np.bool_], tuple[_Numbers, _Numbers]]:
+    """Add the states of a measured chip's blinking pixels; return which are in the rectangle, and where."""
+    numbers = blinking.row * cols + blinking.col
+    inside, place = _within(numbers, cols, part)
+    amplitude_e = blinking.amplitude_dn[inside] / gain
+    offset_e[place] += _shift(numbers[inside], amplitude_e, blinking.high_fraction[inside], 0.0, exposure)
+    return inside, place
+
+
+def _shift(numbers: _Numbers, amplitude_e: _Floats, high: _Floats, keep: float, exposure: Exposure) -> FloatMap:
+    high = np.ascontiguousarray(high)
+    states = telegraph_states(np.ascontiguousarray(numbers), high, keep, exposure.frame, exposure.k0, exposure.k1)
+    return (amplitude_e * (states - high)).astype(np.float32)
+
+
+def drift_e(drift: BlackLevelDrift, exposure: Exposure) -> float:
+    """Return the black level's deviation in one frame, electrons.
+
+    A sum of steps that are held for 1, 2, 4, ... frames has a spectrum of about 1/f between the shortest and the
+    longest (M. Gardner, "White and brown music, fractal curves and one-over-f fluctuations", Scientific American 238
+    (1978) 16, who gives R. Voss as the source). Each step starts at a frame of its own, drawn from the seed.
+    """
+    total = 0.0
+    for octave in range(drift.octaves):
+        start = abs(single_deviate(octave, 0, DRIFT, exposure.k0, exposure.k1))
+        shift = int(start % 1.0 * 2.0**octave)
+        held = (int(exposure.frame) + shift >> octave) + 1
+        total += single_deviate(octave, held & 0xFFFFFFFF, DRIFT, exposure.k0, exposure.k1)
+    return total * drift.standard_deviation_e / math.sqrt(drift.octaves)

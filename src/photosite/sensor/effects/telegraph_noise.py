@@ -1,0 +1,38 @@
+"""Random telegraph noise: pixels whose level jumps between two states."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from photosite.sensor.quantity import NO_UNIT, about
+from photosite.values.validated import Section
+
+
+class TelegraphNoise(Section):
+    """Blinking pixels, drawn from the serial; their states depend on the seed and the frame number.
+
+    Examples
+    --------
+    >>> TelegraphNoise(fraction=0.01, amplitude_e=20).amplitudes
+    'exponential'
+    """
+
+    fraction: Annotated[float, Field(ge=0.0, le=1.0)] = about("Share of the pixels that blink.", "1", 0.01)
+    amplitude_e: Annotated[float, Field(ge=0.0)] = about("Mean distance of the two levels.", "e-", 20.0)
+    amplitudes: Literal["exponential", "equal"] = about(
+        "Distribution of the distance over these pixels: exponential, or equal for all.",
+        NO_UNIT,
+        "exponential",
+        default="exponential",
+    )
+    high_fraction: Annotated[float, Field(ge=0.0, le=1.0)] | None = about(
+        "Share of the time in the upper state. None: uniform from 0 to 1 over the pixels.", "1", 0.5, default=None
+    )
+    correlation_frames: Annotated[float, Field(ge=0.0, le=1e4)] = about(
+        "Frames after which the correlation of the states has fallen to 1/e; 0 for independent frames.",
+        "frames",
+        3.0,
+        default=0.0,
+    )
