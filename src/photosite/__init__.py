@@ -41,6 +41,7 @@ _MODULE_OF = {
     "TableFlicker": "photosite.scene.flicker",
     "VeilingGlare": "photosite.optics.illumination",
     "Wavefront": "photosite.optics.wavefront",
+    "bin_frame": "photosite.frames.binning",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
@@ -50,6 +51,7 @@ _MODULE_OF = {
     "load_camera": "photosite.camera.file",
     "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
+    "measure_polarizers": "photosite.calibration.polarizers",
     "noise_budget": "photosite.metrics.snr",
     "open_chart": "photosite.studies.chart_spectral",
     "open_frames": "photosite.frames.open",
@@ -59,6 +61,7 @@ _MODULE_OF = {
     "read_scene": "photosite.scene.io.formats",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
     "snr": "photosite.studies.gray_surface",
+    "stokes": "photosite.develop.polarization",
     "sweep": "photosite.studies.sweep",
     "validate": "photosite.validation.validate",
     "write_scene": "photosite.scene.io.formats",
@@ -76,6 +79,7 @@ __all__ = [*_MODULE_OF, *_MODULES, "__version__", "develop"]
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
     from photosite.calibration.gain_series.calibrate_series import calibrate_series as calibrate_series
+    from photosite.calibration.polarizers import measure_polarizers as measure_polarizers
     from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart
     from photosite.calibration.spectral.monochromator import calibrate_spectral as calibrate_spectral
     from photosite.calibration.spectral.protocol import open_spectral as open_spectral
@@ -84,6 +88,8 @@ if TYPE_CHECKING:
     from photosite.camera.file import load_camera as load_camera
     from photosite.color import illuminants as illuminants
     from photosite.color.spectrum import Spectrum as Spectrum
+    from photosite.develop.polarization import stokes as stokes
+    from photosite.frames.binning import bin_frame as bin_frame
     from photosite.frames.io.formats import read_raw as read_raw
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame

@@ -117,10 +117,10 @@ def stokes(raw: RawFrame, color: str | None = None, sensor: Sensor | None = None
         raise InputError("cfa", where="stokes", value=", ".join(angles), expected="three different angles or more")
     planes = demosaic_bilinear(raw.dn.astype(np.float32) - np.float32(raw.black_level_dn), raw.cfa)
     planes = planes[..., [names.index(name) for name in angles]]
-    found = planes @ np.linalg.pinv(matrix).T.astype(np.float32)
+    seen = planes @ np.linalg.pinv(matrix).T.astype(np.float32)
     reach = max(len(raw.cfa), len(raw.cfa[0])) - 1
-    found[maximum_filter(raw.dn >= raw.white_level_dn, 2 * reach + 1)] = np.nan
-    return Stokes(*np.moveaxis(found, 2, 0))
+    seen[maximum_filter(raw.dn >= raw.white_level_dn, 2 * reach + 1)] = np.nan
+    return Stokes(*np.moveaxis(seen, 2, 0))
 
 
 def _polarizers(named: Mapping[str, float], sensor: Sensor | None) -> tuple[list[float], list[float]]:
