@@ -130,7 +130,8 @@ def _taps(cfa: Cfa, names: Sequence[str], half_width: int | None) -> tuple[I64, 
     - (taps, 3): rows and columns away, and weight.
     """
     rows, cols = len(cfa), len(cfa[0])
-    first, taps = np.zeros((rows, cols, len(names) + 1), np.int64), []
+    first = np.zeros((rows, cols, len(names) + 1), np.int64)
+    taps: list[tuple[int, int, int]] = []
     for r, c in np.ndindex(rows, cols):
         first[r, c, 0] = len(taps)
         for k, name in enumerate(names):

@@ -187,7 +187,7 @@ def _white_of_light(
     """Return the signal of a gray surface, the largest 1, after limiting saturated pixels in place to its color."""
     saturated = saturated_neighbourhood(raw)
     if raw.is_stacked:
-        saturated = saturated.reshape(*planes.shape).any(axis=2)
+        saturated = np.logical_or.reduce(saturated.reshape(planes.shape), axis=2)
     names = plane_names(raw.cfa)
     if not isinstance(white_balance, str):
         gains = np.asarray(white_balance, dtype=np.float64)

@@ -43,12 +43,12 @@ class Stokes(Shown):
     def dolp(self) -> Map:
         """Degree of linear polarization; NaN where there is no light. Noise raises it where it is near 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.s0 > 0, np.hypot(self.s1, self.s2) / self.s0, np.nan)
+            return np.asarray(np.where(self.s0 > 0, np.hypot(self.s1, self.s2) / self.s0, np.nan), self.s0.dtype)
 
     @property
     def aolp_deg(self) -> Map:
         """Angle of the electric field in degrees, 0 to below 180, counterclockwise from the rows."""
-        return np.degrees(0.5 * np.arctan2(self.s2, self.s1)) % 180.0
+        return np.asarray(np.degrees(0.5 * np.arctan2(self.s2, self.s1)) % 180.0, self.s1.dtype)
 
 
 def stokes_matrix(angles_deg: ArrayLike, extinction_ratio: ArrayLike = np.inf) -> NDArray[np.float64]:

@@ -174,13 +174,15 @@ class RawFrame(Shown):
             expected = "one row of channels in each of whole pixels, and stacked = 1 in the metadata"
             raise InputError("cfa", where="layers", value=tile_text(self.cfa), expected=expected)
         metadata = {key: value for key, value in self.metadata.items() if key not in ("stacked", "as_shot_neutral")}
-        plain = {"cfa": MONOCHROME, "color_matrix": None, "color_matrix_a": None, "metadata": metadata}
         return {
             name: replace(
                 self,
                 dn=self.dn[:, k :: len(names)],
+                cfa=MONOCHROME,
+                color_matrix=None,
+                color_matrix_a=None,
                 noise_profile=None if self.noise_profile is None else np.asarray(self.noise_profile)[k : k + 1],
-                **plain,
+                metadata=metadata,
             )
             for k, name in enumerate(names)
         }

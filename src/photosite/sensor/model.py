@@ -1035,7 +1035,7 @@ class Sensor(Tabular, Section):
         data["array"] |= {"rows": self.array.rows // factor, "cols": self.array.cols // factor, "cfa": cfa}
         data["readout"]["bits"] += extra_bits
         if self.covariance is not None:
-            data["covariance"] = self.covariance.without(values)
+            data["covariance"] = self.covariance.without(set(values))
         if self.shutter is not None and self.shutter.line_time_us is not None and kind != "charge":
             line, lines = self.shutter.line_time_us, float(factor)
             data["shutter"]["line_time_us"] = Measured(lines * line.value, lines * line.standard_uncertainty, note)
