@@ -16,6 +16,8 @@ from photosite.errors import FileError, InputError
 from photosite.values.exposure import parse_exposure
 
 if TYPE_CHECKING:
+    from photosite.scene.flicker import Flicker
+    from photosite.scene.motion import Motion
     from photosite.scene.scene import Scene
     from photosite.scene.scene_request import SceneRequest
     from photosite.sensor.model import Sensor
@@ -82,6 +84,33 @@ def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | floa
         raise click.BadParameter(f"must be a number {wanted}, got '{text}'")
 
     return number
+
+
+def flicker_of(text: str) -> Flicker:
+    """Parse the flicker of a light: 100Hz:0.2, the depth of a sine, or 250Hz:duty=0.3, of pulses."""
+    from photosite.scene.flicker import PulseFlicker, SineFlicker
+
+    frequency, _, size = text.partition(":")
+    duty = size.startswith("duty=")
+    try:
+        numbers = float(frequency.lower().removesuffix("hz")), float(size.removeprefix("duty="))
+    except ValueError:
+        raise click.BadParameter(f"must be 100Hz:0.2 or 250Hz:duty=0.3, got '{text}'") from None
+    try:
+        return PulseFlicker(*numbers) if duty else SineFlicker(*numbers)
+    except InputError as error:
+        raise click.BadParameter(str(error)) from None
+
+
+def motion_of(text: str) -> Motion:
+    """Parse a motion: rows and columns per second, and degrees per second after a second comma."""
+    from photosite.scene.motion import Motion
+
+    try:
+        rows, cols, *turn = (float(part) for part in text.split(","))
+        return Motion(rows, cols, *turn)
+    except (ValueError, TypeError, InputError):
+        raise click.BadParameter(f"must be ROWS,COLS or ROWS,COLS,DEGREES per second, got '{text}'") from None
 
 
 def wavelengths_of(text: str) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from photosite.camera.file import SetUp
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.lens import Optics
+    from photosite.scene.flicker import Flicker
+    from photosite.scene.motion import Motion
     from photosite.scene.scene_request import PlanesRequest, SceneRequest
     from photosite.sensor.model import Sensor
 
@@ -67,6 +70,27 @@ if TYPE_CHECKING:
     metavar="N",
     help="Frames of the same scene, with independent noise; with several, their number is added to the file names.",
 )
+@click.option(
+    "--flicker",
+    type=options.flicker_of,
+    metavar="HZ:DEPTH",
+    help="Flicker of the light: 100Hz:0.2 is a sine of depth 0.2, 250Hz:duty=0.3 an LED with pulse width modulation.",
+)
+@options.quantity(
+    "--line-time",
+    "line_time_us",
+    unit="US",
+    text="Line time of a rolling shutter in microseconds, instead of the sensor's shutter.",
+)
+@click.option(
+    "--motion",
+    type=options.motion_of,
+    metavar="ROWS,COLS",
+    help="Motion of the image, pixels per second down and to the right; a third number is a rotation in degrees/s.",
+)
+@options.quantity(
+    "--fps", unit="N", text="Frames per second: frame n starts at n / N seconds. By default all frames start at time 0."
+)
 @options.file_option(
     *("-o", "--output"),
     suffixes=options.RAW_SUFFIXES,
@@ -88,6 +112,9 @@ def command(
     temperature_c: float | None,
     seed: int,
     frames: int,
+    flicker: Flicker | None,
+    motion: Motion | None,
+    fps: float | None,
     output: Path,
     preview: Path | None,
     clean: Path | None,
@@ -109,12 +136,17 @@ def command(
     center and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
+    With --flicker or --motion, each row of a rolling shutter (--line-time) is exposed at its own time. --fps makes a
+    video.
+
     \b
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
     Example: photosite simulate --exposure auto --frames 8 --clean clean.tif -o noisy.tif
+    Example: photosite simulate --flicker 100Hz:0.3 --line-time 15 --exposure 1/500 --fps 24 --frames 8 -o clip.dng
     """
     from photosite.files.writing import date_of_files
     from photosite.frames.io.clean_mosaic import write_clean_mosaic
+    from photosite.scene.dynamic_scene import DynamicScene
 
     set_up = _set_up(camera_file, given)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure_s is None else exposure_s
@@ -123,14 +155,17 @@ def command(
     for path in paths:
         options.check_new(path)
     scene = set_up.seen.scene()
+    seen = scene if flicker is None and motion is None else DynamicScene(scene, flicker, motion)
     say_if_compiling()
     per_second = camera.mean_electrons(scene, 1.0, progress=Stages())
     time_s = camera.auto_exposure_s(per_second) if isinstance(time_s, str) else time_s
-    mean = per_second * np.float32(time_s)
+    mean = per_second * np.float32(time_s) if seen is scene else camera.mean_electrons(seen, time_s)
     taken = date_of_files().replace(tzinfo=None).isoformat(timespec="seconds")
     progress = Stages()
+    video = None if fps is None else camera.record(seen, frames, fps, time_s, seed=seed, temperature_c=temperature_c)
     for number, path in enumerate(paths):
-        raw = camera.expose(mean, time_s, seed=seed, frame=number, scene=scene, temperature_c=temperature_c)
+        still = partial(camera.expose, mean, time_s, seed=seed, frame=number, scene=scene, temperature_c=temperature_c)
+        raw = still() if video is None else next(video)
         raw = replace(raw, metadata={**raw.metadata, "date_time": taken})
         raw = _with_white_balance(raw, camera, set_up.scene.light)
         _save(raw, path, preview if number == 0 else None)
@@ -215,7 +250,9 @@ def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
     sensor = options.sensor_at(options.sensor_or(base.sensor, given["sensor_name"]), given["gain_setting"])
-    changes = {name: given[name] for name in ("rows", "cols", "black_level_dn") if given[name] is not None}
+    changes = {
+        name: given[name] for name in ("rows", "cols", "black_level_dn", "line_time_us") if given[name] is not None
+    }
     return replace(
         base,
         sensor=sensor.with_(**changes),

@@ -56,5 +56,5 @@ class Shutter(Section):
         """Return (rows,) seconds from the start of a frame to the start of the exposure of each row."""
         if self.kind == "global" or self.line_time_us is None:
             return np.zeros(rows)
-        starts = np.arange(rows) * (self.line_time_us.value * 1e-6)
-        return starts if self.direction == "top_down" else starts[::-1].copy()
+        starts = np.arange(rows, dtype=np.float64) * (self.line_time_us.value * 1e-6)
+        return np.asarray(starts if self.direction == "top_down" else starts[::-1], np.float64)
