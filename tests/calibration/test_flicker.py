@@ -98,22 +98,25 @@ def test_pulses_give_their_frequency_and_the_depth_of_their_first_harmonic() -> 
 
 
 def covered(seeds):
-    """Coverage and bias, in standard uncertainties, of frequency and depth."""
+    """Coverage and bias, in standard uncertainties, of frequency and depth; of all but a tenth of the lamps."""
     scores = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         depth = np.exp(rng.uniform(np.log(0.01), np.log(0.6)))
         levels, frequency, line_s = bands(rng, depth, int(rng.integers(100, 600)))
         found = with_frequency(Flicker(0.1, None), levels, ps.Measured(1e6 * line_s))
+        if found.depth is None:  # a depth of few noise levels, in few periods
+            continue
         pairs = (found.frequency_hz, frequency), (found.depth, depth)
         scores.append([(entry.value - truth) / entry.standard_uncertainty for entry, truth in pairs])
     z = np.array(scores)
+    assert len(z) > 0.9 * len(seeds)
     return (np.abs(z) < 1.96).mean(axis=0), z.mean(axis=0)
 
 
 @pytest.mark.slow
 def test_intervals_of_frequency_and_depth_cover_the_truth() -> None:
-    """200 hidden lamps: 93 to 97 % for the frequency; that of the depth is at most 3 % wider."""
+    """200 hidden lamps; binomial with a standard deviation of 1.5 %."""
     coverage, bias = covered(range(200))
     assert 0.92 <= coverage[0] <= 0.98
     assert 0.92 <= coverage[1] <= 1.0

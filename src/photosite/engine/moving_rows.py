@@ -121,7 +121,7 @@ def _next_crossing(start: float, along: float, at: float) -> float:
     whole = np.floor(here) + 1.0 if along > 0.0 else np.ceil(here) - 1.0
     share = (whole - start) / along
     # Rounding may leave the crossing that was just passed.
-    return share if share > at + 1e-12 else (whole + np.sign(along) - start) / along
+    return float(share if share > at + 1e-12 else (whole + np.sign(along) - start) / along)
 
 
 @compiled(inline=True)
@@ -197,4 +197,4 @@ def _cubic(image: F32, corner: np.int32, cols: int, down: F32, across: F32) -> n
     col2 = (a * image[upper + one] + b * image[row2 + one]) + (c * image[row3 + one] + d * image[row4 + one])
     col3 = (a * image[upper + two] + b * image[row2 + two]) + (c * image[row3 + two] + d * image[row4 + two])
     col4 = (a * image[upper + three] + b * image[row2 + three]) + (c * image[row3 + three] + d * image[row4 + three])
-    return (across[0] * col1 + across[1] * col2) + (across[2] * col3 + across[3] * col4)
+    return np.float32((across[0] * col1 + across[1] * col2) + (across[2] * col3 + across[3] * col4))
