@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import colour_science
-from photosite.engine.jit import F32, I64, compiled, prange, read_only, threads_for
+from photosite.engine.jit import F32, I64, compiled, read_only
 from photosite.errors import InputError
 from photosite.values.cfa import Cfa, plane_names, tile_name, tile_text
 from photosite.values.validated import check_choice
@@ -115,9 +115,7 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa, half_width: int | None = None
         raise InputError("half_width", value=half_width, expected="1 or more")
     names = plane_names(cfa)
     planes = np.empty((*values.shape, len(names)), dtype=np.float32)
-    with threads_for(planes.size):
-        complete = _convolve(read_only(values), *_taps(cfa, names, half_width), planes)
-    if not complete.all():
+    if not _convolve(read_only(values), *_taps(cfa, names, half_width), planes):
         expected = f"one whose channels all have pixels near every pixel of a {values.shape} mosaic"
         raise InputError("cfa", where="bilinear demosaic", value=tile_text(cfa), expected=expected)
     return planes
@@ -145,13 +143,13 @@ def _taps(cfa: Cfa, names: Sequence[str], half_width: int | None) -> tuple[I64, 
     return first, np.array(taps, np.int64).reshape(-1, 3)
 
 
-@compiled(parallel=True)
-def _convolve(values: F32, first: I64, taps: I64, out: F32) -> NDArray[np.bool_]:
-    """Set `out` to the weighted means over the taps inside the frame; return for each row whether all had a tap."""
+@compiled()
+def _convolve(values: F32, first: I64, taps: I64, out: F32) -> bool:
+    """Set `out` to the weighted means over the taps inside the frame; return whether every pixel had a tap."""
     rows, cols, channels = out.shape
     reach = taps[:, :2].max()
-    complete = np.ones(rows, np.bool_)
-    for r in prange(rows):
+    complete = True
+    for r in range(rows):
         for c in range(cols):
             inside = reach <= r < rows - reach and reach <= c < cols - reach
             site = first[r % first.shape[0], c % first.shape[1]]
@@ -162,7 +160,7 @@ def _convolve(values: F32, first: I64, taps: I64, out: F32) -> NDArray[np.bool_]
                     if inside or (0 <= row < rows and 0 <= col < cols):
                         total += share * values[row, col]
                         weight += share
-                complete[r] &= weight > 0.0
+                complete &= weight > 0.0
                 out[r, c, k] = total / weight
     return complete
 
