@@ -51,6 +51,12 @@ _NOISE = {
     "frame_noise_dn": ("Frame noise (shifts of whole frames)", "DN"),
 }
 
+_DISTRIBUTION = {
+    "read_noise_log_spread": ("Spread of the read noise over the pixels, standard deviation of its logarithm", "1"),
+    "blinking_fraction": ("Share of the pixels that blink (telegraph noise), small amplitudes included", "1"),
+    "blinking_amplitude_dn": ("Mean distance of their levels", "DN"),
+}
+
 _TAIL = {
     "excess_kurtosis": ("Excess kurtosis of the values (normal: 0)", "1"),
     "within_pixels": ("– due to non-normal noise of single pixels", "1"),
@@ -77,6 +83,7 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
         why = calibration.no_maps_reason
         return (reason_block(_NO_MAPS if why is None else f"the chip was not mapped: {why}"),)
     entries = {_NOISE[name]: getattr(noise, name) for name in _NOISE}
+    entries |= {_DISTRIBUTION[name]: getattr(noise, name) for name in _DISTRIBUTION}
     entries |= {_TAIL[entry.name]: getattr(noise.shape, entry.name) for entry in fields(noise.shape)}
     rows = tuple(
         (label, format_estimate(entry), unit, interval_text(entry)) for (label, unit), entry in entries.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import defects, pixel_noise
+from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_log_spread
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
 from photosite.calibration.chip_maps.temporal_noise import (
+    DISTRIBUTION,
     StackResiduals,
     TemporalNoise,
     Trace,
@@ -29,6 +32,7 @@ from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.estimate import Estimate
 
 CLIPPED_DARK = 1e-3
 """Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""
@@ -38,6 +42,9 @@ MOST_SUSPECTS = 4096
 
 _SUSPECT = 1e-3
 """Probability that an ordinary pixel's variance makes it a suspect."""
+
+_NOISY_PIXEL = 1.3
+"""Deviate of the read noise of a noisy but ordinary pixel: one in ten has more."""
 
 TRACES = 4
 """Blinking pixels whose values are kept for the report."""
@@ -310,7 +317,23 @@ def _chip(
         defects=found,
         blinking=blinking,
     )
-    return chip, replace(temporal, traces=traces)
+    shared_dn2 = QUANTISATION_DN2 + chip.row_noise_dn**2 + chip.column_noise_dn**2
+    shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
+    return chip, replace(temporal, traces=traces, **_distribution(dark, look, blinking, shared_dn2))
+
+
+def _distribution(dark: _DarkMaps, look: StackResiduals, blinking: Blinking, shared_dn2: float) -> dict[str, Estimate]:
+    """Return the distribution of the noise over the pixels, as fields of `TemporalNoise`."""
+    steady = np.ones(dark.variance.shape, np.bool_)
+    steady[blinking.row, blinking.col] = False
+    spread = read_noise_log_spread(dark.variance[steady], dark.freedom, shared_dn2)
+    median = float(np.median(dark.variance))
+    noise_dn = math.sqrt(median) * math.exp(_NOISY_PIXEL * (spread.value or 0.0))
+    _, ratio = dark.noisier(_SUSPECT)
+    least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
+    frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
+    found = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
+    return dict(zip(DISTRIBUTION, (spread, *found), strict=True))
 
 
 def _defects(dark: _DarkMaps, blinking: Blinking, distance: NDArray[np.float64], maps: dict[str, FloatMap]) -> Defects:

@@ -204,6 +204,11 @@ class Trace:
     upper_dn: float
 
 
+_NOT_MEASURED = Estimate(reason="not measured")
+DISTRIBUTION = ("read_noise_log_spread", "blinking_fraction", "blinking_amplitude_dn")
+"""Fields of `TemporalNoise` for the distribution of the noise over the pixels."""
+
+
 @dataclass(frozen=True)
 class TemporalNoise(Shown):
     """Frame-to-frame noise of a chip in the dark.
@@ -217,6 +222,11 @@ class TemporalNoise(Shown):
         noise that a whole row, column or frame shares. Negative variance estimates give minus the root of their size.
     shape
         Deviation of the noise from a normal distribution.
+    read_noise_log_spread
+        Standard deviation over the pixels of the natural logarithm of their read noise.
+    blinking_fraction, blinking_amplitude_dn
+        Share of the pixels with random telegraph noise, and the mean distance of their levels, including those whose
+        amplitude is too small to be found one by one (`noise_distribution`).
     bands
         "fixed rows", "fixed columns": periods in the mean frame. "temporal rows", "temporal columns": periods whose
         phase changes from frame to frame. Rows are horizontal bands.
@@ -238,10 +248,13 @@ class TemporalNoise(Shown):
     residual_dn: NDArray[np.float64]
     residual_count: NDArray[np.int64]
     traces: tuple[Trace, ...] = ()
+    read_noise_log_spread: Estimate = _NOT_MEASURED
+    blinking_fraction: Estimate = _NOT_MEASURED
+    blinking_amplitude_dn: Estimate = _NOT_MEASURED
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, without histogram and traces."""
-        names = ("pixel_noise_dn", "row_noise_dn", "column_noise_dn", "frame_noise_dn")
+        names = ("pixel_noise_dn", "row_noise_dn", "column_noise_dn", "frame_noise_dn", *DISTRIBUTION)
         return {
             "frames": self.frames,
             "exposure_s": self.exposure_s,

@@ -1,0 +1,174 @@
+"""Distribution of the temporal noise over the pixels: spread of the read noise, and random telegraph noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.chip_maps.pixel_noise import LEAST_FRAMES
+from photosite.sensor.chip import Blinking
+from photosite.values.estimate import Estimate
+from photosite.values.uncertain import COVERAGE_95
+
+LEAST_VARIANCE_DN2 = 0.5
+"""Smallest median temporal variance: below it, rounding makes the variances of few frames discrete."""
+
+LEAST_BLINKING = 10
+"""Smallest number of blinking pixels from which their distribution is estimated."""
+
+_NOT_OF_THIS_KIND = 0.01
+"""Probability of the blinking pixels' amplitudes or shares of time, below which they are of another distribution."""
+
+_WINDOW = (0.3, 0.7)
+"""Shares of frames in the upper level in which nearly all pixels of enough amplitude are found."""
+_SURE = {12: 16.0, 16: 12.0, 40: 7.0, 150: 5.0, 256: 4.5}
+"""Amplitudes, in units of the noise, from which nearly all pixels in the window are found, by number of frames."""
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(61)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+_WIDEST = 1.5
+_SPREAD_METHOD = (
+    "interquartile range of the pixels' log temporal variances against that of a log-normal read noise, without "
+    "blinking pixels"
+)
+_BLINKING_METHOD = (
+    "blinking pixels with {:.3g} DN or more that are in the upper level in {:.0%} to {:.0%} of the frames; amplitudes "
+    "taken as exponential, shares of time as uniform"
+)
+
+
+def read_noise_log_spread(variance: NDArray[np.floating], freedom: int, shared_dn2: float) -> Estimate:
+    """Estimate the standard deviation of the logarithm of the pixels' read noise.
+
+    The temporal variance of a pixel is its read noise squared plus a part that all pixels share, times chi-square over
+    its degrees of freedom. Quartiles do not notice few pixels with another noise.
+
+    Parameters
+    ----------
+    variance, freedom
+        (n,) temporal variances of the pixels, DN^2, and their degrees of freedom.
+    shared_dn2
+        Variance of rounding, dark current, and rows and columns.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> sigma = 5 * np.exp(0.2 * rng.standard_normal(20_000))
+    >>> found = read_noise_log_spread(rng.normal(0, sigma, (16, 20_000)).var(axis=0, ddof=1), 15, 0.0)
+    >>> round(found.value, 2), found.standard_uncertainty < 0.01
+    (0.2, True)
+    """
+    from scipy.optimize import brentq
+    from scipy.special import gammainc
+
+    low, middle, high = np.quantile(variance, [0.25, 0.5, 0.75])
+    if middle - shared_dn2 < LEAST_VARIANCE_DN2 or low <= 0.0:
+        reason = f"the temporal variance of most pixels, {middle:.3g} DN², is that of rounding and dark current"
+        return Estimate(reason=reason, method=_SPREAD_METHOD)
+
+    def below(x: float, log_median: float, spread: float) -> float:
+        """Return the share of log variances below x."""
+        true = np.exp(log_median + 2.0 * spread * _NODES) + shared_dn2
+        return float(_WEIGHTS @ gammainc(0.5 * freedom, 0.5 * freedom * np.exp(x) / true))
+
+    center = math.log(middle - shared_dn2)
+
+    def quartiles(spread: float) -> tuple[float, float, float]:
+        """Return the quartiles of log variances, and the median of the read noise's, that have the measured median."""
+        at = math.log(middle)
+        log_median = brentq(lambda value: below(at, value, spread) - 0.5, center - 3.0, center + 3.0)
+        reach = 4.0 * (2.0 * spread + math.sqrt(2.0 / freedom)) + 1.0
+        first, third = (
+            brentq(lambda x, share=share: below(x, log_median, spread) - share, at - reach, at + reach)
+            for share in (0.25, 0.75)
+        )
+        return first, third, log_median
+
+    def width(spread: float) -> float:
+        first, third, _ = quartiles(spread)
+        return float(third - first)
+
+    narrowest, widest = width(0.0), width(_WIDEST)
+
+    def spread_of(found: float) -> float:
+        if found <= narrowest:
+            return 0.0
+        return float(_WIDEST if found >= widest else brentq(lambda one: width(one) - found, 0.0, _WIDEST, xtol=1e-6))
+
+    measured = math.log(high / low)
+    value = spread_of(measured)
+    first, third, log_median = quartiles(value)
+    step = 1e-3
+    density = [
+        (below(x + step, log_median, value) - below(x - step, log_median, value)) / (2.0 * step) for x in (first, third)
+    ]
+    # Variances and covariance of sample quantiles
+    terms = 3.0 / 16.0 * sum(1.0 / one**2 for one in density) - 2.0 / 16.0 / (density[0] * density[1])
+    u = math.sqrt(terms / variance.size)
+    ends = spread_of(measured - COVERAGE_95 * u), spread_of(measured + COVERAGE_95 * u)
+    limit = spread_of(measured + 1.645 * u) if measured - 1.645 * u <= narrowest else None
+    return Estimate(value, (ends[1] - ends[0]) / (2.0 * COVERAGE_95), None, limit, _SPREAD_METHOD, ends)
+
+
+def blinking_distribution(
+    blinking: Blinking, pixels: int, frames: int, noise_dn: float, least_ratio: float
+) -> tuple[Estimate, Estimate]:
+    """Estimate the share of the pixels that blink, and the mean distance of their levels.
+
+    Parameters
+    ----------
+    blinking, pixels
+        The pixels that were found, and the number of those that were searched.
+    frames, noise_dn
+        Number of frames, and the temporal noise of a noisy but ordinary pixel.
+    least_ratio
+        Temporal variance over that of an ordinary pixel, from which pixels were searched.
+
+    Returns
+    -------
+    Estimate, Estimate
+        Share of the pixels; mean amplitude, DN.
+
+    Notes
+    -----
+    Small amplitudes are not found, and neither are pixels that are nearly always in one state. Beyond the amplitude
+    A from which all are found, an exponential distribution of mean a has the mean A + a, and the share exp(-A / a).
+    With shares of time that are uniform from 0 to 1, the number of the frames in the upper level is uniform, too, where
+    the states of different frames are independent.
+    """
+    from scipy.stats import chi2, kstest
+
+    sure = float(np.interp(math.log(frames), np.log(list(_SURE)), list(_SURE.values()))) * noise_dn
+    sure = max(sure, 1.3 * noise_dn * math.sqrt(max(least_ratio - 1.0, 0.0) / (_WINDOW[0] * _WINDOW[1])))
+    method = _BLINKING_METHOD.format(sure, *_WINDOW)
+    first, last = math.ceil(_WINDOW[0] * frames - 1e-9), math.floor(_WINDOW[1] * frames + 1e-9)
+    number = blinking.high_fraction * frames
+    chosen = (blinking.amplitude_dn >= sure) & (number > first - 0.5) & (number < last + 0.5)
+    count = int(np.count_nonzero(chosen))
+    if frames < LEAST_FRAMES or count < LEAST_BLINKING:
+        reason = f"{count} blinking pixels with {sure:.3g} DN or more, fewer than {LEAST_BLINKING}"
+        return Estimate(reason=reason, method=method), Estimate(reason=reason, method=method)
+    excess = blinking.amplitude_dn[chosen] - sure
+    mean = float(excess.mean())
+    within = np.random.default_rng(0).uniform(-0.5, 0.5, count)  # spreads whole numbers of frames evenly
+    share_of_time = (number[chosen] + within - first + 0.5) / (last - first + 1)
+    # Lilliefors' limits for an exponential distribution with an estimated mean at 1 %: 1.25 / sqrt(n)
+    uneven = float(kstest(excess / mean, "expon").statistic) * math.sqrt(count) > 1.25
+    if uneven or kstest(share_of_time, "uniform").pvalue < _NOT_OF_THIS_KIND:
+        what = "amplitudes are not exponential" if uneven else "shares of time are not uniform"
+        reason = f"the {what}; {count} pixels of {sure:.3g} DN or more blink"
+        return Estimate(reason=reason, method=method), Estimate(reason=reason, method=method)
+    amplitude_ends = tuple(float(2 * count * mean / chi2.isf(tail, 2 * count)) for tail in (0.025, 0.975))
+    amplitude = Estimate(
+        mean, mean / math.sqrt(count), method=method, interval_95=(amplitude_ends[0], amplitude_ends[1])
+    )
+    # E[1 / mean of n exponential amplitudes] is n / (n - 1) of the true one
+    exponent = sure / mean * (1.0 - 1.0 / count)
+    share = count / pixels * (frames + 1) / (last - first + 1) * math.exp(exponent)
+    relative = math.sqrt((1.0 + exponent**2) / count)
+    ends = share * math.exp(-COVERAGE_95 * relative), min(share * math.exp(COVERAGE_95 * relative), 1.0)
+    if share > 1.0:
+        reason = f"most blinking pixels are below {sure:.3g} DN, from which they are found"
+        return Estimate(reason=reason, method=method), amplitude
+    return Estimate(share, share * relative, method=method, interval_95=ends), amplitude
