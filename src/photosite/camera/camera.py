@@ -21,7 +21,7 @@ from photosite.color.colorimetry import xyz
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, integration_weights, photons_from_energy
 from photosite.errors import InputError
-from photosite.frames.raw_frame import RawFrame, neutral_text
+from photosite.frames.raw_frame import OPTICAL_BLACK, RawFrame, neutral_text
 from photosite.optics.lens import Optics
 from photosite.scene.charts import macbeth_reflectance
 from photosite.scene.dynamic_scene import DynamicScene
@@ -383,6 +383,8 @@ class Camera(Shown):
             metadata["stacked"] = 1
             if region is not None and (region[2] % len(cfa[0]) or region[3] % len(cfa[0])):
                 raise InputError("region", value=region, expected=f"columns in multiples of {len(cfa[0])}")
+        if region is None and self.sensor.effects is not None and self.sensor.effects.optical_black is not None:
+            metadata[OPTICAL_BLACK] = self.sensor.effects.optical_black.text
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))

@@ -230,6 +230,8 @@ class RawFrame(Shown):
         write_raw(self, path)
 
 
+OPTICAL_BLACK = "optical_black"
+"""Metadata: covered rows at top and bottom and columns at left and right of the frame, `8,0,16,0`."""
 MASKED_BORDER = "masked_border_dn"
 """Metadata name of the mean level of the masked pixels beside the frame."""
 

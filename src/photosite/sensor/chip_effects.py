@@ -21,6 +21,7 @@ from photosite.sensor.chip import Blinking, read_noise_deviates, serial_seed
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.effects.optical_black import OpticalBlack
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
@@ -104,6 +105,13 @@ def set_dead_pixels(prnu: FloatMap, defects: PixelDefects, sensor: Sensor, part:
     prnu[_within(dead_pixels(defects, sensor), sensor.array.cols, part)[1]] = -1.0
     for place, value in _listed(defects, "dead", part):
         prnu[place] = (value or 0.0) - 1.0
+
+
+def cover(prnu: FloatMap, black: OpticalBlack, sensor: Sensor, part: Part) -> None:
+    """Set the response of covered pixels in the map of a rectangle."""
+    rows, cols = (np.arange(side.start, side.stop) for side in part)
+    prnu[(rows < black.top) | (rows >= sensor.array.rows - black.bottom)] = -1.0
+    prnu[:, (cols < black.left) | (cols >= sensor.array.cols - black.right)] = -1.0
 
 
 def add_listed_hot(rate: FloatMap, defects: PixelDefects, part: Part) -> None:

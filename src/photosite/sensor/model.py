@@ -579,7 +579,8 @@ class Sensor(Tabular, Section):
                 raise InputError("crosstalk", where="optical_stack", value="given", expected="none in stacked channels")
         if self.effects is not None:
             array, well_e = self.array, self.pixel.well_capacity_e.value
-            self.effects.check(array.rows, array.cols, well_e, self.white_level_dn)
+            tile = len(array.cfa), len(array.cfa[0])
+            self.effects.check(array.rows, array.cols, tile, well_e, self.white_level_dn)
         return self
 
     def response_at(self, channel: str, wavelength_nm: ArrayLike) -> NDArray[np.float64]:

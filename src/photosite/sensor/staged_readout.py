@@ -22,6 +22,7 @@ from photosite.sensor.chip_effects import (
     add_listed_hot,
     add_measured_blinking,
     add_telegraph_noise,
+    cover,
     drift_e,
     noise_ratio,
     set_dead_pixels,
@@ -61,8 +62,14 @@ def staged_frame(
 def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exposure: Exposure) -> FixedPattern:
     """Return the maps of a rectangle of the chip."""
     if measured is not None:
-        return _measured_pattern(sensor, measured, part, exposure)
-    return _with_effects(_drawn_pattern(sensor, part), sensor, part, exposure)
+        pattern = _measured_pattern(sensor, measured, part, exposure)
+    else:
+        pattern = _with_effects(_drawn_pattern(sensor, part), sensor, part, exposure)
+    if sensor.effects is None or sensor.effects.optical_black is None:
+        return pattern
+    prnu = whole(pattern.prnu, part)
+    cover(prnu, sensor.effects.optical_black, sensor, part)
+    return replace(pattern, prnu=read_only(prnu))
 
 
 def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: Exposure) -> FixedPattern:

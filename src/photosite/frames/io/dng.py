@@ -17,7 +17,7 @@ file states none.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from fractions import Fraction
@@ -47,7 +47,7 @@ from photosite.frames.io.tiff import (
     read_directories,
     read_tiff_pixels,
 )
-from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_note, neutral_text
+from photosite.frames.raw_frame import MASKED_BORDER, OPTICAL_BLACK, RawFrame, masked_border_note, neutral_text
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites, plane_names, tile_text
 
 CFA, LINEAR_RAW = 32803, 34892
@@ -146,9 +146,8 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         (ORIENTATION, "H", 1, 1, True),
         (BLACK_LEVEL, "2I", 1, _ratio(frame.black_level_dn, "black_level_dn"), True),
         (WHITE_LEVEL, "I", 1, int(frame.white_level_dn), True),
-        (ACTIVE_AREA, "I", 4, (0, 0, rows, cols), True),
         (DEFAULT_CROP_ORIGIN, "I", 2, (0, 0), True),
-        (DEFAULT_CROP_SIZE, "I", 2, (cols, rows), True),
+        *_area_tags(*_covered(frame.metadata), rows, cols),
     ]
     if frame.exposure_s is not None:
         tags.append((EXPOSURE_TIME, "2I", 1, _ratio(frame.exposure_s, "exposure_s"), True))
@@ -167,6 +166,27 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         profile = _by_plane(frame, frame.noise_profile, 2, "noise_profile")
         tags.append((NOISE_PROFILE, "d", profile.size, tuple(profile.ravel().tolist()), True))
     return tags
+
+
+def _covered(metadata: Mapping[str, Any]) -> tuple[int, int, int, int]:
+    """Return the covered rows at top and bottom, and columns at left and right."""
+    top, bottom, left, right = map(int, str(metadata.get(OPTICAL_BLACK, "0,0,0,0")).split(","))
+    return top, bottom, left, right
+
+
+def _area_tags(top: int, bottom: int, left: int, right: int, rows: int, cols: int) -> list[Tag]:
+    """Return the tags of the active area, and of the masked areas around it if there are any."""
+    last_row, last_col = rows - bottom, cols - right
+    tags: list[Tag] = [
+        (ACTIVE_AREA, "I", 4, (top, left, last_row, last_col), True),
+        (DEFAULT_CROP_SIZE, "I", 2, (last_col - left, last_row - top), True),
+    ]
+    areas = (
+        *((0, 0, top, cols), (last_row, 0, rows, cols)),
+        *((top, 0, last_row, left), (top, last_col, last_row, cols)),
+    )
+    masked = [edge for area in areas if area[0] < area[2] and area[1] < area[3] for edge in area]
+    return [*tags, (MASKED_AREAS, "I", len(masked), tuple(masked), True)] if masked else tags
 
 
 def _color_tags(frame: RawFrame) -> list[Tag]:
@@ -237,7 +257,12 @@ def read_dng_header(path: Path) -> FrameHeader:
     if (own := parse_description(path, text, *_size(raw), 16)) is not None:
         checked_size(path, raw)
         _check_unedited(path, own, top)
-        return own
+        if OPTICAL_BLACK not in own.metadata:
+            return own
+        first_row, first_col, end_row, end_col = _active_area(path, raw)
+        metadata = {name: value for name, value in own.metadata.items() if name != OPTICAL_BLACK}
+        size = {"rows": end_row - first_row, "cols": end_col - first_col}
+        return replace(own, **size, metadata=metadata, masked_border=True)
     try:
         return _header_from_tags(path, top, raw)
     except (ValueError, OverflowError) as error:  # inconsistent counts, invalid values

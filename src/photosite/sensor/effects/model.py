@@ -8,6 +8,7 @@ from photosite.errors import InputError
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.effects.optical_black import OpticalBlack
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.readout_channels import ReadoutChannels
@@ -55,8 +56,12 @@ class Effects(Section):
         "1/f noise of the black level over frames.", NO_UNIT, {"standard_deviation_e": 2}, default=None
     )
 
-    def check(self, rows: int, cols: int, well_capacity_e: float, white_level_dn: float) -> None:
-        """Raise `InputError` unless the effects are consistent with the sensor's size, well and converter."""
+    optical_black: OpticalBlack | None = about(
+        "Rows and columns at the edges that are covered.", NO_UNIT, {"top": 8, "left": 16}, default=None
+    )
+
+    def check(self, rows: int, cols: int, tile: tuple[int, int], well_capacity_e: float, white_level_dn: float) -> None:
+        """Raise `InputError` unless the effects are consistent with the sensor's array, well and converter."""
         try:
             if self.response_curve is not None:
                 self.response_curve.check(well_capacity_e)
@@ -67,6 +72,11 @@ class Effects(Section):
                 self.readout_channels.check(rows, cols)
         except InputError as error:
             raise error.within("effects.readout_channels") from None
+        try:
+            if self.optical_black is not None:
+                self.optical_black.check(rows, cols, tile)
+        except InputError as error:
+            raise error.within("effects.optical_black") from None
         try:
             if self.pixel_defects is not None:
                 self.pixel_defects.check(rows, cols, white_level_dn)
