@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -93,7 +94,7 @@ class AutoExposure(Shown):
         return min(max(exposure_s, self.shortest_s), self.longest_s)
 
 
-def exposure_control(exposure_s: object) -> ExposureControl:
+def exposure_control(exposure_s: float | Sequence[float] | ExposureControl) -> ExposureControl:
     """Return the control of one exposure time, of several in turn, or the given one.
 
     Examples
@@ -104,7 +105,7 @@ def exposure_control(exposure_s: object) -> ExposureControl:
     """
     if callable(exposure_s):
         return exposure_s
-    times = list(exposure_s) if isinstance(exposure_s, list | tuple | np.ndarray) else [exposure_s]
+    times: list[Any] = list(exposure_s) if isinstance(exposure_s, list | tuple | np.ndarray) else [exposure_s]
     if not times:
         raise InputError("exposure_s", value=exposure_s, expected="one exposure time or more")
     turn = itertools.cycle(times)

@@ -192,7 +192,13 @@ class Camera(Shown):
         (True, (('G', 'R'), ('B', 'G')))
         """
         mean = self.mean_electrons(scene, exposure_s, start_s=start_s)
-        place = {"seed": seed, "frame": frame, "region": region, "device": device, "temperature_c": temperature_c}
+        place: dict[str, Any] = {
+            "seed": seed,
+            "frame": frame,
+            "region": region,
+            "device": device,
+            "temperature_c": temperature_c,
+        }
         return self.expose(mean, exposure_s, scene=scene, **place)
 
     def stream(
@@ -234,7 +240,7 @@ class Camera(Shown):
         start_s = _checked_start(start_s)
         image = self._image(scene, start_s, max(checked, default=0.0))
         number = first_frame
-        place = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
+        place: dict[str, Any] = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
         memory = _memory(image) if len(checked) == 1 else None
         for exposure_s in checked:
             mean = image.electrons(start_s, exposure_s, out=memory)
@@ -302,7 +308,8 @@ class Camera(Shown):
             hint = "The rows of a frame start one line time apart"
             raise InputError("fps", value=fps, expected=f"at most {1.0 / readout_s:.6g} for this shutter", hint=hint)
         start_s, control, last = _checked_start(start_s), exposure_control(exposure_s), None
-        place = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
+        seen: AnyScene
+        place: dict[str, Any] = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
         image = None if callable(scene) else self._image(scene, start_s, (frames + 1) / fps)
         for number in range(frames):
             begin_s, time_s = start_s + number / fps, check_exposure(control(last))
@@ -310,10 +317,10 @@ class Camera(Shown):
                 if not callable(exposure_s):
                     raise InputError("exposure_s", value=time_s, expected=f"at most 1 / fps, {1.0 / fps:.6g} s")
                 time_s = 1.0 / fps
-            if image is None:
-                assert callable(scene)
+            if callable(scene):
                 seen, mean = self._mean_of_scenes(scene, begin_s, time_s, scenes_per_frame)
             else:
+                assert image is not None
                 seen, mean = scene, image.electrons(begin_s, time_s)
             raw = self.expose(mean, time_s, frame=first_frame + number, scene=seen, **place)
             last = replace(raw, metadata={**raw.metadata, "start_s": begin_s})
@@ -363,7 +370,13 @@ class Camera(Shown):
             As `capture`; or if the shape is not the sensor's, or a mean is negative or not finite.
         """
         time_s = check_exposure(exposure_s)
-        place = {"seed": seed, "frame": frame, "region": region, "device": device, "temperature_c": temperature_c}
+        place: dict[str, Any] = {
+            "seed": seed,
+            "frame": frame,
+            "region": region,
+            "device": device,
+            "temperature_c": temperature_c,
+        }
         dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
         readout, cfa = self.sensor.readout, self.sensor.array.cfa
         name, serial = self.sensor.name, self.sensor.serial

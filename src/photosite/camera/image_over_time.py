@@ -147,7 +147,7 @@ class MovingImage:
         """Return (rows, steps, 4): the cell that the first pixel of each row sees, and the way to that of the next."""
         array, n = self.camera.sensor.array, self.cells.per_pixel
         middle_row, middle_col = 0.5 * array.rows, 0.5 * array.cols
-        row = (np.arange(array.rows) + 0.5 - middle_row)[:, None]
+        row: Array = (np.arange(array.rows, dtype=np.float64) + (0.5 - middle_row))[:, None]
         first = self.motion.at_rest(row, 0.5 - middle_col, time_s)
         second = self.motion.at_rest(row, 1.5 - middle_col, time_s)
         origin = (
@@ -196,8 +196,11 @@ def _image_of_mosaic(
     flicker = scene.flicker if isinstance(scene, DynamicScene) else None
     motion = scene.motion if isinstance(scene, DynamicScene) else None
     if motion is None or isinstance(still, Planes) or still.shape == (1, 1):
-        find = planes_electron_rate if isinstance(still, Planes) else electron_rate
-        return StaticImage(find(still, camera, progress), camera.sensor.row_start_s, flicker)
+        if isinstance(still, Planes):
+            rate = planes_electron_rate(still, camera, progress)
+        else:
+            rate = electron_rate(still, camera, progress)
+        return StaticImage(rate, camera.sensor.row_start_s, flicker)
     _check_lens(still, camera)
     margin = _margin(camera, motion, times_s)
     images = fine_images(still, camera, margin, progress)
