@@ -28,7 +28,7 @@ from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.lamp import Lamp
 from photosite.validation.result import Validation
 from photosite.validation.validate import check_repeats, compare_patches
-from photosite.values.cfa import MONOCHROME, NAMED, tile_text
+from photosite.values.cfa import MONOCHROME, NAMED, channel_names, tile_text
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Corners, Quadrilateral
 from photosite.values.shown import ResultTable, Shown, Tabular
@@ -407,7 +407,7 @@ def _other_assumptions(
     tiles = [tile for tile in NAMED.values() if tile != MONOCHROME]
     if stack[0].cfa in tiles:
         for tile in tiles:
-            if tile != stack[0].cfa:
+            if tile != stack[0].cfa and set(channel_names(tile)) == set(stack[0].channels):
                 what = f"the color filter array is {tile_text(tile)}"
                 read(what, replace(stack[0], cfa=tile), patches)
     return found
