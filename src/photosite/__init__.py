@@ -53,6 +53,7 @@ _MODULE_OF = {
     "load_sensor": "photosite.sensor.io.sensor_file",
     "measure_polarizers": "photosite.calibration.polarizers",
     "noise_budget": "photosite.metrics.snr",
+    "capture_budget": "photosite.metrics.capture_snr",
     "open_chart": "photosite.studies.chart_spectral",
     "open_frames": "photosite.frames.open",
     "open_spectral": "photosite.calibration.spectral.protocol",
@@ -93,6 +94,7 @@ if TYPE_CHECKING:
     from photosite.frames.io.formats import read_raw as read_raw
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame
+    from photosite.metrics.capture_snr import capture_budget as capture_budget
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.diffraction import DiffractionLimited as DiffractionLimited

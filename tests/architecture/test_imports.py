@@ -52,6 +52,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("color/spectrum.py", "photosite.report.plots"): "Spectrum.plot: a value's thin method",
     ("frames/raw_frame.py", "photosite.report.plots"): "RawFrame.plot: a value's thin method",
     ("frames/raw_frame.py", "photosite.develop.thumbnail"): "RawFrame._repr_html_: a value's thin method",
+    ("metrics/capture_snr.py", "photosite.report.plots"): "CaptureBudget.plot: a value's thin method",
     ("metrics/snr.py", "photosite.report.plots"): "NoiseBudget.plot: a value's thin method",
     ("optics/plot.py", "photosite.report.plots"): "Lens.plot: a value's thin method",
     ("optics/lens.py", "photosite.optics.plot"): "Lens.plot: a value's thin method",

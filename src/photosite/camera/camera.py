@@ -27,10 +27,11 @@ from photosite.scene.charts import macbeth_reflectance
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
+from photosite.sensor.capture_readout import clean_captures, combined
 from photosite.sensor.device import Device
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
-from photosite.sensor.readout import Rectangle, digital_numbers
+from photosite.sensor.readout import Rectangle, digital_numbers, digital_numbers_of_captures
 from photosite.values.cfa import plane_names, shifted
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Region
@@ -377,15 +378,23 @@ class Camera(Shown):
             "device": device,
             "temperature_c": temperature_c,
         }
-        dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
-        readout, cfa = self.sensor.readout, self.sensor.array.cfa
+        at = self.sensor if temperature_c is None else self.sensor.at_temperature(temperature_c)
+        several, cfa = self.sensor.captures, self.sensor.array.cfa
+        captures: dict[str, NDArray[np.uint16]] = {}
+        if several is None:
+            dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
+            bits, black_level_dn = self.sensor.readout.bits, self.sensor.readout.black_level_dn.value
+            profile = noise_profile(at, exposure_s)
+        else:
+            captures = digital_numbers_of_captures(self.sensor, mean_electrons, time_s, **place)
+            dn, profile = combined(self.sensor, captures), None
+            bits, black_level_dn = several.combination.output_bits, several.combination.output_black_level_dn
         name, serial = self.sensor.name, self.sensor.serial
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
         if self.sensor.gain_setting is not None:
             metadata["gain_setting"] = self.sensor.gain_setting
             if self.sensor.gain_setting_is_iso:
                 metadata["iso"] = self.sensor.gain_setting
-        at = self.sensor if temperature_c is None else self.sensor.at_temperature(temperature_c)
         if temperature_c is not None:
             metadata["temperature_c"] = float(temperature_c)
         lens = getattr(self.optics, "base", self.optics)
@@ -403,14 +412,15 @@ class Camera(Shown):
             metadata["region"] = ",".join(map(str, region))
         return RawFrame(
             dn,
-            bits=readout.bits,
+            bits=bits,
             cfa=cfa,
-            black_level_dn=readout.black_level_dn.value,
+            black_level_dn=black_level_dn,
             exposure_s=exposure_s,
             color_matrix=self._color_matrices[0],
             color_matrix_a=self._color_matrices[1],
-            noise_profile=noise_profile(at, exposure_s),
+            noise_profile=profile,
             metadata=metadata,
+            captures=captures,
         )
 
     def auto_exposure_s(self, electrons_per_s: NDArray[np.float32]) -> float:
@@ -450,7 +460,7 @@ class Camera(Shown):
         """Return the noise-free frame of mean electrons: black level plus gain times electrons, not rounded.
 
         Well capacity and the highest number limit it as they limit a frame; noise, fixed pattern and dark current are
-        left out.
+        left out. With several captures it is their combination, which is rounded.
 
         Returns
         -------
@@ -466,6 +476,9 @@ class Camera(Shown):
         array([[ 164., 4095.]], dtype=float32)
         """
         sensor = self.sensor
+        if sensor.captures is not None:
+            clean = clean_captures(sensor, mean_electrons)
+            return np.asarray(combined(sensor, clean), np.float32)
         filled = np.minimum(mean_electrons, np.float32(sensor.pixel.well_capacity_e.value))
         dn = filled * np.float32(sensor.system_gain_dn_per_e) + np.float32(sensor.readout.black_level_dn.value)
         return np.asarray(np.minimum(dn, np.float32(sensor.white_level_dn)), np.float32)

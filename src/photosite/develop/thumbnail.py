@@ -32,7 +32,7 @@ def thumbnail(raw: RawFrame) -> NDArray[np.float32]:
     step = stride_for(rows * height, cols * width)
     tiles = raw.dn[: rows * height, : cols * width].reshape(rows, height, cols, width)[::step, :, ::step]
     small = np.ascontiguousarray(tiles).reshape(tiles.shape[0] * height, tiles.shape[2] * width)
-    frame = replace(raw, dn=small)
+    frame = replace(raw, dn=small, captures={})
     try:
         return develop(frame)
     except InputError:

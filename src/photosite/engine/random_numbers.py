@@ -33,6 +33,8 @@ TELEGRAPH = np.uint32(11)
 """Word 0: whether a pixel blinks. Words 1 and 2: its amplitude, and its share of time in the upper level."""
 DRIFT = np.uint32(12)
 """Word 0: a step of the black level's drift, whose octave is the pixel; frame 0 is where it starts."""
+CAPTURES = np.uint32(64)
+"""Words 0 and 1: the key of a further capture of the same exposure, whose number is the first word of the counter."""
 
 _M0 = np.uint64(0xD2511F53)
 _M1 = np.uint64(0xCD9E8D57)

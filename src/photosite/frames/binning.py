@@ -58,10 +58,13 @@ def bin_frame(raw: RawFrame, factor: int = 2, kind: DigitalBinning = "mean") -> 
     profile = None if raw.noise_profile is None else np.asarray(raw.noise_profile) / n
     if kind == "mean":
         dn, black_dn = (total + n // 2) // n, raw.black_level_dn + mean_offset_dn(n)
-        return replace(raw, dn=dn.astype(np.uint16), cfa=cfa, black_level_dn=black_dn, noise_profile=profile)
+        return replace(
+            raw, dn=dn.astype(np.uint16), cfa=cfa, black_level_dn=black_dn, noise_profile=profile, captures={}
+        )
     return replace(
         raw,
         dn=total.astype(np.uint16),
+        captures={},
         bits=bits,
         cfa=cfa,
         black_level_dn=raw.black_level_dn * n,

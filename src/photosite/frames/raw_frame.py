@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def check_bits(bits: int | None) -> None:
-    """Raise `InputError` for a bit depth outside 1 to 16."""
-    if bits is not None and not 1 <= bits <= 16:
-        raise InputError("bits", value=bits, expected="1 to 16")
+def check_bits(bits: int | None, highest: int = 16) -> None:
+    """Raise `InputError` for a bit depth outside 1 to `highest`."""
+    if bits is not None and not 1 <= bits <= highest:
+        raise InputError("bits", value=bits, expected=f"1 to {highest}")
 
 
 def neutral_text(signal: Sequence[float]) -> str:
@@ -45,9 +45,10 @@ class RawFrame(Shown):
     Parameters
     ----------
     dn
-        (rows, cols) uint16, digital numbers, black level included.
+        (rows, cols) uint16, digital numbers, black level included; uint32 for 17 to 24 bits.
     bits
-        Bit depth of the analog-to-digital converter; the highest number is 2^bits - 1.
+        Bit depth of the analog-to-digital converter, or of the combination of several captures, at most 24; the
+        highest number is 2^bits - 1.
     cfa
         Tile of the color filter array; `(("M",),)` for a monochrome sensor.
     black_level_dn
@@ -64,11 +65,15 @@ class RawFrame(Shown):
         (channels, 2), DNG's NoiseProfile, or None: a signal s in 0..1 (black 0, white 1) has variance scale s + offset.
     metadata
         Other metadata of the file: camera, ISO, temperature, seed, ... Values are strings and numbers. Read-only.
+    captures
+        Digital numbers (rows, cols) uint16 of each capture that `dn` combines, by name, for sensors with several
+        captures. Files do not hold them. Read-only.
 
     Raises
     ------
     InputError
-        If the array is not two-dimensional uint16, is empty or has values above 2^bits - 1, or a level is invalid.
+        If the array is not two-dimensional uint16 (uint32 above 16 bits), is empty or has values above 2^bits - 1, a
+        capture has another shape, or a level is invalid.
 
     Examples
     --------
@@ -80,7 +85,7 @@ class RawFrame(Shown):
            [0., 0.]])
     """
 
-    dn: NDArray[np.uint16]
+    dn: NDArray[np.uint16] | NDArray[np.uint32]
     bits: int
     cfa: Cfa = MONOCHROME
     black_level_dn: float = 0.0
@@ -90,13 +95,19 @@ class RawFrame(Shown):
     color_matrix_a: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    captures: Mapping[str, NDArray[np.uint16]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
-        if dn.ndim != 2 or dn.size == 0 or dn.dtype != np.uint16:
+        check_bits(self.bits, 24)
+        kind = "uint16" if self.bits <= 16 else "uint32"
+        if dn.ndim != 2 or dn.size == 0 or dn.dtype != kind:
             found = f"{dn.shape} of {dn.dtype}"
-            raise InputError("dn", value=found, expected="a (rows, cols) array of uint16")
-        check_bits(self.bits)
+            raise InputError("dn", value=found, expected=f"a (rows, cols) array of {kind}, for {self.bits} bits")
+        for name, part in self.captures.items():
+            if part.shape != dn.shape or part.dtype != np.uint16:
+                found = f"{part.shape} of {part.dtype}"
+                raise InputError(f"captures['{name}']", value=found, expected=f"{dn.shape} of uint16")
         top = (1 << self.bits) - 1
         if self.white_level_dn is None:
             object.__setattr__(self, "white_level_dn", float(top))
@@ -105,11 +116,13 @@ class RawFrame(Shown):
         if not 0 <= self.black_level_dn < self.white_level_dn:
             expected = f"0 or above and below the white level, {self.white_level_dn:g}"
             raise InputError("black_level_dn", value=self.black_level_dn, expected=expected)
-        if self.bits < 16 and (highest := int(dn.max())) > top:
+        if self.bits != 16 and (highest := int(dn.max())) > top:
             raise InputError("dn", value=highest, expected=f"at most {top}, for {self.bits} bits")
         object.__setattr__(self, "black_level_dn", float(self.black_level_dn))  # signed where it is subtracted
         if not isinstance(self.metadata, ReadOnly):
             object.__setattr__(self, "metadata", ReadOnly(self.metadata))
+        if not isinstance(self.captures, ReadOnly):
+            object.__setattr__(self, "captures", ReadOnly(self.captures))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the digital numbers, so that `np.asarray(raw)` and `plt.imshow(raw)` work."""
@@ -183,6 +196,7 @@ class RawFrame(Shown):
                 color_matrix_a=None,
                 noise_profile=None if self.noise_profile is None else np.asarray(self.noise_profile)[k : k + 1],
                 metadata=metadata,
+                captures={},
             )
             for k, name in enumerate(names)
         }

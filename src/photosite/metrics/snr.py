@@ -71,7 +71,8 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     SNR = 10 log10(S^2 / N), S = volts / conversion gain in electrons and N the variance in electrons squared:
     S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Saturation is ignored: levels
     above the voltage swing extrapolate. The total is that of one frame of a uniform surface, where the fixed pattern
-    counts as noise; for a single pixel over many frames it does not.
+    counts as noise; for a single pixel over many frames it does not. For a sensor with several captures this is the
+    first one; `capture_budget` has all of them and their combination.
 
     Parameters
     ----------

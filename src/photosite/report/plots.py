@@ -13,6 +13,7 @@ from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
+from photosite.metrics.capture_snr import CaptureBudget
 from photosite.metrics.snr import NoiseBudget
 from photosite.report.figures.response import draw_curves
 from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
@@ -103,6 +104,21 @@ def plot_noise_budget(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
     """Draw the signal-to-noise ratio against the signal, in total and by noise source."""
     axes = new_or_given(ax)
     draw_noise_budget(axes, budget)
+    axes.legend()
+    return axes
+
+
+@styled()
+def plot_capture_budget(budget: CaptureBudget, ax: Axes | None = None) -> Axes:
+    """Draw the signal-to-noise ratio against the light, of each capture and of their combination."""
+    axes = new_or_given(ax)
+    axes.plot(budget.light_e, budget.combined_db, color=BLUE, linewidth=4.0, alpha=0.5, label="combined")
+    for position, (name, level) in enumerate(budget.captures_db.items()):
+        color, _, style = line_style(position + 1)
+        axes.plot(budget.light_e, level, color=color, linestyle=style, label=name)
+    axes.set(xscale="log", xlabel="light (electrons of the most sensitive photodiode)")
+    axes.set(ylabel="signal-to-noise ratio (dB)")
+    axes.set_ylim(bottom=0.0)
     axes.legend()
     return axes
 

@@ -103,8 +103,8 @@ def read_noise_deviates(serial: str, rows: int, cols: int) -> NDArray[np.int16]:
     return _deviates(serial, rows, cols, 0, int(READ_NOISE))
 
 
-# Six maps: two chips with all three patterns.
-@lru_cache(maxsize=6)
+# Eight maps: two chips with all three patterns, or a chip with three captures of two photodiodes.
+@lru_cache(maxsize=8)
 def _deviates(serial: str, rows: int, cols: int, word: int, use: int = int(FIXED_PATTERN)) -> NDArray[np.int16]:
     """Return the normal deviates of a serial's pattern in units of DEVIATE_STEP."""
     with threads_for(rows * cols):

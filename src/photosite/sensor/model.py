@@ -24,6 +24,7 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
+from photosite.sensor.captures import Captures
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.file_units import (
     ASSUMED_SWING,
@@ -415,7 +416,12 @@ SECTIONS: dict[str, tuple[type[Section], type[Section]]] = {
 }
 """Sections with measured values: their fields, and their fields in other units."""
 
-_PARTS: dict[str, type[Section]] = {"optical_stack": OpticalStack, "shutter": Shutter, "effects": Effects}
+_PARTS: dict[str, type[Section]] = {
+    "optical_stack": OpticalStack,
+    "shutter": Shutter,
+    "effects": Effects,
+    "captures": Captures,
+}
 """Sections that a sensor may have; each part is a field of `with_`."""
 
 
@@ -507,6 +513,12 @@ class Sensor(Tabular, Section):
         {"response_curve": {"polynomial_percent": [0.0, -2.0]}},
         default=None,
     )
+    captures: Captures | None = about(
+        "Several captures of one exposure and their combination: high dynamic range.",
+        NO_UNIT,
+        {"parts": [{"name": "long"}, {"name": "short", "relative_exposure": 0.0625}], "combination": {"dn_per_e": 1.0}},
+        default=None,
+    )
     provenance: Provenance = about(
         "Origin of the values.", NO_UNIT, {"source": "data sheet, revision 3"}, default=Provenance()
     )
@@ -581,6 +593,12 @@ class Sensor(Tabular, Section):
             array, well_e = self.array, self.pixel.well_capacity_e.value
             tile = len(array.cfa), len(array.cfa[0])
             self.effects.check(array.rows, array.cols, tile, well_e, self.white_level_dn)
+        if self.captures is not None and self.maps is not None:
+            hint = "Measured maps are those of a single capture; pass with_(maps=None)"
+            raise InputError("maps", expected="without captures", hint=hint)
+        if self.captures is not None:
+            head_room_dn = self.white_level_dn - self.readout.black_level_dn.value
+            self.captures.check(self.pixel.well_capacity_e.value, head_room_dn / self.system_gain_dn_per_e)
         return self
 
     def response_at(self, channel: str, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
@@ -735,8 +753,10 @@ class Sensor(Tabular, Section):
         changes = {**scaled(self.noise), "dark_current_temperature_c": float(temperature_c)}
         settings = tuple(entry.model_copy(update=scaled(entry)) for entry in self.gain_settings)
         effects = None if self.effects is None else self.effects.with_dark_current(ratio.value)
+        captures = None if self.captures is None else self.captures.with_dark_current(ratio.value)
         noise = self.noise.model_copy(update=changes)
-        return self.model_copy(update={"noise": noise, "gain_settings": settings, "effects": effects})
+        parts = {"effects": effects, "captures": captures}
+        return self.model_copy(update={"noise": noise, "gain_settings": settings, **parts})
 
     @property
     def own_gain_setting(self) -> GainSetting:
@@ -919,6 +939,7 @@ class Sensor(Tabular, Section):
         >>> sensor.electrons(sensor.noise.read_noise_mv.value), small.electrons(small.noise.read_noise_mv.value)
         (45.8, 45.8)
         """
+        self._check_single_capture()
         if isinstance(width_um, bool | str) or not (np.isfinite(width_um) and width_um > 0):
             raise InputError("pixel_width_um", value=width_um, expected="above 0")
         before = self.pixel.width_um.value
@@ -992,6 +1013,7 @@ class Sensor(Tabular, Section):
         (14.26, 14)
         """
         check_choice("kind", kind, Binning)
+        self._check_single_capture()
         cfa = binned(self.array.cfa, factor)
         if self.optical_stack is not None and self.optical_stack.crosstalk is not None:
             hint = "Pass with_(crosstalk=None) first"
@@ -1048,6 +1070,11 @@ class Sensor(Tabular, Section):
             raise input_error(error) from None
         changed._written = self._written.renamed()
         return changed
+
+    def _check_single_capture(self) -> None:
+        if self.captures is not None:
+            hint = "Pass with_(captures=None) first"
+            raise InputError("a sensor with several captures cannot be scaled", where="captures", hint=hint)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the quantum efficiencies on Matplotlib axes, new ones by default, and return them."""

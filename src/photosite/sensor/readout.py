@@ -22,6 +22,7 @@ from photosite.engine.pixel_model import (
 )
 from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
+from photosite.sensor.capture_readout import CombinedNumbers, capture_numbers, combined
 from photosite.sensor.chip import Blinking, MeasuredChip, draw_chip
 from photosite.sensor.device import Device, computed
 from photosite.sensor.io.sensor_file import load_measured_chip
@@ -43,8 +44,11 @@ def digital_numbers(
     region: Rectangle | None = None,
     device: Device = "cpu",
     temperature_c: float | None = None,
-) -> NDArray[np.uint16]:
-    """Return one frame of a sensor, or a rectangle of it, (rows, cols).
+) -> CombinedNumbers:
+    """Return one frame of a sensor, or a rectangle of it, (rows, cols) uint16.
+
+    A sensor with several captures gives their combination (`capture_readout.combined`): uint32 for linear output of
+    more than 16 bits.
 
     The equations are those of `photosite.engine.pixel_model`. A sensor with measured maps takes PRNU, dark current,
     offset and read noise of each pixel from them. Otherwise the fixed pattern is drawn from the sensor's serial.
@@ -83,37 +87,11 @@ def digital_numbers(
     >>> digital_numbers(sensor, np.full((2, 2), 7980, np.float32), 0.01, seed=1).shape
     (2, 2)
     """
-    rows, cols = sensor.array.rows, sensor.array.cols
-    if mean_electrons.shape != (rows, cols):
-        raise InputError("mean_electrons", value=mean_electrons.shape, expected=f"of shape ({rows}, {cols})")
-    # Two reductions instead of a mask, which would need the memory of a second frame.
-    lowest, highest = float(mean_electrons.min()), float(mean_electrons.max())
-    if not (lowest >= 0 and highest < np.inf):
-        raise InputError("mean_electrons", value=(lowest, highest), expected="finite and not negative")
-    for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
-        whole = isinstance(number, Integral) and not isinstance(number, bool)
-        if not (whole and 0 <= number < 1 << bits):
-            raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
-    r0, r1, c0, c1 = region or (0, rows, 0, cols)
-    if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
-        expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
-        raise InputError("region", value=region, expected=expected)
     check_choice("device", device, Device)
-    _check_full_well(sensor)
-    part = slice(r0, r1), slice(c0, c1)
-    photo_e = read_only(np.asarray(mean_electrons[part], np.float32))
-    exposure = Exposure(
-        float(exposure_s),
-        float(sensor.pixel.well_capacity_e.value),
-        float(sensor.system_gain_dn_per_e),
-        float(sensor.readout.black_level_dn.value),
-        float(sensor.white_level_dn),
-        int(r0),
-        int(c0),
-        cols,
-        np.uint32(frame),
-        *key_from_seed(int(seed)),
-    )
+    photo_e, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
+    if sensor.captures is not None:
+        seen = sensor if temperature_c is None else sensor.at_temperature(temperature_c)
+        return combined(sensor, capture_numbers(seen, photo_e, part, exposure, device))
     measured = load_measured_chip(sensor)
     if measured is not None:
         _check_size(measured, sensor)
@@ -136,8 +114,78 @@ def digital_numbers(
     with threads_for(photo_e.size):
         out = expose_measured(photo_e, maps, exposure)
     if len(measured.blinking):
-        expose_blinking(out, _blinking_within(measured.blinking, (r0, c0), photo_e.shape), photo_e, maps, exposure)
+        expose_blinking(
+            out,
+            _blinking_within(measured.blinking, (part[0].start, part[1].start), photo_e.shape),
+            photo_e,
+            maps,
+            exposure,
+        )
     return out
+
+
+def digital_numbers_of_captures(
+    sensor: Sensor,
+    mean_electrons: NDArray[np.float32],
+    exposure_s: float,
+    *,
+    seed: int,
+    frame: int = 0,
+    region: Rectangle | None = None,
+    device: Device = "cpu",
+    temperature_c: float | None = None,
+) -> dict[str, NDArray[np.uint16]]:
+    """Return one frame, or a rectangle of it, of each capture of a sensor with captures, by name.
+
+    The arguments and errors are those of `digital_numbers`; `mean_electrons` and the exposure time are those of a
+    photodiode of relative sensitivity and exposure 1.
+    """
+    check_choice("device", device, Device)
+    photo_e, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
+    seen = sensor if temperature_c is None else sensor.at_temperature(temperature_c)
+    return capture_numbers(seen, photo_e, part, exposure, device)
+
+
+def _checked(
+    sensor: Sensor,
+    mean_electrons: NDArray[np.float32],
+    exposure_s: float,
+    seed: int,
+    frame: int,
+    region: Rectangle | None,
+) -> tuple[NDArray[np.float32], tuple[slice, slice], Exposure]:
+    """Return the light and the place of a rectangle, and what its pixels share; see `digital_numbers` for errors."""
+    rows, cols = sensor.array.rows, sensor.array.cols
+    if mean_electrons.shape != (rows, cols):
+        raise InputError("mean_electrons", value=mean_electrons.shape, expected=f"of shape ({rows}, {cols})")
+    # Two reductions instead of a mask, which would need the memory of a second frame.
+    lowest, highest = float(mean_electrons.min()), float(mean_electrons.max())
+    if not (lowest >= 0 and highest < np.inf):
+        raise InputError("mean_electrons", value=(lowest, highest), expected="finite and not negative")
+    for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
+        whole = isinstance(number, Integral) and not isinstance(number, bool)
+        if not (whole and 0 <= number < 1 << bits):
+            raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
+    r0, r1, c0, c1 = region or (0, rows, 0, cols)
+    if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
+        expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
+        raise InputError("region", value=region, expected=expected)
+    _check_full_well(sensor)
+    part = slice(r0, r1), slice(c0, c1)
+    photo_e = read_only(np.asarray(mean_electrons[part], np.float32))
+    exposure = Exposure(
+        float(exposure_s),
+        float(sensor.pixel.well_capacity_e.value),
+        float(sensor.system_gain_dn_per_e),
+        float(sensor.readout.black_level_dn.value),
+        float(sensor.white_level_dn),
+        int(r0),
+        int(c0),
+        cols,
+        np.uint32(frame),
+        *key_from_seed(int(seed)),
+    )
+    return photo_e, part, exposure
 
 
 def _check_full_well(sensor: Sensor) -> None:

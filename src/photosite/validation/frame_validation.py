@@ -158,7 +158,10 @@ class FrameValidation(Tabular):
         # The pictures start at a tile of the color filter array.
         top, left = (max(0, math.floor((low[axis] - margin) / tile[axis]) * tile[axis]) for axis in (0, 1))
         bottom, right = (min(self.measured.shape[axis], math.ceil(high[axis] + margin)) for axis in (0, 1))
-        seen, made = (replace(frame, dn=frame.dn[top:bottom, left:right]) for frame in (self.measured, self.simulated))
+        seen, made = (
+            replace(frame, dn=frame.dn[top:bottom, left:right], captures={})
+            for frame in (self.measured, self.simulated)
+        )
         color = self.validation.color
         return *develop_pair(seen, made, None if color is None else color.matrix), (top, left)
 

@@ -214,5 +214,8 @@ def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
     writer = _WRITERS.get(target.suffix.lower())
     if writer is None:
         raise InputError("path", value=target.name, expected=f"a name with the suffix {', '.join(_WRITERS)}")
+    if frame.bits > 16:
+        hint = "Files hold the companded frame (captures.combination.companding), or each of the captures"
+        raise InputError("bits", where=target.name, value=frame.bits, expected="at most 16", hint=hint)
     with atomic_path(target) as temporary:
         writer(frame, temporary)

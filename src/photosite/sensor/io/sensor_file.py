@@ -51,8 +51,8 @@ def preset_names() -> tuple[str, ...]:
     Examples
     --------
     >>> preset_names()
-    ('google-pixel-4a', 'nikon-d200', 'raspberry-pi-hq', 'sony-a7r2', 'sony-imx174', 'sony-imx571', 'vendor-1.4um',
-    'vendor-2.2um')
+    ('dual-gain-phone', 'google-pixel-4a', 'nikon-d200', 'raspberry-pi-hq', 'sony-a7r2', 'sony-imx174', 'sony-imx571',
+    'split-pixel-automotive', 'vendor-1.4um', 'vendor-2.2um')
     """
     folder = resources.files("photosite.sensor") / "presets"
     return tuple(sorted(f.name.removesuffix(_SUFFIX) for f in folder.iterdir() if f.name.endswith(_SUFFIX)))

@@ -1,0 +1,202 @@
+"""The captures of one exposure: charges of the same light, each read once or several times, and their combination.
+
+A capture is the pixel model with its own gain, read noise and well (`part_sensor`). Its photodiode or exposure collects
+`Captures.light` times the electrons of the sensor's pixel. Captures that share a charge have the same shot noise, PRNU
+and dark current; read noise, row and column noise and DSNU are independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.jit import read_only
+from photosite.engine.pixel_model import Exposure
+from photosite.engine.random_numbers import CAPTURES, philox4x32
+from photosite.errors import InputError
+from photosite.sensor.captures import Captures
+from photosite.sensor.device import Device
+from photosite.sensor.model import Sensor
+from photosite.sensor.staged_readout import Part, collected_charge, converted_charge, fixed_pattern
+
+CombinedNumbers = NDArray[np.uint16] | NDArray[np.uint32]
+
+
+def captures_of(sensor: Sensor) -> Captures:
+    """Return the section `captures` of a sensor; raise `InputError` if it has none."""
+    if sensor.captures is None:
+        hint = "Its sensor file needs a section captures"
+        raise InputError(f"sensor '{sensor.name}' has a single capture", hint=hint)
+    return sensor.captures
+
+
+def part_sensor(sensor: Sensor, name: str) -> Sensor:
+    """Return one capture as a sensor of its own, without captures.
+
+    The fill factor contains the relative sensitivity. The exposure time is that of the capture.
+
+    Raises
+    ------
+    InputError
+        If the sensor has no such capture.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> parts = [{"name": "a"}, {"name": "b", "relative_sensitivity": 0.5}]
+    >>> sensor = ps.load_sensor("nikon-d200").with_(captures={"parts": parts, "combination": {"dn_per_e": 1}})
+    >>> part_sensor(sensor, "b").pixel.fill_factor.value / sensor.pixel.fill_factor.value
+    0.5
+    """
+    captures = captures_of(sensor)
+    part, owner = captures[name], captures.owner(name)
+    first = part is captures.parts[0]
+    values: dict[str, Any] = {
+        "analog_gain": sensor.readout.analog_gain.value * part.relative_gain.value,
+        "well_capacity_e": part.well_capacity_e,
+        "read_noise_e": part.read_noise_e,
+        "dark_current_e_per_s": owner.dark_current_e_per_s,
+        "fill_factor": sensor.pixel.fill_factor.value * captures.sensitivity(name),
+        "serial": None if first else f"{sensor.serial}/{name}",
+    }
+    given = {key: value for key, value in values.items() if value is not None}
+    return sensor.with_(captures=None, gain_settings=(), covariance=None, **given)
+
+
+def capture_numbers(
+    sensor: Sensor, photo_e: NDArray[np.float32], part: Part, exposure: Exposure, device: Device
+) -> dict[str, NDArray[np.uint16]]:
+    """Return the digital numbers of each capture of a rectangle; `photo_e` and `exposure` are those of the sensor."""
+    captures, charges, out = captures_of(sensor), {}, {}
+    sensors = {name: part_sensor(sensor, name) for name in captures.names}
+    for number, each in enumerate(captures.parts):
+        one = sensors[each.name]
+        own = exposure._replace(
+            exposure_s=exposure.exposure_s * captures.owner(each.name).relative_exposure.value,
+            well_capacity_e=float(one.pixel.well_capacity_e.value),
+            gain_dn_per_e=float(one.system_gain_dn_per_e),
+            **_key(exposure, number),
+        )
+        pattern = fixed_pattern(one, None, part, own)
+        if each.charge_of is None:
+            light_e = read_only(photo_e * np.float32(captures.light(each.name)))
+            largest = own._replace(well_capacity_e=_largest_well_e(captures, sensors, each.name))
+            charges[each.name] = collected_charge(pattern, light_e, largest, device)
+        charge_e = charges[each.charge_of or each.name]
+        if each.charge == "overflow":
+            charge_e = np.maximum(charge_e - np.float32(_well_e(sensors[str(each.charge_of)])), np.float32(0.0))
+        read_e = np.minimum(charge_e, np.float32(own.well_capacity_e))
+        out[each.name] = converted_charge(one, pattern, read_only(read_e), part, own, device)
+    return out
+
+
+def _key(exposure: Exposure, number: int) -> dict[str, np.uint32]:
+    """Return the key of the random numbers of a capture: that of the frame for the first, else derived from it."""
+    if number == 0:
+        return {"k0": exposure.k0, "k1": exposure.k1}
+    zero = np.uint32(0)
+    k0, k1, _, _ = philox4x32(np.uint32(number), zero, CAPTURES, zero, exposure.k0, exposure.k1)
+    return {"k0": np.uint32(k0), "k1": np.uint32(k1)}
+
+
+def _well_e(sensor: Sensor) -> float:
+    return float(sensor.pixel.well_capacity_e.value)
+
+
+def _largest_well_e(captures: Captures, sensors: Mapping[str, Sensor], owner: str) -> float:
+    """Return the electrons that a charge can have: the largest well that reads it, with what overflows from the own."""
+    wells = [
+        _well_e(sensors[part.name]) + (_well_e(sensors[owner]) if part.charge == "overflow" else 0.0)
+        for part in captures.parts
+        if owner in (part.name, part.charge_of)
+    ]
+    return max(wells)
+
+
+class CaptureScale(NamedTuple):
+    """Constants of a capture: DN per electron of light in the sensor's pixel, and DN from black to saturation."""
+
+    dn_per_light_e: float
+    saturation_dn: float
+
+
+def capture_scale(sensor: Sensor, name: str) -> CaptureScale:
+    """Return the constants that convert the digital numbers of a capture to light."""
+    captures = captures_of(sensor)
+    part = captures[name]
+    gain = sensor.system_gain_dn_per_e * part.relative_gain.value
+    well_e = (part.well_capacity_e or sensor.pixel.well_capacity_e).value
+    head_room_dn = sensor.white_level_dn - sensor.readout.black_level_dn.value
+    return CaptureScale(gain * captures.light(name), min(gain * well_e, head_room_dn))
+
+
+def clean_captures(sensor: Sensor, mean_electrons: NDArray[np.float32]) -> dict[str, NDArray[np.float64]]:
+    """Return the captures without noise, fixed pattern, dark current and rounding; light as of the sensor's pixel."""
+    captures, out = captures_of(sensor), {}
+    black_dn = sensor.readout.black_level_dn.value
+    for part in captures.parts:
+        one = part_sensor(sensor, part.name)
+        charge_e = mean_electrons * captures.light(part.name)
+        if part.charge == "overflow":
+            charge_e = np.maximum(charge_e - _well_e(part_sensor(sensor, str(part.charge_of))), 0.0)
+        signal_dn = np.minimum(charge_e, _well_e(one)) * one.system_gain_dn_per_e
+        out[part.name] = np.asarray(np.minimum(signal_dn + black_dn, sensor.white_level_dn), np.float64)
+    return out
+
+
+def combined(sensor: Sensor, frames: Mapping[str, NDArray[Any]]) -> CombinedNumbers:
+    """Return the frame that a sensor outputs from its captures.
+
+    With x_k the light by capture k, electrons of a photodiode of relative sensitivity and exposure 1, the frame is
+    w_1 x_1 + (1 - w_1)(w_2 x_2 + (1 - w_2)(...)), with the weights of `Combination.weight` at the signal of each
+    capture; then `Combination.output`.
+
+    Parameters
+    ----------
+    sensor
+        A sensor with captures.
+    frames
+        Digital numbers of each capture by name, all of one shape.
+
+    Returns
+    -------
+    ndarray
+        uint16; uint32 for linear output of more than 16 bits.
+
+    Raises
+    ------
+    InputError
+        If the sensor has no captures, or one is missing.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(
+    ...     captures={
+    ...         "parts": [{"name": "long"}, {"name": "short", "relative_exposure": 0.0625}],
+    ...         "combination": {"dn_per_e": 1, "bits": 20},
+    ...     }
+    ... )
+    >>> combined(sensor, {"long": np.array([[1000, 4095]]), "short": np.array([[62, 3000]])})
+    array([[  7980, 383040]], dtype=uint32)
+    """
+    captures = captures_of(sensor)
+    if missing := [name for name in captures.names if name not in frames]:
+        raise InputError("captures", value=sorted(frames), expected=f"with {', '.join(missing)}")
+    light: dict[str, NDArray[np.float64]] = {}
+    weight: dict[str, NDArray[np.float64]] = {}
+    for part in captures.parts:
+        scale = capture_scale(sensor, part.name)
+        signal_dn = np.asarray(frames[part.name], np.float64) - sensor.readout.black_level_dn.value
+        weight[part.name] = captures.combination.weight(signal_dn / scale.saturation_dn)
+        light[part.name] = signal_dn / scale.dn_per_light_e
+        if part.charge == "overflow":
+            light[part.name] += light[str(part.charge_of)]
+    total = light[captures.names[-1]]
+    for name in captures.names[-2::-1]:
+        # Where the weight is 0 the capture may be saturated: what it holds does not count.
+        total = np.where(weight[name] > 0.0, weight[name] * light[name] + (1.0 - weight[name]) * total, total)
+    return captures.combination.output(total)
