@@ -7,6 +7,7 @@ import pytest
 from raising import raises
 
 import photosite as ps
+from photosite.camera.image_over_time import NODES_PER_CELL
 from photosite.errors import InputError
 
 GRID = np.arange(400.0, 701.0, 10.0)
@@ -124,6 +125,15 @@ def test_moving_frames_are_the_limit_of_many_still_images() -> None:
     inside = np.s_[:, 8:-8]
     assert np.abs(found - total)[inside].max() < 0.01 * total.max()
     assert np.ptp(total) > 0.5 * total.max()
+
+
+def test_nodes_integrate_waves_up_to_the_stated_frequency() -> None:
+    """Sums over the nodes against sinc(f l), for waves of up to 0.3 cycles per cell along straight paths."""
+    frequency = np.linspace(0, 0.3, 100)[:, None]
+    for length in (0.1, 1.0, 3.0, 5.0, 8.0, 20.0, 100.0):
+        nodes, weights = np.polynomial.legendre.leggauss(2 + int(np.ceil(NODES_PER_CELL * length)))
+        found = (0.5 * weights * np.cos(np.pi * frequency * length * nodes)).sum(axis=1)
+        assert np.abs(found - np.sinc(frequency[:, 0] * length)).max() < 1.5e-3
 
 
 def test_a_quarter_turn_and_growth() -> None:

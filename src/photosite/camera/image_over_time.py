@@ -47,10 +47,10 @@ Span = tuple[float, float]
 AnyScene = Scene | Planes | DynamicScene
 """What a camera takes frames of."""
 
-NODES_PER_CELL = 0.75
+NODES_PER_CELL = 0.6
 """Nodes of Gauss's rule, besides two, per cell of the longest path that is not a translation, in even light.
 
-The integral along a straight path of a wave of up to 0.3 cycles per cell then errs by less than 1e-3 of its amplitude.
+The integral along a straight path of a wave of up to 0.3 cycles per cell then errs by at most 1e-3 of its amplitude.
 """
 LIGHT_STEP_CELLS = 0.25
 """Longest step in light that changes; the light of a step is exact, and counts as even or as that of its middle."""
