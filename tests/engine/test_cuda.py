@@ -74,6 +74,30 @@ for size, counts, table in (((1, 1), (1, 1), 1), (shape, shape, 9)):
     np.testing.assert_array_equal(convert_charge_cuda(charge, maps, exposure), cpu)
 """
 
+CHARGE = """
+import numpy as np
+from photosite.engine import charge_stages as cpu, cuda
+from photosite.engine.jit import read_only
+from photosite.engine.pixel_model import Exposure
+from photosite.engine.random_numbers import key_from_seed
+from photosite.sensor.effects.charge_transfer import late_shares
+
+rng = np.random.default_rng(5)
+charge = rng.permutation(np.resize([0, 0.3, 1, 2, 30, 900, 40000], ROWS * COLS)).reshape(ROWS, COLS)
+charge = read_only(charge.astype(np.float32))
+exposure = Exposure(0.7, 30000.0, 0.4, -10.0, 11900.0, 70, 333, 5000, np.uint32(9), *key_from_seed(2**40 + 17))
+shares = [read_only(late_shares(s, size)) for s, size in ((1e-3, ROWS), (4e-4, COLS))]
+for stage, *arguments in (
+    ("bloom_columns", 20000.0, 0.8),
+    ("transfer_charge", *shares),
+    ("multiply_charge", cpu.Register(1.02, 180.0, 1e6, 0.3), exposure),
+    ("couple_pixels", 0.02, 0.003),
+):
+    expected = getattr(cpu, stage)(charge, *arguments)
+    assert (expected != charge).any()
+    np.testing.assert_array_equal(getattr(cuda, stage + "_cuda")(charge, *arguments), expected)
+"""
+
 CAMERA = """
 import numpy as np
 import photosite as ps
@@ -98,6 +122,7 @@ for cuda, cpu in zip(*streams, strict=True):
     [
         pytest.param(KERNEL, id="kernel"),
         pytest.param(STAGES, id="stages"),
+        pytest.param(CHARGE, id="charge"),
         pytest.param(CAMERA, id="camera", marks=pytest.mark.slow),
     ],
 )

@@ -13,6 +13,7 @@ from photosite.calibration.checks.black_level import Contradiction, contradictio
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.dark import DarkResult, with_shared_charge, without_mean_slope
+from photosite.calibration.em_gain import stated_gain_warning
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
@@ -90,7 +91,10 @@ def assemble(
             for name, channel in by_name.items()
             if (channel.used & channel.levels.trusted).any()
         },
-        warnings=tuple(_warnings(reduction, dark, light, patterns, together, estimates)),
+        warnings=(
+            *_warnings(reduction, dark, light, patterns, together, estimates),
+            *_em_gain_warnings(sensor, estimates["system_gain_dn_per_e"]),
+        ),
         flicker=light.noise.flicker,
         rejected=reduction.rejected,
         frames_used=reduction.used,
@@ -101,12 +105,20 @@ def assemble(
         cfa=frames.cfa,
         base=sensor,
         electrical_scale=scale,
+        coupling=None if isinstance(light.noise.coupling, Missing) else light.noise.coupling,
         chip=None,
         temporal=None,
         no_maps_reason=None,
         gain_setting=frames.gain_settings[0],
         temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
     )
+
+
+def _em_gain_warnings(sensor: Sensor | None, gain: Estimate) -> Iterator[str]:
+    """Warn of excess noise where the sensor file states an electron multiplication gain."""
+    stated = None if sensor is None or sensor.effects is None else sensor.effects.em_gain
+    if stated is not None and (text := stated_gain_warning(stated, gain)) is not None:
+        yield text
 
 
 def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:
@@ -122,6 +134,8 @@ def _measurements(
     measured = _measure_channels(dark, light, patterns, by_line=by_line)
     gain = light.line_gain if by_line else light.gain
     together = pool_channels(reduction.names, measured, dark.together, gain, dark.reference_exposure_s)
+    coupling = light.noise.coupling if isinstance(light.noise.coupling, Missing) else light.noise.coupling.side
+    measured, together = [replace(m, coupling=coupling) for m in measured], replace(together, coupling=coupling)
     if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
         measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
     if light.tone is not None:

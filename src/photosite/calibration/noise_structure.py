@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.dark import GroupMean
 from photosite.calibration.flicker import Flicker, RowLight, find_flicker, with_frequency
@@ -21,6 +22,7 @@ from photosite.calibration.photon_transfer.noise_covariance import (
     seen_correlations,
 )
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
+from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling, fit_coupling
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
@@ -39,6 +41,11 @@ RUN = 8
 LEAST_SIDE = 8
 """Rows and columns of a channel below which frames are too small to tell neighbors from far pixels."""
 
+NO_COUPLING = Missing(
+    f"the coupling of pixels needs two dark frames, and two flat fields in the linear range, each channel with "
+    f"{LEAST_SIDE} rows and columns"
+)
+
 
 @dataclass(frozen=True)
 class NoiseStructure:
@@ -50,10 +57,13 @@ class NoiseStructure:
         Correlation of the shot noise between neighboring pixels and between frames.
     flicker
         Flicker of the light, in rows.
+    coupling
+        Interpixel capacitance, or why it is not known.
     """
 
     shared: SharedNoise | None = None
     flicker: Flicker | None = None
+    coupling: PixelCoupling | Missing = NO_COUPLING
 
     def warnings(self) -> list[str]:
         """Return a warning for each kind: its size, and what it means for the results."""
@@ -92,7 +102,22 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
         dark_noise = _covariances(reader, dark, PIXELS_CORRELATED)
         light_noise, _ = _of_levels(reader, flats, dark, dark_noise, PIXELS_CORRELATED)
         shared = find_shared_noise(light_noise, dark_noise) or shared
-    return NoiseStructure(shared, flicker)
+    shot = [a - b for a, b in zip(light_noise, dark_noise, strict=True)]
+    signal = [a.mean - b.mean for a, b in zip(flats[0].levels, dark.levels, strict=True)]
+    return NoiseStructure(shared, flicker, _coupling(shot, shared, reader.tile, signal))
+
+
+def _coupling(
+    shot: Sequence[NoiseCovariance], shared: SharedNoise | None, tile: NDArray[np.int64], signal: Sequence[float]
+) -> PixelCoupling | Missing:
+    """Return the coupling of pixels, or why the covariances do not show it."""
+    if shared is not None and isinstance(shared.charge, Missing):
+        return shared.charge
+    if shared is not None and shared.doubt:
+        return Missing(f"{seen_correlations(shared.neighbors, shared.frames)}, {shared.doubt}")
+    if min(entry.variance for entry in shot) <= 0.0 or min(signal) <= 0.0:
+        return NO_COUPLING
+    return fit_coupling(shot, tile, signal, seen=shared is not None and shared.neighbors is not None)
 
 
 def _withheld(shared: SharedNoise | None, flicker: Flicker | None) -> NoiseStructure:

@@ -59,6 +59,7 @@ class Parameters(Tabular):
     dsnu_mv: Annotated[Estimate, Label("DSNU", "mV", _NOISE)]
     prnu_percent: Annotated[Estimate, Label("PRNU", "%", _NOISE)]
     shading_percent: Annotated[Estimate, Label("Shading", "%", _NOISE)]
+    interpixel_coupling_percent: Annotated[Estimate, Label("Interpixel coupling", "%", _NOISE)]
     dark_voltage_mv_per_s: Annotated[Estimate, Label("Dark voltage", "mV/s", _DARK)]
     dark_current_dn_per_s: Annotated[Estimate, Label("Dark current", "DN/s", _DARK)]
     dark_current_e_per_s: Annotated[Estimate, Label("Dark current", "e⁻/s", _DARK)]
@@ -215,6 +216,10 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         },
         "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), m.method(prnu, "response_variance")),
         "shading_percent": _deviation(m.shading_variance, Uncertain(100.0), m.method(shading, "shading_variance")),
+        "interpixel_coupling_percent": Estimate.of(
+            derive(lambda share: 100.0 * share, m.coupling),
+            "share of the signal in each next pixel, from the covariances of the shot noise of neighboring pixels",
+        ),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
         "dark_current_dn_per_s": Estimate.of(m.dark_slope, slope),
         "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),

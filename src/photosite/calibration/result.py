@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from photosite.calibration.flicker import Flicker
     from photosite.calibration.photon_transfer.general_model import GeneralModel
     from photosite.calibration.photon_transfer.linearity import Linearity
+    from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling
     from photosite.calibration.photon_transfer.response_curve import ResponseCurve
     from photosite.calibration.photon_transfer.snr import SnrCurve
     from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
@@ -42,6 +43,8 @@ class Calibration(Parameters):
         The same parameters per color channel; empty for a monochrome chip.
     response_curve
         Per channel whose response bends, the electrons against the signal.
+    coupling
+        Interpixel capacitance; None where it is not known.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -89,6 +92,7 @@ class Calibration(Parameters):
     base: Sensor | None = None
     response_curve: Mapping[str, ResponseCurve] = field(default_factory=dict)
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
+    coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)

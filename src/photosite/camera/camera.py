@@ -383,12 +383,13 @@ class Camera(Shown):
         captures: dict[str, NDArray[np.uint16]] = {}
         if several is None:
             dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
-            bits, black_level_dn = self.sensor.readout.bits, self.sensor.readout.black_level_dn.value
+            bits, (black_level_dn, white_level_dn) = self.sensor.readout.bits, self.sensor.output_levels_dn
             profile = noise_profile(at, exposure_s)
         else:
             captures = digital_numbers_of_captures(self.sensor, mean_electrons, time_s, **place)
             dn, profile = combined(self.sensor, captures), None
             bits, black_level_dn = several.combination.output_bits, several.combination.output_black_level_dn
+            white_level_dn = float((1 << bits) - 1)
         name, serial = self.sensor.name, self.sensor.serial
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
         if self.sensor.gain_setting is not None:
@@ -415,6 +416,7 @@ class Camera(Shown):
             bits=bits,
             cfa=cfa,
             black_level_dn=black_level_dn,
+            white_level_dn=white_level_dn,
             exposure_s=exposure_s,
             color_matrix=self._color_matrices[0],
             color_matrix_a=self._color_matrices[1],

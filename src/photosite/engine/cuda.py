@@ -28,7 +28,8 @@ from photosite.engine.charge import (
     rounded,
     step_below,
 )
-from photosite.engine.jit import F32
+from photosite.engine.charge_stages import Register, coupled, multiplied_pixel, overflow, taken
+from photosite.engine.jit import F32, F64
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
 
 cuda: Any = numba.cuda  # numba's own, numba-cuda, or the simulator
@@ -56,6 +57,14 @@ COLLECT_SIGNATURE = (_FLOATS, _FLOATS, _FLOATS, _EXPOSURE, _FLOATS)
 """Argument types of `collect_thread`."""
 CONVERT_SIGNATURE = (_FLOATS, _CONVERSION, _EXPOSURE, _NUMBERS)
 """Argument types of `convert_thread`."""
+BLOOM_SIGNATURE = (_FLOATS, types.float64, types.float64, _FLOATS)
+"""Argument types of `bloom_thread`."""
+TRANSFER_SIGNATURE = (_FLOATS, _TABLE, _TABLE, _FLOATS)
+"""Argument types of `transfer_thread`."""
+MULTIPLY_SIGNATURE = (_FLOATS, types.NamedTuple([types.float64] * 4, Register), _EXPOSURE, _FLOATS)
+"""Argument types of `multiply_thread`."""
+COUPLE_SIGNATURE = (_FLOATS, types.float64, types.float64, _FLOATS)
+"""Argument types of `couple_thread`."""
 
 # Every floating-point operation that rounds must state how (.rn: to nearest); otherwise the assembler may fuse it.
 _INEXACT = re.compile(
@@ -88,6 +97,30 @@ def convert_charge_cuda(charge_e: F32, maps: ConversionMaps, exposure: Exposure)
     """Return the digital numbers of `charge.convert_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
     frame_dn: NDArray[np.uint16] = _run(CONVERT_SIGNATURE, convert_thread, np.uint16, charge_e, maps, exposure)
     return frame_dn
+
+
+def bloom_columns_cuda(charge_e: F32, well_e: float, kept: float) -> F32:
+    """Return the charge of `charge_stages.bloom_columns`, computed on the GPU. Raises as `expose_drawn_cuda`."""
+    bloomed_e: F32 = _run(BLOOM_SIGNATURE, bloom_thread, np.float32, charge_e, well_e, kept)
+    return bloomed_e
+
+
+def transfer_charge_cuda(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
+    """Return the charge of `charge_stages.transfer_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
+    moved_e: F32 = _run(TRANSFER_SIGNATURE, transfer_thread, np.float32, charge_e, row_shares, column_shares)
+    return moved_e
+
+
+def multiply_charge_cuda(charge_e: F32, register: Register, exposure: Exposure) -> F32:
+    """Return the charge of `charge_stages.multiply_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
+    multiplied_e: F32 = _run(MULTIPLY_SIGNATURE, multiply_thread, np.float32, charge_e, register, exposure)
+    return multiplied_e
+
+
+def couple_pixels_cuda(charge_e: F32, side_share: float, corner_share: float) -> F32:
+    """Return the signals of `charge_stages.couple_pixels`, computed on the GPU. Raises as `expose_drawn_cuda`."""
+    coupled_e: F32 = _run(COUPLE_SIGNATURE, couple_thread, np.float32, charge_e, side_share, corner_share)
+    return coupled_e
 
 
 def _run(signature: Any, thread: Callable[..., None], dtype: Any, pixels: NDArray[Any], *arguments: Any) -> Any:
@@ -183,6 +216,70 @@ def convert_thread(charge_e: Any, maps: Any, exposure: Any, out: Any) -> None:
         low = step_below(place, error.shape[0])
         dn += between(error[low], error[low + 1], place - low)
     out[r, c] = rounded(dn, exposure)
+
+
+def bloom_thread(charge_e: Any, well_e: float, kept: float, out: Any) -> None:
+    """Compute one column; the threads of the other rows have nothing to do."""
+    c, row = cuda.grid(2)
+    if row > 0 or c >= out.shape[1]:
+        return
+    rows = out.shape[0]
+    flow = 0.0
+    for r in range(rows):
+        charge = np.float64(charge_e[r, c])
+        held = min(charge, well_e)
+        more = taken(held, flow, well_e)
+        out[r, c] = held + more
+        flow += overflow(charge, well_e, kept) - more
+    for r in range(rows - 1, -1, -1):
+        held = np.float64(out[r, c])
+        more = taken(held, flow, well_e)
+        out[r, c] = held + more
+        flow += overflow(np.float64(charge_e[r, c]), well_e, kept) - more
+    for r in range(rows):
+        held = np.float64(out[r, c])
+        more = taken(held, flow, well_e)
+        out[r, c] = held + more
+        flow -= more
+
+
+def transfer_thread(charge_e: Any, row_shares: Any, column_shares: Any, out: Any) -> None:
+    """Compute the charge that arrives as one pixel."""
+    c, r = cuda.grid(2)
+    if r >= out.shape[0] or c >= out.shape[1]:
+        return
+    total = 0.0
+    for columns_late in range(min(column_shares.shape[0], c + 1)):
+        source = c - columns_late
+        moved = 0.0
+        for rows_late in range(min(row_shares.shape[0], r + 1)):
+            moved += row_shares[rows_late, r - rows_late] * np.float64(charge_e[r - rows_late, source])
+        total += column_shares[columns_late, source] * moved
+    out[r, c] = total
+
+
+def multiply_thread(charge_e: Any, register: Any, exposure: Any, out: Any) -> None:
+    """Compute the charge of one pixel behind the multiplication register."""
+    c, r = cuda.grid(2)
+    if r >= out.shape[0] or c >= out.shape[1]:
+        return
+    out[r, c] = multiplied_pixel(np.float64(charge_e[r, c]), r, c, register, exposure)
+
+
+def couple_thread(charge_e: Any, side_share: float, corner_share: float, out: Any) -> None:
+    """Compute the signal of one pixel that is coupled to its neighbors."""
+    c, r = cuda.grid(2)
+    if r >= out.shape[0] or c >= out.shape[1]:
+        return
+    above, below = max(r - 1, 0), min(r + 1, out.shape[0] - 1)
+    before, after = max(c - 1, 0), min(c + 1, out.shape[1] - 1)
+    sides = (np.float64(charge_e[above, c]) + np.float64(charge_e[below, c])) + (
+        np.float64(charge_e[r, before]) + np.float64(charge_e[r, after])
+    )
+    corners = (np.float64(charge_e[above, before]) + np.float64(charge_e[below, before])) + (
+        np.float64(charge_e[above, after]) + np.float64(charge_e[below, after])
+    )
+    out[r, c] = coupled(np.float64(charge_e[r, c]), sides, corners, side_share, corner_share)
 
 
 @contextmanager

@@ -33,6 +33,8 @@ TELEGRAPH = np.uint32(11)
 """Word 0: whether a pixel blinks. Words 1 and 2: its amplitude, and its share of time in the upper level."""
 DRIFT = np.uint32(12)
 """Word 0: a step of the black level's drift, whose octave is the pixel; frame 0 is where it starts."""
+MULTIPLICATION = np.uint32(16)
+"""Words 0 and 1: a trial of the gamma number of a multiplied charge. Words 2 and 3: clock-induced charge."""
 CAPTURES = np.uint32(64)
 """Words 0 and 1: the key of a further capture of the same exposure, whose number is the first word of the counter."""
 
@@ -315,6 +317,52 @@ def poisson(mean: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, 
         w0, w1, _, _ = philox4x32(pixel, frame, source, zero, k0, k1)
         return float(poisson_small(mean, w0, w1))
     return poisson_after(mean, pixel, frame, source, zero, k0, k1)
+
+
+# Gamma numbers (Marsaglia and Tsang, "A simple method for generating gamma variables", ACM Trans. Math. Software 26
+# (2000) 363): d (1 + x / sqrt(9 d))^3 with d = shape - 1/3 and a normal deviate x, accepted by the exact ratio.
+
+_POWER_DRAW = np.uint32(0xFFFFFFFF)
+"""The draw whose word 0 is the power of shapes below 1."""
+
+
+@compiled(inline=True)
+def gamma_candidate(shape: float, x: float) -> float:
+    """Return the number that a trial proposes for a shape of 1 or more; it may be negative, and is rejected then."""
+    d = shape - 1.0 / 3.0
+    root = 1.0 + x / math.sqrt(9.0 * d)
+    return d * (root * root * root)
+
+
+@compiled(inline=True)
+def gamma_squeeze(x: float, u: float) -> bool:
+    """Return whether a candidate above 0 is accepted at once, as about nine of ten are."""
+    square = x * x
+    return u < 1.0 - 0.0331 * (square * square)
+
+
+@compiled()
+def gamma(shape: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, k0: np.uint32, k1: np.uint32) -> float:
+    """Return a gamma number of scale 1, for a shape above 0; a rejected trial uses the counter's next draw."""
+    large = shape if shape >= 1.0 else shape + 1.0
+    d = large - 1.0 / 3.0
+    draw = np.uint32(0)
+    value = 0.0
+    while True:
+        w0, w1, _, _ = philox4x32(pixel, frame, source, draw, k0, k1)
+        x, u = normal(w0), uniform(w1)
+        value = gamma_candidate(large, x)
+        if value > 0.0:
+            if gamma_squeeze(x, u):
+                break
+            cube = value / d
+            if log(u) < 0.5 * (x * x) + d * (1.0 - cube + log(cube)):
+                break
+        draw += np.uint32(1)
+    if shape < 1.0:
+        w0, _, _, _ = philox4x32(pixel, frame, source, _POWER_DRAW, k0, k1)
+        value *= exp(max(log(uniform(w0)) / shape, -690.0))
+    return value
 
 
 # Random numbers for short runs of pixels: random words, Poisson counts, normal deviates.

@@ -592,10 +592,12 @@ class Sensor(Tabular, Section):
         if self.effects is not None:
             array, well_e = self.array, self.pixel.well_capacity_e.value
             tile = len(array.cfa), len(array.cfa[0])
-            self.effects.check(array.rows, array.cols, tile, well_e, self.white_level_dn)
+            self.effects.check(array.rows, array.cols, tile, well_e, black, self.white_level_dn)
         if self.captures is not None and self.maps is not None:
             hint = "Measured maps are those of a single capture; pass with_(maps=None)"
             raise InputError("maps", expected="without captures", hint=hint)
+        if self.captures is not None and self.effects is not None and (of_charge := self.effects.of_single_captures):
+            raise InputError(f"effects.{of_charge[0]}", value="given", expected="none with captures")
         if self.captures is not None:
             head_room_dn = self.white_level_dn - self.readout.black_level_dn.value
             self.captures.check(self.pixel.well_capacity_e.value, head_room_dn / self.system_gain_dn_per_e)
@@ -798,6 +800,14 @@ class Sensor(Tabular, Section):
     def white_level_dn(self) -> float:
         """The highest digital number, 2^bits - 1."""
         return float((1 << self.readout.bits) - 1)
+
+    @property
+    def output_levels_dn(self) -> tuple[float, float]:
+        """Black and white level of the frames: those of the converter, after the digital stages behind it."""
+        levels = self.readout.black_level_dn.value, self.white_level_dn
+        if self.effects is None or self.effects.output is None:
+            return levels
+        return self.effects.output.levels(*levels)
 
     @property
     def system_gain_dn_per_e(self) -> float:

@@ -101,7 +101,7 @@ def digital_numbers(
             measured = replace(measured, dark_rate_dn_per_s=measured.dark_rate_dn_per_s * ratio)
         sensor = sensor.at_temperature(temperature_c)
     if sensor.effects is not None:
-        return staged_frame(sensor, measured, photo_e, part, exposure, device)
+        return staged_frame(sensor, measured, mean_electrons, part, exposure, device)
     if measured is None:
         frame_dn: NDArray[np.uint16] = computed(
             device, expose_drawn, photo_e, *_drawn_maps(sensor, part, exposure), exposure

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.charge import ConversionMaps, collect_charge, convert_charge
+from photosite.engine.charge_stages import bloom_columns, couple_pixels, multiply_charge, transfer_charge
 from photosite.engine.jit import T, read_only
 from photosite.engine.pixel_model import Exposure, line_deviates
 from photosite.sensor.chip import MeasuredChip, draw_chip
@@ -33,6 +35,9 @@ from photosite.sensor.device import Device, computed
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 
+_ANY_CHARGE_E = 1e15
+"""Well capacity of pixels whose charge flows over into others."""
+
 
 @dataclass(frozen=True)
 class FixedPattern:
@@ -48,14 +53,26 @@ class FixedPattern:
 def staged_frame(
     sensor: Sensor,
     measured: MeasuredChip | None,
-    photo_e: NDArray[np.float32],
+    mean_electrons: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
     device: Device,
 ) -> NDArray[np.uint16]:
-    """Return the digital numbers of a rectangle of a sensor with effects; `photo_e` is that of the rectangle."""
-    pattern = fixed_pattern(sensor, measured, part, exposure)
-    charge_e = collected_charge(pattern, photo_e, exposure, device)
+    """Return the digital numbers of a rectangle of a sensor with effects; `mean_electrons` is that of the chip."""
+    effects = sensor.effects or Effects()
+    # The charge of a rectangle depends on that around it.
+    around, stages = _stages(sensor, effects, part, exposure)
+    wider = exposure._replace(first_row=around[0].start, first_col=around[1].start)
+    if effects.blooming is not None:
+        wider = wider._replace(well_capacity_e=_ANY_CHARGE_E)
+    pattern = fixed_pattern(sensor, measured, around, wider)
+    photo_e = read_only(np.asarray(mean_electrons[around], np.float32))
+    charge_e = collected_charge(pattern, photo_e, wider, device)
+    for kernel, *arguments in stages:
+        charge_e = computed(device, kernel, read_only(charge_e), *arguments)
+    if around != part:
+        inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(part, around, strict=True))
+        charge_e, pattern = charge_e[inside], fixed_pattern(sensor, measured, part, exposure)
     return converted_charge(sensor, pattern, charge_e, part, exposure, device)
 
 
@@ -119,7 +136,36 @@ def converted_charge(
     frame_dn: NDArray[np.uint16] = computed(device, convert_charge, read_only(charge_e), maps, exposure)
     if effects.pixel_defects is not None and sensor.maps is None:
         set_stuck_pixels(frame_dn, effects.pixel_defects, sensor, part)
+    if effects.output is not None:
+        frame_dn = effects.output.table(exposure.white_level_dn, exposure.black_level_dn)[frame_dn]
     return frame_dn
+
+
+def _stages(sensor: Sensor, effects: Effects, part: Part, exposure: Exposure) -> tuple[Part, list[tuple[Any, ...]]]:
+    """Return the rectangle whose charge that of a rectangle depends on, and the stages: kernels with arguments."""
+    rows, cols = sensor.array.rows, sensor.array.cols
+    (top, bottom), (left, right) = ((lines.start, lines.stop) for lines in part)
+    stages: list[tuple[Any, ...]] = []
+    # From the last stage to the first, the rectangle grows.
+    if (coupling := effects.interpixel_capacitance) is not None:
+        shares = coupling.coupling_percent.value / 100.0, coupling.diagonal_percent.value / 100.0
+        stages.append((couple_pixels, *shares))
+        top, bottom, left, right = max(top - 1, 0), min(bottom + 1, rows), max(left - 1, 0), min(right + 1, cols)
+    shares_of_lines = None
+    if (transfer := effects.charge_transfer) is not None:
+        shares_of_lines = transfer.row_shares(rows), transfer.column_shares(cols)
+        top, left = (max(first - len(late) + 1, 0) for first, late in zip((top, left), shares_of_lines, strict=True))
+    if effects.blooming is not None:
+        top, bottom = 0, rows
+    around = slice(top, bottom), slice(left, right)
+    if effects.em_gain is not None and (register := effects.em_gain.register()) is not None:
+        stages.append((multiply_charge, register, exposure._replace(first_row=top, first_col=left)))
+    if shares_of_lines is not None:
+        within_part = (read_only(shares[:, lines]) for shares, lines in zip(shares_of_lines, around, strict=True))
+        stages.append((transfer_charge, *within_part))
+    if effects.blooming is not None:
+        stages.append((bloom_columns, exposure.well_capacity_e, 1.0 - effects.blooming.drained))
+    return around, stages[::-1]
 
 
 def _drawn_pattern(sensor: Sensor, part: Part) -> FixedPattern:
@@ -198,7 +244,7 @@ def _conversion(
         read_only(group_offset),
         read_only(curve),
         step,
-        read_only(np.zeros(1)),
+        read_only(np.zeros(1) if effects.converter_error is None else effects.converter_error.table()),
     )
 
 

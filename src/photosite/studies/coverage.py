@@ -371,6 +371,7 @@ class Condition:
     photons_known: bool = False  # whether the light is metered
     lines: Range | None = None  # noise of rows, and of columns, over the read noise
     bend_percent: Range | None = None  # deviation of the response at the well capacity, of either sign, cubic
+    coupling_percent: Range | None = None  # interpixel capacitance; a tenth of it to the diagonal neighbors
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -420,9 +421,17 @@ class Condition:
                     "dcnu_percent": between(10.0, 50.0),
                 },
                 "readout": {"bits": self.bits, "analog_gain": analog_gain, "black_level_dn": black},
-                "effects": None if self.bend_percent is None else _cubic(between(*self.bend_percent), number),
+                "effects": self._effects(between, number),
             }
         )
+
+    def _effects(self, between: Callable[[float, float], float], number: int) -> dict[str, Any] | None:
+        """Return the section of effects; None without any."""
+        effects = {} if self.bend_percent is None else _cubic(between(*self.bend_percent), number)
+        if self.coupling_percent is not None:
+            share = between(*self.coupling_percent)
+            effects["interpixel_capacitance"] = {"coupling_percent": share, "diagonal_percent": 0.1 * share}
+        return effects or None
 
     def lab(self, number: int) -> VirtualLab | DisturbedLab:
         """Return the laboratory that measures a sensor."""
@@ -539,6 +548,14 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "crosstalk-mono-12", "crosstalk of 0.5 to 3 % of the charge to each next pixel", "mono",
             12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.crosstalk,
+        ),
+        Condition(
+            "coupled-mono-12", "interpixel capacitance of 0.3 to 2 % to each next pixel", "mono",
+            12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, coupling_percent=(0.3, 2.0),
+        ),
+        Condition(
+            "coupled-cfa-12", "the same", "rggb", 12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
+            coupling_percent=(0.3, 2.0),
         ),
         Condition(
             "flicker-mono-12", "flicker of the light: bands of 0.2 to 2 %, with a period of 10 to 40 rows", "mono",

@@ -13,14 +13,8 @@ from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.studies.plain_camera import Effect, PlainCamera, bands, bent, convolved, darker_corners
 from photosite.studies.protocol import ShootingProtocol
-from photosite.studies.truth import as_defined, true_parameters
+from photosite.studies.truth import AT_SATURATION, as_defined, true_parameters
 from photosite.studies.virtual_lab import nominal_sensor
-
-AT_SATURATION = (
-    *("saturation_dn", "saturation_capacity_e", "saturation_capacity_photons"),
-    *("snr_max_db", "dynamic_range_db"),
-)
-"""Parameters at saturation."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +29,7 @@ class DisturbedLab:
         What disturbs the frames.
     factors
         Factor of each parameter whose true value the effect changes; NaN for one that then has none. The row noise is
-        relative to the read noise of the sensor, which has no row noise.
+        relative to the read noise of the sensor, which has no row noise; the coupling of pixels is relative to 1.
     """
 
     true_sensor: Sensor
@@ -77,6 +71,8 @@ class DisturbedLab:
             for unit in ("dn", "e", "mv")
             if f"row_noise_{unit}" in self.factors
         }
+        if "interpixel_coupling_percent" in self.factors:
+            truth["interpixel_coupling_percent"] = 100.0
         truth = {name: self.factors.get(name, 1.0) * value for name, value in truth.items()}
         efficiency = self.camera.quantum_efficiency or 1.0
         threshold_e = math.sqrt(truth["read_noise_e"] ** 2 + 1 / (12 * truth["system_gain_dn_per_e"] ** 2) + 0.25) + 0.5
@@ -112,6 +108,7 @@ def crosstalk(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[st
         "prnu_percent": spread,
         "prnu1288_percent": spread,
         "dcnu_percent": spread,
+        "interpixel_coupling_percent": a,
     }
 
 

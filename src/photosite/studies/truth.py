@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
     from photosite.studies.virtual_lab import VirtualLab
 
+AT_SATURATION = (
+    *("saturation_dn", "saturation_capacity_e", "saturation_capacity_photons"),
+    *("snr_max_db", "dynamic_range_db"),
+)
+"""Parameters at saturation."""
+
 
 def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics | None = None) -> dict[str, float]:
     """Return the true values of the parameters that `calibrate` estimates.
@@ -46,9 +52,10 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     in DN. The saturation capacity is min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of
     it in dB; the sensitivity threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range
     is 20 log10 of the ratio of the two. Saturation in DN is the mean reading of full wells (`full_well_reading_dn`).
-    DSNU1288 and PRNU1288 equal DSNU and PRNU, because the virtual chip's pattern is white. The quantum efficiency is
-    electrons over photons on the whole pixel area at all wavelengths of the light, mean over the pixels of the tile.
-    The saturation capacity in photons is that of the most sensitive channel.
+    Interpixel capacitance averages PRNU and DCNU by its kernel. DSNU1288 and PRNU1288 equal DSNU and PRNU, because the
+    virtual chip's pattern is white. The quantum efficiency is electrons over photons on the whole pixel area at all
+    wavelengths of the light, mean over the pixels of the tile. The saturation capacity in photons is that of the most
+    sensitive channel.
 
     Examples
     --------
@@ -59,6 +66,8 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     """
     noise, pixel = sensor.noise, sensor.pixel
     gain = sensor.system_gain_dn_per_e
+    coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
+    averaged = 1.0 if coupling is None else math.sqrt(coupling.variance_share)
     read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
     capacity_e = sensor.saturation_capacity_e
     threshold_e = math.sqrt(read_e**2 + QUANTISATION_DN2 / gain**2 + 0.25) + 0.5
@@ -70,11 +79,12 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "dsnu_dn": dsnu_e * gain,
         "dsnu_e": dsnu_e,
         "dsnu_mv": noise.dsnu_mv.value,
-        "prnu_percent": noise.prnu_percent.value,
+        "prnu_percent": noise.prnu_percent.value * averaged,
+        "interpixel_coupling_percent": 0.0 if coupling is None else coupling.coupling_percent.value,
         "dark_voltage_mv_per_s": noise.dark_voltage_mv_per_s.value,
         "dark_current_dn_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value) * gain,
         "dark_current_e_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value),
-        "dcnu_percent": noise.dcnu_percent.value,
+        "dcnu_percent": noise.dcnu_percent.value * averaged,
         "black_level_dn": sensor.readout.black_level_dn.value,
         "system_gain_dn_per_e": gain,
         "conversion_gain_uv_per_e": pixel.conversion_gain_uv_per_e.value,
@@ -82,7 +92,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "saturation_capacity_e": capacity_e,
         "temporal_dark_noise_e": read_e,
         "dsnu1288_e": dsnu_e,
-        "prnu1288_percent": noise.prnu_percent.value,
+        "prnu1288_percent": noise.prnu_percent.value * averaged,
         "snr_max_db": 10 * math.log10(capacity_e),
         "dynamic_range_db": 20 * math.log10(capacity_e / threshold_e),
     }
@@ -197,7 +207,8 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
 
     Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
     DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames; chips too small for
-    the high-pass filter count as exposed for 0 s. The virtual chip's pattern has no row or column component.
+    the high-pass filter count as exposed for 0 s. The virtual chip's pattern has no row or column component. Where
+    pixels are coupled, their mean clips in another way: parameters at saturation are left out.
     """
     truth = dict(truth)
     spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
@@ -213,6 +224,8 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
         "prnu1288_pixel_percent": truth["prnu1288_percent"],
         "prnu1288_unfiltered_percent": truth["prnu1288_percent"],
     }
+    if truth["interpixel_coupling_percent"]:
+        return {name: value for name, value in truth.items() if name not in AT_SATURATION}
     if "largest temporal variance" in calibration.saturation_capacity_e.method:
         old, new = truth["saturation_capacity_e"], variance_peak_e(sensor)
         truth["saturation_capacity_e"] = new

@@ -90,7 +90,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     """Return the sensor as it is known before the measurement: geometry, converter, voltage swing, spectral response.
 
     Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
-    the chip, the temperature of its dark current and the values of other gain settings are removed.
+    the chip, its effects, the temperature of its dark current and the values of other gain settings are removed.
 
     Examples
     --------
@@ -183,7 +183,7 @@ class VirtualLab:
             sensor.array.cfa,
             f"virtual frames of {sensor.name}",
             sensor=nominal_sensor(sensor),
-            black_level_dn=sensor.readout.black_level_dn.value,
+            black_level_dn=sensor.output_levels_dn[0],
         )
 
     def write(self, folder: str | PathLike[str], progress: FrameProgress | None = None) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from datetime import date
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
             arguments={"sensor": "nominal.sensor.yaml"},
         )
     source = f"measured from {calibration.frame_count} frames"
-    changes = {CONVERSION: base.pixel.conversion_gain_uv_per_e}  # of the volts, unless it is measured
+    changes: dict[str, Any] = {CONVERSION: base.pixel.conversion_gain_uv_per_e}  # of the volts, unless it is measured
     uncertain: dict[str, Value] = dict(calibration.electrical_scale)
     for field in _MEASURED_FIELDS:
         estimate: Estimate = getattr(calibration, field)
@@ -73,6 +74,13 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
         uncertain["well_capacity_e"] = well.uncertain
+    if calibration.coupling is not None and (coupling := calibration.coupling.section(source)) is not None:
+        changes["interpixel_capacitance"] = coupling
+        # The coupling averages the response of the pixels, before which a sensor file states it.
+        for field in {"prnu_percent", "dcnu_percent"} & changes.keys():
+            spread, size = changes[field], math.sqrt(coupling.variance_share)
+            note = f"{spread.source}, before the coupling of pixels"
+            changes[field] = Measured(spread.value / size, spread.standard_uncertainty / size, note)
     joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
     if base.is_preset:
         base = base.with_(name=_name_of_frames(calibration.source))

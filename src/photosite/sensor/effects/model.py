@@ -6,9 +6,15 @@ from typing import Any
 
 from photosite.errors import InputError
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
+from photosite.sensor.effects.blooming import Blooming
+from photosite.sensor.effects.charge_transfer import ChargeTransfer
+from photosite.sensor.effects.converter_error import ConverterError
+from photosite.sensor.effects.em_gain import EmGain
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
 from photosite.sensor.effects.optical_black import OpticalBlack
+from photosite.sensor.effects.output import Output
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.readout_channels import ReadoutChannels
@@ -33,7 +39,27 @@ class Effects(Section):
     readout_channels: ReadoutChannels | None = about(
         "Gains and offsets of readout channels.", NO_UNIT, {"relative_gain": [[1.01, 0.99]]}, default=None
     )
-
+    blooming: Blooming | None = about(
+        "Charge above the full well flows along the column.", NO_UNIT, {"drained": 0.9}, default=None
+    )
+    charge_transfer: ChargeTransfer | None = about(
+        "Charge that stays behind at the transfers of a CCD.", NO_UNIT, {"parallel_inefficiency": 5e-6}, default=None
+    )
+    em_gain: EmGain | None = about(
+        "Multiplication register of an EMCCD.", NO_UNIT, {"gain": 300, "stages": 536}, default=None
+    )
+    interpixel_capacitance: InterpixelCapacitance | None = about(
+        "Signal that couples to neighboring pixels after the charge was collected.",
+        NO_UNIT,
+        {"coupling_percent": 1.2},
+        default=None,
+    )
+    converter_error: ConverterError | None = about(
+        "Integral nonlinearity of the converter.", NO_UNIT, {"error_lsb": [0, 1.5, -0.5, 0]}, default=None
+    )
+    output: Output | None = about(
+        "Lossy digital stages behind the converter.", NO_UNIT, {"dropped_bits": 2}, default=None
+    )
     hot_pixels: HotPixels | None = about(
         "Tail of the dark current.", NO_UNIT, {"fraction": 0.001, "median_e_per_s": 200}, default=None
     )
@@ -55,12 +81,13 @@ class Effects(Section):
     black_level_drift: BlackLevelDrift | None = about(
         "1/f noise of the black level over frames.", NO_UNIT, {"standard_deviation_e": 2}, default=None
     )
-
     optical_black: OpticalBlack | None = about(
         "Rows and columns at the edges that are covered.", NO_UNIT, {"top": 8, "left": 16}, default=None
     )
 
-    def check(self, rows: int, cols: int, tile: tuple[int, int], well_capacity_e: float, white_level_dn: float) -> None:
+    def check(
+        self, rows: int, cols: int, tile: tuple[int, int], well_capacity_e: float, black_dn: float, white_dn: float
+    ) -> None:
         """Raise `InputError` unless the effects are consistent with the sensor's array, well and converter."""
         try:
             if self.response_curve is not None:
@@ -79,9 +106,20 @@ class Effects(Section):
             raise error.within("effects.optical_black") from None
         try:
             if self.pixel_defects is not None:
-                self.pixel_defects.check(rows, cols, white_level_dn)
+                self.pixel_defects.check(rows, cols, white_dn)
         except InputError as error:
             raise error.within("effects.pixel_defects") from None
+        try:
+            if self.output is not None:
+                self.output.check(black_dn, white_dn)
+        except InputError as error:
+            raise error.within("effects.output") from None
+
+    @property
+    def of_single_captures(self) -> list[str]:
+        """The effects that sensors with several captures of one exposure cannot have."""
+        names = "blooming", "charge_transfer", "em_gain", "interpixel_capacitance", "output"
+        return [name for name in names if getattr(self, name) is not None]
 
     def with_dark_current(self, ratio: float) -> Effects:
         """Return the effects with a dark current that is larger or smaller by a ratio: that of hot pixels.

@@ -1,0 +1,109 @@
+"""Interpixel capacitance from the covariances of the shot noise between neighboring pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from photosite.calibration.photon_transfer.noise_covariance import REACH, NoiseCovariance
+from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
+from photosite.values.uncertain import Measured, Uncertain
+
+_LAGS = [(dy, dx) for dy in range(REACH + 1) for dx in range(-REACH, REACH + 1) if dy > 0 or dx > 0]
+"""Neighbors on one side: those on the other have the same products."""
+
+_MOST = 0.06
+"""Largest share that is fitted: half of the signal in all neighbors."""
+
+
+@dataclass(frozen=True)
+class PixelCoupling:
+    """Shares of a pixel's signal in each next and in each diagonal neighbor; negative within chance.
+
+    Parameters
+    ----------
+    side, corner
+        The shares.
+    seen
+        Whether neighbors are correlated beyond chance.
+    """
+
+    side: Uncertain
+    corner: Uncertain
+    seen: bool
+
+    def section(self, source: str) -> InterpixelCapacitance | None:
+        """Return the coupling in the form of a sensor file; None where it is not seen."""
+        if not self.seen or self.side.value <= 0.0:
+            return None
+        side, corner = (
+            Measured(max(100.0 * share.value, 0.0), 100.0 * share.standard_uncertainty, source)
+            for share in (self.side, self.corner)
+        )
+        return InterpixelCapacitance(coupling_percent=side, diagonal_percent=corner)
+
+
+def fit_coupling(
+    shot: Sequence[NoiseCovariance], tile: NDArray[np.int64], signal: Sequence[float], *, seen: bool
+) -> PixelCoupling:
+    """Fit the coupling to the covariances of the shot noise, which are the autocorrelation of its kernel.
+
+    The charge of pixels that are coupled by the kernel w has the covariances sum_k w(k) w(k - lag) N(k), where N is the
+    shot noise of the pixel at k: that of its own color.
+
+    Parameters
+    ----------
+    shot
+        Noise covariances of the channels in flat fields, less those of dark frames.
+    tile
+        The repeating tile of channel indices.
+    signal
+        Mean signal of each channel, in any unit.
+    seen
+        Whether neighbors are correlated beyond chance.
+    """
+    places = [(REACH + dy, REACH + dx) for dy, dx in _LAGS]
+    found = np.array([[entry.covariance[place] for place in places] for entry in shot])
+    error = np.array([[entry.uncertainty[place] for place in places] for entry in shot])
+    variance = np.array([entry.variance for entry in shot])[:, None]
+
+    def misfit(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        expected = _correlations(shares, tile, np.asarray(signal, float))
+        return np.asarray(((found / variance - expected) / (error / variance)).ravel())
+
+    fit = least_squares(misfit, np.zeros(2), bounds=(-_MOST, _MOST))
+    spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
+    side, corner = (Uncertain.of(float(value), float(u)) for value, u in zip(fit.x, spread, strict=True))
+    return PixelCoupling(side, corner, seen)
+
+
+def _correlations(
+    shares: NDArray[np.float64], tile: NDArray[np.int64], signal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (channels, lags) covariances over the variance, for shares of next and diagonal neighbors."""
+    side, corner = shares
+    row = [corner, side, corner]
+    kernel = np.zeros((2 * REACH + 3, 2 * REACH + 3))
+    middle = slice(REACH, REACH + 3)
+    kernel[middle, middle] = [row, [side, 1.0 - 4.0 * (side + corner), side], row]
+    channels = [tile == k for k in range(len(signal))]
+
+    def gathered(weights: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the weighted sum over the neighbors of each site of the tile."""
+        total = np.zeros(tile.shape)
+        for dy, dx in zip(*np.nonzero(weights), strict=True):
+            total += weights[dy, dx] * np.roll(values, (REACH + 1 - dy, REACH + 1 - dx), (0, 1))
+        return total
+
+    mixing = [[gathered(kernel, other.astype(float))[own].mean() for other in channels] for own in channels]
+    charge = np.linalg.solve(np.array(mixing), signal)[tile]
+    columns = []
+    for dy, dx in [(0, 0), *_LAGS]:
+        of_sites = gathered(kernel * np.roll(kernel, (dy, dx), (0, 1)), charge)
+        columns.append([of_sites[own].mean() for own in channels])
+    covariance = np.array(columns).T
+    return np.asarray(covariance[:, 1:] / covariance[:, :1])

@@ -1,0 +1,102 @@
+"""Lossy stages behind the converter: black level subtraction, dropped bits, companding."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, StrictBool, model_validator
+
+from photosite.errors import InputError
+from photosite.sensor.quantity import NO_UNIT, about
+from photosite.values.validated import Section
+
+
+class Output(Section):
+    """Digital stages behind the converter, in the order of the fields; together they are one table.
+
+    Examples
+    --------
+    >>> Output(dropped_bits=2, rescaled=True).table(white_level_dn=15, black_level_dn=0).tolist()
+    [0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12]
+    """
+
+    subtract_black_level: StrictBool = about(
+        "Whether the black level is subtracted, with negative numbers clipped to 0.", NO_UNIT, True, default=False
+    )
+    dropped_bits: Annotated[int, Field(strict=True, ge=0, le=15)] = about(
+        "Low bits that are dropped.", "bits", 2, default=0
+    )
+    rescaled: StrictBool = about(
+        "Whether the numbers keep their scale after bits were dropped, with zeros in the dropped bits.",
+        NO_UNIT,
+        True,
+        default=False,
+    )
+    companding: Literal["square_root"] | tuple[Annotated[int, Field(strict=True, ge=0, le=65535)], ...] | None = about(
+        "square_root, which keeps the highest number, or a table with the output for each number from 0 on.",
+        NO_UNIT,
+        "square_root",
+        default=None,
+    )
+    companded_bits: Annotated[int, Field(strict=True, ge=1, le=16)] | None = about(
+        "Bits of the output of square_root; by default those of the converter.", "bits", 8, default=None
+    )
+    decoded: StrictBool = about(
+        "Whether companded numbers are saved as the mean of the numbers that share their code.",
+        NO_UNIT,
+        True,
+        default=False,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if isinstance(self.companding, tuple) and any(np.diff(self.companding) < 0):
+            raise InputError("companding", value=self.companding[:8], expected="numbers that do not fall")
+        if self.companded_bits is not None and self.companding != "square_root":
+            raise InputError("companded_bits", value=self.companded_bits, expected="omitted without square_root")
+        if self.decoded and self.companding is None:
+            raise InputError("decoded", value=True, expected="false without companding")
+        return self
+
+    def check(self, black_level_dn: float, white_level_dn: float) -> None:
+        """Raise `InputError` unless a companding table covers all numbers, and the output holds black below white."""
+        needed = self._highest(int(white_level_dn)) + 1
+        if isinstance(self.companding, tuple) and len(self.companding) < needed:
+            raise InputError("companding", value=f"{len(self.companding)} entries", expected=f"{needed} or more")
+        black, white = self.levels(black_level_dn, white_level_dn)
+        if not black < white <= white_level_dn:
+            expected = f"black below white, and both within the converter's range, 0 to {white_level_dn:g}"
+            raise InputError("black and white level", value=(black, white), expected=expected)
+
+    def levels(self, black_level_dn: float, white_level_dn: float) -> tuple[float, float]:
+        """Return black and white level of the output."""
+        table = self.table(white_level_dn, black_level_dn)
+        return float(np.interp(black_level_dn, np.arange(len(table)), table)), float(table[-1])
+
+    def _highest(self, white_level: int) -> int:
+        return white_level if self.rescaled else white_level >> self.dropped_bits
+
+    def table(self, white_level_dn: float, black_level_dn: float) -> NDArray[np.uint16]:
+        """Return the saved number for each number of the converter, (white level + 1,) uint16."""
+        white = int(white_level_dn)
+        numbers = np.arange(white + 1)
+        if self.subtract_black_level:
+            numbers = np.maximum(numbers - round(black_level_dn), 0)
+        numbers >>= self.dropped_bits
+        if self.rescaled:
+            numbers <<= self.dropped_bits
+        if self.companding is None:
+            return numbers.astype(np.uint16)
+        codes = self._codes(numbers, self._highest(white))
+        if self.decoded:
+            sums, counts = np.bincount(codes, numbers), np.bincount(codes)
+            codes = np.rint(sums / np.maximum(counts, 1)).astype(np.int64)[codes]
+        return codes.astype(np.uint16)
+
+    def _codes(self, numbers: NDArray[np.int64], highest: int) -> NDArray[np.int64]:
+        if isinstance(self.companding, tuple):
+            return np.array(self.companding)[numbers]
+        top = highest if self.companded_bits is None else (1 << self.companded_bits) - 1
+        return np.asarray(np.rint(top * np.sqrt(numbers / highest)), np.int64)
