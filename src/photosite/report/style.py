@@ -150,7 +150,8 @@ def label_log_ticks(axis: Axis) -> None:
 def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]:
     """Return color, marker and line style of a color channel.
 
-    R, G and B look the same in every figure; the position among the channels selects the style of other names.
+    R, G and B look the same in every figure; the position among the channels selects the style of other names. Channels
+    of a color behind polarizers, such as R90 and R45, have the color and differ in marker and line.
 
     Examples
     --------
@@ -159,7 +160,9 @@ def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]
     >>> channel_style("M") == channel_style("R")
     False
     """
-    return _CHANNELS.get(channel) or _OTHERS[position % len(_OTHERS)]
+    if (of_color := _CHANNELS.get(channel.rstrip("0123456789"))) is None:
+        return _OTHERS[position % len(_OTHERS)]
+    return of_color if channel in _CHANNELS else (of_color[0], *_OTHERS[position % len(_OTHERS)][1:])
 
 
 def line_style(position: int) -> tuple[str, str, LineStyle]:
