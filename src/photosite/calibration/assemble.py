@@ -12,7 +12,7 @@ from scipy.special import chdtri
 from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
-from photosite.calibration.dark import DarkResult, with_shared_charge, without_mean_slope
+from photosite.calibration.dark_result import DarkResult, with_shared_charge, without_mean_slope
 from photosite.calibration.em_gain import stated_gain_warning
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult

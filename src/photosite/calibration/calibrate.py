@@ -9,7 +9,8 @@ from os import PathLike
 from photosite.calibration.assemble import assemble
 from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
-from photosite.calibration.dark import DarkResult, measure_dark_frames
+from photosite.calibration.dark import measure_dark_frames
+from photosite.calibration.dark_result import DarkResult
 from photosite.calibration.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.light import measure_light_frames
 from photosite.calibration.noise_structure import measure_noise_structure

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.dark import DarkResult, GroupMean, PartsPair
+from photosite.calibration.dark_result import DarkResult, GroupMean, PartsPair
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel

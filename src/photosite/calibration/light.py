@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photosite.calibration.checks.level_checks import unequal_gains
-from photosite.calibration.dark import DarkResult
+from photosite.calibration.dark_result import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.channel import Channel

@@ -62,6 +62,10 @@ class BlackLevelChange:
         return found
 
 
+STEADY = BlackLevelChange(0.0, 0.0, 0.0)
+"""No change, or none that the frames show."""
+
+
 def black_level_change(darks: Sequence[GroupStatistics]) -> BlackLevelChange:
     """Return the change of the black level between the dark frames.
 
