@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ def thumbnail(raw: RawFrame) -> NDArray[np.float32]:
     rows, cols = raw.shape[0] // height, raw.shape[1] // width
     step = stride_for(rows * height, cols * width)
     tiles = raw.dn[: rows * height, : cols * width].reshape(rows, height, cols, width)[::step, :, ::step]
-    small = np.ascontiguousarray(tiles).reshape(tiles.shape[0] * height, tiles.shape[2] * width)
+    small: NDArray[Any] = np.ascontiguousarray(tiles).reshape(tiles.shape[0] * height, tiles.shape[2] * width)
     frame = replace(raw, dn=small, captures={})
     try:
         return develop(frame)

@@ -244,7 +244,7 @@ def _read(
 ) -> NDArray[np.uint16]:
     """Read a frame, and check it against what all frames share."""
     if location is None:
-        name, dn = str(path), read_frame(path, bits, cfa)[0].dn
+        name, dn = str(path), np.asarray(read_frame(path, bits, cfa)[0].dn, np.uint16)
     else:
         name, dn = f"{path}{location.label}", read_pixels(path, location)
         if bits < 16 and (highest := int(dn.max())) >= 1 << bits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -162,7 +163,7 @@ def plot_lines(lines: Mapping[str, Sequence[tuple[float, float]]], x: str, y: st
 
 
 @styled()
-def plot_mosaic(dn: NDArray[np.uint16], ax: Axes | None = None) -> Axes:
+def plot_mosaic(dn: NDArray[np.unsignedinteger[Any]], ax: Axes | None = None) -> Axes:
     """Draw the digital numbers of a frame as shades of gray."""
     step = -(-max(dn.shape) // _WIDEST_PX)
     axes = new_or_given(ax)

@@ -18,9 +18,10 @@ from photosite.engine.pixel_model import Exposure
 from photosite.engine.random_numbers import CAPTURES, philox4x32
 from photosite.errors import InputError
 from photosite.sensor.captures import Captures
+from photosite.sensor.chip_effects import Part
 from photosite.sensor.device import Device
 from photosite.sensor.model import Sensor
-from photosite.sensor.staged_readout import Part, collected_charge, converted_charge, fixed_pattern
+from photosite.sensor.staged_readout import collected_charge, converted_charge, fixed_pattern
 
 CombinedNumbers = NDArray[np.uint16] | NDArray[np.uint32]
 
@@ -74,11 +75,13 @@ def capture_numbers(
     sensors = {name: part_sensor(sensor, name) for name in captures.names}
     for number, each in enumerate(captures.parts):
         one = sensors[each.name]
+        key = _key(exposure, number)
         own = exposure._replace(
             exposure_s=exposure.exposure_s * captures.owner(each.name).relative_exposure.value,
             well_capacity_e=float(one.pixel.well_capacity_e.value),
             gain_dn_per_e=float(one.system_gain_dn_per_e),
-            **_key(exposure, number),
+            k0=key[0],
+            k1=key[1],
         )
         pattern = fixed_pattern(one, None, part, own)
         if each.charge_of is None:
@@ -93,13 +96,13 @@ def capture_numbers(
     return out
 
 
-def _key(exposure: Exposure, number: int) -> dict[str, np.uint32]:
+def _key(exposure: Exposure, number: int) -> tuple[np.uint32, np.uint32]:
     """Return the key of the random numbers of a capture: that of the frame for the first, else derived from it."""
     if number == 0:
-        return {"k0": exposure.k0, "k1": exposure.k1}
+        return exposure.k0, exposure.k1
     zero = np.uint32(0)
     k0, k1, _, _ = philox4x32(np.uint32(number), zero, CAPTURES, zero, exposure.k0, exposure.k1)
-    return {"k0": np.uint32(k0), "k1": np.uint32(k1)}
+    return np.uint32(k0), np.uint32(k1)
 
 
 def _well_e(sensor: Sensor) -> float:
@@ -187,16 +190,20 @@ def combined(sensor: Sensor, frames: Mapping[str, NDArray[Any]]) -> CombinedNumb
     if missing := [name for name in captures.names if name not in frames]:
         raise InputError("captures", value=sorted(frames), expected=f"with {', '.join(missing)}")
     light: dict[str, NDArray[np.float64]] = {}
-    weight: dict[str, NDArray[np.float64]] = {}
+    black_dn = sensor.readout.black_level_dn.value
     for part in captures.parts:
         scale = capture_scale(sensor, part.name)
-        signal_dn = np.asarray(frames[part.name], np.float64) - sensor.readout.black_level_dn.value
-        weight[part.name] = captures.combination.weight(signal_dn / scale.saturation_dn)
-        light[part.name] = signal_dn / scale.dn_per_light_e
+        light[part.name] = (np.asarray(frames[part.name], np.float64) - black_dn) / scale.dn_per_light_e
         if part.charge == "overflow":
             light[part.name] += light[str(part.charge_of)]
     total = light[captures.names[-1]]
     for name in captures.names[-2::-1]:
-        # Where the weight is 0 the capture may be saturated: what it holds does not count.
-        total = np.where(weight[name] > 0.0, weight[name] * light[name] + (1.0 - weight[name]) * total, total)
+        first, last = (end * capture_scale(sensor, name).saturation_dn for end in captures.combination.transition)
+        signal_dn = np.asarray(frames[name], np.float64) - black_dn
+        blended = (signal_dn > first) & (signal_dn < last)
+        weight = captures.combination.weight(signal_dn[blended] / capture_scale(sensor, name).saturation_dn)
+        mixed = weight * light[name][blended] + (1.0 - weight) * total[blended]
+        # Beyond the transition the capture may be saturated: what it holds does not count.
+        total = np.where(signal_dn < last, light[name], total)
+        total[blended] = mixed
     return captures.combination.output(total)

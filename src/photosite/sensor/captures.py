@@ -106,11 +106,11 @@ class Companding(Section):
 
     def compand(self, linear_dn: ArrayLike) -> NDArray[np.uint16]:
         """Return companded numbers, rounded."""
-        return np.asarray(np.interp(linear_dn, self.linear_dn, self.companded_dn) + 0.5).astype(np.uint16)
+        return np.asarray(np.interp(np.asarray(linear_dn), self.linear_dn, self.companded_dn) + 0.5).astype(np.uint16)
 
     def decompand(self, companded_dn: ArrayLike) -> NDArray[np.float64]:
         """Return the linear numbers of companded ones, between the whole numbers where the table compresses."""
-        return np.asarray(np.interp(companded_dn, self.companded_dn, self.linear_dn))
+        return np.asarray(np.interp(np.asarray(companded_dn), self.companded_dn, self.linear_dn))
 
     def step_dn(self, linear_dn: ArrayLike) -> NDArray[np.float64]:
         """Return the linear numbers per companded one."""
@@ -172,6 +172,12 @@ class Combination(Section):
             return black
         return float(np.interp(black, self.companding.linear_dn, self.companding.companded_dn))
 
+    @property
+    def transition(self) -> tuple[float, float]:
+        """Signals, relative to saturation, at which a transition begins and ends."""
+        middle, half = self.switch_percent / 100.0, self.blend_percent / 200.0
+        return middle - half, middle + half
+
     def weight(self, signal: ArrayLike) -> NDArray[np.float64]:
         """Return the weight of the more sensitive capture at its signal, relative to its saturation.
 
@@ -192,7 +198,7 @@ class Combination(Section):
         linear = np.floor(np.clip(linear, 0.0, (1 << self.bits) - 1) + 0.5)
         if self.companding is not None:
             return self.companding.compand(linear)
-        return linear.astype(np.uint16 if self.bits <= 16 else np.uint32)
+        return linear.astype(np.uint16) if self.bits <= 16 else linear.astype(np.uint32)
 
 
 class Captures(Section):
