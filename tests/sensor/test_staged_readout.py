@@ -11,7 +11,7 @@ from tests.helpers.raising import raises
 
 import photosite as ps
 from photosite.errors import InputError
-from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
+from photosite.sensor.chip import Blinking, MeasuredChip, no_defects
 from photosite.sensor.readout import digital_numbers
 
 SENSOR = ps.load_sensor("nikon-d200").with_(rows=120, cols=150, black_level_dn=64, row_noise_mv=0.1, dcnu_percent=20)
@@ -41,6 +41,8 @@ def test_regions_are_parts_of_the_frame(region: tuple[int, int, int, int]) -> No
 def test_measured_maps_with_effects(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     maps = {name: rng.normal(0, 2, (120, 150)).astype(np.float32) for name in ("offset_dn", "dark_rate_dn_per_s")}
+    place = np.arange(20, 60), np.arange(40, 80)
+    blinking = Blinking(*place, *(np.full(40, value) for value in (60.0, 0.4, 2.0)))
     chip = MeasuredChip(
         **maps,
         dark_rate_uncertainty_dn_per_s=np.zeros((120, 150), np.float32),
@@ -54,10 +56,12 @@ def test_measured_maps_with_effects(tmp_path: Path) -> None:
         system_gain_dn_per_e=0.2,
         reference_exposure_s=0.01,
         defects=no_defects(),
-        blinking=no_blinking(),
+        blinking=blinking,
     )
     measured = SENSOR.with_(maps=chip.save(tmp_path / "chip.maps.h5"))
     assert (frame(measured) != frame(measured.with_(effects=NEUTRAL))).mean() < 1e-4
+    at_blinking = [frame(one)[place].astype(int) for one in (measured, measured.with_(effects=NEUTRAL))]
+    assert np.ptp(at_blinking[0] - at_blinking[1]) <= 1
 
 
 def test_moments_with_a_curve_and_channels() -> None:

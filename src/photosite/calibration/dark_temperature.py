@@ -106,7 +106,7 @@ def dark_temperature(
 
     References
     ----------
-    EMVA 1288 release 4.0, section 7.3.
+    EMVA 1288 release 3.1, sections 3.2 and 7.2.
     """
     given: Sequence[float | None] = [_middle(one) for one in calibrations] if temperature_c is None else temperature_c
     if len(given) != len(calibrations):

@@ -103,8 +103,8 @@ def dead_pixels(defects: PixelDefects, sensor: Sensor) -> _Numbers:
 def set_dead_pixels(prnu: FloatMap, defects: PixelDefects, sensor: Sensor, part: Part) -> None:
     """Set the relative deviation of the response of dead pixels in the map of a rectangle."""
     prnu[_within(dead_pixels(defects, sensor), sensor.array.cols, part)[1]] = -1.0
-    for place, value in _listed(defects, "dead", part):
-        prnu[place] = (value or 0.0) - 1.0
+    for rectangle, value in _listed(defects, "dead", part):
+        prnu[rectangle] = (value or 0.0) - 1.0
 
 
 def cover(prnu: FloatMap, black: OpticalBlack, sensor: Sensor, part: Part) -> None:
@@ -134,8 +134,8 @@ def set_stuck_pixels(dn: NDArray[np.uint16], defects: PixelDefects, sensor: Sens
     numbers, values = stuck_pixels(defects, sensor)
     inside, place = _within(numbers, sensor.array.cols, part)
     dn[place] = values[inside].astype(np.uint16)
-    for place, value in _listed(defects, "stuck", part):
-        dn[place] = int(sensor.white_level_dn if value is None else value)
+    for rectangle, value in _listed(defects, "stuck", part):
+        dn[rectangle] = int(sensor.white_level_dn if value is None else value)
 
 
 def _listed(defects: PixelDefects, kind: str, part: Part) -> Iterator[tuple[Part, float | None]]:

@@ -732,7 +732,7 @@ class Sensor(Tabular, Section):
 
         References
         ----------
-        EMVA 1288 release 4.0, section 7.3: the dark current doubles with the doubling temperature.
+        EMVA 1288 release 3.1, sections 3.2 and 7.2, defines the doubling temperature.
 
         Examples
         --------

@@ -92,9 +92,10 @@ def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exp
 def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: Exposure) -> FixedPattern:
     """Return the maps of a drawn chip with the effects that change them."""
     effects = sensor.effects or Effects()
-    defects, changed = effects.pixel_defects, {}
+    defects = effects.pixel_defects
+    prnu, rate, offset_e, noise_e = pattern.prnu, pattern.dark_rate_e_per_s, pattern.offset_e, pattern.noise_e
     if effects.hot_pixels is not None or effects.glow is not None or defects is not None:
-        rate = changed["dark_rate_e_per_s"] = whole(pattern.dark_rate_e_per_s, part)
+        rate = whole(rate, part)
         if effects.hot_pixels is not None:
             add_hot_pixels(rate, effects.hot_pixels, sensor, part)
         if effects.glow is not None:
@@ -102,14 +103,15 @@ def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: E
         if defects is not None:
             add_listed_hot(rate, defects, part)
     if defects is not None:
-        changed["prnu"] = whole(pattern.prnu, part)
-        set_dead_pixels(changed["prnu"], defects, sensor, part)
+        prnu = whole(prnu, part)
+        set_dead_pixels(prnu, defects, sensor, part)
     if effects.read_noise_spread is not None:
-        changed["noise_e"] = pattern.noise_e * noise_ratio(effects.read_noise_spread, sensor, part)
+        noise_e = noise_e * noise_ratio(effects.read_noise_spread, sensor, part)
     if effects.telegraph_noise is not None:
-        changed["offset_e"] = whole(pattern.offset_e, part)
-        add_telegraph_noise(changed["offset_e"], effects.telegraph_noise, sensor, part, exposure)
-    return replace(pattern, **{name: read_only(values) for name, values in changed.items()})
+        offset_e = whole(offset_e, part)
+        add_telegraph_noise(offset_e, effects.telegraph_noise, sensor, part, exposure)
+    prnu, rate, offset_e, noise_e = (read_only(values) for values in (prnu, rate, offset_e, noise_e))
+    return replace(pattern, prnu=prnu, dark_rate_e_per_s=rate, offset_e=offset_e, noise_e=noise_e)
 
 
 def collected_charge(

@@ -15,7 +15,6 @@ from photosite.calibration.chip_maps.noise_distribution import blinking_distribu
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
 from photosite.calibration.chip_maps.temporal_noise import (
-    DISTRIBUTION,
     StackResiduals,
     TemporalNoise,
     Trace,
@@ -32,7 +31,6 @@ from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_profile import QUANTISATION_DN2
-from photosite.values.estimate import Estimate
 
 CLIPPED_DARK = 1e-3
 """Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""
@@ -319,11 +317,13 @@ def _chip(
     )
     shared_dn2 = QUANTISATION_DN2 + chip.row_noise_dn**2 + chip.column_noise_dn**2
     shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
-    return chip, replace(temporal, traces=traces, **_distribution(dark, look, blinking, shared_dn2))
+    return chip, _with_distribution(replace(temporal, traces=traces), dark, look, blinking, shared_dn2)
 
 
-def _distribution(dark: _DarkMaps, look: StackResiduals, blinking: Blinking, shared_dn2: float) -> dict[str, Estimate]:
-    """Return the distribution of the noise over the pixels, as fields of `TemporalNoise`."""
+def _with_distribution(
+    temporal: TemporalNoise, dark: _DarkMaps, look: StackResiduals, blinking: Blinking, shared_dn2: float
+) -> TemporalNoise:
+    """Return the temporal noise with its distribution over the pixels."""
     steady = np.ones(dark.variance.shape, np.bool_)
     steady[blinking.row, blinking.col] = False
     spread = read_noise_log_spread(dark.variance[steady], dark.freedom, shared_dn2)
@@ -332,8 +332,8 @@ def _distribution(dark: _DarkMaps, look: StackResiduals, blinking: Blinking, sha
     _, ratio = dark.noisier(_SUSPECT)
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
     frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
-    found = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
-    return dict(zip(DISTRIBUTION, (spread, *found), strict=True))
+    share, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
+    return replace(temporal, read_noise_log_spread=spread, blinking_fraction=share, blinking_amplitude_dn=amplitude)
 
 
 def _defects(dark: _DarkMaps, blinking: Blinking, distance: NDArray[np.float64], maps: dict[str, FloatMap]) -> Defects:

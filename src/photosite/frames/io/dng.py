@@ -261,8 +261,8 @@ def read_dng_header(path: Path) -> FrameHeader:
             return own
         first_row, first_col, end_row, end_col = _active_area(path, raw)
         metadata = {name: value for name, value in own.metadata.items() if name != OPTICAL_BLACK}
-        size = {"rows": end_row - first_row, "cols": end_col - first_col}
-        return replace(own, **size, metadata=metadata, masked_border=True)
+        rows, cols = end_row - first_row, end_col - first_col
+        return replace(own, rows=rows, cols=cols, metadata=metadata, masked_border=True)
     try:
         return _header_from_tags(path, top, raw)
     except (ValueError, OverflowError) as error:  # inconsistent counts, invalid values

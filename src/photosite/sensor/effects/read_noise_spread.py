@@ -50,7 +50,7 @@ class ReadNoiseSpread(Section):
     def relative(self, deviates: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the noise over its root mean square at standard normal deviates."""
         if self.log_spread is not None:
-            return np.exp(self.log_spread * deviates - self.log_spread**2)
+            return np.asarray(np.exp(self.log_spread * deviates - self.log_spread**2))
         from scipy.special import ndtr
 
         values = np.array(self.quantiles, float)
