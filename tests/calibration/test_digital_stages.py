@@ -1,0 +1,37 @@
+"""Traces of lossy digital stages in a calibration: refused with what to correct, or withheld with the cause."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from tests.calibration.test_pixel_coupling import SENSOR, measured
+
+from photosite.errors import CalibrationError
+
+
+@pytest.mark.parametrize(
+    ("output", "why"),
+    [
+        ({"subtract_black_level": True}, "the dark frames are clipped at 0 DN"),
+        ({"dropped_bits": 2, "rescaled": True}, "all numbers are multiples of 4"),
+        ({"dropped_bits": 2}, "the full scale of 10 bits, but 12 bits are stated"),
+    ],
+)
+def test_lossy_stages_are_refused(output: dict[str, Any], why: str) -> None:
+    with pytest.raises(CalibrationError, match=why):
+        measured(SENSOR.with_(output=output), level=1.2)
+
+
+def test_square_root_companding_is_named() -> None:
+    found = measured(SENSOR.with_(output={"companding": "square_root"}), level=1.2)
+    assert found.system_gain_dn_per_e.value is None
+    assert any("square-root companding" in warning for warning in found.warnings)
+
+
+def test_decoded_companding_keeps_the_gain() -> None:
+    stages = {"companding": "square_root", "companded_bits": 8, "decoded": True}
+    found = measured(SENSOR.with_(output=stages), level=1.2)
+    low, high = found.system_gain_dn_per_e.interval_95 or (0.0, 0.0)
+    assert low < SENSOR.system_gain_dn_per_e < high
+    assert any("companded numbers that were decoded" in warning for warning in found.warnings)
