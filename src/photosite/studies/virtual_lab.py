@@ -255,7 +255,7 @@ class VirtualLab:
         return replace(raw, metadata={**raw.metadata, "kind": step.kind, **known})
 
     def _dn(self, step: Step, frame: int) -> NDArray[np.uint16]:
-        return self._expose(step, self._mean_electrons(step), frame).dn
+        return np.asarray(self._expose(step, self._mean_electrons(step), frame).dn, np.uint16)
 
 
 def virtual_lab(
