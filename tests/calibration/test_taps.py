@@ -100,3 +100,15 @@ def test_a_calibration_names_taps_with_their_size():
     assert "gain" in taps[0] + taps[1]
     assert "offset" in taps[0] + taps[1]
     assert not any("taps" in text for text in calibrate(stack(0.0, 0.0)).warnings)
+
+
+def test_a_calibration_returns_gain_and_offset_of_the_taps():
+    """Within 4 standard uncertainties; the right half has 1.02 of the gain of the left one, and 1 DN more."""
+    channels = calibrate(stack(0.02, 1.0)).readout_channels
+    assert channels.arrangement == "blocks"
+    gain, offset = channels.tables()
+    spread = channels.relative_gain[0][0].standard_uncertainty, channels.offset_e[0][0].standard_uncertainty
+    assert gain[:, 1] / gain[:, 0] == pytest.approx([1.02, 1.02], abs=4 * spread[0])
+    assert offset[:, 1] - offset[:, 0] == pytest.approx([1 / 0.3, 1 / 0.3], abs=4 * spread[1])
+    assert max(spread[0] / 0.02, spread[1] * 0.3) < 0.3
+    assert calibrate(stack(0.0, 0.0)).readout_channels is None

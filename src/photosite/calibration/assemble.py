@@ -25,6 +25,7 @@ from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.photon_transfer.unknown_darks import BRIGHTER_FATTER
+from photosite.calibration.readout_channels import measured_channels
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
@@ -80,6 +81,7 @@ def assemble(
         channels=per_channel if len(names) > 1 else {},
         clipped_electrons=saturated_electrons(together),
         response_curve={name: channel.curve for name, channel in by_name.items() if channel.curve is not None},
+        readout_channels=measured_channels(patterns, light.gain),
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
         snr={name: snr_curve(channel) for name, channel in by_name.items()},
         spatial={name: pattern.spatial for name, pattern in zip(names, patterns.channels, strict=True)},

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from photosite.calibration.photon_transfer.snr import SnrCurve
     from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
     from photosite.sensor.chip import MeasuredChip
+    from photosite.sensor.effects.readout_channels import ReadoutChannels
     from photosite.sensor.model import Sensor
     from photosite.values.estimate import Estimate
 
@@ -45,6 +46,8 @@ class Calibration(Parameters):
         Per channel whose response bends, the electrons against the signal.
     coupling
         Interpixel capacitance; None where it is not known.
+    readout_channels
+        Gains and offsets of readout channels; None where no difference between channels was found.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -91,6 +94,7 @@ class Calibration(Parameters):
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
     response_curve: Mapping[str, ResponseCurve] = field(default_factory=dict)
+    readout_channels: ReadoutChannels | None = None
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
@@ -205,7 +209,8 @@ class Calibration(Parameters):
         -------
         dict
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
-            `channels` (the parameters per color channel), `response_curve` (per channel that bends), `model`,
+            `channels` (the parameters per color channel), `response_curve` (per channel that bends),
+            `readout_channels`, `model`,
             `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
             candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
             `defects` (number of each kind) and `temporal`.
@@ -221,6 +226,7 @@ class Calibration(Parameters):
             },
             "channels": {channel: of(parameters) for channel, parameters in self.channels.items()},
             "response_curve": {channel: found.to_dict() for channel, found in self.response_curve.items()},
+            "readout_channels": None if (parts := self.readout_channels) is None else parts.model_dump(mode="json"),
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

@@ -44,6 +44,7 @@ from photosite.report.tables import (
     correlation_table,
     linear_range_table,
     parameter_tables,
+    readout_channel_table,
     response_curve_tables,
 )
 from photosite.values.uncertain import Missing
@@ -246,9 +247,14 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("General model", _general_blocks(calibration)),
         Section("Dark current", _dark_blocks(calibration)),
         Section("Noise in the dark", temporal_blocks(calibration)),
-        Section("Nonuniformity", nonuniformity_blocks(calibration)),
+        Section("Nonuniformity", (*nonuniformity_blocks(calibration), *_readout_channels(calibration))),
         Section("Defects", (*defect_blocks(calibration), *outlier_pixel_blocks(calibration))),
     )
+
+
+def _readout_channels(calibration: Calibration) -> tuple[Table, ...]:
+    channels = calibration.readout_channels
+    return () if channels is None else (readout_channel_table(channels),)
 
 
 def _or_reason(calibration: Calibration, kind: str, lacking: str) -> tuple[Block, ...]:

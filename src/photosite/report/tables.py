@@ -12,7 +12,9 @@ from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 from photosite.report.page import Heading, Table, columns, numeric
+from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.estimate import Estimate
+from photosite.values.uncertain import Measured
 
 
 def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
@@ -120,6 +122,22 @@ def response_curve_tables(curves: Mapping[str, ResponseCurve]) -> tuple[Table, .
         caption = "Response curve of channel {}: electrons, and deviation from a straight response with the gain"
         tables.append(Table(caption.format(channel), titles, rows[: top + 1]))
     return tuple(tables)
+
+
+def readout_channel_table(channels: ReadoutChannels) -> Table:
+    """Return a table of the readout channels' gains and offsets."""
+    tables = channels.relative_gain, channels.offset_e
+
+    def cell(table: tuple[tuple[Measured, ...], ...] | None, r: int, c: int) -> str:
+        return (
+            "as the others" if table is None else format_uncertain(table[r][c].value, table[r][c].standard_uncertainty)
+        )
+
+    places = np.ndindex(*channels.shape)
+    rows = tuple((f"{r + 1}, {c + 1}", *(cell(table, r, c) for table in tables)) for r, c in places)
+    parts = "row and column of the repeating tile" if channels.arrangement == "tile" else "halves or quadrants"
+    titles = columns("Channel (row, column)", numeric("Relative gain"), numeric("Offset (e⁻)"))
+    return Table(f"Readout channels: {parts}", titles, rows)
 
 
 _CORRELATED = {

@@ -87,6 +87,7 @@ _Value = Annotated[
     PlainSerializer(as_file_value),
     WithJsonSchema({"anyOf": [{"type": "number"}, Quantity.model_json_schema()]}),
 ]
+AnyValue = Annotated[_Value, _bounded(-math.inf)]
 Positive = Annotated[_Value, _bounded(0.0, open_below=True)]
 NotNegative = Annotated[_Value, _bounded(0.0)]
 Fraction = Annotated[_Value, _bounded(0.0, 1.0, open_below=True)]

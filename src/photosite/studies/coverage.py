@@ -281,7 +281,7 @@ def measure_sensor(lab: VirtualLab | DisturbedLab) -> _Result:
         outcomes = compare(calibration, lab.truth(calibration))
     else:
         outcomes = compare(calibration, measured_truth(lab, calibration))
-        outcomes |= _compare_curve(calibration, lab.camera.sensor)
+        outcomes |= _compare_curve(calibration, lab.camera.sensor) | _compare_channels(calibration, lab.camera.sensor)
     return outcomes, tuple(calibration.warnings)
 
 
@@ -304,6 +304,22 @@ def _compare_curve(calibration: Calibration, sensor: Sensor) -> dict[str, Outcom
                 entry.value - true, entry.standard_uncertainty, abs(true), covered
             )
     return result
+
+
+def _compare_channels(calibration: Calibration, sensor: Sensor) -> dict[str, Outcome | str]:
+    """Compare the gain of the first readout channel with the truth."""
+    if sensor.effects is None or (true := sensor.effects.readout_channels) is None or true.relative_gain is None:
+        return {}
+    found = calibration.readout_channels
+    if found is None or found.relative_gain is None or found.arrangement != true.arrangement:
+        return {"readout_channel_gain": "not found"}
+    entry, expected = found.relative_gain[0][0], true.relative_gain[0][0].value
+    low, high = entry.interval_95
+    return {
+        "readout_channel_gain": Outcome(
+            entry.value - expected, entry.standard_uncertainty, abs(expected - 1.0), low <= expected <= high
+        )
+    }
 
 
 def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
@@ -372,6 +388,7 @@ class Condition:
     lines: Range | None = None  # noise of rows, and of columns, over the read noise
     bend_percent: Range | None = None  # deviation of the response at the well capacity, of either sign, cubic
     coupling_percent: Range | None = None  # interpixel capacitance; a tenth of it to the diagonal neighbors
+    channels_percent: Range | None = None  # difference of the gains of odd and even columns
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -427,7 +444,13 @@ class Condition:
 
     def _effects(self, between: Callable[[float, float], float], number: int) -> dict[str, Any] | None:
         """Return the section of effects; None without any."""
-        effects = {} if self.bend_percent is None else _cubic(between(*self.bend_percent), number)
+        effects: dict[str, Any] = {}
+        sign = 1.0 if number // 2 % 2 else -1.0
+        if self.bend_percent is not None:
+            effects["response_curve"] = {"polynomial_percent": (0.0, sign * between(*self.bend_percent))}
+        if self.channels_percent is not None:
+            half = sign * between(*self.channels_percent) / 200.0
+            effects["readout_channels"] = {"relative_gain": [[1.0 + half, 1.0 - half]]}
         if self.coupling_percent is not None:
             share = between(*self.coupling_percent)
             effects["interpixel_capacitance"] = {"coupling_percent": share, "diagonal_percent": 0.1 * share}
@@ -442,11 +465,6 @@ class Condition:
             return virtual_lab(sensor, self.protocol, level=level, seed=number, photons_known=self.photons_known)
         effect, factors = self.disturbed(sensor, np.random.default_rng([number]))
         return DisturbedLab(sensor, self.protocol, level, effect, factors, seed=zlib.crc32(self.name.encode()) + number)
-
-
-def _cubic(percent: float, number: int) -> dict[str, Any]:
-    """Return a response whose deviation grows with the square of the charge; upwards for every second pair."""
-    return {"response_curve": {"polynomial_percent": (0.0, percent if number // 2 % 2 else -percent)}}
 
 
 def _line_noise(read_mv: float, between: Callable[[float, float], float], share: Range) -> dict[str, float]:
@@ -544,6 +562,10 @@ CONDITIONS: dict[str, Condition] = {
             "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one", "mono",
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
             disturbed=disturbed_lab.bend_and_wrong_level,
+        ),
+        Condition(
+            "channels-mono-12", "gains of odd and even columns that differ by 0.5 to 2 %", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, channels_percent=(0.5, 2.0),
         ),
         Condition(
             "crosstalk-mono-12", "crosstalk of 0.5 to 3 % of the charge to each next pixel", "mono",

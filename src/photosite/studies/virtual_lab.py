@@ -293,7 +293,7 @@ def virtual_lab(
     if longest_s is None:
         return VirtualLab(camera, protocol, field, seed, photons_known)
     tile = sensor.array.cfa
-    small = replace(camera, sensor=sensor.with_(rows=len(tile), cols=len(tile[0])))
+    small = replace(camera, sensor=sensor.with_(rows=len(tile), cols=len(tile[0]), effects=None))
     brightest = float(small.mean_electrons(field, longest_s).max())
     if not brightest > 0:
         expected = "a light that the sensor responds to"

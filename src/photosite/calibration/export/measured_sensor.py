@@ -12,6 +12,7 @@ import numpy as np
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
+from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import maps_path
@@ -70,6 +71,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
                 note = f"{source}; the estimate is {estimate.value:.3g}, not distinguishable from 0"
                 changes[field] = Measured(0.0, changes[field].standard_uncertainty, note)
             uncertain[field] = estimate.uncertain
+    _take_off_channels(calibration.readout_channels, changes)
     well = well_capacity(calibration)
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
@@ -88,7 +90,9 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     measured_at = base.gain_setting if calibration.gain_setting is None else calibration.gain_setting
     base = base.with_(gain_settings=(), gain_setting=measured_at)
     if calibration.system_gain_dn_per_e.value is not None:
-        base = base.with_(response_curve=_response_curve(calibration, source))
+        base = base.with_(
+            response_curve=_response_curve(calibration, source), readout_channels=calibration.readout_channels
+        )
     if "dark_voltage_mv_per_s" in changes:
         spread = calibration.temperature_c
         base = base.with_(dark_current_temperature_c=None if spread is None else 0.5 * (spread[0] + spread[1]))
@@ -102,6 +106,21 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         frames_sha256=calibration.frames_sha256,
         maps=None,  # `save_measured_sensor` adds the maps of this measurement
     )
+
+
+def _take_off_channels(channels: ReadoutChannels | None, changes: dict[str, Measured]) -> None:
+    """Subtract the spread of readout channels from PRNU and DSNU, which contain it, because the file states both."""
+    if channels is None:
+        return
+    gain, offset_e = channels.tables()
+    conversion = changes[CONVERSION].value
+    for name, spread in (("prnu_percent", 100.0 * gain.std()), ("dsnu_mv", 1e-3 * conversion * offset_e.std())):
+        if name in changes and changes[name].value > 0.0 and spread > 0.0:
+            whole = changes[name]
+            rest = math.sqrt(max(whole.value**2 - spread**2, 0.0))
+            # The uncertainty of the square is kept.
+            wider = whole.standard_uncertainty * min(whole.value / max(rest, whole.standard_uncertainty), 10.0)
+            changes[name] = Measured(rest, wider, f"{whole.source}; without the readout channels")
 
 
 def _response_curve(calibration: Calibration, source: str) -> ResponseCurve | None:

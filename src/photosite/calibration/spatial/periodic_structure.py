@@ -58,10 +58,13 @@ class PeriodicStructure:
         (period, period) signal over that of the channel's mean; 1 where the pixels respond alike.
     chance
         Deviation of one place that chance explains.
+    uncertainty
+        Standard uncertainty of one place.
     """
 
     relative: NDArray[np.float64]
     chance: float
+    uncertainty: float = 0.0
 
     @property
     def period(self) -> int:
@@ -140,8 +143,10 @@ def _fold(places: NDArray[np.float64], period: int) -> NDArray[np.float64]:
     return np.asarray(places.reshape(-1, folds, period, folds, period).mean(axis=(1, 3)))
 
 
-def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
-    """Return how far a place of a period may deviate by chance, from (blocks, cell, cell) places of parts of a frame.
+def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> tuple[float, float]:
+    """Return how far a place of a period may deviate by chance, and the standard uncertainty of a place.
+
+    They are from (blocks, cell, cell) places of parts of a frame.
 
     The blocks are whole columns and whole rows of cells. They contain the patterns of columns and rows of a chip, which
     all cells of a block share.
@@ -149,7 +154,8 @@ def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
     variance = [_fold(places, period).var(axis=0, ddof=1).mean() / len(places) for places in blocks]
     freedom = period * (min(len(places) for places in blocks) - 1)
     # A median scatters more than a mean, by this factor for normal noise.
-    return 1.2533 * math.sqrt(sum(variance)) * -float(stdtrit(freedom, BY_CHANCE / (2.0 * period**2)))
+    uncertainty = 1.2533 * math.sqrt(sum(variance))
+    return uncertainty * -float(stdtrit(freedom, BY_CHANCE / (2.0 * period**2))), uncertainty
 
 
 def periodic_structure(
@@ -214,8 +220,8 @@ def periodic_structure(
     for period in PERIODS:
         folded = _fold(relative, period)[0]
         rest = relative - np.tile(folded, (CELL // period, CELL // period))
-        found = PeriodicStructure(folded, chance.get(period, 0.0))
-        limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
+        found = PeriodicStructure(folded, *chance.get(period, (0.0, 0.0)))
+        limits = {longer: max(limit, 0.1 * found.difference) for longer, (limit, _) in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
             return found if found.difference > READOUT_SHARE else None
     return None

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from photosite.errors import InputError
-from photosite.sensor.quantity import NO_UNIT, about
-from photosite.values.validated import Number, Section
-
-_Gain = Annotated[float, Field(gt=0.0)]
+from photosite.sensor.quantity import NO_UNIT, AnyValue, Positive, about
+from photosite.values.validated import Section
 
 
 class ReadoutChannels(Section):
@@ -33,29 +31,39 @@ class ReadoutChannels(Section):
         "tile",
         default="tile",
     )
-    relative_gain: tuple[tuple[_Gain, ...], ...] = about(
-        "Gain of each channel relative to the system gain: rows of columns.", "1", [[1.01, 0.99]], default=((1.0,),)
+    relative_gain: tuple[tuple[Positive, ...], ...] | None = about(
+        "Gain of each channel relative to the system gain, rows of columns; 1 by default.",
+        "1",
+        [[1.01, 0.99]],
+        default=None,
     )
-    offset_e: tuple[tuple[Number, ...], ...] = about(
-        "Offset of each channel, relative to the black level: rows of columns.", "e-", [[3, -3]], default=((0.0,),)
+    offset_e: tuple[tuple[AnyValue, ...], ...] | None = about(
+        "Offset of each channel relative to the black level, rows of columns; 0 by default.",
+        "e-",
+        [[3, -3]],
+        default=None,
     )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        shapes = []
         for name in ("relative_gain", "offset_e"):
-            rows = getattr(self, name)
+            if (rows := getattr(self, name)) is None:
+                continue
             if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
                 raise InputError(name, value=rows, expected="rows of the same number of values")
-        shapes = {np.shape(self.relative_gain), np.shape(self.offset_e)} - {(1, 1)}
-        if len(shapes) > 1:
-            raise InputError("offset_e", value=np.shape(self.offset_e), expected="of the shape of relative_gain")
+            shapes.append((len(rows), len(rows[0])))
+        if not shapes:
+            raise InputError("'relative_gain' and 'offset_e' are both missing", hint="Give one of them")
+        if len(set(shapes)) > 1:
+            raise InputError("offset_e", value=shapes[1], expected=f"of the shape of relative_gain, {shapes[0]}")
         return self
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the table of channels."""
-        rows, columns = np.broadcast_shapes(np.shape(self.relative_gain), np.shape(self.offset_e))
-        return rows, columns
+        table = self.relative_gain or self.offset_e or ()
+        return len(table), len(table[0])
 
     def check(self, rows: int, cols: int) -> None:
         """Raise `InputError` unless the array has at least a row and a column for each channel."""
@@ -74,6 +82,7 @@ class ReadoutChannels(Section):
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return relative gain and offset in electrons of each channel, arrays of `shape`."""
         gain, offset = (
-            np.broadcast_to(np.array(part, float), self.shape) for part in (self.relative_gain, self.offset_e)
+            np.full(self.shape, usual) if table is None else np.array([[entry.value for entry in row] for row in table])
+            for table, usual in ((self.relative_gain, 1.0), (self.offset_e, 0.0))
         )
-        return gain.copy(), offset.copy()
+        return gain, offset

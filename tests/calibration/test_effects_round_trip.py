@@ -1,4 +1,4 @@
-"""A drawn response curve is measured, written into the sensor file, and simulated again."""
+"""Effects of a drawn sensor are measured, written into the sensor file, and simulated again."""
 
 import numpy as np
 
@@ -31,3 +31,20 @@ def test_measured_curve_is_that_of_the_sensor() -> None:
 def test_straight_response_has_no_curve() -> None:
     lab = CONDITIONS["bright-mono-12"].lab(4)
     assert calibrate(lab.frame_set()).sensor.effects is None
+
+
+def test_readout_channels_are_measured_and_leave_prnu() -> None:
+    lab = CONDITIONS["channels-mono-12"].lab(1)
+    true = lab.camera.sensor
+    measured = calibrate(lab.frame_set()).sensor
+    assert true.effects is not None
+    assert measured.effects is not None
+    drawn, found = true.effects.readout_channels, measured.effects.readout_channels
+    assert drawn is not None
+    assert found is not None
+    assert found.relative_gain is not None
+    assert (found.arrangement, found.shape) == ("tile", (1, 2))
+    spread = found.relative_gain[0][0].standard_uncertainty
+    assert np.abs(found.tables()[0] - drawn.tables()[0]).max() < 4 * spread
+    prnu, expected = measured.noise.prnu_percent, true.noise.prnu_percent.value
+    assert abs(prnu.value - expected) < 4 * prnu.standard_uncertainty
