@@ -564,8 +564,8 @@ CONDITIONS: dict[str, Condition] = {
             disturbed=disturbed_lab.bend_and_wrong_level,
         ),
         Condition(
-            "channels-mono-12", "gains of odd and even columns that differ by 0.5 to 2 %", "mono",
-            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, channels_percent=(0.5, 2.0),
+            "channels-mono-12", "gains of odd and even columns that differ by 1 to 4 %; 192 x 256 pixels", "mono",
+            12, 192, 256, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, channels_percent=(1.0, 4.0),
         ),
         Condition(
             "crosstalk-mono-12", "crosstalk of 0.5 to 3 % of the charge to each next pixel", "mono",
