@@ -100,7 +100,7 @@ def _correlations(
         return total
 
     mixing = [[gathered(kernel, other.astype(float))[own].mean() for other in channels] for own in channels]
-    charge = np.linalg.solve(np.array(mixing), signal)[tile]
+    charge = np.linalg.solve(np.array(mixing), signal).astype(np.float64)[tile]
     columns = []
     for dy, dx in [(0, 0), *_LAGS]:
         of_sites = gathered(kernel * np.roll(kernel, (dy, dx), (0, 1)), charge)

@@ -192,8 +192,8 @@ def fit_bent_gain(
     bent = any(shape is not None for shape in shapes)
     joint = _Joint.of(channels, used, signals, shapes)
     if joint.largest_bend > LARGEST_BEND:
-        factor = math.exp(joint.largest_bend)
-        return Missing(f"the signal is not in proportion to the stated light, by a factor of {factor:.2g}")
+        factor = f"{math.exp(joint.largest_bend):.2g}" if joint.largest_bend < math.log(100.0) else "more than 100"
+        return Missing(f"the signal is not in proportion to the stated light, by a factor of {factor}")
     found = joint.fit(line, OWN_BEND * joint.largest_bend) if bent else None
     if bent or joint.may_bend():
         free = joint.fit(line, OWN_BEND)
