@@ -50,9 +50,9 @@ class LightLevels:
         (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
     dark_noise, dark_share
         The dark temporal variances, and the (m, darks) share of each that was subtracted.
-    mean, spread, mean_variance
+    mean, spread, mean_variance, frame_shift
         (m,) mean including the dark, and standard deviation over pixels and frames, DN; variance of the mean over both,
-        fixed pattern included.
+        fixed pattern included; standard deviation of the shifts of whole frames, negative where its variance is.
     clipped, white_share, group, frames
         (m,) whether the level is clipped; share of numbers at full scale; index of the light group; number of frames.
     trusted
@@ -73,6 +73,7 @@ class LightLevels:
     mean: Array
     spread: Array
     mean_variance: Array
+    frame_shift: Array
     clipped: NDArray[np.bool_]
     white_share: Array
     group: NDArray[np.intp]
@@ -153,6 +154,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         mean=mean,
         spread=np.sqrt(each("spatial_variance") + np.nan_to_num(each("variance"))),
         mean_variance=over_pixels,
+        frame_shift=np.nan_to_num(each("frame_shift")),
         clipped=np.array([level.clipped for level in levels]),
         white_share=each("high_fraction"),
         group=order,
@@ -240,6 +242,10 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
     still = levels.repeated[last] and levels.shot[last] < STILL_SHARE * shot.max()
     if still or levels.white_share[last] > 1.0 - CLIPPED_SHARE:
         value = Uncertain.of(float(levels.mean[last]), float(np.sqrt(levels.mean_variance[last])))
+        # Row noise, for one, shifts whole frames.
+        shift, frames = max(float(levels.frame_shift[last]), 0.0), float(levels.frames[last])
+        if shift > 0.0:
+            value += Uncertain.of(0.0, shift / math.sqrt(frames), Source.student(frames - 1.0))
         return value, "mean of the brightest flat fields, all pixels clipped"
     share = float(levels.white_share.max())
     if share > CLIPPED_SHARE:
