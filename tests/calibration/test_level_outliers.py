@@ -50,7 +50,7 @@ def light_levels(rng, x, *, wrong=(), response=straight, lamp=2e-4, offset=0.0):
             "mean": signal + 64.0,
             "spread": np.full(len(x), 5.0),
             "mean_variance": of_signal,
-            "frame_shift": np.zeros_like(of_signal),
+            "frame_scatter": np.zeros_like(of_signal),
             "clipped": clipped,
             "white_share": clipped.astype(float),
             "group": np.arange(len(x)),

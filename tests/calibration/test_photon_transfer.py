@@ -35,7 +35,7 @@ def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_si
         mean=signal + 64,
         spread=np.full(m, 4.0),
         mean_variance=np.full(m, 1e-4),
-        frame_shift=np.zeros(m),
+        frame_scatter=np.zeros(m),
         clipped=white > 1e-3,
         white_share=white,
         group=np.arange(m),

@@ -57,7 +57,7 @@ def light_levels(rng, shape="2nd power", size=0.0, *, levels=12, lamp=0.0, scatt
             "noise_uncertainty": relative * seen,
             "dark_share": np.zeros((levels, 1)),
             "dark_noise": (Uncertain(0.0),),
-            "frame_shift": np.zeros(levels),
+            "frame_scatter": np.zeros(levels),
             "trusted": np.ones(levels, np.bool_),
         }
     )

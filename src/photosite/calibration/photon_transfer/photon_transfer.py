@@ -50,9 +50,12 @@ class LightLevels:
         (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
     dark_noise, dark_share
         The dark temporal variances, and the (m, darks) share of each that was subtracted.
-    mean, spread, mean_variance, frame_shift
+    mean, spread, mean_variance
         (m,) mean including the dark, and standard deviation over pixels and frames, DN; variance of the mean over both,
-        fixed pattern included; standard deviation of the shifts of whole frames, negative where its variance is.
+        fixed pattern included.
+    frame_scatter
+        (m,) temporal variance of the mean, from the scatter of the means of frames; 0 where the noise of independent
+        pixels explains it.
     clipped, white_share, group, frames
         (m,) whether the level is clipped; share of numbers at full scale; index of the light group; number of frames.
     trusted
@@ -73,7 +76,7 @@ class LightLevels:
     mean: Array
     spread: Array
     mean_variance: Array
-    frame_shift: Array
+    frame_scatter: Array
     clipped: NDArray[np.bool_]
     white_share: Array
     group: NDArray[np.intp]
@@ -134,7 +137,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     take_mean, take_variance = dark.mean.weights_at(exposure), dark.variance.weights_at(exposure)
     mean, spread = each("mean"), each("variance_uncertainty")
     variance = np.array([level.noise.value for level in levels])
-    over_pixels = each("spatial_variance") / each("pixels")
+    over_pixels, shift = each("spatial_variance") / each("pixels"), each("frame_shift")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
     return LightLevels(
@@ -154,7 +157,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         mean=mean,
         spread=np.sqrt(each("spatial_variance") + np.nan_to_num(each("variance"))),
         mean_variance=over_pixels,
-        frame_shift=np.nan_to_num(each("frame_shift")),
+        frame_scatter=np.where(shift > 0.0, shift**2 / each("frames") + each("mean_variance"), 0.0),
         clipped=np.array([level.clipped for level in levels]),
         white_share=each("high_fraction"),
         group=order,
@@ -241,11 +244,13 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
     shot = levels.shot[levels.repeated]
     still = levels.repeated[last] and levels.shot[last] < STILL_SHARE * shot.max()
     if still or levels.white_share[last] > 1.0 - CLIPPED_SHARE:
-        value = Uncertain.of(float(levels.mean[last]), float(np.sqrt(levels.mean_variance[last])))
-        # Row noise, for one, shifts whole frames.
-        shift, frames = max(float(levels.frame_shift[last]), 0.0), float(levels.frames[last])
-        if shift > 0.0:
-            value += Uncertain.of(0.0, shift / math.sqrt(frames), Source.student(frames - 1.0))
+        value, variance = Uncertain.of(float(levels.mean[last])), float(levels.mean_variance[last])
+        frames, scatter = float(levels.frames[last]), float(levels.frame_scatter[last])
+        if scatter > 0.0:  # row noise, for one, shifts whole frames
+            noise = float(levels.noise[last])
+            variance *= max(1.0 - noise / frames / (float(levels.spread[last]) ** 2 - noise), 0.0)
+            value += Uncertain.of(0.0, math.sqrt(scatter), Source.student(frames - 1.0))
+        value += Uncertain.of(0.0, math.sqrt(variance))
         return value, "mean of the brightest flat fields, all pixels clipped"
     share = float(levels.white_share.max())
     if share > CLIPPED_SHARE:
