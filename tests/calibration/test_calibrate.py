@@ -103,7 +103,11 @@ def test_the_order_of_frames_does_not_matter(mono, calibration):
     shuffled = random.Random(1)
     groups = tuple(replace(group, frames=tuple(shuffled.sample(group.frames, len(group)))) for group in frames.groups)
     again = calibrate(replace(frames, groups=groups))
-    assert again.estimates() == calibration.estimates()
+    one, other = again.estimates(), calibration.estimates()
+    # Covariances of neighboring pixels are those of pairs of successive frames.
+    coupling, same = one.pop("interpixel_coupling_percent"), other.pop("interpixel_coupling_percent")
+    assert abs(coupling.value - same.value) < 4 * same.standard_uncertainty
+    assert one == other
     assert again.frames_sha256 == calibration.frames_sha256
 
 

@@ -196,7 +196,7 @@ def test_some_patches_of_the_chart_will_do():
         "no regression of channel R: it needs three different patches",
         "no regression of channel G: it needs three different patches",
         "no regression of channel B: it needs three different patches",
-        "no color differences: rgb must be four patches or more, got '2 patches'",
+        "no color differences: rgb must be 4 patches or more, got '2 patches'",
     )
 
 

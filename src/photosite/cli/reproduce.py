@@ -34,6 +34,7 @@ CONDITION_NAMES = (
     "bent-mono-12",
     "curve-mono-12",
     "curve-level-mono-12",
+    "channels-mono-12",
     "crosstalk-mono-12",
     "coupled-mono-12",
     "coupled-cfa-12",

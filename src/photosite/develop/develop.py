@@ -8,18 +8,20 @@ import zlib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, adaptation_to_d65, encode_srgb
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
-from photosite.develop.demosaic import Demosaic
-from photosite.develop.demosaic import demosaic as demosaic_planes
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import plane_names
+
+if TYPE_CHECKING:
+    from photosite.develop.demosaic import Demosaic
 
 WHITE_BALANCES = ("as-shot", "gray-world", "none")
 
@@ -178,6 +180,8 @@ def _normalised_planes(raw: RawFrame, demosaic: Demosaic) -> NDArray[np.float32]
     signal = raw.dn.astype(np.float32)
     signal -= np.float32(raw.black_level_dn)
     signal /= np.float32(raw.white_level_dn - raw.black_level_dn)
+    from photosite.develop.demosaic import demosaic as demosaic_planes
+
     return demosaic_planes(signal, raw.cfa, demosaic)
 
 

@@ -245,9 +245,9 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
     still = levels.repeated[last] and levels.shot[last] < STILL_SHARE * shot.max()
     if still or levels.white_share[last] > 1.0 - CLIPPED_SHARE:
         value, variance = Uncertain.of(float(levels.mean[last])), float(levels.mean_variance[last])
-        frames, scatter = float(levels.frames[last]), float(levels.frame_scatter[last])
+        scatter = float(levels.frame_scatter[last])
         if scatter > 0.0:  # row noise, for one, shifts whole frames
-            noise = float(levels.noise[last])
+            noise, frames = float(levels.noise[last]), float(levels.frames[last])
             variance *= max(1.0 - noise / frames / (float(levels.spread[last]) ** 2 - noise), 0.0)
             value += Uncertain.of(0.0, math.sqrt(scatter), Source.student(frames - 1.0))
         value += Uncertain.of(0.0, math.sqrt(variance))

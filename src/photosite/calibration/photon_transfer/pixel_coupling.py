@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from photosite.calibration.photon_transfer.noise_covariance import REACH, NoiseCovariance
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured, Uncertain
 
 _LAGS = [(dy, dx) for dy in range(REACH + 1) for dx in range(-REACH, REACH + 1) if dy > 0 or dx > 0]
@@ -21,7 +22,7 @@ _MOST = 0.06
 
 
 @dataclass(frozen=True)
-class PixelCoupling:
+class PixelCoupling(Shown):
     """Shares of a pixel's signal in each next and in each diagonal neighbor; negative within chance.
 
     Parameters
