@@ -96,6 +96,11 @@ def test_moments_with_a_curve_and_channels() -> None:
     [
         ({"response_curve": {"polynomial_percent": [-200.0]}}, "the curve", "effects.response_curve"),
         ({"response_curve": {"charge_e": [0, 5], "deviation_percent": [1, 2]}}, "charge_e", "effects.response_curve"),
+        (
+            {"response_curve": {"polynomial_percent": [-1.0]}, "em_gain": {"gain": 100}},
+            "response_curve and em_gain",
+            "effects",
+        ),
         ({"readout_channels": {"relative_gain": [[1.0] * 200]}}, "relative_gain", "effects.readout_channels"),
         ({"readout_channels": {"offset_e": [[1, 2], [3]]}}, "offset_e", "effects.readout_channels"),
     ],

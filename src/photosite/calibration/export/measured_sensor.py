@@ -19,7 +19,7 @@ from photosite.sensor.io.sensor_file import maps_path
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
 from photosite.sensor.quantity import Covariance
-from photosite.values.estimate import Estimate
+from photosite.values.estimate import Estimate, standard_deviation
 from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value
 
 if TYPE_CHECKING:
@@ -109,18 +109,20 @@ def measured_sensor(calibration: Calibration) -> Sensor:
 
 
 def _take_off_channels(channels: ReadoutChannels | None, changes: dict[str, Measured]) -> None:
-    """Subtract the spread of readout channels from PRNU and DSNU, which contain it, because the file states both."""
+    """Subtract the variance of readout channels from PRNU and DSNU, which contain it, because the file states both."""
     if channels is None:
         return
     gain, offset_e = channels.tables()
     conversion = changes[CONVERSION].value
     for name, spread in (("prnu_percent", 100.0 * gain.std()), ("dsnu_mv", 1e-3 * conversion * offset_e.std())):
-        if name in changes and changes[name].value > 0.0 and spread > 0.0:
+        if name in changes and spread > 0.0:
             whole = changes[name]
-            rest = math.sqrt(max(whole.value**2 - spread**2, 0.0))
-            # The uncertainty of the square is kept.
-            wider = whole.standard_uncertainty * min(whole.value / max(rest, whole.standard_uncertainty), 10.0)
-            changes[name] = Measured(rest, wider, f"{whole.source}; without the readout channels")
+            variance = Uncertain.of(whole.value**2 - spread**2, 2.0 * whole.value * whole.standard_uncertainty)
+            rest = standard_deviation(variance)
+            note = f"{whole.source}; without the readout channels"
+            if rest.value < 0.0:
+                note += f", the estimate is {rest.value:.3g}, not distinguishable from 0"
+            changes[name] = Measured(max(rest.value, 0.0), rest.standard_uncertainty, note)
 
 
 def _response_curve(calibration: Calibration, source: str) -> ResponseCurve | None:

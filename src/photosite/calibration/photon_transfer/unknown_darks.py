@@ -43,7 +43,7 @@ LEAST_LEVELS = 3
 """Different amounts of light that a bend needs."""
 
 BRIGHTER_FATTER = 0.02
-"""Relative change of the brightest level's variance by brighter-fatter noise that is taken as usual."""
+"""Standard deviation of the relative change of the brightest level's variance by brighter-fatter noise: a choice."""
 
 CONSTANT_S = 0.01
 """Range of exposure times up to which dark current is neglected: 100 electrons per second leave one."""

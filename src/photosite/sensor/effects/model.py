@@ -89,31 +89,22 @@ class Effects(Section):
         self, rows: int, cols: int, tile: tuple[int, int], well_capacity_e: float, black_dn: float, white_dn: float
     ) -> None:
         """Raise `InputError` unless the effects are consistent with the sensor's array, well and converter."""
-        try:
-            if self.response_curve is not None:
-                self.response_curve.check(well_capacity_e)
-        except InputError as error:
-            raise error.within("effects.response_curve") from None
-        try:
-            if self.readout_channels is not None:
-                self.readout_channels.check(rows, cols)
-        except InputError as error:
-            raise error.within("effects.readout_channels") from None
-        try:
-            if self.optical_black is not None:
-                self.optical_black.check(rows, cols, tile)
-        except InputError as error:
-            raise error.within("effects.optical_black") from None
-        try:
-            if self.pixel_defects is not None:
-                self.pixel_defects.check(rows, cols, white_dn)
-        except InputError as error:
-            raise error.within("effects.pixel_defects") from None
-        try:
-            if self.output is not None:
-                self.output.check(black_dn, white_dn)
-        except InputError as error:
-            raise error.within("effects.output") from None
+        given: dict[str, tuple[Any, ...]] = {
+            "response_curve": (well_capacity_e,),
+            "readout_channels": (rows, cols),
+            "optical_black": (rows, cols, tile),
+            "pixel_defects": (rows, cols, white_dn),
+            "output": (black_dn, white_dn),
+        }
+        for name, arguments in given.items():
+            if (part := getattr(self, name)) is not None:
+                try:
+                    part.check(*arguments)
+                except InputError as error:
+                    raise error.within(f"effects.{name}") from None
+        if self.response_curve is not None and self.em_gain is not None:
+            hint = "A curve ends at the well capacity, and the output of the register reaches beyond it"
+            raise InputError("response_curve and em_gain are both given", where="effects", hint=hint)
 
     @property
     def of_single_captures(self) -> list[str]:
