@@ -31,6 +31,7 @@ def test_an_example_draws_its_pictures(name: str, monkeypatch: pytest.MonkeyPatc
     monkeypatch.syspath_prepend(ROOT / "examples")
     with matplotlib.rc_context(), warnings.catch_warnings():
         plt.switch_backend("Agg")
+        plt.close("all")
         warnings.simplefilter("ignore")
         try:
             runpy.run_path(str(SCRIPTS[name]))

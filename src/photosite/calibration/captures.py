@@ -79,7 +79,7 @@ def calibrate_captures(
     Returns
     -------
     CaptureCalibration
-        Ratios that cannot be told have a reason instead of a value.
+        Ratios that cannot be determined have a reason instead of a value.
 
     Raises
     ------

@@ -132,7 +132,7 @@ def _black(frame: RawFrame) -> Array:
 def _means(frames: Sequence[RawFrame], masks: Mapping[str, NDArray[np.bool_]]) -> tuple[Array, Array]:
     """Return the mean of each channel over all frames, and the variance of this mean by temporal noise."""
     if len(frames) < 2:
-        raise InputError("frames", value=len(frames), expected="two or more of each angle, and of darkness")
+        raise InputError("frames", value=len(frames), expected="two or more of each angle, and two or more dark")
     stack = np.stack([frame.dn for frame in frames]).astype(np.float64)
     if stack.max() >= min(frame.white_level_dn for frame in frames):
         raise InputError("frames", value=float(stack.max()), expected="below saturation")

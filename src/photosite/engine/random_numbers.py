@@ -20,7 +20,7 @@ EXPOSURE = np.uint32(0)
 FIXED_PATTERN = np.uint32(1)
 """Words 0, 1 and 2: PRNU, DSNU and dark current."""
 BLINKING = np.uint32(2)
-"""Word 0: the state of a blinking pixel. Word 1: whether it is drawn anew."""
+"""Word 0: the state of a blinking pixel. Word 1: whether it is drawn again."""
 LINES = np.uint32(3)
 """Word 0: the deviate of a row. Word 1: that of the column with the same number."""
 READ_NOISE = np.uint32(8)
