@@ -14,7 +14,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.io import sensor_file
 from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
-from photosite.sensor.model import Maps
+from photosite.sensor.sections import Maps
 
 ROWS, COLS = 6, 8
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.sensor.model import mean_offset_dn
+from photosite.sensor.binning import mean_offset_dn
 from photosite.values.cfa import binned
 from photosite.values.validated import check_choice
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.sensor.model import Channel
+from photosite.sensor.sections import Channel
 
 _SILICON_NM = np.array([350, *range(400, 501, 50), 530, *range(550, 1101, 50)], dtype=np.float64)
 _SILICON = (0.2, 0.55, 0.8, 0.96, 1.0, 0.99, 0.91, 0.78, 0.63, 0.48, 0.34, 0.22, 0.13, 0.07, 0.02, 0.005, 0.0)

@@ -22,7 +22,7 @@ from photosite.sensor.model import Sensor
 from photosite.values.shown import Shown
 
 if TYPE_CHECKING:
-    from photosite.sensor.model import Maps
+    from photosite.sensor.sections import Maps
 
 _PRNU, _DSNU, _DARK_CURRENT = range(3)
 

@@ -10,7 +10,7 @@ from photosite.errors import InputError
 from photosite.sensor.assumed_channels import KNOWN, assumed_channels
 from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
 from photosite.sensor.io.sensor_file import parse_sensor
-from photosite.sensor.model import SECTIONS
+from photosite.sensor.sections import SECTIONS
 from photosite.values.cfa import Cfa, cfa_from, channel_names, tile_text
 
 _HEADING = """\

@@ -30,7 +30,7 @@ from photosite.report.figures.validation import (
     patch_snr_figure,
 )
 from photosite.report.style import styled
-from photosite.sensor.model import Channel
+from photosite.sensor.sections import Channel
 from photosite.values.region import Region
 from photosite.values.uncertain import Uncertain
 

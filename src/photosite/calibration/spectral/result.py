@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.sensor.model import Channel, Sensor
+from photosite.sensor.model import Sensor
+from photosite.sensor.sections import Channel
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95
 

@@ -34,8 +34,9 @@ from photosite.sensor.file_units import (
     model_fields_of,
     stated_names,
 )
-from photosite.sensor.model import SECTIONS, Maps, Sensor, Written
+from photosite.sensor.model import Sensor, Written
 from photosite.sensor.quantity import Covariance, as_file_value
+from photosite.sensor.sections import SECTIONS, Maps
 from photosite.values.uncertain import Measured
 
 _SUFFIX = ".sensor.yaml"
