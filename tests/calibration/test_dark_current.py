@@ -7,9 +7,12 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.checks.black_level import BY_CHANCE, black_level_change, contradiction
-from photosite.calibration.dark import dark_lines
+from photosite.calibration.dark import dark_lines, measure_dark_level
+from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.reduce import reduce_frames
+from photosite.engine.frame_sums import FrameSums
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.uncertain import Uncertain
@@ -92,6 +95,27 @@ def reduced(seed, steps, exposures_s=(0.01, 0.1, 1.0), rows=40, cols=48, frames=
             listed.append(("dark", t, np.uint16(np.round(dark + rng.normal(0.0, 2.0, (rows, cols))))))
     with FrameReader(frame_set_from_arrays(listed, bits=12)) as reader:
         return reduce_frames(reader).darks
+
+
+@pytest.mark.parametrize("log_spread", [0.0, 0.4])
+def test_the_dark_noise_of_the_sensor_is_not_better_known_with_more_groups_of_the_same_uneven_pixels(log_spread):
+    rng = np.random.default_rng(5)
+    groups, frames, pixels = 8, 6, 64 * 64
+    sigma = 8.0 * np.exp(log_spread * rng.standard_normal((64, 64)))
+    levels = [
+        Level.of(
+            FrameSums((64, 64)).add(np.uint16(np.rint(rng.normal(100.0, sigma, (frames, 64, 64))))).label_totals()[0]
+        )
+        for _ in range(groups)
+    ]
+    found = measure_dark_level(DarkLines.of([0.01 * 2**k for k in range(groups)], levels), levels[0], "").dark_variance
+    # Of a log-normal square: mean m = s^2 exp(2 b^2), mean square m^2 exp(4 b^2)
+    mean, relative = 64.0 * np.exp(2.0 * log_spread**2), np.exp(4.0 * log_spread**2)
+    of_pixels, sampling = relative - 1.0, 2.0 / (frames - 1) * relative
+    repetition = DarkLines.of([0.01 * 2**k for k in range(groups)], levels).variance.repetition
+    expected = mean * np.sqrt((of_pixels + sampling * repetition) / pixels)
+    assert found.standard_uncertainty == pytest.approx(expected, rel=0.15)
+    assert abs(found.value - 1 / 12 - mean) < 3.0 * expected
 
 
 def test_a_steady_black_level_neither_shifts_nor_drifts():

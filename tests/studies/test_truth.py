@@ -11,6 +11,7 @@ import photosite as ps
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.scene import Scene
+from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.studies.truth import channel_efficiencies, full_well_reading_dn, true_parameters
 
 LENS = DiffractionLimited(f_number=8, focal_length_mm=50)
@@ -33,6 +34,17 @@ def test_table_1_of_the_d200() -> None:
     }
     for name, value in expected.items():
         assert truth[name] == pytest.approx(value, rel=1e-6), name
+
+
+def test_the_read_noise_contains_that_of_blinking_pixels() -> None:
+    """1 % with 300 e- to 0.3 of the time in the upper level: 0.01 * 300^2 * 0.21 = 189 e-^2."""
+    sensor = ps.load_sensor("nikon-d200")
+    noise = TelegraphNoise(fraction=0.01, amplitude_e=300, amplitudes="equal", high_fraction=0.3)
+    found, without = (true_parameters(one) for one in (sensor.with_(telegraph_noise=noise), sensor))
+    for name in ("read_noise_e", "temporal_dark_noise_e"):
+        assert found[name] ** 2 == pytest.approx(without[name] ** 2 + 189.0)
+    assert found["read_noise_mv"] / found["read_noise_e"] == pytest.approx(0.030)
+    assert found["dsnu_e"] == without["dsnu_e"]
 
 
 def test_well_that_fills_before_the_converter_clips() -> None:

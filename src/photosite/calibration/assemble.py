@@ -85,6 +85,9 @@ def assemble(
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
         snr={name: snr_curve(channel) for name, channel in by_name.items()},
         spatial={name: pattern.spatial for name, pattern in zip(names, patterns.channels, strict=True)},
+        dsnu1288_exposure_s={
+            name: t for name, p in zip(names, patterns.channels, strict=True) for t in p.dsnu1288_exposures_s
+        },
         model="linear" if photons_known else "general",
         general={name: general_model(channel) for name, channel in by_name.items()},
         linearity={name: m.linearity[0] for name, m in zip(names, measured, strict=True) if m.linearity},

@@ -36,7 +36,7 @@ from photosite.calibration.spatial.pixel_slopes import (
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
-from photosite.values.uncertain import Missing, Source, Uncertain, Value, weighted_mean
+from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive, weighted_mean
 
 _SPREAD = "spread over pixels of the mean dark frame less its temporal noise"
 _AT_EXPOSURE = "{}, at {} s: dark current nonuniformity of that time is included"
@@ -152,13 +152,16 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
     slope = screen_dark_slope(slope, lines.mean.exposure_s)
     noise_slope = screen_dark_slope(lines.variance.line[1], lines.variance.exposure_s, of_variance=True)
     read = level.noise + Uncertain.of(-QUANTISATION_DN2, level.clipping_uncertainty)
+    # The sensor's mean noise is that of its pixels, which are the same in all groups: only sampling averages out.
+    spread = level.variance_spread
+    of_pixels = Uncertain.of(0.0, spread and spread * math.sqrt(max(1.0 - lines.variance.repetition, 0.0)))
     return Measurements(
         pixels=level.pixels,
         read_variance=read + Uncertain.of(0.0, level.rounding_variance),
         black_level=lines.mean.at_zero if isinstance(black, Missing) else black,
         dark_slope=slope,
         dark_slope_variance=slope if isinstance(slope, Missing) else Uncertain(0.0),
-        dark_variance=lines.variance.at_zero,
+        dark_variance=derive(lambda variance: variance + of_pixels, lines.variance.at_zero),
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
         unsure_charge_dn=lines.mean.unsure,

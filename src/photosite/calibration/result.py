@@ -58,6 +58,8 @@ class Calibration(Parameters):
     snr, linearity, spatial, general
         Per channel, the signal-to-noise ratio against the amount of light; the deviations from a straight line;
         spectrograms, profiles and histograms; the results of the general model; or the reasons why they are missing.
+    dsnu1288_exposure_s
+        Per channel, the exposure time of the dark frames of DSNU1288, which contains their dark current nonuniformity.
     model
         "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
     flicker
@@ -100,6 +102,7 @@ class Calibration(Parameters):
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
+    dsnu1288_exposure_s: Mapping[str, float] = field(default_factory=dict)
     model: Literal["linear", "general"] = "general"
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
     flicker: Flicker | None = None

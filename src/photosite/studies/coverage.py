@@ -389,6 +389,7 @@ class Condition:
     bend_percent: Range | None = None  # deviation of the response at the well capacity, of either sign, cubic
     coupling_percent: Range | None = None  # interpixel capacitance; a tenth of it to the diagonal neighbors
     channels_percent: Range | None = None  # difference of the gains of odd and even columns
+    uneven: bool = False  # whether the read noise differs between pixels, some of which blink
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -438,11 +439,11 @@ class Condition:
                     "dcnu_percent": between(10.0, 50.0),
                 },
                 "readout": {"bits": self.bits, "analog_gain": analog_gain, "black_level_dn": black},
-                "effects": self._effects(between, number),
+                "effects": self._effects(between, number, read_dn / gain),
             }
         )
 
-    def _effects(self, between: Callable[[float, float], float], number: int) -> dict[str, Any] | None:
+    def _effects(self, between: Callable[[float, float], float], number: int, read_e: float) -> dict[str, Any] | None:
         """Return the section of effects; None without any."""
         effects: dict[str, Any] = {}
         sign = 1.0 if number // 2 % 2 else -1.0
@@ -451,6 +452,9 @@ class Condition:
         if self.channels_percent is not None:
             half = sign * between(*self.channels_percent) / 200.0
             effects["readout_channels"] = {"relative_gain": [[1.0 + half, 1.0 - half]]}
+        if self.uneven:
+            effects["read_noise_spread"] = {"log_spread": between(0.1, 0.4)}
+            effects["telegraph_noise"] = {"fraction": between(0.02, 0.1), "amplitude_e": read_e * between(1.0, 10.0)}
         if self.coupling_percent is not None:
             share = between(*self.coupling_percent)
             effects["interpixel_capacitance"] = {"coupling_percent": share, "diagonal_percent": 0.1 * share}
@@ -578,6 +582,10 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "coupled-cfa-12", "the same", "rggb", 12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
             coupling_percent=(0.3, 2.0),
+        ),
+        Condition(
+            "uneven-mono-12", "read noise with a log-normal spread of 0.1 to 0.4, and 2 to 10 % blinking pixels",
+            "mono", 12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, uneven=True,
         ),
         Condition(
             "flicker-mono-12", "flicker of the light: bands of 0.2 to 2 %, with a period of 10 to 40 rows", "mono",

@@ -15,7 +15,6 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.cfa import channel_sites
-from photosite.values.uncertain import Missing
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
@@ -52,7 +51,8 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     in DN. The saturation capacity is min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of
     it in dB; the sensitivity threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range
     is 20 log10 of the ratio of the two. Saturation in DN is the mean reading of full wells (`full_well_reading_dn`).
-    Interpixel capacitance averages PRNU and DCNU by its kernel. DSNU1288 and PRNU1288 equal DSNU and PRNU, because the
+    The read noise contains telegraph noise: both are temporal noise of dark frames. Interpixel capacitance averages
+    PRNU and DCNU by its kernel. DSNU1288 and PRNU1288 equal DSNU and PRNU, because the
     virtual chip's pattern is white. The quantum efficiency is electrons over photons on the whole pixel area at all
     wavelengths of the light, mean over the pixels of the tile. The saturation capacity in photons is that of the most
     sensitive channel.
@@ -69,12 +69,14 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
     averaged = 1.0 if coupling is None else math.sqrt(coupling.variance_share)
     read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
+    if sensor.effects is not None and (telegraph := sensor.effects.telegraph_noise) is not None:
+        read_e = math.sqrt(read_e**2 + telegraph.variance_e2)
     capacity_e = sensor.saturation_capacity_e
     threshold_e = math.sqrt(read_e**2 + QUANTISATION_DN2 / gain**2 + 0.25) + 0.5
     truth = {
         "read_noise_dn": read_e * gain,
         "read_noise_e": read_e,
-        "read_noise_mv": noise.read_noise_mv.value,
+        "read_noise_mv": read_e / sensor.electrons(1.0),
         **_line_noise(sensor),
         "dsnu_dn": dsnu_e * gain,
         "dsnu_e": dsnu_e,
@@ -206,14 +208,13 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
     """Return true parameters with the definitions that a calibration used.
 
     Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
-    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames; chips too small for
-    the high-pass filter count as exposed for 0 s. The virtual chip's pattern has no row or column component. Where
-    pixels are coupled, their mean clips in another way: parameters at saturation are left out.
+    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames. The virtual chip's
+    pattern has no row or column component. Where pixels are coupled, their mean clips in another way: parameters at
+    saturation are left out.
     """
     truth = dict(truth)
     spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
-    sites = [calibration.spatial[name] for row in sensor.array.cfa for name in row]
-    exposures = [0.0 if isinstance(found, Missing) else found.dark.exposure_s for found in sites]
+    exposures = [calibration.dsnu1288_exposure_s.get(name, math.nan) for row in sensor.array.cfa for name in row]
     truth["dsnu1288_e"] = math.sqrt(truth["dsnu_e"] ** 2 + spread**2 * float(np.mean(np.square(exposures))))
     truth |= {
         "dsnu1288_row_e": 0.0,

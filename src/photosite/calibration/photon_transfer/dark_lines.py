@@ -129,6 +129,12 @@ class DarkLine:
         )
 
     @property
+    def repetition(self) -> float:
+        """Share of a variance of single points that is left in `at_zero`: the sum of its squared weights."""
+        weight = _inverse(self.variance) if self.fit is None else self.fit.estimator[0]
+        return float(weight @ weight)
+
+    @property
     def at_zero(self) -> Value:
         """The intercept, or the mean where there is one exposure only."""
         intercept, _ = self.line

@@ -25,6 +25,9 @@ CLIPPED_DARK_SHARE = 0.005
 
 At this share the read noise comes out 0.5 % low. Below it, the possible effect of clipping widens the uncertainty."""
 
+_BEYOND_CHANCE = 4.0
+"""Standard uncertainties from which noise that differs between pixels is taken into account."""
+
 
 def clipping_bias(fraction: float) -> float:
     """Return the relative bias of a normal noise's variance when a share of its lower tail is clipped, 0 or negative.
@@ -43,6 +46,18 @@ def clipping_bias(fraction: float) -> float:
     a = normal.inv_cdf(min(fraction, 1.0 - 1e-12))
     density = normal.pdf(a)
     return a * a * fraction - (fraction - a * density) - (density + a * fraction) ** 2
+
+
+def _spread_beyond_chance(totals: LabelTotals) -> float:
+    """Return the variance over pixels of their true temporal variances, DN^4; 0 within chance.
+
+    Normal noise of variance s_i with f degrees of freedom gives measured variances with the mean square <s_i^2> (1 +
+    2 / f), of which 2 / f is sampling. Their variance V has the relative uncertainty sqrt((2 + 12 / f) / pixels).
+    """
+    whole, freedom = totals.variance_spread, totals.frames - 1
+    beyond = whole - 2.0 * (whole + totals.pixel_variance**2) / (freedom + 2.0)
+    chance = whole * math.sqrt((2.0 + 12.0 / freedom) / totals.pixels)
+    return beyond if beyond > _BEYOND_CHANCE * chance else 0.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +80,8 @@ class Level:
     low_fraction: float  # share of the digital numbers at 0
     high_fraction: float  # share at full scale
     frame_shift: float  # standard deviation of the shifts of whole frames; negative where its variance is
+    # Part of `variance_uncertainty` from noise that differs between pixels: that of any group of the same chip
+    variance_spread: float = 0.0
     shared_mean: float = 0.0
     shared_variance: float = 0.0
     rounding_mean: float = 0.0
@@ -81,9 +98,11 @@ class Level:
         """Return the level of exact totals."""
         samples = totals.frames * totals.pixels
         variance = uncertainty = shift = math.nan
+        spread = 0.0
         if totals.frames > 1:
             variance = totals.pixel_variance
             uncertainty = math.sqrt(totals.variance_spread / totals.pixels)
+            spread = math.sqrt(_spread_beyond_chance(totals) / totals.pixels)
             shift_variance = totals.frame_mean_variance - variance / totals.pixels
             shift = math.copysign(math.sqrt(abs(shift_variance)), shift_variance)
         return cls(
@@ -97,6 +116,7 @@ class Level:
             low_fraction=totals.low / samples,
             high_fraction=totals.high / samples,
             frame_shift=shift,
+            variance_spread=spread,
         ).with_rounding()
 
     def with_rounding(self) -> Level:
@@ -196,7 +216,7 @@ def pooled_level(levels: Sequence[Level]) -> Level:
         sources=sources,
         step=max(level.step for level in levels),
         **{name: mean(name) for name in (*means, "rounding_mean", "rounding_variance", "rounding_pixel")},
-        **{name: independent(name) for name in ("shared_mean", "shared_variance")},
+        **{name: independent(name) for name in ("shared_mean", "shared_variance", "variance_spread")},
     )
 
 

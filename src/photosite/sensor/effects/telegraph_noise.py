@@ -15,8 +15,9 @@ class TelegraphNoise(Section):
 
     Examples
     --------
-    >>> TelegraphNoise(fraction=0.01, amplitude_e=20).amplitudes
-    'exponential'
+    >>> noise = TelegraphNoise(fraction=0.01, amplitude_e=30)
+    >>> noise.amplitudes, round(noise.variance_e2, 6)
+    ('exponential', 3.0)
     """
 
     fraction: Annotated[float, Field(ge=0.0, le=1.0)] = about("Share of the pixels that blink.", "1", 0.01)
@@ -36,3 +37,10 @@ class TelegraphNoise(Section):
         3.0,
         default=0.0,
     )
+
+    @property
+    def variance_e2(self) -> float:
+        """Mean temporal variance over all pixels of a long sequence, e-^2: fraction <a^2> <h (1 - h)>."""
+        square = self.amplitude_e**2 * (2.0 if self.amplitudes == "exponential" else 1.0)
+        high = self.high_fraction
+        return self.fraction * square * (1.0 / 6.0 if high is None else high * (1.0 - high))
