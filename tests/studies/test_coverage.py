@@ -30,6 +30,7 @@ from photosite.studies.coverage import (
     _row,
     condition,
     coverage_study,
+    measure_sensor,
 )
 from photosite.studies.coverage import _measure_batch as measure_batch
 
@@ -138,6 +139,16 @@ def test_row_noise_counts_in_the_read_noise_and_its_uncertainty() -> None:
     (row,) = (row for row in study.rows if row.parameter == "read_noise_dn")
     # A width above 1.75 occurs in 1 of 1000 studies with correct uncertainties.
     assert row.width < 1.75
+
+
+def test_effects_are_reported_where_they_are_and_not_where_they_are_not() -> None:
+    """Sensor 1 of each: the effect is far beyond chance."""
+    curve, lines, clean = (
+        measure_sensor(CONDITIONS[name].lab(1))[2] for name in ("curve-mono-12", "lines-mono-12", "few-mono-12")
+    )
+    assert "response curve" in curve
+    assert {"row noise", "column noise"} <= set(lines)
+    assert clean == ()
 
 
 def test_processes_do_not_change_the_numbers() -> None:

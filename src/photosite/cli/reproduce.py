@@ -38,6 +38,7 @@ CONDITION_NAMES = (
     "crosstalk-mono-12",
     "coupled-mono-12",
     "coupled-cfa-12",
+    "uneven-mono-12",
     "flicker-mono-12",
     "rows-mono-12",
     "lines-mono-12",
@@ -198,7 +199,8 @@ def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, proc
 
     A parameter is flagged where a deviation is significant: a coverage, or a mean error beyond a tenth of the
     uncertainty, that correct intervals show in fewer than one study in 1000. Failed calibrations are counted, and are
-    not in the table.
+    not in the table. Effects that calibrations report, such as a response curve, are counted, too: false alarms where
+    the condition has no such effect.
 
     Example: photosite reproduce coverage --quick --condition few-mono-12
     """
@@ -231,6 +233,8 @@ def _text(study: CoverageStudy) -> str:
             lines.append(listed(failed, (f"{entry.sensors}, for example: {entry.example}" for entry in refusals)))
         if warnings := study.warnings.get(name, ()):
             lines.append(listed("warnings:", (f"{entry.sensors}, for example: {entry.example}" for entry in warnings)))
+        if effects := study.effects.get(name, {}):
+            lines.append("effects reported: " + ", ".join(f"{effect} {count}" for effect, count in effects.items()))
         rows = [row for row in study.rows if row.condition == name]
         if rows:
             heading = ("parameter", "sensors", "covered", "bias", "width", "")

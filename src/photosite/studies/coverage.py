@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
@@ -24,6 +25,7 @@ from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.cfa import cfa_from, channel_names
+from photosite.values.estimate import Estimate
 
 NOMINAL_COVERAGE = 0.95
 """Share of the intervals that should contain the truth."""
@@ -155,11 +157,13 @@ class Message:
 @dataclass(frozen=True)
 class CoverageStudy:
     """Coverage by condition and parameter, where at least one sensor has an estimate; failed calibrations and warnings
-    by condition, grouped by text; and the number of virtual sensors per condition."""
+    by condition, grouped by text; sensors with each of the reported effects by condition; and the number of virtual
+    sensors per condition."""
 
     rows: tuple[Coverage, ...]
     refused: Mapping[str, tuple[Message, ...]]
     warnings: Mapping[str, tuple[Message, ...]]
+    effects: Mapping[str, Mapping[str, int]]
     sensors: int
 
     def to_dict(self) -> dict[str, Any]:
@@ -175,6 +179,7 @@ class CoverageStudy:
                     "refused": sum(entry.sensors for entry in self.refused.get(name, ())),
                     "why_refused": [asdict(entry) for entry in self.refused.get(name, ())],
                     "warnings": [asdict(entry) for entry in self.warnings.get(name, ())],
+                    "effects": dict(self.effects.get(name, {})),
                 }
                 for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
             },
@@ -211,14 +216,16 @@ def coverage_study(
     found: dict[str, dict[str, list[Outcome | str]]] = {name: {} for name in chosen}
     refused: dict[str, list[str]] = {name: [] for name in chosen}
     warned: dict[str, list[str]] = {name: [] for name in chosen}
+    seen: dict[str, Counter[str]] = {name: Counter() for name in chosen}
     done = 0
     for (name, batch), results in zip(tasks, _work(tasks, processes), strict=True):
         for result in results:
             if isinstance(result, str):
                 refused[name].append(result)
                 continue
-            outcomes, warnings = result
+            outcomes, warnings, effects = result
             warned[name].extend(warnings)
+            seen[name].update(effects)
             for parameter, outcome in outcomes.items():
                 found[name].setdefault(parameter, []).append(outcome)
         done += len(batch)
@@ -233,7 +240,11 @@ def coverage_study(
                 rows.append(_row(name, parameter, known, reasons))
     failed = {name: _grouped(texts) for name, texts in refused.items() if texts}
     return CoverageStudy(
-        tuple(rows), failed, {name: _grouped(texts) for name, texts in warned.items() if texts}, sensors
+        tuple(rows),
+        failed,
+        {name: _grouped(texts) for name, texts in warned.items() if texts},
+        {name: dict(sorted(effects.items())) for name, effects in seen.items()},
+        sensors,
     )
 
 
@@ -247,9 +258,9 @@ def _grouped(texts: Sequence[str]) -> tuple[Message, ...]:
     return tuple(Message(len(group), group[0]) for group in groups)
 
 
-_Result = tuple[dict[str, Outcome | str], tuple[str, ...]] | str
-"""Of one sensor: by parameter, its outcome, or the reason for a missing estimate, and the warnings; or why the
-calibration failed."""
+_Result = tuple[dict[str, Outcome | str], tuple[str, ...], tuple[str, ...]] | str
+"""Of one sensor: by parameter, its outcome, or the reason for a missing estimate, the warnings and the reported
+effects; or why the calibration failed."""
 
 
 def _work(tasks: Sequence[tuple[str, Sequence[int]]], processes: int) -> Iterator[list[_Result]]:
@@ -268,21 +279,46 @@ def _work(tasks: Sequence[tuple[str, Sequence[int]]], processes: int) -> Iterato
 def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
     name, numbers = task
     with threads_for(1):  # a second thread does not pay for itself on small chips
-        return [measure_sensor(CONDITIONS[name].lab(number)) for number in numbers]
+        return [measure_sensor(CONDITIONS[name].lab(number), maps=CONDITIONS[name].maps) for number in numbers]
 
 
-def measure_sensor(lab: VirtualLab | DisturbedLab) -> _Result:
-    """Shoot and calibrate one virtual sensor and compare with the truth."""
+def measure_sensor(lab: VirtualLab | DisturbedLab, *, maps: bool = False) -> _Result:
+    """Shoot and calibrate one virtual sensor, with the maps of its chip if wanted, and compare with the truth."""
     try:
-        calibration = calibrate(lab.frame_set())
+        calibration = calibrate(lab.frame_set(), maps=maps)
     except CalibrationError as error:
         return str(error)
     if isinstance(lab, DisturbedLab):
         outcomes = compare(calibration, lab.truth(calibration))
     else:
         outcomes = compare(calibration, measured_truth(lab, calibration))
-        outcomes |= _compare_curve(calibration, lab.camera.sensor) | _compare_channels(calibration, lab.camera.sensor)
-    return outcomes, tuple(calibration.warnings)
+        for compare_effect in (_compare_curve, _compare_channels, _compare_noise):
+            outcomes |= compare_effect(calibration, lab.camera.sensor)
+    return outcomes, tuple(calibration.warnings), reported_effects(calibration)
+
+
+def reported_effects(calibration: Calibration) -> tuple[str, ...]:
+    """Return the names of the effects that a calibration reports.
+
+    Noise of rows and columns, and the distribution of the read noise, count where their 95 % interval is above 0.
+    """
+    temporal = calibration.temporal
+    found = {
+        "response curve": bool(calibration.response_curve),
+        "readout channels": calibration.readout_channels is not None,
+        "interpixel coupling": calibration.coupling is not None and calibration.coupling.seen,
+        "flicker": calibration.flicker is not None,
+        "row noise": _above_zero(calibration.row_noise_dn),
+        "column noise": _above_zero(calibration.column_noise_dn),
+        "read noise spread": temporal is not None and _above_zero(temporal.read_noise_log_spread),
+        "blinking pixels": temporal is not None and _above_zero(temporal.blinking_fraction),
+        "warnings": bool(calibration.warnings),
+    }
+    return tuple(name for name, reported in found.items() if reported)
+
+
+def _above_zero(estimate: Estimate) -> bool:
+    return estimate.interval_95 is not None and estimate.interval_95[0] > 0.0
 
 
 def _compare_curve(calibration: Calibration, sensor: Sensor) -> dict[str, Outcome | str]:
@@ -322,10 +358,27 @@ def _compare_channels(calibration: Calibration, sensor: Sensor) -> dict[str, Out
     }
 
 
+def _compare_noise(calibration: Calibration, sensor: Sensor) -> dict[str, Outcome | str]:
+    """Compare the distribution of the read noise over the pixels with the truth."""
+    if calibration.temporal is None or sensor.effects is None:
+        return {}
+    truth: dict[str, float] = {}
+    if (spread := sensor.effects.read_noise_spread) is not None and spread.log_spread is not None:
+        truth["read_noise_log_spread"] = spread.log_spread
+    if (telegraph := sensor.effects.telegraph_noise) is not None:
+        truth["blinking_fraction"] = telegraph.fraction
+        truth["blinking_amplitude_dn"] = telegraph.amplitude_e * sensor.system_gain_dn_per_e
+    return _outcomes({name: getattr(calibration.temporal, name) for name in truth}, truth)
+
+
 def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
     """Compare each estimate with its truth; parameters without a true value are left out."""
+    return _outcomes(calibration.estimates(), truth)
+
+
+def _outcomes(estimates: Mapping[str, Estimate], truth: Mapping[str, float]) -> dict[str, Outcome | str]:
     result: dict[str, Outcome | str] = {}
-    for name, entry in calibration.estimates().items():
+    for name, entry in estimates.items():
         if name not in truth:
             continue
         if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
@@ -390,6 +443,7 @@ class Condition:
     coupling_percent: Range | None = None  # interpixel capacitance; a tenth of it to the diagonal neighbors
     channels_percent: Range | None = None  # difference of the gains of odd and even columns
     uneven: bool = False  # whether the read noise differs between pixels, some of which blink
+    maps: bool = False  # whether the maps of the chip are measured, too
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -504,7 +558,7 @@ CONDITIONS: dict[str, Condition] = {
     for entry in (
         Condition(
             "bright-mono-12", f"metered flat fields to 1.25 times saturation, {_PEDESTAL}", "mono", 12, *_MONO,
-            (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
+            (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, maps=True,
         ),
         Condition(
             "bright-cfa-12", "flat fields to 2.5 times saturation of the green pixels", "rggb", 12, *_BAYER,
@@ -563,8 +617,9 @@ CONDITIONS: dict[str, Condition] = {
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend_percent=(1.0, 3.0),
         ),
         Condition(
-            "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one", "mono",
-            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
+            "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one; 96 x 128 "
+            "pixels", "mono",
+            12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
             disturbed=disturbed_lab.bend_and_wrong_level,
         ),
         Condition(
@@ -586,6 +641,7 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "uneven-mono-12", "read noise with a log-normal spread of 0.1 to 0.4, and 2 to 10 % blinking pixels",
             "mono", 12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, uneven=True,
+            maps=True,
         ),
         Condition(
             "flicker-mono-12", "flicker of the light: bands of 0.2 to 2 %, with a period of 10 to 40 rows", "mono",
