@@ -34,7 +34,7 @@ from photosite.calibration.spatial.pixel_slopes import (
     excess_variance,
 )
 from photosite.engine.map_statistics import Moments, label_moments
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive, weighted_mean
 

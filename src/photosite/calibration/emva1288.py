@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from photosite.calibration.parameters import Parameters
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Value, derive
 

@@ -12,7 +12,7 @@ from photosite.calibration.photon_transfer.channel import NO_PHOTONS, Channel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.spatial.nonuniformity import Parts, pool_parts
 from photosite.calibration.spatial.pixel_slopes import of_one_sample
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
 
 NO_LIGHT = Missing("no light frames")

@@ -10,7 +10,7 @@ from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.linearity import linearity_estimates
 from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.errors import InputError, did_you_mean
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.estimate import Estimate, standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Missing, Uncertain, Value, derive

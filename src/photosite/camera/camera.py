@@ -384,7 +384,7 @@ class Camera(Shown):
         if several is None:
             dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
             bits, (black_level_dn, white_level_dn) = self.sensor.readout.bits, self.sensor.output_levels_dn
-            profile = noise_profile(at, exposure_s)
+            profile = None if at.effects is not None and at.effects.companded else noise_profile(at, exposure_s)
         else:
             captures = digital_numbers_of_captures(self.sensor, mean_electrons, time_s, **place)
             dn, profile = combined(self.sensor, captures), None

@@ -11,10 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_terms import NoiseTerms
 from photosite.values.shown import ResultTable, Tabular
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+_ITERATIONS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +73,11 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     """Return the noise budget of a sensor over a range of signals.
 
     SNR = 10 log10(S^2 / N), S = volts / conversion gain in electrons and N the variance in electrons squared:
-    S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Saturation is ignored: levels
-    above the voltage swing extrapolate. The total is that of one frame of a uniform surface, where the fixed pattern
-    counts as noise; for a single pixel over many frames it does not. For a sensor with several captures this is the
-    first one; `capture_budget` has all of them and their combination.
+    S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Effects of the sensor count as
+    `photosite.sensor.noise_terms` describes it. Saturation is ignored: levels above the voltage swing extrapolate. The
+    total is that of one frame of a uniform surface, where the fixed pattern counts as noise; for a single pixel over
+    many frames it does not. For a sensor with several captures this is the first one; `capture_budget` has all of them
+    and their combination.
 
     Parameters
     ----------
@@ -99,28 +104,34 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     if not (np.isfinite(signal_v) & (signal_v > 0)).all():
         raise InputError("volts", value=signal_v.tolist(), expected="above 0")
     v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
-    signal_e = signal_v / v_per_e
-    read_e2 = sensor.electrons(sensor.noise.read_noise_mv.value) ** 2
-    dsnu_e2 = sensor.electrons(sensor.noise.dsnu_mv.value) ** 2
-    prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
+    signal_e, terms = signal_v / v_per_e, NoiseTerms(sensor)
+    steep = terms.slope(signal_e) ** 2
+    read_e2, dsnu_e2 = terms.read_e2 / steep + terms.induced_e2, terms.dsnu_e2 / steep
+    prnu2 = terms.prnu2
 
     def snr_db(variance_e2: NDArray[np.float64] | float) -> NDArray[np.float64]:
         with np.errstate(divide="ignore"):
             return np.asarray(10.0 * np.log10(signal_e**2 / np.asarray(variance_e2)))
 
-    floor_e2 = read_e2 + dsnu_e2
-    # The positive roots of prnu^2 S^2 + S = floor and of prnu^2 S^2 = S + floor.
-    root = np.sqrt(1.0 + 4.0 * prnu2 * floor_e2)
+    dark_limited_e, prnu_limited_e = 0.0, math.inf
+    # The floor depends on the signal by the slope of the response curve alone, and little.
+    for _ in range(_ITERATIONS):
+        # The positive roots of prnu^2 S^2 + linear S = floor and of prnu^2 S^2 = linear S + floor.
+        floor_e2 = float(terms.floor_e2(dark_limited_e))
+        dark_limited_e = 2.0 * floor_e2 / (terms.linear + math.sqrt(terms.linear**2 + 4.0 * prnu2 * floor_e2))
+        if prnu2:
+            floor_e2 = float(terms.floor_e2(min(prnu_limited_e, sensor.pixel.well_capacity_e.value)))
+            prnu_limited_e = (terms.linear + math.sqrt(terms.linear**2 + 4.0 * prnu2 * floor_e2)) / (2.0 * prnu2)
     return NoiseBudget(
         volts=signal_v,
         signal_e=signal_e,
-        total_db=snr_db(signal_e + floor_e2 + prnu2 * signal_e**2),
-        shot_db=snr_db(signal_e),
+        total_db=snr_db(terms.linear * signal_e + read_e2 + dsnu_e2 + prnu2 * signal_e**2),
+        shot_db=snr_db(terms.shot * signal_e),
         read_db=snr_db(read_e2),
         dsnu_db=snr_db(dsnu_e2),
         prnu_db=snr_db(prnu2 * signal_e**2),
-        dark_limited_below_volts=float(v_per_e * 2.0 * floor_e2 / (1.0 + root)),
-        prnu_limited_above_volts=float(v_per_e * (1.0 + root) / (2.0 * prnu2)) if prnu2 else float("inf"),
+        dark_limited_below_volts=v_per_e * dark_limited_e,
+        prnu_limited_above_volts=v_per_e * prnu_limited_e,
     )
 
 
@@ -139,8 +150,8 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
 
     Notes
     -----
-    The positive root of S^2 = R (S + read^2 + DSNU^2 + PRNU^2 S^2), R = 10^(snr_db / 10), in electrons. Saturation is
-    ignored.
+    The positive root of S^2 = R (S + read^2 + DSNU^2 + PRNU^2 S^2), R = 10^(snr_db / 10), in electrons, with effects as
+    in `noise_budget`. Saturation is ignored.
 
     Examples
     --------
@@ -150,24 +161,9 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
     >>> round(signal_e, 1), float(noise_budget(sensor, signal_e * 30e-6).total_db.round(9))
     (309.6, 20.0)
     """
-    prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
-    floor_e2 = sum(sensor.electrons(noise.value) ** 2 for noise in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
-    signal_e = signal_over_noise_e(10.0 ** (snr_db / 10.0), prnu2, floor_e2)
+    terms = NoiseTerms(sensor)
+    signal_e = terms.signal_at_snr_e(snr_db)
     if signal_e is None:
-        limit = -10.0 * math.log10(prnu2)
+        limit = -10.0 * math.log10(terms.prnu2)
         raise InputError("snr_db", value=snr_db, expected=f"below {limit:.4g}, the limit by PRNU")
     return signal_e
-
-
-def signal_over_noise_e(ratio: float, prnu2: float, floor_e2: float) -> float | None:
-    """Return the signal S in electrons for which S^2 = ratio (S + floor + prnu2 S^2); None if PRNU limits the ratio.
-
-    Examples
-    --------
-    >>> signal_over_noise_e(100.0, 0.0, 0.0), signal_over_noise_e(100.0, 0.02, 0.0)
-    (100.0, None)
-    """
-    square = 1.0 - ratio * prnu2
-    if not square > 0:
-        return None
-    return (ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square)

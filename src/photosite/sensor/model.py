@@ -501,11 +501,21 @@ class Sensor(Tabular, Section):
 
     @property
     def saturation_capacity_e(self) -> float:
-        """Electrons at which the output saturates: the smaller of well capacity and converter range."""
+        """Collected electrons at which the output saturates: the smaller of well capacity and converter range.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200")
+        >>> round(sensor.saturation_capacity_e), round(sensor.with_(em_gain={"gain": 100}).saturation_capacity_e)
+        (32678, 327)
+        """
         head_room_e = (self.white_level_dn - self.readout.black_level_dn.value) / self.system_gain_dn_per_e
         well_e = self.pixel.well_capacity_e.value
         if self.effects is not None and (curve := self.effects.response_curve) is not None:
             return curve.charge_at(head_room_e, well_e)
+        if self.effects is not None and (em := self.effects.em_gain) is not None:
+            head_room_e = min(head_room_e, math.inf if em.register_well_e is None else em.register_well_e) / em.gain
         return min(well_e, head_room_e)
 
     @property

@@ -13,11 +13,9 @@ from statistics import fmean
 
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_terms import QUANTISATION_DN2, NoiseTerms
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
-
-QUANTISATION_DN2 = 1 / 12
-"""Variance of rounding to whole numbers."""
 
 NOT_IN_PROFILE = (
     "PRNU, dark current, the well, quantum efficiency and the division of the offset into read noise and DSNU"
@@ -184,8 +182,14 @@ def _root(variance: Measured, what: str) -> Measured:
 def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: float | None = None) -> NoiseProfile:
     """Return the noise profile of a sensor's description, with propagated uncertainties.
 
-    The offset is read noise, DSNU, the dark current's shot noise in `exposure_s`, and rounding. `gain_setting` is the
-    one that the description is valid for.
+    The offset is read noise, DSNU, the dark current's shot noise in `exposure_s`, and rounding, with effects as in
+    `photosite.sensor.noise_terms`: a response curve counts as its slope at small signal. `gain_setting` is the one that
+    the description is valid for.
+
+    Raises
+    ------
+    InputError
+        If the numbers are companded, so that the variance is no straight line.
 
     Examples
     --------
@@ -194,33 +198,36 @@ def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: 
     >>> round(1 / profile.slope[0].value / 4095, 2), round(profile.dark_noise_dn.value, 2)
     (7.98, 3.17)
     """
-    noise, pixel, readout = sensor.noise, sensor.pixel, sensor.readout
+    noise, pixel, readout, terms = sensor.noise, sensor.pixel, sensor.readout, NoiseTerms(sensor)
+    if sensor.effects is not None and sensor.effects.companded:
+        raise InputError("a noise profile holds for numbers that are not companded", where=f"sensor '{sensor.name}'")
     span = sensor.white_level_dn - readout.black_level_dn.value
     gain, volts = sensor.system_gain_dn_per_e, sensor.mv_per_dn
     # Relative uncertainties.
     of_volts = math.hypot(*(q.standard_uncertainty / q.value for q in (pixel.voltage_swing_v, readout.analog_gain)))
     of_conversion = pixel.conversion_gain_uv_per_e.standard_uncertainty / pixel.conversion_gain_uv_per_e.value
     of_span = readout.black_level_dn.standard_uncertainty / span
-    slope = gain / span
+    slope = gain * terms.multiplication * terms.shot / span
 
     fixed = [(q.value / volts, q.standard_uncertainty / volts) for q in (noise.read_noise_mv, noise.dsnu_mv)]
-    dark = noise.dark_voltage_mv_per_s
-    shot = gain * dark.value * exposure_s / volts
-    analog = sum(value**2 for value, _ in fixed)
+    dark, to_dn = noise.dark_voltage_mv_per_s, gain * terms.multiplication
+    shot_per_mv = terms.shot * terms.multiplication * to_dn * exposure_s / volts
+    shot = shot_per_mv * dark.value
+    analog = to_dn**2 * float(terms.floor_e2())
+    rounding = to_dn**2 * float(terms.rounding_e2(0.0))
     uncertainty = math.hypot(
         *(2 * value * u for value, u in fixed),
-        gain * dark.standard_uncertainty * exposure_s / volts,
+        shot_per_mv * dark.standard_uncertainty,
         (2 * analog + 2 * shot) * of_volts,
         shot * of_conversion,
-        2 * (analog + shot + QUANTISATION_DN2) * of_span,
+        2 * (analog + shot + rounding) * of_span,
     )
     count = len(sensor.channel_names)
     return NoiseProfile(
         sensor.channel_names,
         (Measured(slope, slope * math.hypot(of_volts, of_conversion, of_span)),) * count,
-        (Measured((analog + shot + QUANTISATION_DN2) / span**2, uncertainty / span**2),) * count,
+        (Measured((analog + shot + rounding) / span**2, uncertainty / span**2),) * count,
         gain_setting,
-        readout.black_level_dn.value,
-        sensor.white_level_dn,
+        *sensor.output_levels_dn,
         sensor.name,
     )

@@ -14,7 +14,7 @@ from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import NoiseTerms
 from photosite.values.cfa import channel_sites
 from photosite.values.exposure import check_exposure
 
@@ -111,7 +111,7 @@ def _rates(camera: Camera, field: Scene) -> Array:
 def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) -> Array:
     """Return the variance over the pixels of one frame of an even surface, in electrons squared.
 
-    Photons, dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU.
+    Photons, dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU (`sensor.noise_terms`).
 
     Examples
     --------
@@ -120,18 +120,17 @@ def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) ->
     >>> (total_variance_e2(sensor, [0.0, 1e4], 0.0) ** 0.5).round(1)
     array([ 25.3, 152.7])
     """
-    signal = np.asarray(signal_e, np.float64)
-    noise = sensor.noise
-    uneven_e = noise.dcnu_percent.value / 100.0 * dark_signal_e(sensor, exposure_s)
-    pattern = sensor.electrons(noise.dsnu_mv.value) ** 2 + uneven_e**2
-    response = (noise.prnu_percent.value / 100.0 * signal) ** 2
-    return np.asarray(signal + temporal_dark_variance_e2(sensor, exposure_s) + pattern + response)
+    signal, terms = np.asarray(signal_e, np.float64), NoiseTerms(sensor)
+    dark_e = dark_signal_e(sensor, exposure_s)
+    uneven = (sensor.noise.dcnu_percent.value / 100.0 * dark_e) ** 2 * terms.independent_share
+    charge = terms.linear * (signal + dark_e) + uneven + terms.prnu2 * signal**2
+    return np.asarray(charge + terms.floor_e2(signal + dark_e) + terms.rounding_e2(signal + dark_e))
 
 
 def temporal_dark_variance_e2(sensor: Sensor, exposure_s: float) -> float:
     """Return the variance of a pixel without light from frame to frame, in electrons squared."""
-    read_e = sensor.electrons(sensor.noise.read_noise_mv.value)
-    return dark_signal_e(sensor, exposure_s) + read_e**2 + QUANTISATION_DN2 / sensor.system_gain_dn_per_e**2
+    terms, dark_e = NoiseTerms(sensor), dark_signal_e(sensor, exposure_s)
+    return terms.shot * dark_e + terms.read_e2 + terms.induced_e2 + float(terms.rounding_e2(dark_e))
 
 
 def dark_signal_e(sensor: Sensor, exposure_s: float) -> float:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.calibration.plan import PlannedGroup, predict
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import InputError, PhotositeWarning, did_you_mean
 from photosite.frames.frame_settings import KINDS, Kind
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
@@ -32,6 +33,12 @@ LEAST_IN_WORDS = (
     f"{LEAST_FRAMES} frames at every setting, {LEAST_LINEAR_LEVELS} light levels in every channel's linear range, "
     f"{LEAST_SERIES + 1} dark exposures"
 )
+
+_NOT_PLANNED = (
+    *("response_curve", "em_gain", "interpixel_capacitance", "charge_transfer", "telegraph_noise"),
+    *("readout_channels", "black_level_drift", "output"),
+)
+"""Effects that change variances or means of frames, and that the prediction does not have."""
 
 _LINEAR_SHARE = 0.7
 """End of EMVA 1288's photon transfer fit, relative to saturation."""
@@ -152,6 +159,11 @@ def plan_protocol(lab: VirtualLab) -> Plan:
     InputError
         If the protocol has no repeated dark frames, or its dark frames would clip at 0.
 
+    Warns
+    -----
+    PhotositeWarning
+        If the sensor has effects that the prediction leaves out.
+
     Examples
     --------
     >>> import photosite as ps
@@ -162,8 +174,19 @@ def plan_protocol(lab: VirtualLab) -> Plan:
     >>> f"{100 * gain.standard_uncertainty / gain.value:.3f} %"
     '0.008 %'
     """
+    _warn_of_effects(lab.camera.sensor)
     groups = planned_groups(lab)
     return Plan(lab.camera.sensor, lab.protocol, groups, predict(lab.camera.sensor, groups))
+
+
+def _warn_of_effects(sensor: Sensor) -> None:
+    """Warn of effects that change the photon transfer: the plan is without them."""
+    given = (
+        [] if sensor.effects is None else [name for name in _NOT_PLANNED if getattr(sensor.effects, name) is not None]
+    )
+    if given:
+        problem = f"sensor '{sensor.name}': the plan leaves out {', '.join(given)} of its effects"
+        warnings.warn(PhotositeWarning(problem, hint="Precision with them may be lower"), stacklevel=3)
 
 
 def planned_groups(lab: VirtualLab) -> tuple[PlannedGroup, ...]:
@@ -275,6 +298,11 @@ def plan_frames(
         If nothing is wanted, a parameter cannot be estimated, or no number of frames suffices, because the number of
         pixels limits the precision.
 
+    Warns
+    -----
+    PhotositeWarning
+        As `plan_protocol`.
+
     Examples
     --------
     >>> import photosite as ps
@@ -287,6 +315,7 @@ def plan_frames(
     if not wants:
         hint = "Give prnu_percent=2%, for example"
         raise InputError("wants", value=wants, expected="one parameter or more", hint=hint)
+    _warn_of_effects(sensor)
     design = design or Design()
     share = _weakest_share(sensor, design, illuminant)
     best: Plan | None = None

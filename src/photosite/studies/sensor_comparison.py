@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
-from photosite.metrics.snr import signal_over_noise_e
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.page import Page, Paragraph, Section, Table, columns, figure_block, numeric
 from photosite.report.style import BLACK, GRAY, line_style, new_figure, styled
 from photosite.report.write import write_report
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_terms import NoiseTerms
 from photosite.studies.gray_surface import (
     electron_rates,
     light_capacity_e,
@@ -77,9 +77,9 @@ class SensorFacts(Tabular):
     @property
     def snr10_cd_m2(self) -> float | None:
         """Luminance at which the ratio is 10; None if the pixel saturates or PRNU limits the ratio before."""
-        prnu2 = (self.sensor.noise.prnu_percent.value / 100.0) ** 2
         dark_e2 = float(total_variance_e2(self.sensor, 0.0, self.exposure_s))
-        signal = signal_over_noise_e(10.0 ** (SNR10_DB / 10.0), prnu2, dark_e2)
+        terms = NoiseTerms(self.sensor)
+        signal = terms.signal_at_snr_e(SNR10_DB, other_e2=dark_e2 - float(terms.floor_e2()))
         if signal is None:
             return None
         luminance = signal / self.electrons_per_cd_m2

@@ -13,7 +13,7 @@ from photosite.color.spectrum import integration_weights
 from photosite.optics.lens import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import channel_sites
 
 if TYPE_CHECKING:

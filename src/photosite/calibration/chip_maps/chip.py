@@ -30,7 +30,7 @@ from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 
 CLIPPED_DARK = 1e-3
 """Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""

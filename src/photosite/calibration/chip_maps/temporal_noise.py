@@ -16,7 +16,7 @@ from photosite.calibration.spatial.line_noise import LineSums, TemporalParts, po
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import read_only, threads_for
 from photosite.engine.map_statistics import add_residuals, line_sums
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Uncertain

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 
 from photosite.engine.frame_sums import FrameSums
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing
 
 LEAST_READ_NOISE = 0.5

@@ -22,7 +22,7 @@ from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStat
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.errors import CalibrationError
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_mean
 
 _REACH, _POINTS = 8.0, 97

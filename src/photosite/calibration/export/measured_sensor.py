@@ -17,7 +17,8 @@ from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import maps_path
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
+from photosite.sensor.noise_profile import NoiseProfile
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.sensor.quantity import Covariance
 from photosite.values.estimate import Estimate, standard_deviation
 from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value

@@ -31,7 +31,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.quantisation import differing_share
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, combined, correlated
 
 Array = NDArray[np.float64]

@@ -33,7 +33,7 @@ from scipy.linalg import toeplitz
 from scipy.special import gammainccinv, gammaincinv
 
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 FRAME_REACH = 2

@@ -33,7 +33,7 @@ from scipy.linalg import block_diag
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
 from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Source, Uncertain
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from photosite.calibration.reduction.quantisation import rounding_uncertainty, second_rounding
 from photosite.engine.frame_sums import LabelTotals
 from photosite.frames.frame_set import FrameGroup
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import Cfa, channel_names
 from photosite.values.uncertain import Source, Uncertain, combined
 

@@ -107,6 +107,11 @@ class Effects(Section):
             raise InputError("response_curve and em_gain are both given", where="effects", hint=hint)
 
     @property
+    def companded(self) -> bool:
+        """Whether the digital numbers of frames are companded."""
+        return self.output is not None and self.output.companding is not None
+
+    @property
     def of_single_captures(self) -> list[str]:
         """The effects that sensors with several captures of one exposure cannot have."""
         names = "blooming", "charge_transfer", "em_gain", "interpixel_capacitance", "output"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -74,6 +75,23 @@ class Output(Section):
         """Return black and white level of the output."""
         table = self.table(white_level_dn, black_level_dn)
         return float(np.interp(black_level_dn, np.arange(len(table)), table)), float(table[-1])
+
+    def steps_dn(self, dn: NDArray[np.float64], black_level_dn: float, white_level_dn: float) -> NDArray[np.float64]:
+        """Return how many numbers of the converter share the saved number, at numbers from the black level on.
+
+        Examples
+        --------
+        >>> Output(companding="square_root", companded_bits=8).steps_dn(np.array([100.0, 4000.0]), 0, 4095)
+        array([ 5., 32.])
+        """
+        first = math.ceil(black_level_dn)
+        _, place, count = np.unique(
+            self.table(white_level_dn, black_level_dn)[first:], return_inverse=True, return_counts=True
+        )
+        # The first saved number may begin below the black level; it counts as the second.
+        count[0] = max(count[:2])
+        shared = count[place]
+        return shared[np.clip(np.rint(dn) - first, 0, len(shared) - 1).astype(np.intp)].astype(np.float64)
 
     def _highest(self, white_level: int) -> int:
         return white_level if self.rescaled else white_level >> self.dropped_bits

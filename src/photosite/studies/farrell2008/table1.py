@@ -18,7 +18,7 @@ from photosite.report.page import Block, Column, Details, Listing, Paragraph, Su
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.studies.farrell2008.cameras import D200, ILLUMINANT, VENDOR, Case, MeasuredCamera, frame_key
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, listing, paragraph, text
 from photosite.studies.progress import NoProgress, Progress
