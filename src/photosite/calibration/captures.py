@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.channel import Curve
+from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
-from photosite.frames.frame_set import FrameSet
+from photosite.frames.frame_set import FrameSet, FrameSource
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_mask
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
-from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive
+from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
+
+_Array = NDArray[np.float64]
 
 _SHOWN = ("system_gain_dn_per_e", "read_noise_e", "saturation_capacity_e")
 _SIGNAL = "slopes of the signals of neighboring captures at the levels where both are linear"
@@ -66,7 +71,9 @@ def calibrate_captures(
     The ratio of the signals of a capture and the one before does not depend on the stated light: it is the slope of
     the mean signals of one against those of the other, at the levels in the lower 85 % of the linear range of both.
     The products of these ratios refer to the first capture. Divided by the ratio of the system gains they are ratios
-    of electrons.
+    of electrons. Their uncertainty includes the differences between the photodiodes of a pixel (PRNU), of which the
+    chip's pixels are a sample. Noise that captures share is no part of it: that of one charge read twice. Frames are
+    paired by their order at each level.
 
     Parameters
     ----------
@@ -108,59 +115,178 @@ def calibrate_captures(
     sizes = {(each.rows, each.cols, each.cfa) for each in frames.values()}
     if len(sizes) > 1:
         raise InputError("frames", value=sorted(map(str, sizes)), expected="of one size and color filter array")
-    found = {name: calibrate(each, sensor, **options) for name, each in frames.items()}
-    first, *others = found
+    found = {name: _Capture.of(each, calibrate(each, sensor, **options)) for name, each in frames.items()}
+    first = next(iter(found))
+    chain: dict[str, Value] = dict.fromkeys(found[first].sites, Uncertain(1.0))
     signal: dict[str, Value] = {}
-    total: Value = Uncertain(1.0)
+    sensitivity: dict[str, Value] = {}
     for before, name in pairwise(found):
-        total = derive(lambda so_far, ratio: so_far * ratio, total, _signal_ratio(found[before], found[name]))
-        signal[name] = total
-    sensitivity = {
-        name: derive(
-            lambda ratio, gain, other: ratio * gain / other,
-            signal[name],
-            found[first].system_gain_dn_per_e.uncertain,
-            found[name].system_gain_dn_per_e.uncertain,
+        pair = _Pair(found[before], found[name])
+        chain = {channel: derive(_product, value, pair.slope(channel)) for channel, value in chain.items()}
+        signal[name] = _mean(
+            [derive(_product, value, _unlike(found[first], found[name], channel)) for channel, value in chain.items()]
         )
-        for name in others
-    }
+        gains = pair if before == first else _Pair(found[first], found[name])
+        sensitivity[name] = derive(_product, signal[name], gains.gain_ratio())
     return CaptureCalibration(
-        found,
+        {name: each.calibration for name, each in found.items()},
         {name: Estimate.of(value, _SIGNAL) for name, value in signal.items()},
         {name: Estimate.of(value, f"{_SIGNAL}, over the system gains") for name, value in sensitivity.items()},
     )
 
 
-def _signal_ratio(first: Calibration, other: Calibration) -> Value:
-    """Return the ratio of the signals, the mean over the channels weighted by their uncertainty."""
-    found = [_slope(first, other, channel) for channel in first.curves if channel in other.curves]
-    values = [each for each in found if isinstance(each, Uncertain)]
-    if not values:
-        return found[0] if found else Missing("the captures have no channel in common")
-    weights = np.array([each.standard_uncertainty or 1e-12 for each in values]) ** -2.0
-    shares = weights / weights.sum()
-    return sum((each * float(share) for each, share in zip(values, shares, strict=True)), Uncertain(0.0))
+def _product(a: Uncertain, b: Uncertain) -> Uncertain:
+    return a * b
 
 
-def _slope(first: Calibration, other: Calibration, channel: str) -> Value:
-    """Return the slope of the signals of a channel of one capture against those of another."""
-    curves = [each.curves[channel].get("response") for each in (first, other)]
-    ranges = [each.linear_range.get(channel) for each in (first, other)]
-    a, b = curves
-    if a is None or b is None or None in ranges:
-        return Missing("the response of a capture to light is not known")
-    highest = _USED * min(each.highest for each in ranges if each is not None)
-    x, (ya, ua), (yb, ub) = _common(a, b, highest)
-    if len(x) < 3:
-        return Missing(f"{len(x)} levels of light lie in the linear range of both captures; 3 are needed")
-    ratio = float((ya * yb).sum() / (ya * ya).sum())
-    weight = 1.0 / np.hypot(ub, ratio * ua)
-    design = np.stack([np.ones_like(ya), ya], axis=1) * weight[:, None]
-    solution, *_ = np.linalg.lstsq(design, yb * weight, rcond=None)
-    residual = yb * weight - design @ solution
-    freedom = len(x) - 2
-    covariance = np.linalg.inv(design.T @ design) * float(residual @ residual) / freedom
-    return Uncertain.of(float(solution[1]), float(np.sqrt(covariance[1, 1])), Source.student(freedom))
+def _mean(values: list[Value]) -> Value:
+    """Return the mean over the channels, weighted by their uncertainty."""
+    known = [each for each in values if isinstance(each, Uncertain)]
+    if not known:
+        return values[0] if values else Missing("the captures have no channel in common")
+    return weighted_mean(known, [(each.standard_uncertainty or 1e-12) ** -2 for each in known])
+
+
+class _Capture(NamedTuple):
+    """A capture: its calibration, its flat fields by the light on the axis of the curves, and its channels' pixels."""
+
+    calibration: Calibration
+    flats: Mapping[float, tuple[FrameSource | None, ...]]  # None for a frame that was left out
+    sites: Mapping[str, NDArray[np.bool_]]
+
+    @classmethod
+    def of(cls, frames: FrameSet, calibration: Calibration) -> _Capture:
+        used = {frame.name for frame in calibration.frames_used}
+        axis = next((each.abscissa for each in calibration.linear_range.values()), "exposure_s")
+        flats = {
+            getattr(group, axis): tuple(frame if frame.name in used else None for frame in group.frames)
+            for group in frames.of_kind("light")
+        }
+        shape = (frames.rows, frames.cols)
+        sites = {channel: channel_mask(frames.cfa, channel, shape) for channel in calibration.curves}
+        return cls(calibration, flats, sites)
+
+    def responses(self, channel: str) -> tuple[_Array, _Array] | None:
+        """Return the relative response of the pixels, twice, from frames of their own; None without two levels."""
+        used = self.calibration.linear_range.get(channel)
+        if used is None:
+            return None
+        inside = [x for x, frames in self.flats.items() if used.lowest <= x <= used.highest and _first_two([frames])]
+        if len(inside) < 2:
+            return None
+        site, levels = self.sites[channel], []
+        for x in (min(inside), max(inside)):
+            place = _first_two([self.flats[x]])
+            levels.append([_read(self.flats[x], k)[site] for k in place])
+        first, second = (bright - dim for dim, bright in zip(*levels, strict=True))
+        return first / first.mean(), second / second.mean()
+
+
+def _first_two(sets: Sequence[tuple[FrameSource | None, ...]]) -> tuple[int, ...]:
+    """Return the places of the first two frames that were used in all sets; empty where there are not as many."""
+    places = [k for k, frames in enumerate(zip(*sets, strict=False)) if None not in frames]
+    return tuple(places[:2]) if len(places) >= 2 else ()
+
+
+def _read(frames: tuple[FrameSource | None, ...], place: int) -> _Array:
+    frame = frames[place]
+    assert frame is not None
+    return frame.read().astype(np.float64)
+
+
+def _unlike(first: _Capture, other: _Capture, channel: str) -> Uncertain:
+    """Return 1 with the uncertainty of the mean ratio over the pixels, by which two photodiodes of a pixel differ.
+
+    The covariance of two independent measurements of the difference of the relative responses has no temporal noise.
+    It is 0 where the captures share the photodiode.
+    """
+    a, b = first.responses(channel), other.responses(channel)
+    if a is None or b is None:
+        return Uncertain(1.0)
+    spread = float(np.cov(b[0] - a[0], b[1] - a[1])[0, 1])
+    return Uncertain.of(1.0, math.sqrt(max(spread, 0.0) / a[0].size))
+
+
+class _Pair:
+    """Two captures, and the covariance of their temporal noise where they have the same light.
+
+    Captures that share a charge share its shot noise.
+    """
+
+    def __init__(self, first: _Capture, other: _Capture) -> None:
+        self.first, self.other = first, other
+        self._noise: dict[float, dict[str, _Array] | None] = {}
+
+    def noise(self, channel: str, x: float) -> _Array | None:
+        """Return the (2, 2) covariance of the pixels' temporal noise at a level; None without two frames of both."""
+        if x not in self._noise:
+            flats = self.first.flats.get(x, ()), self.other.flats.get(x, ())
+            self._noise[x] = None
+            if places := _first_two(flats):
+                a, b = (_read(frames, places[1]) - _read(frames, places[0]) for frames in flats)
+                self._noise[x] = {name: np.cov(a[site], b[site]) / 2.0 for name, site in self.first.sites.items()}
+        found = self._noise[x]
+        return None if found is None else found[channel]
+
+    def slope(self, channel: str) -> Value:
+        """Return the slope of the signals of a channel of the second capture against those of the first."""
+        captures = self.first.calibration, self.other.calibration
+        curves = [each.curves.get(channel, {}).get("response") for each in captures]
+        ranges = [each.linear_range.get(channel) for each in captures]
+        a, b = curves
+        if a is None or b is None or None in ranges:
+            return Missing("the response of a capture to light is not known")
+        highest = _USED * min(each.highest for each in ranges if each is not None)
+        x, (ya, ua), (yb, ub) = _common(a, b, highest)
+        if len(x) < 3:
+            return Missing(f"{len(x)} levels of light lie in the linear range of both captures; 3 are needed")
+        ratio = float((ya * yb).sum() / (ya * ya).sum())
+        variance = ub**2 + (ratio * ua) ** 2
+        for level, light in enumerate(x):
+            noise = self.noise(channel, float(light))
+            if noise is not None and (apart := noise[1, 1] + ratio**2 * noise[0, 0]) > 0.0:
+                # That of the difference, over that of independent captures
+                variance[level] *= max(1.0 - 2.0 * ratio * noise[0, 1] / apart, 1e-6)
+        return fit_linear(np.stack([np.ones_like(ya), ya], axis=1), yb, np.diag(variance)).uncertain[1]
+
+    def gain_ratio(self) -> Value:
+        """Return the system gain of the first capture over that of the second.
+
+        Both photon transfer lines have the same error as far as their levels have the same noise: sample variances of
+        noise with the correlation r have the correlation r^2.
+        """
+        gains = (each.calibration.system_gain_dn_per_e.uncertain for each in (self.first, self.other))
+        return derive(self._quotient, *gains)
+
+    def _quotient(self, gain: Uncertain, other: Uncertain) -> Uncertain:
+        ratio = gain / other
+        own = ratio.relative**2
+        common = 0.0
+        if own > 0.0 and not (self.first.calibration.response_curve or self.other.calibration.response_curve):
+            a, b = _transfer_lines(self.first.calibration), _transfer_lines(self.other.calibration)
+            for channel, x in a.keys() & b.keys():
+                noise = self.noise(channel, x)
+                if noise is not None and noise.any():
+                    correlation = noise[0, 1] ** 2 / (noise[0, 0] * noise[1, 1])
+                    common += correlation * a[channel, x] * b[channel, x]
+            common /= gain.value * other.value
+        left = math.sqrt(max(1.0 - 2.0 * common / own, 0.01)) if common > 0.0 else 1.0
+        return Uncertain(ratio.value, {source: left * part for source, part in ratio.parts.items()})
+
+
+def _transfer_lines(calibration: Calibration) -> dict[tuple[str, float], float]:
+    """Return by channel and light how far the system gain changes per standard uncertainty of the variance there."""
+    points: dict[tuple[str, float], tuple[float, float]] = {}
+    for channel, curves in calibration.curves.items():
+        if "photon_transfer" not in curves or "response" not in curves:
+            continue
+        lights = dict(zip(curves["response"].y.tolist(), curves["response"].x.tolist(), strict=True))
+        line = curves["photon_transfer"]
+        for signal, uncertainty, used in zip(line.x, line.y_uncertainty, line.used, strict=True):
+            if used and signal in lights and uncertainty > 0.0:
+                points[channel, lights[signal]] = float(signal), float(uncertainty)
+    whole = sum((signal / uncertainty) ** 2 for signal, uncertainty in points.values())
+    return {place: signal / uncertainty / whole for place, (signal, uncertainty) in points.items()}
 
 
 def _common(
