@@ -15,14 +15,17 @@ from typing import Any
 import numpy as np
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.captures import calibrate_captures
 from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
 from photosite.errors import CalibrationError, InputError, did_you_mean
+from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.sensor.capture_readout import captures_of, part_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies import disturbed_lab
 from photosite.studies.disturbed_lab import DisturbedLab, Draw
 from photosite.studies.protocol import ShootingProtocol, Step, series
-from photosite.studies.truth import measured_truth
+from photosite.studies.truth import measured_truth, true_parameters
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.cfa import cfa_from, channel_names
 from photosite.values.estimate import Estimate
@@ -46,7 +49,7 @@ Progress = Callable[[int, int], None]
 Range = tuple[float, float]
 """Lowest and highest value; the logarithm is drawn uniformly between them."""
 
-SHORTEST_S, LONGEST_FLAT_S = 1e-4, 0.05
+SHORTEST_S, LONGEST_FLAT_S, LONGEST_WIDE_S = 1e-4, 0.05, 0.5
 _EFFICIENCY = {"M": 0.5, "R": 0.35, "G": 0.5, "B": 0.3}
 """Quantum efficiency of each channel; sensors vary by 10 %."""
 
@@ -284,6 +287,8 @@ def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
 
 def measure_sensor(lab: VirtualLab | DisturbedLab, *, maps: bool = False) -> _Result:
     """Shoot and calibrate one virtual sensor, with the maps of its chip if wanted, and compare with the truth."""
+    if isinstance(lab, VirtualLab) and lab.camera.sensor.captures is not None:
+        return _measure_captures(lab)
     try:
         calibration = calibrate(lab.frame_set(), maps=maps)
     except CalibrationError as error:
@@ -319,6 +324,34 @@ def reported_effects(calibration: Calibration) -> tuple[str, ...]:
 
 def _above_zero(estimate: Estimate) -> bool:
     return estimate.interval_95 is not None and estimate.interval_95[0] > 0.0
+
+
+def _measure_captures(lab: VirtualLab) -> _Result:
+    """Shoot and calibrate the captures of one virtual sensor; compare gain, read noise and ratios with the truth."""
+    sensor, captures = lab.camera.sensor, captures_of(lab.camera.sensor)
+    taken: dict[str, list[tuple[Any, float, Any]]] = {name: [] for name in captures.names}
+    for _, step, raw in lab.frames():
+        for name, dn in raw.captures.items():
+            taken[name].append((step.kind, step.exposure_s, dn))
+    try:
+        found = calibrate_captures({name: frame_set_from_arrays(each, bits=12) for name, each in taken.items()})
+    except CalibrationError as error:
+        return str(error)
+    gains = {name: part_sensor(sensor, name).system_gain_dn_per_e for name in captures.names}
+    first, *others = captures.names
+    outcomes: dict[str, Outcome | str] = {}
+    for name, calibration in found.captures.items():
+        truth = true_parameters(part_sensor(sensor, name))
+        truth = {parameter: truth[parameter] for parameter in ("system_gain_dn_per_e", "read_noise_e")}
+        outcomes |= {f"{name}_{parameter}": each for parameter, each in compare(calibration, truth).items()}
+    for name in others:
+        ratio = captures.light(name) / captures.light(first)
+        signal, electrons = found.signal_ratio[name], found.sensitivity_ratio[name]
+        outcomes[f"{name}_signal_ratio"] = _outcome(signal, ratio * gains[name] / gains[first])
+        outcomes[f"{name}_sensitivity_ratio"] = _outcome(electrons, ratio)
+    calibrations = found.captures.values()
+    effects = dict.fromkeys(effect for each in calibrations for effect in reported_effects(each))
+    return outcomes, tuple(text for each in calibrations for text in each.warnings), tuple(effects)
 
 
 def _compare_curve(calibration: Calibration, sensor: Sensor) -> dict[str, Outcome | str]:
@@ -381,18 +414,18 @@ def _outcomes(estimates: Mapping[str, Estimate], truth: Mapping[str, float]) -> 
     for name, entry in estimates.items():
         if name not in truth:
             continue
-        if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
-            result[name] = entry.reason or ""
-            continue
-        low, high = entry.interval_95
-        slack = _ROUNDING * abs(truth[name])
-        result[name] = Outcome(
-            entry.value - truth[name],
-            entry.standard_uncertainty,
-            abs(truth[name]) or 1.0,
-            low - slack <= truth[name] <= high + slack,
-        )
+        result[name] = _outcome(entry, truth[name])
     return result
+
+
+def _outcome(entry: Estimate, truth: float) -> Outcome | str:
+    """Compare an estimate with the truth; return the reason where it has no value."""
+    if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
+        return entry.reason or ""
+    low, high = entry.interval_95
+    slack = _ROUNDING * abs(truth)
+    covered = low - slack <= truth <= high + slack
+    return Outcome(entry.value - truth, entry.standard_uncertainty, abs(truth) or 1.0, covered)
 
 
 def _row(name: str, parameter: str, outcomes: Sequence[Outcome], reasons: Sequence[str]) -> Coverage:
@@ -442,8 +475,11 @@ class Condition:
     bend_percent: Range | None = None  # deviation of the response at the well capacity, of either sign, cubic
     coupling_percent: Range | None = None  # interpixel capacitance; a tenth of it to the diagonal neighbors
     channels_percent: Range | None = None  # difference of the gains of odd and even columns
+<<<<<<< HEAD
     uneven: bool = False  # whether the read noise differs between pixels, some of which blink
     maps: bool = False  # whether the maps of the chip are measured, too
+=======
+    captures: bool = False  # a charge read with two gains, and a smaller photodiode
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -464,8 +500,10 @@ class Condition:
         range_e = (2**self.bits - 1 - black) / gain
         well_e = float(round(range_e * (0.8 if number % 2 else 1.5)))
         tile = cfa_from(self.cfa)
+        captures = {"captures": _captures(between, read_dn / gain)} if self.captures else {}
         return Sensor.model_validate(
             {
+                **captures,
                 "name": f"{self.name}, sensor {number}",
                 "serial": f"{self.name}, chip {number}",
                 "array": {"rows": self.rows, "cols": self.cols, "cfa": tile},
@@ -519,6 +557,9 @@ class Condition:
         # The light level varies, so that saturation falls anywhere between two exposures.
         level = self.level * (0.92 + 0.16 * ((number * _GOLDEN_RATIO) % 1.0))
         sensor = self.sensor(number)
+        if sensor.captures is not None:  # to the saturation of the least sensitive capture
+            last = part_sensor(sensor, sensor.captures.names[-1])
+            level *= last.saturation_capacity_e / sensor.saturation_capacity_e / sensor.captures.light("small")
         if self.disturbed is None:
             return virtual_lab(sensor, self.protocol, level=level, seed=number, photons_known=self.photons_known)
         effect, factors = self.disturbed(sensor, np.random.default_rng([number]))
@@ -527,6 +568,14 @@ class Condition:
 
 def _line_noise(read_mv: float, between: Callable[[float, float], float], share: Range) -> dict[str, float]:
     return {name: read_mv * between(*share) for name in ("row_noise_mv", "column_noise_mv")}
+
+
+def _captures(between: Callable[[float, float], float], read_noise_e: float) -> dict[str, Any]:
+    """Return the section of captures: one charge with a high and a low gain, and a small photodiode."""
+    low = {"name": "low", "charge": "shared", "charge_of": "high", "relative_gain": between(0.2, 0.5)}
+    small = {"name": "small", "relative_sensitivity": between(0.03, 0.3), "crosstalk": {"high": between(1e-3, 1e-2)}}
+    low["read_noise_e"], small["read_noise_e"] = (read_noise_e * between(1.0, 3.0) for _ in range(2))
+    return {"parts": ({"name": "high"}, low, small), "combination": {"dn_per_e": 1.0}}
 
 
 def _protocol(
@@ -548,6 +597,14 @@ def _protocol(
 
 FULL = _protocol("full", darks=24, repeats=4, levels=16, flats=4, stack=16)
 WARM = _protocol("warm", darks=24, repeats=4, levels=16, flats=4, stack=16, reference_s=1.0)
+WIDE = ShootingProtocol(
+    "high dynamic range",
+    (
+        Step("dark", SHORTEST_S, 24),
+        *series("dark", 0.01, 5.0, exposures=5, count=4),
+        *series("light", 1e-3 * LONGEST_WIDE_S, LONGEST_WIDE_S, exposures=24, count=4),
+    ),
+)
 FEW = _protocol("few frames", darks=4, repeats=2, levels=8, flats=2, stack=0)
 
 _MONO, _BAYER, _LARGE, _TILES = (48, 64), (72, 88), (96, 128), (96, 120)
@@ -669,6 +726,11 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "level-mono-12", "light of one level 1 to 10 % off the stated one", "mono",
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.wrong_level,
+        ),
+        Condition(
+            "captures-mono-12", "three captures: a charge read with two gains, and a photodiode of 3 to 30 % of the "
+            "response; 24 levels in equal ratios", "mono",
+            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, WIDE, captures=True,
         ),
     )
 }  # fmt: skip
