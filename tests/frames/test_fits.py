@@ -86,7 +86,7 @@ def test_eight_and_signed_bits(tmp_path):
     ("data", "keywords", "what"),
     [
         (np.zeros((4, 5), np.float32), {}, "pixels"),
-        (np.zeros((4, 5), np.int32), {}, "pixels"),
+        (np.zeros((4, 5), np.int64), {}, "pixels"),
         (np.zeros((4, 5), np.int16), {"BSCALE": 2.0}, "pixels"),
         (np.zeros((4, 5), np.int8), {}, "pixels"),
         (np.zeros((3, 4, 5), np.uint16), {}, "3 planes are those of a color picture"),

@@ -100,8 +100,8 @@ def test_paths_that_are_not_a_measurement(tmp_path):
     (tmp_path / "a.txt").write_text("hello\n")
     with raises(FileError, "the file is neither a YAML protocol nor"):
         open_frames(tmp_path / "a.txt")
-    with raises(InputError, "bits", value=20):
-        open_frames(tmp_path, bits=20)
+    with raises(InputError, "bits", value=25):
+        open_frames(tmp_path, bits=25)
     with raises(InputError, "cfa"):
         open_frames(tmp_path, cfa="xyz")
 

@@ -7,16 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from tests.helpers.raising import raises
 
 import photosite as ps
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.capture_readout import combined, part_sensor
 from photosite.sensor.captures import Companding
 from photosite.sensor.readout import digital_numbers, digital_numbers_of_captures
 
 BASE = ps.load_sensor("nikon-d200").with_(rows=100, cols=120, black_level_dn=64, prnu_percent=0, dsnu_mv=0)
+fits = pytest.importorskip("astropy.io.fits")
 SPLIT = {
     "parts": [
         {"name": "high"},
@@ -124,8 +126,36 @@ def test_companded_frame(tmp_path: Path) -> None:
     assert (np.abs(error) <= companding.step_dn(linear) / 2 + 1e-6).all()
     raw.save(tmp_path / "a.dng")
     assert (ps.read_raw(tmp_path / "a.dng").dn == raw.dn).all()
-    with raises(InputError, "bits"):
-        RawFrame(linear, bits=24).save(tmp_path / "b.dng")
+
+
+def test_files_of_more_than_16_bits(tmp_path: Path) -> None:
+    dn = np.random.default_rng(1).integers(0, 2**24, (23, 31), dtype=np.uint32)
+    dn[0, :2] = 0, 2**24 - 1
+    frame = RawFrame(dn, bits=24, black_level_dn=16, exposure_s=0.01, metadata={"kind": "light"})
+    for name in ("a.tif", "a.h5"):
+        frame.save(tmp_path / name)
+        again = ps.read_raw(tmp_path / name)
+        assert (again.dn.dtype, again.bits, again.black_level_dn, again.exposure_s) == (np.uint32, 24, 16, 0.01)
+        assert (again.dn == dn).all()
+    for name in ("a.dng", "a.png"):
+        with raises(InputError, "bits", where=name):
+            frame.save(tmp_path / name)
+    # Files of other programs: the bit depth is the caller's, and larger numbers are an error.
+    tifffile.imwrite(tmp_path / "b.tif", dn // 4096)
+    with raises(FileError, "the file does not state its bit depth"):
+        ps.read_raw(tmp_path / "b.tif")
+    short = ps.read_raw(tmp_path / "b.tif", bits=12)
+    assert (short.dn.dtype, short.bits) == (np.uint16, 12)
+    assert (short.dn == dn // 4096).all()
+    with raises(FileError, "dn"):
+        ps.read_raw(tmp_path / "b.tif", bits=10)
+    fits.PrimaryHDU(dn).writeto(tmp_path / "c.fits")
+    assert (ps.read_raw(tmp_path / "c.fits", bits=24).dn == dn).all()
+    (tmp_path / "stack").mkdir()
+    frame.save(tmp_path / "stack" / "a.tif")
+    frames = ps.open_frames(tmp_path / "stack")
+    assert frames.bits == 24
+    assert (next(iter(frames.groups[0])) == dn).all()
 
 
 def test_overflow_needs_a_converter_that_reads_the_full_well() -> None:

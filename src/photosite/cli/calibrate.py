@@ -100,8 +100,8 @@ def command(
     \b
     Frames are read from
       DNG, camera raw   NEF, CR2, CR3, ARW, RAF, ...; exposure and ISO from their metadata
-      TIFF, PNG         8 or 16 bits, gray; pages of a TIFF are frames
-      HDF5              datasets (rows, cols) or (frames, rows, cols) of uint8 or uint16;
+      TIFF, PNG         8 or 16 bits (TIFF also 32), gray; pages of a TIFF are frames
+      HDF5              datasets (rows, cols) or (frames, rows, cols) of uint8, uint16 or uint32;
                         attributes exposure_s, kind, gain_setting, bits, black_level_dn, cfa
       FITS              EXPTIME, GAIN, CCD-TEMP, IMAGETYP, BAYERPAT (needs the extra fits)
 

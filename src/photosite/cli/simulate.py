@@ -232,9 +232,11 @@ def _exposure_hint(
 
 
 def _check_format(sensor: Sensor, output: Path) -> None:
-    """Reject a DNG of a color filter array that DNG does not hold, before anything is computed."""
+    """Reject a file that does not hold the frames, before anything is computed."""
     from photosite.frames.io.dng import check_dng_cfa
+    from photosite.frames.io.formats import check_holds
 
+    check_holds(output, sensor.output_bits)
     if output.suffix.lower() == ".dng":
         check_dng_cfa(sensor.array.cfa)
 

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.frames.frame_settings import FrameSettings
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
 
@@ -51,7 +52,7 @@ class FrameHeader:
     rows, cols
         Size of the frame.
     stored_bits
-        Bits per pixel in the file, 8 or 16; None if only decoding shows the bit depth (camera raw).
+        Bits per pixel in the file, 8, 16 or 32; None if only decoding shows the bit depth (camera raw).
     bits, cfa, black_level_dn, white_level_dn, exposure_s, color_matrix, color_matrix_a, noise_profile, metadata
         As in `RawFrame`. The metadata kind, gain_setting (or iso), temperature_c and photons_per_pixel are settings.
     notes
@@ -98,11 +99,12 @@ class FrameHeader:
             raise FileError(
                 path, "bits", value=bits, expected=f"at most the {self.stored_bits} bits that the file stores"
             )
-        resolved = self.bits or bits or self.stored_bits
+        resolved = self.bits or bits or (None if self.stored_bits == 32 else self.stored_bits)
         if resolved is None:
             raise FileError(path, "the file does not state its bit depth", hint="Pass {bits}", arguments={"bits": 12})
-        if not 1 <= resolved <= 16:
-            raise FileError(path, "bits", value=resolved, expected="1 to 16")
+        most = MOST_BITS if self.stored_bits == 32 else 16
+        if not 1 <= resolved <= most:
+            raise FileError(path, "bits", value=resolved, expected=f"1 to {most}")
         return resolved
 
     def resolve_cfa(self, path: Path, cfa: Cfa | None) -> Cfa | None:
@@ -111,14 +113,15 @@ class FrameHeader:
             raise FileError(path, "cfa", value=tile_text(cfa), expected=f"{tile_text(self.cfa)}, as the file states")
         return self.cfa or cfa
 
-    def to_frame(self, path: Path, dn: NDArray[np.uint16], bits: int | None, cfa: Cfa | None) -> RawFrame:
+    def to_frame(self, path: Path, dn: Numbers, bits: int | None, cfa: Cfa | None) -> RawFrame:
         """Return the raw frame; the caller's bits and cfa are used where the file states none."""
         if self.exposure_s is not None and not 0 <= self.exposure_s < math.inf:
             raise FileError(path, "exposure_s", value=self.exposure_s, expected="finite and 0 (a bias frame) or above")
+        resolved = self.resolve_bits(path, bits)
         try:
             return RawFrame(
-                dn,
-                bits=self.resolve_bits(path, bits),
+                of_bits(path, dn, resolved),
+                bits=resolved,
                 cfa=self.resolve_cfa(path, cfa) or MONOCHROME,
                 black_level_dn=self.black_level_dn or 0.0,
                 white_level_dn=self.white_level_dn,  # type: ignore[arg-type]  # None: the highest number
@@ -130,6 +133,13 @@ class FrameHeader:
             )
         except InputError as error:
             raise error.in_file(path) from None
+
+
+def of_bits(name: str | PathLike[str], dn: Numbers, bits: int) -> Numbers:
+    """Return the numbers in the type of their bit depth; raise `FileError` for larger ones."""
+    if bits not in (8, 16) and (highest := int(dn.max())) >= 1 << bits:
+        raise FileError(name, "dn", value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
+    return dn.astype(np.uint16 if bits <= 16 else np.uint32, copy=False)
 
 
 MARK = "photosite_frame"

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.frames.frame_settings import FrameSettings, Kind
-from photosite.frames.raw_frame import check_bits
+from photosite.frames.raw_frame import MOST_BITS, Numbers, check_bits
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
 from photosite.values.exposure import check_exposure, format_exposure
@@ -30,7 +29,7 @@ class FrameSource(Shown):
     name
         Name of the frame in messages and reports: its path, or a label for a frame in memory.
     read
-        Returns the (rows, cols) uint16 digital numbers; each call reads the file again.
+        Returns the (rows, cols) digital numbers, uint16, or uint32 above 16 bits; each call reads the file again.
     thread_safe
         Whether several threads may call the `read` of different frames at the same time.
     path
@@ -38,7 +37,7 @@ class FrameSource(Shown):
     """
 
     name: str
-    read: Callable[[], NDArray[np.uint16]]
+    read: Callable[[], Numbers]
     thread_safe: bool = False
     path: Path | None = None
 
@@ -68,7 +67,7 @@ class FrameGroup(Shown):
     def __len__(self) -> int:
         return len(self.frames)
 
-    def __iter__(self) -> Iterator[NDArray[np.uint16]]:
+    def __iter__(self) -> Iterator[Numbers]:
         """Iterate over the frames' digital numbers."""
         return (source.read() for source in self.frames)
 
@@ -204,7 +203,7 @@ def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[F
 
 
 def frame_set_from_arrays(
-    frames: Sequence[tuple[Kind, float, NDArray[np.uint16], *tuple[float | None, ...]]],
+    frames: Sequence[tuple[Kind, float, Numbers, *tuple[float | None, ...]]],
     *,
     bits: int,
     cfa: Cfa = MONOCHROME,
@@ -215,15 +214,16 @@ def frame_set_from_arrays(
     Parameters
     ----------
     frames
-        (kind, exposure_s, dn[, photons_per_pixel[, gain_setting[, temperature_c]]]) each; dn is (rows, cols) uint16.
+        (kind, exposure_s, dn[, photons_per_pixel[, gain_setting[, temperature_c]]]) each; dn is (rows, cols) uint16,
+        or uint32 above 16 bits.
     bits, cfa, sensor
         As in `FrameSet`.
 
     Raises
     ------
     InputError
-        If there are no frames, their sizes differ, an array is not two-dimensional uint16 or has values above
-        2^bits - 1, or a setting is invalid.
+        If there are no frames, their sizes differ, an array is not two-dimensional uint16 (uint32 above 16 bits) or has
+        values above 2^bits - 1, or a setting is invalid.
 
     Examples
     --------
@@ -232,7 +232,8 @@ def frame_set_from_arrays(
     >>> [(group.kind, len(group)) for group in frames.groups]
     [('dark', 2), ('light', 1)]
     """
-    check_bits(bits)
+    check_bits(bits, MOST_BITS)
+    kind_of_numbers = np.uint16 if bits <= 16 else np.uint32
     listed = []
     shape: tuple[int, ...] | None = None
     for number, entry in enumerate(frames):
@@ -240,11 +241,11 @@ def frame_set_from_arrays(
             raise InputError(f"frames[{number}]", value=len(entry), expected="3 to 6 values: kind, exposure_s, dn, ...")
         kind, exposure_s, dn, *others = entry
         name = f"frame {number} ({kind}, {format_exposure(exposure_s)} s)"
-        if not isinstance(dn, np.ndarray) or dn.ndim != 2 or dn.size == 0 or dn.dtype != np.uint16:
-            raise InputError("dn", where=name, expected="a (rows, cols) array of uint16")
+        if not isinstance(dn, np.ndarray) or dn.ndim != 2 or dn.size == 0 or dn.dtype != kind_of_numbers:
+            raise InputError("dn", where=name, expected=f"a (rows, cols) array of {kind_of_numbers.__name__}")
         if (shape := shape or dn.shape) != dn.shape:
             raise InputError("dn.shape", where=name, value=dn.shape, expected=f"{shape}, as for the other frames")
-        if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
+        if bits != 16 and (highest := int(dn.max())) >= 1 << bits:
             raise InputError("dn", where=name, value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
         source = FrameSource(name, partial(_identity, dn), thread_safe=True)
         listed.append((source, FrameSettings(kind, exposure_s, *others)))
@@ -253,6 +254,6 @@ def frame_set_from_arrays(
     return FrameSet(groups, rows, cols, bits, cfa, sensor=sensor)
 
 
-def _identity(dn: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def _identity(dn: Numbers) -> Numbers:
     """Return a frame in memory; a module-level function, so that frame sets can be pickled."""
     return dn

@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties
+from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties, of_bits
 from photosite.frames.frame_set import FrameSet, FrameSource, group_frames
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
 from photosite.frames.io.formats import read_frame, read_headers, read_pixels
-from photosite.frames.raw_frame import masked_border_note
+from photosite.frames.raw_frame import Numbers, masked_border_note
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
 
@@ -232,23 +231,21 @@ def _bits_notes(frames: Sequence[_OpenedFrame], properties: SetProperties) -> tu
 
 
 def _check_sensor(source: str, sensor: Sensor, bits: int, cfa: Cfa) -> None:
-    if sensor.readout.bits != bits:
-        raise FileError(source, f"the frames have {bits} bits, but the sensor '{sensor.name}' {sensor.readout.bits}")
+    if bits not in (known := {sensor.readout.bits, sensor.output_bits}):
+        theirs = " or ".join(map(str, sorted(known)))
+        raise FileError(source, f"the frames have {bits} bits, but the sensor '{sensor.name}' {theirs}")
     if sensor.array.cfa != cfa:
         theirs = f"the sensor '{sensor.name}' {tile_text(sensor.array.cfa)}"
         raise FileError(source, f"the frames have the color filter array {tile_text(cfa)}, but {theirs}")
 
 
-def _read(
-    path: Path, location: FrameLocation | None, bits: int, cfa: Cfa | None, shape: tuple[int, int]
-) -> NDArray[np.uint16]:
+def _read(path: Path, location: FrameLocation | None, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> Numbers:
     """Read a frame, and check it against what all frames share."""
     if location is None:
-        name, dn = str(path), np.asarray(read_frame(path, bits, cfa)[0].dn, np.uint16)
+        name, dn = str(path), read_frame(path, bits, cfa)[0].dn
     else:
-        name, dn = f"{path}{location.label}", read_pixels(path, location)
-        if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
-            raise FileError(name, "dn", value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
+        name = f"{path}{location.label}"
+        dn = of_bits(name, read_pixels(path, location), bits)
     if dn.shape != shape:
         raise FileError(name, f"the frame was {shape} when the frame set was opened and is now {dn.shape}")
     return dn

@@ -15,7 +15,7 @@ from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
 from photosite.frames.io.formats import FORMATS, SUFFIXES, read_headers
 from photosite.frames.io.protocol import read_protocol
-from photosite.frames.raw_frame import check_bits
+from photosite.frames.raw_frame import MOST_BITS, check_bits
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.cfa import cfa_from
 
@@ -91,7 +91,7 @@ def open_frames(
     >>> [(group.kind, group.exposure_s, len(group)) for group in frames.groups], frames.bits
     ([('dark', 0.1, 2)], 12)
     """
-    check_bits(bits)
+    check_bits(bits, MOST_BITS)
     given = SetProperties(bits, None if cfa is None else cfa_from(cfa))
     patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
     place = Path(path)

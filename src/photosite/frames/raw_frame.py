@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+MOST_BITS = 24
+"""Largest bit depth of combined captures."""
+
+Numbers = NDArray[np.uint16] | NDArray[np.uint32]
+"""Digital numbers: uint32 above 16 bits."""
+
+
 def check_bits(bits: int | None, highest: int = 16) -> None:
     """Raise `InputError` for a bit depth outside 1 to `highest`."""
     if bits is not None and not 1 <= bits <= highest:
@@ -85,7 +92,7 @@ class RawFrame(Shown):
            [0., 0.]])
     """
 
-    dn: NDArray[np.uint16] | NDArray[np.uint32]
+    dn: Numbers
     bits: int
     cfa: Cfa = MONOCHROME
     black_level_dn: float = 0.0
@@ -99,7 +106,7 @@ class RawFrame(Shown):
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
-        check_bits(self.bits, 24)
+        check_bits(self.bits, MOST_BITS)
         kind = "uint16" if self.bits <= 16 else "uint32"
         if dn.ndim != 2 or dn.size == 0 or dn.dtype != kind:
             found = f"{dn.shape} of {dn.dtype}"

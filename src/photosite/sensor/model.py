@@ -470,6 +470,11 @@ class Sensor(Tabular, Section):
         return float((1 << self.readout.bits) - 1)
 
     @property
+    def output_bits(self) -> int:
+        """Bit depth of the frames: that of the converter, or of the combined captures."""
+        return self.readout.bits if self.captures is None else self.captures.combination.output_bits
+
+    @property
     def output_levels_dn(self) -> tuple[float, float]:
         """Black and white level of the frames: those of the converter, after the digital stages behind it."""
         levels = self.readout.black_level_dn.value, self.white_level_dn

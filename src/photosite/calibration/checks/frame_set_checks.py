@@ -27,6 +27,9 @@ def check_frame_set(frames: FrameSet, sensor: Sensor | None) -> Sensor | None:
         path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
         hint = f"Open the frames with open_frames({path})"
         raise InputError("frames", value=frames, expected="a FrameSet", hint=hint)
+    if frames.bits > 16:
+        hint = "Calibrate the frames of each capture, or companded frames"
+        raise InputError("bits", where=frames.source, value=frames.bits, expected="at most 16", hint=hint)
     sensor = sensor if sensor is not None else frames.sensor
     if sensor is not None:
         for field, value, needed in (

@@ -1,7 +1,7 @@
 """Frames in FITS (version 4.0), read by astropy: the extra `fits`.
 
-Every image unit of 8 or 16 bits is a frame, or a stack if it has three axes. Unsigned 16-bit numbers are stored minus
-BZERO = 32768, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
+Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes. Unsigned numbers are stored minus
+BZERO, 2^15 or 2^31, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
 Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF and YBAYROFF. Rows are
 in the order in which they are stored.
 """
@@ -17,17 +17,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, message_of
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.frame_settings import kinds_in_name
+from photosite.frames.raw_frame import Numbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 SIGNATURE = b"SIMPLE  ="
 SUFFIXES = frozenset({".fits", ".fit", ".fts"})
 
-_UNSIGNED_ZERO = 32768
+_ZEROS = {8: (0,), 16: (0, 1 << 15), 32: (0, 1 << 31)}
+"""BZERO of the numbers by their bits: signed, unsigned."""
 
 
 def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
@@ -55,16 +56,17 @@ def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
     )
 
 
-def read_fits_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
+def read_fits_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
     with _open_fits(path) as units:
         unit = units[location.part]
         zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
         stored = np.asarray(unit.section[location.index] if unit.header["NAXIS"] == 3 else unit.data)
-        dn = stored.astype(np.int32) + zero
+        dn = stored.astype(np.int64 if unit.header["BITPIX"] == 32 else np.int32) + zero
+        deep = unit.header["BITPIX"] == 32
     if dn.min() < 0:
         raise FileError(path, "dn", value=int(dn.min()), expected="0 or above")
-    return np.ascontiguousarray(dn, dtype=np.uint16)
+    return np.ascontiguousarray(dn, dtype=np.uint32 if deep else np.uint16)
 
 
 @contextmanager
@@ -97,9 +99,9 @@ def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
         problem = f"{shape[0]} planes are those of a color picture"
         raise FileError(path, problem, where=where, hint=f"Write {shape[0]} raw frames as one unit each")
     zero, scale = header.get("BZERO", 0), header.get("BSCALE", 1)
-    if bits not in (8, 16) or scale != 1 or zero not in ((0,) if bits == 8 else (0, _UNSIGNED_ZERO)):
+    if bits not in _ZEROS or scale != 1 or zero not in _ZEROS[bits]:
         found = f"BITPIX {bits}, BZERO {zero}, BSCALE {scale}"
-        expected = f"8 or 16 bits with BZERO 0 or {_UNSIGNED_ZERO} and BSCALE 1"
+        expected = "8, 16 or 32 bits with BZERO 0, 2^15 or 2^31 and BSCALE 1"
         raise FileError(path, "pixels", where=where, value=found, expected=expected)
     return shape
 

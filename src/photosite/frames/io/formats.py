@@ -8,9 +8,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.hdf5 import SIGNATURE as HDF5_SIGNATURE
 from photosite.files.small_files import reading
@@ -22,7 +19,7 @@ from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header, writ
 from photosite.frames.io.hdf5 import write_hdf5
 from photosite.frames.io.png import write_png
 from photosite.frames.io.tiff import read_directories, read_tiff_headers, read_tiff_pixels, write_tiff
-from photosite.frames.raw_frame import RawFrame, check_bits
+from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame, check_bits
 from photosite.values.cfa import Cfa, cfa_from
 
 Format = Literal["dng", "tiff", "png", "hdf5", "fits", "camera raw"]
@@ -61,8 +58,8 @@ def read_raw(
     path
         The file.
     bits
-        Bit depth of the converter, for files that do not state it. Default: the 8 or 16 bits that TIFF and PNG store;
-        as many bits as the white level of camera raw needs.
+        Bit depth of the converter, for files that do not state it; 17 to 24 for pixels of 32 bits. Default: the 8 or 16
+        bits that TIFF and PNG store; as many bits as the white level of camera raw needs.
     cfa
         Color filter array (`"rggb"` or its tile), for files that do not state it. Default: monochrome.
     index
@@ -92,7 +89,7 @@ def read_raw(
     >>> frame.bits, frame.shape, frame.channels
     (12, (2, 3), ('R', 'G', 'B'))
     """
-    check_bits(bits)
+    check_bits(bits, MOST_BITS)
     file = Path(path)
     location = None
     if index is not None:
@@ -125,7 +122,7 @@ def read_frame(
     return header.to_frame(path, _pixels(path, kind, header.location), bits, cfa), header.notes
 
 
-def read_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
+def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame of a file of several, without its header."""
     return _pixels(path, detect_format(path), location)
 
@@ -147,7 +144,7 @@ def _headers(path: Path, kind: Format) -> tuple[FrameHeader, ...]:
     return (read[kind](path),)
 
 
-def _pixels(path: Path, kind: Format, location: FrameLocation | None) -> NDArray[np.uint16]:
+def _pixels(path: Path, kind: Format, location: FrameLocation | None) -> Numbers:
     if kind == "hdf5" and location is not None:
         return hdf5.read_hdf5_pixels(path, location)
     if kind == "fits" and location is not None:
@@ -194,6 +191,15 @@ _WRITERS = {
     ".h5": write_hdf5,
     ".hdf5": write_hdf5,
 }
+_DEEP = (".tif", ".tiff", ".h5", ".hdf5")
+"""Suffixes of files that hold more than 16 bits."""
+
+
+def check_holds(path: Path, bits: int) -> None:
+    """Raise `InputError` if a file of this suffix does not hold the bit depth."""
+    if bits > 16 and path.suffix.lower() not in _DEEP:
+        hint = f"Write {', '.join(_DEEP)}, or compand the numbers: captures.combination.companding of the sensor file"
+        raise InputError("bits", where=path.name, value=bits, expected="at most 16", hint=hint)
 
 
 def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
@@ -214,8 +220,6 @@ def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
     writer = _WRITERS.get(target.suffix.lower())
     if writer is None:
         raise InputError("path", value=target.name, expected=f"a name with the suffix {', '.join(_WRITERS)}")
-    if frame.bits > 16:
-        hint = "Files hold the companded frame (captures.combination.companding), or each of the captures"
-        raise InputError("bits", where=target.name, value=frame.bits, expected="at most 16", hint=hint)
+    check_holds(target, frame.bits)
     with atomic_path(target) as temporary:
         writer(frame, temporary)

@@ -1,7 +1,7 @@
 """Frames in HDF5: every dataset of unsigned integers with the shape of a frame or of a stack of frames.
 
-A dataset (rows, cols) of uint8 or uint16 is a frame, one of (frames, rows, cols) a stack. Attributes of the dataset, of
-the groups above it and of the file state the rest; the nearest one counts:
+A dataset (rows, cols) of uint8, uint16 or uint32 is a frame, one of (frames, rows, cols) a stack. Attributes of the
+dataset, of the groups above it and of the file state the rest; the nearest one counts:
 
     exposure_s          exposure time in seconds (or exposure_ms, exposure_us, exposure_ns)
     kind                "dark" or "light"
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain
 from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import Numbers, RawFrame
 from photosite.values.cfa import NAMED, Cfa, cfa_from, tile_name
 
 SUFFIXES = frozenset({".h5", ".hdf5", ".hdf"})
@@ -75,18 +75,18 @@ def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
         others = [f"{item.name} {item.shape} {item.dtype}" for item in datasets if not _can_be_frames(item)]
     if not parts:
         found = ", ".join(others[:8]) or "no datasets"
-        hint = "A frame is (rows, cols), a stack (frames, rows, cols), of uint8 or uint16"
+        hint = "A frame is (rows, cols), a stack (frames, rows, cols), of uint8, uint16 or uint32"
         raise FileError(path, f"the file holds no frames, but {found}", hint=hint)
     single = len(parts) == 1 and len(parts[0].shape) == 2
     return tuple(header for part in parts for header in _headers(path, part, single))
 
 
-def read_hdf5_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
+def read_hdf5_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
     with open_hdf5(path) as file:
         data = file.datasets[str(location.part)]
         dn = data[location.index] if data.ndim == 3 else data[()]
-    return np.ascontiguousarray(dn, dtype=np.uint16)
+    return np.ascontiguousarray(dn, dtype=np.uint32 if dn.dtype.itemsize == 4 else np.uint16)
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class _Part:
 
 
 def _can_be_frames(item: Any) -> bool:
-    return item.ndim in (2, 3) and item.dtype.kind == "u" and item.dtype.itemsize <= 2
+    return item.ndim in (2, 3) and item.dtype.kind == "u" and item.dtype.itemsize <= 4
 
 
 def _read_part(file: Hdf5File, item: Any) -> _Part:
