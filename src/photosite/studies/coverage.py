@@ -475,10 +475,8 @@ class Condition:
     bend_percent: Range | None = None  # deviation of the response at the well capacity, of either sign, cubic
     coupling_percent: Range | None = None  # interpixel capacitance; a tenth of it to the diagonal neighbors
     channels_percent: Range | None = None  # difference of the gains of odd and even columns
-<<<<<<< HEAD
     uneven: bool = False  # whether the read noise differs between pixels, some of which blink
     maps: bool = False  # whether the maps of the chip are measured, too
-=======
     captures: bool = False  # a charge read with two gains, and a smaller photodiode
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
