@@ -7,6 +7,7 @@ from dataclasses import replace
 from os import PathLike
 
 from photosite.calibration.assemble import assemble
+from photosite.calibration.charge_transfer import measure_charge_transfer, without_covered_lines
 from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
 from photosite.calibration.dark import measure_dark_frames
@@ -90,6 +91,7 @@ def calibrate(
     (True, 'the photons per pixel are not known; give them in a descriptor or a protocol')
     """
     sensor = check_frame_set(frames, sensor)
+    frames = without_covered_lines(frames, sensor)
     with nullcontext() if checkpoint is None else Checkpoint(checkpoint, frames) as saved:
         with FrameReader(frames, progress, saved) as reader:
             reduction = reduce_frames(reader)
@@ -101,6 +103,7 @@ def calibrate(
                 check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
         calibration = assemble(reduction, dark, light, patterns, sensor)
+        calibration = replace(calibration, charge_transfer=measure_charge_transfer(reduction.frames, calibration))
         if maps:
             calibration = _with_maps(reduction.frames, dark, calibration, progress)
         if saved is not None:

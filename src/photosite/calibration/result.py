@@ -18,6 +18,7 @@ from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Valu
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from photosite.calibration.charge_transfer import TransferLoss
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.flicker import Flicker
     from photosite.calibration.photon_transfer.general_model import GeneralModel
@@ -48,6 +49,8 @@ class Calibration(Parameters):
         Interpixel capacitance; None where it is not known.
     readout_channels
         Gains and offsets of readout channels; None where no difference between channels was found.
+    charge_transfer
+        Charge transfer inefficiency; None unless `base` states a charge transfer.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -97,6 +100,7 @@ class Calibration(Parameters):
     base: Sensor | None = None
     response_curve: Mapping[str, ResponseCurve] = field(default_factory=dict)
     readout_channels: ReadoutChannels | None = None
+    charge_transfer: TransferLoss | None = None
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
@@ -213,7 +217,7 @@ class Calibration(Parameters):
         dict
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
             `channels` (the parameters per color channel), `response_curve` (per channel that bends),
-            `readout_channels`, `model`,
+            `readout_channels`, `charge_transfer`, `model`,
             `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
             candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
             `defects` (number of each kind) and `temporal`.
@@ -230,6 +234,7 @@ class Calibration(Parameters):
             "channels": {channel: of(parameters) for channel, parameters in self.channels.items()},
             "response_curve": {channel: found.to_dict() for channel, found in self.response_curve.items()},
             "readout_channels": None if (parts := self.readout_channels) is None else parts.model_dump(mode="json"),
+            "charge_transfer": None if self.charge_transfer is None else self.charge_transfer.to_dict(),
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

@@ -406,8 +406,8 @@ class Camera(Shown):
             metadata["stacked"] = 1
             if region is not None and (region[2] % len(cfa[0]) or region[3] % len(cfa[0])):
                 raise InputError("region", value=region, expected=f"columns in multiples of {len(cfa[0])}")
-        if region is None and self.sensor.effects is not None and self.sensor.effects.optical_black is not None:
-            metadata[OPTICAL_BLACK] = self.sensor.effects.optical_black.text
+        if region is None and self.sensor.effects is not None and (border := self.sensor.effects.border) is not None:
+            metadata[OPTICAL_BLACK] = ",".join(map(str, border))
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))

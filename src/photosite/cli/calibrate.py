@@ -176,11 +176,31 @@ def _text(calibration: Calibration) -> str:
             continue
         rows.append((shown.label, format_estimate(entry), shown.unit, name, entry.method))
     heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
-    parts = [heading, table(rows, "<<<<<"), *([table(missing, "<<")] if len(missing) > 1 else []), *_chip(calibration)]
+    parts = [
+        heading,
+        table(rows, "<<<<<"),
+        *([table(missing, "<<")] if len(missing) > 1 else []),
+        *_transfer(calibration),
+        *_chip(calibration),
+    ]
     for what, lines in (("warnings", calibration.warnings), ("left out", calibration.rejected)):
         if lines:
             parts.append(listed(f"{what}:", lines))
     return "\n\n".join(parts)
+
+
+def _transfer(calibration: Calibration) -> list[str]:
+    """Return the table of the charge transfer inefficiency, where it was looked for."""
+    from photosite.report.tables import format_estimate, interval_text
+
+    found = calibration.charge_transfer
+    if found is None:
+        return []
+    rows = [("charge transfer inefficiency", "value", "95 % interval", "method or reason")]
+    for name, edge in (("parallel", found.parallel), ("serial", found.serial)):
+        entry = edge.inefficiency
+        rows.append((name, format_estimate(entry), interval_text(entry), entry.reason or entry.method))
+    return [table(rows, "<<<<")]
 
 
 def _chip(calibration: Calibration) -> list[str]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
+from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
 
@@ -61,6 +62,8 @@ class FrameHeader:
         Location in a file of several frames; None if the file is a single frame.
     masked_border
         Whether the file states that pixels outside the frame are masked.
+    border
+        Lines around the frame, as in `FrameSet`, that `read_whole` reads with it.
     """
 
     rows: int
@@ -78,6 +81,7 @@ class FrameHeader:
     notes: tuple[str, ...] = ()
     location: FrameLocation | None = None
     masked_border: bool = False
+    border: Border | None = None
 
     @property
     def settings(self) -> FrameSettings:

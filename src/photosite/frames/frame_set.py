@@ -14,8 +14,9 @@ import numpy as np
 from photosite.errors import InputError
 from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.raw_frame import MOST_BITS, Numbers, check_bits
+from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.model import Sensor
-from photosite.values.cfa import MONOCHROME, Cfa, tile_text
+from photosite.values.cfa import MONOCHROME, Cfa, shifted, tile_text
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import ResultTable, Shown, Tabular, clipped
 
@@ -34,12 +35,15 @@ class FrameSource(Shown):
         Whether several threads may call the `read` of different frames at the same time.
     path
         The file that `read` reads; None for a frame in memory.
+    whole
+        Returns the frame with the border of `FrameSet.border`; None without a border.
     """
 
     name: str
     read: Callable[[], Numbers]
     thread_safe: bool = False
     path: Path | None = None
+    whole: Callable[[], Numbers] | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,9 @@ class FrameSet(Tabular):
         Assumptions and problems found when the frames were listed, for reports.
     white_level_dn
         The saturation level that the files state, or None.
+    border
+        Lines without light around the frames, which only `FrameSource.whole` reads: rows at the top and at the bottom,
+        columns at the left and at the right. None if there are none.
     """
 
     groups: tuple[FrameGroup, ...]
@@ -108,6 +115,7 @@ class FrameSet(Tabular):
     black_level_dn: float | None = None
     notes: tuple[str, ...] = ()
     white_level_dn: float | None = None
+    border: Border | None = None
 
     def of_kind(self, kind: Kind) -> tuple[FrameGroup, ...]:
         """Return the groups of one kind, by exposure."""
@@ -157,6 +165,39 @@ class FrameSet(Tabular):
         if len(groups) == len(self.groups):
             return self
         return replace(self, groups=groups, source=f"{self.source} (gain {_gain_text(setting)})")
+
+
+def without_border(frames: FrameSet, border: Border) -> FrameSet:
+    """Return the frames without the lines at their edges that receive no light.
+
+    Raises
+    ------
+    InputError
+        If no lines with light are left.
+
+    Examples
+    --------
+    >>> dn = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    >>> inside = without_border(frame_set_from_arrays([("dark", 0.1, dn)], bits=12), (0, 1, 2, 0))
+    >>> inside.groups[0].frames[0].read(), inside.rows, inside.cols
+    (array([[2, 3],
+           [6, 7]], dtype=uint16), 2, 2)
+    """
+    top, bottom, left, right = border
+    rows, cols = frames.rows - top - bottom, frames.cols - left - right
+    if min(*border, rows - 1, cols - 1) < 0:
+        raise InputError("border", value=border, expected=f"fewer lines than the frames' {frames.rows} x {frames.cols}")
+    inside = slice(top, top + rows), slice(left, left + cols)
+
+    def within(source: FrameSource) -> FrameSource:
+        return replace(source, read=partial(_part, source.read, inside), whole=source.read)
+
+    groups = tuple(replace(group, frames=tuple(map(within, group.frames))) for group in frames.groups)
+    return replace(frames, groups=groups, rows=rows, cols=cols, cfa=shifted(frames.cfa, top, left), border=border)
+
+
+def _part(read: Callable[[], Numbers], inside: tuple[slice, slice]) -> Numbers:
+    return np.ascontiguousarray(read()[inside])
 
 
 def gain_settings_text(frames: FrameSet) -> str:

@@ -15,10 +15,11 @@ import numpy as np
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties, of_bits
-from photosite.frames.frame_set import FrameSet, FrameSource, group_frames
+from photosite.frames.frame_set import FrameSet, FrameSource, group_frames, without_border
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
+from photosite.frames.io.dng import read_whole_dng
 from photosite.frames.io.formats import read_frame, read_headers, read_pixels
-from photosite.frames.raw_frame import Numbers, masked_border_note
+from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
 
@@ -70,8 +71,15 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     if properties.sensor is not None:
         cfa = properties.sensor.array.cfa if cfa is None else cfa
         _check_sensor(source, properties.sensor, bits, cfa)
+    beside = _shared([f.header.border for f in frames])
     sources = [
-        FrameSource(f.file.name, partial(_read, f.file.path, f.file.location, bits, cfa, shape), True, path=f.file.path)
+        FrameSource(
+            f.file.name,
+            partial(_read, f.file.path, f.file.location, bits, cfa, shape),
+            True,
+            path=f.file.path,
+            whole=partial(read_whole_dng, f.file.path) if beside else None,
+        )
         for f in frames
     ]
     listed = [f.file.settings for f in frames]
@@ -87,7 +95,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         warning.where = source
         warnings.warn(warning, stacklevel=3)
     stated_black = _shared([f.header.black_level_dn for f in frames])
-    return FrameSet(
+    opened = FrameSet(
         groups,
         *shape,
         bits,
@@ -97,7 +105,10 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         black_level_dn=stated_black if properties.black_level_dn is None else properties.black_level_dn,
         notes=(*notes, *_bits_notes(frames, properties)),
         white_level_dn=_shared([f.header.white_level_dn for f in frames]),
+        border=beside,
     )
+    part = _shared([stated_border(f.header.metadata) for f in frames])
+    return opened if part is None else without_border(opened, part)
 
 
 def _check_existing(files: Sequence[FrameFile]) -> None:
@@ -251,7 +262,7 @@ def _read(path: Path, location: FrameLocation | None, bits: int, cfa: Cfa | None
     return dn
 
 
-def _shared(values: Sequence[float | None]) -> float | None:
+def _shared(values: Sequence[Value | None]) -> Value | None:
     """Return the value that all frames state, or None."""
     return values[0] if len(set(values)) == 1 else None
 

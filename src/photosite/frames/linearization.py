@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
@@ -150,8 +151,7 @@ def linearize(frames: FrameSet, table: LinearizationTable) -> FrameSet:
         )
     numbers = table.numbers[: 1 << frames.bits]
     groups = tuple(
-        replace(group, frames=tuple(replace(source, read=partial(_read, source, numbers)) for source in group.frames))
-        for group in frames.groups
+        replace(group, frames=tuple(_linearized(source, numbers) for source in group.frames)) for group in frames.groups
     )
     black, white = (None if dn is None else table.at(dn) for dn in (frames.black_level_dn, frames.white_level_dn))
     note = f"the numbers were replaced by those of {table.source}"
@@ -167,8 +167,13 @@ def linearize(frames: FrameSet, table: LinearizationTable) -> FrameSet:
     )
 
 
-def _read(source: FrameSource, numbers: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    dn = source.read()
+def _linearized(source: FrameSource, numbers: NDArray[np.uint16]) -> FrameSource:
+    whole = None if source.whole is None else partial(_read, source.name, source.whole, numbers)
+    return replace(source, read=partial(_read, source.name, source.read, numbers), whole=whole)
+
+
+def _read(name: str, read: Callable[[], NDArray[np.uint16]], numbers: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    dn = read()
     if dn.size and (highest := int(dn.max())) >= len(numbers):
-        raise FileError(source.name, f"the frame holds {highest} DN, but the table ends at {len(numbers) - 1}")
+        raise FileError(name, f"the frame holds {highest} DN, but the table ends at {len(numbers) - 1}")
     return numbers[dn]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from photosite.errors import InputError
+from photosite.sensor.effects.optical_black import Border
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, plane_names, tile_text
 from photosite.values.exposure import format_exposure
 from photosite.values.read_only import ReadOnly
@@ -252,7 +253,25 @@ class RawFrame(Shown):
 
 
 OPTICAL_BLACK = "optical_black"
-"""Metadata: covered rows at top and bottom and columns at left and right of the frame, `8,0,16,0`."""
+"""Metadata: lines without light, rows at top and bottom and columns at left and right of the frame, `8,0,16,0`."""
+
+
+def stated_border(metadata: Mapping[str, Any]) -> Border | None:
+    """Return the lines without light that metadata state; None if they state none, or something else.
+
+    Examples
+    --------
+    >>> stated_border({"optical_black": "8,0,16,0"}), stated_border({"optical_black": "yes"})
+    ((8, 0, 16, 0), None)
+    """
+    try:
+        top, bottom, left, right = map(int, str(metadata.get(OPTICAL_BLACK)).split(","))
+    except ValueError:
+        return None
+    border = top, bottom, left, right
+    return border if min(border) >= 0 < max(border) else None
+
+
 MASKED_BORDER = "masked_border_dn"
 """Metadata name of the mean level of the masked pixels beside the frame."""
 

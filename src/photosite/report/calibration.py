@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import TypeVar
 
+from photosite.calibration.charge_transfer import TransferLoss
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve
@@ -13,6 +14,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.report.chip import defect_blocks, nonuniformity_blocks, outlier_pixel_blocks, temporal_blocks
 from photosite.report.data_sheet import data_sheet_blocks
+from photosite.report.figures.charge import transfer_figure
 from photosite.report.figures.response import (
     Residuals,
     curve_figure,
@@ -35,6 +37,7 @@ from photosite.report.page import (
     figure_block,
     first_reason,
     missing_channel_blocks,
+    numeric,
     reason_block,
     sentence,
 )
@@ -42,6 +45,8 @@ from photosite.report.paper import paper_blocks
 from photosite.report.tables import (
     channel_table,
     correlation_table,
+    format_estimate,
+    interval_text,
     linear_range_table,
     parameter_tables,
     readout_channel_table,
@@ -246,9 +251,41 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("Linearity", _linearity_blocks(calibration)),
         Section("General model", _general_blocks(calibration)),
         Section("Dark current", _dark_blocks(calibration)),
+        Section("Charge transfer", _transfer_blocks(calibration)),
         Section("Noise in the dark", temporal_blocks(calibration)),
         Section("Nonuniformity", (*nonuniformity_blocks(calibration), *_readout_channels(calibration))),
         Section("Defects", (*defect_blocks(calibration), *outlier_pixel_blocks(calibration))),
+    )
+
+
+def _transfer_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the charge transfer inefficiency of a CCD, and the charge behind the illuminated lines."""
+    found = calibration.charge_transfer
+    if found is None:
+        return ()
+    rows, reasons = [], []
+    for label, edge in (("Parallel, along the columns", found.parallel), ("Serial, along the rows", found.serial)):
+        entry = edge.inefficiency
+        if entry.value is None:
+            reasons.append(reason_block(f"{label}: {entry.reason}"))
+        else:
+            rows.append((label, format_estimate(entry), interval_text(entry), str(edge.transfers), entry.method))
+    titles = columns("Direction", numeric("Inefficiency"), "95 % interval", numeric("Transfers"), "Method")
+    table = (Table("Charge transfer inefficiency: share that stays behind at a transfer", titles, tuple(rows)),)
+    return (*(table if rows else ()), *_transfer_figure(found), *reasons)
+
+
+def _transfer_figure(found: TransferLoss) -> tuple[Block, ...]:
+    if all(edge.slope.value is None for edge in (found.parallel, found.serial)):
+        return ()
+    return (
+        figure_block(
+            transfer_figure(found),
+            "Charge behind the last illuminated line against its signal, and by line",
+            "Extended pixel edge response. Left: charge behind the last illuminated row and column, less that of dark "
+            "frames, against the signal of that line; the slope is the inefficiency times the transfers. Bars and "
+            "bands are 95 % intervals. Right: where this charge arrives, at the brightest level.",
+        ),
     )
 
 

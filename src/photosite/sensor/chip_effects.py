@@ -21,7 +21,7 @@ from photosite.sensor.chip import Blinking, read_noise_deviates, serial_seed
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
-from photosite.sensor.effects.optical_black import OpticalBlack
+from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
@@ -107,11 +107,12 @@ def set_dead_pixels(prnu: FloatMap, defects: PixelDefects, sensor: Sensor, part:
         prnu[rectangle] = (value or 0.0) - 1.0
 
 
-def cover(prnu: FloatMap, black: OpticalBlack, sensor: Sensor, part: Part) -> None:
-    """Set the response of covered pixels in the map of a rectangle."""
+def border_lines(border: Border, sensor: Sensor, part: Part) -> NDArray[np.bool_]:
+    """Return which pixels of a rectangle lie in the border of the array."""
+    top, bottom, left, right = border
     rows, cols = (np.arange(side.start, side.stop) for side in part)
-    prnu[(rows < black.top) | (rows >= sensor.array.rows - black.bottom)] = -1.0
-    prnu[:, (cols < black.left) | (cols >= sensor.array.cols - black.right)] = -1.0
+    of_row = (rows < top) | (rows >= sensor.array.rows - bottom)
+    return of_row[:, None] | (cols < left) | (cols >= sensor.array.cols - right)
 
 
 def add_listed_hot(rate: FloatMap, defects: PixelDefects, part: Part) -> None:

@@ -24,7 +24,7 @@ from photosite.sensor.chip_effects import (
     add_listed_hot,
     add_measured_blinking,
     add_telegraph_noise,
-    cover,
+    border_lines,
     drift_e,
     noise_ratio,
     set_dead_pixels,
@@ -68,8 +68,8 @@ def staged_frame(
     pattern = fixed_pattern(sensor, measured, around, wider)
     photo_e = read_only(np.asarray(mean_electrons[around], np.float32))
     charge_e = collected_charge(pattern, photo_e, wider, device)
-    for kernel, *arguments in stages:
-        charge_e = computed(device, kernel, read_only(charge_e), *arguments)
+    for kernel, order, *arguments in stages:
+        charge_e = computed(device, kernel, read_only(np.ascontiguousarray(charge_e[order])), *arguments)[order]
     if around != part:
         inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(part, around, strict=True))
         charge_e, pattern = charge_e[inside], fixed_pattern(sensor, measured, part, exposure)
@@ -82,11 +82,18 @@ def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exp
         pattern = _measured_pattern(sensor, measured, part, exposure)
     else:
         pattern = _with_effects(_drawn_pattern(sensor, part), sensor, part, exposure)
-    if sensor.effects is None or sensor.effects.optical_black is None:
+    effects = sensor.effects
+    if effects is None or effects.optical_black is None or effects.border is None:
         return pattern
     prnu = whole(pattern.prnu, part)
-    cover(prnu, sensor.effects.optical_black, sensor, part)
-    return replace(pattern, prnu=read_only(prnu))
+    prnu[border_lines(effects.border, sensor, part)] = -1.0
+    pattern = replace(pattern, prnu=read_only(prnu))
+    empty = border_lines(effects.optical_black.overscan(effects.corner), sensor, part)
+    if not empty.any():
+        return pattern
+    rate, offset_e = whole(pattern.dark_rate_e_per_s, part), whole(pattern.offset_e, part)
+    rate[empty] = offset_e[empty] = 0.0
+    return replace(pattern, dark_rate_e_per_s=read_only(rate), offset_e=read_only(offset_e))
 
 
 def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: Exposure) -> FixedPattern:
@@ -144,30 +151,44 @@ def converted_charge(
 
 
 def _stages(sensor: Sensor, effects: Effects, part: Part, exposure: Exposure) -> tuple[Part, list[tuple[Any, ...]]]:
-    """Return the rectangle whose charge that of a rectangle depends on, and the stages: kernels with arguments."""
+    """Return the rectangle whose charge that of a rectangle depends on, and the stages.
+
+    A stage is a kernel, the order in which it takes rows and columns, and its arguments.
+    """
     rows, cols = sensor.array.rows, sensor.array.cols
     (top, bottom), (left, right) = ((lines.start, lines.stop) for lines in part)
     stages: list[tuple[Any, ...]] = []
     # From the last stage to the first, the rectangle grows.
     if (coupling := effects.interpixel_capacitance) is not None:
         shares = coupling.coupling_percent.value / 100.0, coupling.diagonal_percent.value / 100.0
-        stages.append((couple_pixels, *shares))
+        stages.append((couple_pixels, ..., *shares))
         top, bottom, left, right = max(top - 1, 0), min(bottom + 1, rows), max(left - 1, 0), min(right + 1, cols)
     shares_of_lines = None
     if (transfer := effects.charge_transfer) is not None:
         shares_of_lines = transfer.row_shares(rows), transfer.column_shares(cols)
-        top, left = (max(first - len(late) + 1, 0) for first, late in zip((top, left), shares_of_lines, strict=True))
+        late_rows, late_cols = (len(shares) - 1 for shares in shares_of_lines)
+        down, across = transfer.order
+        top, bottom = _with_earlier(top, bottom, rows, late_rows, down)
+        left, right = _with_earlier(left, right, cols, late_cols, across)
     if effects.blooming is not None:
         top, bottom = 0, rows
     around = slice(top, bottom), slice(left, right)
     if effects.em_gain is not None and (register := effects.em_gain.register()) is not None:
-        stages.append((multiply_charge, register, exposure._replace(first_row=top, first_col=left)))
+        stages.append((multiply_charge, ..., register, exposure._replace(first_row=top, first_col=left)))
     if shares_of_lines is not None:
-        within_part = (read_only(shares[:, lines]) for shares, lines in zip(shares_of_lines, around, strict=True))
-        stages.append((transfer_charge, *within_part))
+        within_part = (
+            read_only(np.ascontiguousarray(shares[:, order][:, lines][:, order]))
+            for shares, lines, order in zip(shares_of_lines, around, transfer.order, strict=True)
+        )
+        stages.append((transfer_charge, transfer.order, *within_part))
     if effects.blooming is not None:
-        stages.append((bloom_columns, exposure.well_capacity_e, 1.0 - effects.blooming.drained))
+        stages.append((bloom_columns, ..., exposure.well_capacity_e, 1.0 - effects.blooming.drained))
     return around, stages[::-1]
+
+
+def _with_earlier(first: int, last: int, lines: int, late: int, order: slice) -> tuple[int, int]:
+    """Return a range of lines with the lines before it in the order of reading."""
+    return (max(first - late, 0), last) if order.step > 0 else (first, min(last + late, lines))
 
 
 def _drawn_pattern(sensor: Sensor, part: Part) -> FixedPattern:

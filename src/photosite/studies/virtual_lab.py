@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
+from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.studies.protocol import ShootingProtocol, Step
@@ -90,7 +92,8 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     """Return the sensor as it is known before the measurement: geometry, converter, voltage swing, spectral response.
 
     Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
-    the chip, its effects, the temperature of its dark current and the values of other gain settings are removed.
+    the chip, the temperature of its dark current and the values of other gain settings are removed. Of its effects, the
+    lines without light stay, and that it is a CCD with its output at a corner.
 
     Examples
     --------
@@ -106,9 +109,20 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,
         maps=None,
-        effects=None,
+        effects=_geometry(sensor.effects),
         gain_settings=(),
     )
+
+
+def _geometry(effects: Effects | None) -> dict[str, Any] | None:
+    """Return what is known of the effects before a measurement."""
+    if effects is None or (effects.optical_black is None and effects.charge_transfer is None):
+        return None
+    transfer = effects.charge_transfer
+    return {
+        "optical_black": None if effects.optical_black is None else effects.optical_black.model_dump(),
+        "charge_transfer": None if transfer is None else {"output": transfer.output},
+    }
 
 
 @dataclass(frozen=True)

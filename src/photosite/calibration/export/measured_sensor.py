@@ -12,6 +12,7 @@ import numpy as np
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
+from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.file_units import CONVERSION
@@ -94,19 +95,34 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         base = base.with_(
             response_curve=_response_curve(calibration, source), readout_channels=calibration.readout_channels
         )
+    if calibration.charge_transfer is not None and base.effects is not None and base.effects.charge_transfer:
+        changes["charge_transfer"] = calibration.charge_transfer.section(base.effects.charge_transfer, source)
+    top, bottom, left, right = _border_of(calibration)
+    if not any((top, bottom, left, right)) and base.effects is not None:
+        base = base.with_(optical_black=None)
     if "dark_voltage_mv_per_s" in changes:
         spread = calibration.temperature_c
         base = base.with_(dark_current_temperature_c=None if spread is None else 0.5 * (spread[0] + spread[1]))
     return base.with_(
         **changes,
         covariance=Covariance.of(joint.names, joint.matrix),
-        rows=calibration.rows,
-        cols=calibration.cols,
+        rows=calibration.rows + top + bottom,
+        cols=calibration.cols + left + right,
         source=f"{source} ({calibration.source}); the rest as in: {base.provenance.source or base.name}",
         created=date.today().isoformat(),
         frames_sha256=calibration.frames_sha256,
         maps=None,  # `save_measured_sensor` adds the maps of this measurement
     )
+
+
+def _border_of(calibration: Calibration) -> Border:
+    """Return the border that the base states around the calibrated pixels; none for maps, which are of these alone."""
+    base = calibration.base
+    border = None if base is None or base.effects is None else base.effects.border
+    if base is None or border is None or calibration.chip is not None:
+        return 0, 0, 0, 0
+    size = calibration.rows + border[0] + border[1], calibration.cols + border[2] + border[3]
+    return border if size == (base.array.rows, base.array.cols) else (0, 0, 0, 0)
 
 
 def _take_off_channels(channels: ReadoutChannels | None, changes: dict[str, Measured]) -> None:

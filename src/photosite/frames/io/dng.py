@@ -17,7 +17,7 @@ file states none.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from fractions import Fraction
@@ -47,7 +47,15 @@ from photosite.frames.io.tiff import (
     read_directories,
     read_tiff_pixels,
 )
-from photosite.frames.raw_frame import MASKED_BORDER, OPTICAL_BLACK, RawFrame, masked_border_note, neutral_text
+from photosite.frames.raw_frame import (
+    MASKED_BORDER,
+    OPTICAL_BLACK,
+    RawFrame,
+    masked_border_note,
+    neutral_text,
+    stated_border,
+)
+from photosite.sensor.effects.optical_black import Border
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites, plane_names, tile_text
 
 CFA, LINEAR_RAW = 32803, 34892
@@ -147,7 +155,7 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         (BLACK_LEVEL, "2I", 1, _ratio(frame.black_level_dn, "black_level_dn"), True),
         (WHITE_LEVEL, "I", 1, int(frame.white_level_dn), True),
         (DEFAULT_CROP_ORIGIN, "I", 2, (0, 0), True),
-        *_area_tags(*_covered(frame.metadata), rows, cols),
+        *_area_tags(*(stated_border(frame.metadata) or (0, 0, 0, 0)), rows, cols),
     ]
     if frame.exposure_s is not None:
         tags.append((EXPOSURE_TIME, "2I", 1, _ratio(frame.exposure_s, "exposure_s"), True))
@@ -166,12 +174,6 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         profile = _by_plane(frame, frame.noise_profile, 2, "noise_profile")
         tags.append((NOISE_PROFILE, "d", profile.size, tuple(profile.ravel().tolist()), True))
     return tags
-
-
-def _covered(metadata: Mapping[str, Any]) -> tuple[int, int, int, int]:
-    """Return the covered rows at top and bottom, and columns at left and right."""
-    top, bottom, left, right = map(int, str(metadata.get(OPTICAL_BLACK, "0,0,0,0")).split(","))
-    return top, bottom, left, right
 
 
 def _area_tags(top: int, bottom: int, left: int, right: int, rows: int, cols: int) -> list[Tag]:
@@ -261,8 +263,8 @@ def read_dng_header(path: Path) -> FrameHeader:
             return own
         first_row, first_col, end_row, end_col = _active_area(path, raw)
         metadata = {name: value for name, value in own.metadata.items() if name != OPTICAL_BLACK}
-        rows, cols = end_row - first_row, end_col - first_col
-        return replace(own, rows=rows, cols=cols, metadata=metadata, masked_border=True)
+        rows, cols, border = end_row - first_row, end_col - first_col, _border(path, raw)
+        return replace(own, rows=rows, cols=cols, metadata=metadata, masked_border=True, border=border)
     try:
         return _header_from_tags(path, top, raw)
     except (ValueError, OverflowError) as error:  # inconsistent counts, invalid values
@@ -289,6 +291,7 @@ def _header_from_tags(path: Path, top: Directory, raw: Directory) -> FrameHeader
         metadata=_metadata(top, raw, cfa),
         notes=notes,
         masked_border=bool(raw.numbers(MASKED_AREAS)),
+        border=_border(path, raw) if raw.numbers(MASKED_AREAS) else None,
     )
 
 
@@ -309,6 +312,19 @@ def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tup
 
 def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
     """Return the active area's digital numbers, and the mean of the masked areas if there are any."""
+    pixels, raw = _all_pixels(path)
+    first_row, first_col, end_row, end_col = _active_area(path, raw)
+    masked = [pixels[t:b, left:r].ravel() for t, left, b, r in _masked_areas(path, raw)]
+    border_dn = float(np.concatenate(masked).mean()) if masked else None
+    return np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col]), border_dn
+
+
+def read_whole_dng(path: Path) -> NDArray[np.uint16]:
+    """Read the digital numbers of a DNG with those around its active area."""
+    return np.ascontiguousarray(_all_pixels(path)[0])
+
+
+def _all_pixels(path: Path) -> tuple[NDArray[np.uint16], Directory]:
     directories = read_directories(path)
     top, raw = directories[0], raw_directory(path, directories)
     if raw is top and raw.number(COMPRESSION) in (None, 1) and raw.number(BITS) == 16:
@@ -318,10 +334,14 @@ def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
             pixels = decoder.raw_image.copy()
     if pixels.shape != _size(raw):
         raise FileError(path, f"the decoded size is {pixels.shape}, that of the tags {_size(raw)}")
-    first_row, first_col, end_row, end_col = _active_area(path, raw)
-    masked = [pixels[t:b, left:r].ravel() for t, left, b, r in _masked_areas(path, raw)]
-    border_dn = float(np.concatenate(masked).mean()) if masked else None
-    return np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col]), border_dn
+    return pixels, raw
+
+
+def _border(path: Path, raw: Directory) -> Border | None:
+    """Return the lines around the active area."""
+    (rows, cols), (top, left, bottom, right) = _size(raw), _active_area(path, raw)
+    border = top, rows - bottom, left, cols - right
+    return border if any(border) else None
 
 
 def _size(raw: Directory) -> tuple[int, int]:

@@ -2,13 +2,14 @@
 
 Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes. Unsigned numbers are stored minus
 BZERO, 2^15 or 2^31, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
-Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF and YBAYROFF. Rows are
-in the order in which they are stored.
+Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF and YBAYROFF, DATASEC
+(the lines around it receive no light). Rows are in the order in which they are stored.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ import numpy as np
 from photosite.errors import FileError, InputError, message_of
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.frame_settings import kinds_in_name
-from photosite.frames.raw_frame import Numbers
+from photosite.frames.raw_frame import OPTICAL_BLACK, Numbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 SIGNATURE = b"SIMPLE  ="
@@ -144,6 +145,7 @@ def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHea
         "camera": keywords.text("INSTRUME"),
         "kind": kinds.pop() if len(kinds) == 1 else None,
         "image_type": image_type,
+        OPTICAL_BLACK: _border(path, shape, keywords),
     }
     return FrameHeader(
         shape[-2],
@@ -153,6 +155,20 @@ def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHea
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
         metadata={name: value for name, value in metadata.items() if value is not None},
     )
+
+
+def _border(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> str | None:
+    """Return the lines around DATASEC, [first:last column, first:last row] counted from 1, as metadata state them."""
+    section = keywords.text("DATASEC")
+    if section is None:
+        return None
+    found = re.fullmatch(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]", section)
+    left, right, top, bottom = map(int, found.groups()) if found else (0, 0, 0, 0)
+    rows, cols = shape[-2:]
+    if not (1 <= left <= right <= cols and 1 <= top <= bottom <= rows):
+        raise FileError(path, "DATASEC", value=section, expected=f"[a:b,c:d] within {cols} columns and {rows} rows")
+    border = top - 1, rows - bottom, left - 1, cols - right
+    return ",".join(map(str, border)) if any(border) else None
 
 
 def _cfa(path: Path, keywords: _Keywords) -> Cfa | None:

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import model_validator
 
-from photosite.sensor.quantity import about
+from photosite.errors import InputError
+from photosite.sensor.quantity import NO_UNIT, NotNegative, about
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
+Corner = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
+"""Corner of the array at which the output amplifier lies."""
+
+_LARGEST = 1e-3
 _LEFT_OUT = 1e-9
 """Share of the charge that may arrive later than is computed; it counts as the latest that is."""
 
-_Inefficiency = Annotated[float, Field(strict=True, ge=0.0, le=1e-3)]
-
 
 class ChargeTransfer(Section):
-    """Inefficiency of the transfers to the output, which lies at the first row and the first column.
+    """Inefficiency of the transfers to the output, which lies at a corner of the array.
 
-    Row r takes r + 1 parallel transfers and column c takes c + 1 serial ones. What stays behind at a transfer joins the
-    charge of the next pixel. Charge that arrives after the last pixel is lost from the frame.
+    Counted from the output, row r takes r + 1 parallel transfers and column c takes c + 1 serial ones. What stays
+    behind at a transfer joins the charge of the next pixel. Charge that arrives after the last line of the frame is
+    lost from it.
 
     Examples
     --------
@@ -29,20 +34,34 @@ class ChargeTransfer(Section):
     [0.9802, 0.0196]
     """
 
-    parallel_inefficiency: _Inefficiency = about(
-        "Share of the charge that stays behind at a transfer along a column.", "1", 5e-6, default=0.0
+    parallel_inefficiency: NotNegative = about(
+        "Share of the charge that stays behind at a transfer along a column.", "1", 5e-6, default=Measured(0.0)
     )
-    serial_inefficiency: _Inefficiency = about(
-        "Share of the charge that stays behind at a transfer along a row.", "1", 1e-6, default=0.0
+    serial_inefficiency: NotNegative = about(
+        "Share of the charge that stays behind at a transfer along a row.", "1", 1e-6, default=Measured(0.0)
     )
+    output: Corner = about("Corner of the output.", NO_UNIT, "top_left", default="top_left")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("parallel_inefficiency", "serial_inefficiency"):
+            if (value := getattr(self, name).value) > _LARGEST:
+                raise InputError(name, value=value, expected=f"at most {_LARGEST:g}")
+        return self
+
+    @property
+    def order(self) -> tuple[slice, slice]:
+        """Index that gives a frame's rows and columns in the order in which they are read, and back."""
+        up, left = self.output.startswith("bottom"), self.output.endswith("right")
+        return slice(None, None, -1 if up else 1), slice(None, None, -1 if left else 1)
 
     def row_shares(self, rows: int) -> NDArray[np.float64]:
-        """Return (late, rows): the share of each row's charge that arrives so many rows late."""
-        return late_shares(self.parallel_inefficiency, rows)
+        """Return (late, rows): the share of each row's charge that arrives so many rows late, in reading order."""
+        return late_shares(self.parallel_inefficiency.value, rows)
 
     def column_shares(self, cols: int) -> NDArray[np.float64]:
-        """Return (late, cols): the share of each column's charge that arrives so many columns late."""
-        return late_shares(self.serial_inefficiency, cols)
+        """Return (late, cols): the share of each column's charge that arrives so many columns late, likewise."""
+        return late_shares(self.serial_inefficiency.value, cols)
 
 
 def late_shares(inefficiency: float, lines: int) -> NDArray[np.float64]:

@@ -7,13 +7,13 @@ from typing import Any
 from photosite.errors import InputError
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.blooming import Blooming
-from photosite.sensor.effects.charge_transfer import ChargeTransfer
+from photosite.sensor.effects.charge_transfer import ChargeTransfer, Corner
 from photosite.sensor.effects.converter_error import ConverterError
 from photosite.sensor.effects.em_gain import EmGain
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
-from photosite.sensor.effects.optical_black import OpticalBlack
+from photosite.sensor.effects.optical_black import Border, OpticalBlack
 from photosite.sensor.effects.output import Output
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
@@ -82,7 +82,10 @@ class Effects(Section):
         "1/f noise of the black level over frames.", NO_UNIT, {"standard_deviation_e": 2}, default=None
     )
     optical_black: OpticalBlack | None = about(
-        "Rows and columns at the edges that are covered.", NO_UNIT, {"top": 8, "left": 16}, default=None
+        "Rows and columns without light at the edges: covered ones, and overscan.",
+        NO_UNIT,
+        {"top": 8, "left": 16},
+        default=None,
     )
 
     def check(
@@ -92,7 +95,7 @@ class Effects(Section):
         given: dict[str, tuple[Any, ...]] = {
             "response_curve": (well_capacity_e,),
             "readout_channels": (rows, cols),
-            "optical_black": (rows, cols, tile),
+            "optical_black": (rows, cols, tile, self.corner),
             "pixel_defects": (rows, cols, white_dn),
             "output": (black_dn, white_dn),
         }
@@ -110,6 +113,16 @@ class Effects(Section):
     def companded(self) -> bool:
         """Whether the digital numbers of frames are companded."""
         return self.output is not None and self.output.companding is not None
+
+    @property
+    def corner(self) -> Corner:
+        """The corner of the output; top left unless `charge_transfer` states another."""
+        return "top_left" if self.charge_transfer is None else self.charge_transfer.output
+
+    @property
+    def border(self) -> Border | None:
+        """Lines without light at top, bottom, left and right; None without `optical_black`."""
+        return None if self.optical_black is None else self.optical_black.border(self.corner)
 
     @property
     def of_single_captures(self) -> list[str]:
