@@ -61,6 +61,7 @@ class FixedPattern:
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
     spatial: SpatialAnalysis | Missing
+    channel_variance: float = 0.0
     slope_contrast: Uncertain = STRAIGHT
     half_contrast: Uncertain = STRAIGHT
 
@@ -81,7 +82,8 @@ class FixedPattern:
     def variances(self) -> dict[str, Any]:
         """The variances and the exposure time of those of the dark, by the names of `Measurements`."""
         dark = ("dsnu1288_exposures_s", "dsnu1288", "dsnu1288_filtered")
-        names = ("response_variance", "shading_variance", *dark, "prnu1288", "prnu1288_unfiltered")
+        light = ("prnu1288", "prnu1288_unfiltered", "channel_variance")
+        names = ("response_variance", "shading_variance", *dark, *light)
         return {name: getattr(self, name) for name in names}
 
     def withheld(self, why: Missing) -> FixedPattern:
@@ -210,7 +212,8 @@ def measure_fixed_pattern(
             response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
         contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
         of_dark = _times(dark_planes), *dark_parts
-        result.append(FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], *contrasts))
+        lines = 0.0 if structure is None or not structure.by_lines else float(structure.relative.var())
+        result.append(FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], lines, *contrasts))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
     return FixedPatterns(tuple(result), structure, _found(taps))

@@ -48,6 +48,7 @@ class Measurements:
     dsnu_variance: Value = NO_LIGHT  # of the dark level at exposure zero, or of the reference dark frames
     response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
     shading_variance: Value = NO_LIGHT  # the part of it that the high-pass filter of EMVA 1288 removes
+    channel_variance: float = 0.0  # the part of it by readout channels, which all sensors have
     gain: Value = NO_LIGHT  # DN/e-
     saturation_dn: Value = NO_LIGHT  # digital number of clipped pixels
     curved: bool = False  # whether gain and responsivity are those at small signal, with the response curve
@@ -141,10 +142,11 @@ class Measurements:
         """
         independent = self.pixels / charge_factor
         response = self.responsivity
-        # Shading comes from the light and is the same for all sensors: its pixels are not a sample.
+        # Shading comes from the light and is the same for all sensors, as are readout channels: no samples.
         spread = derive(lambda whole, shading: whole - shading, self.response_variance, self.shading_variance)
         if isinstance(spread, Missing):
             spread = self.response_variance
+        spread = derive(lambda variance: variance - self.channel_variance, spread)
         if isinstance(response, Uncertain) and isinstance(spread, Uncertain):
             response = mean_for_sensor(response, spread * response.value**2, independent)
         slope, slope_variance = self.dark_slope, self.dark_slope_variance

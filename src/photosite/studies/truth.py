@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.camera.optical_stack import channel_mixing
 from photosite.color.spectrum import integration_weights
@@ -52,10 +53,10 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     it in dB; the sensitivity threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range
     is 20 log10 of the ratio of the two. Saturation in DN is the mean reading of full wells (`full_well_reading_dn`).
     The read noise contains telegraph noise: both are temporal noise of dark frames. Interpixel capacitance averages
-    PRNU and DCNU by its kernel. DSNU1288 and PRNU1288 equal DSNU and PRNU, because the
-    virtual chip's pattern is white. The quantum efficiency is electrons over photons on the whole pixel area at all
-    wavelengths of the light, mean over the pixels of the tile. The saturation capacity in photons is that of the most
-    sensitive channel.
+    PRNU and DCNU by its kernel; gains of readout channels are part of both, and their offsets of DSNU. DSNU1288 and
+    PRNU1288 equal DSNU and PRNU, because the virtual chip's pattern is white. The quantum efficiency is electrons over
+    photons on the whole pixel area at all wavelengths of the light, mean over the pixels of the tile. The saturation
+    capacity in photons is that of the most sensitive channel.
 
     Examples
     --------
@@ -68,25 +69,34 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     gain = sensor.system_gain_dn_per_e
     coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
     averaged = 1.0 if coupling is None else math.sqrt(coupling.variance_share)
-    read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
-    if sensor.effects is not None and (telegraph := sensor.effects.telegraph_noise) is not None:
-        read_e = math.sqrt(read_e**2 + telegraph.variance_e2)
+    relative, offset_e = _channels(sensor)
+    telegraph = None if sensor.effects is None else sensor.effects.telegraph_noise
+    blinking_e = 0.0 if telegraph is None else math.sqrt(telegraph.variance_e2)
+    read_mv, dsnu_mv = (
+        math.hypot(spread.value, more_e / sensor.electrons(1.0))
+        for spread, more_e in ((noise.read_noise_mv, blinking_e), (noise.dsnu_mv, float(offset_e.std())))
+    )
+    read_e, dsnu_e = sensor.electrons(read_mv), sensor.electrons(dsnu_mv)
+    of_channels = 100.0 * float(relative.std())
+    prnu, dcnu = (
+        math.hypot(averaged * spread.value, of_channels) for spread in (noise.prnu_percent, noise.dcnu_percent)
+    )
     capacity_e = sensor.saturation_capacity_e
     threshold_e = math.sqrt(read_e**2 + QUANTISATION_DN2 / gain**2 + 0.25) + 0.5
     truth = {
         "read_noise_dn": read_e * gain,
         "read_noise_e": read_e,
-        "read_noise_mv": read_e / sensor.electrons(1.0),
+        "read_noise_mv": read_mv,
         **_line_noise(sensor),
         "dsnu_dn": dsnu_e * gain,
         "dsnu_e": dsnu_e,
-        "dsnu_mv": noise.dsnu_mv.value,
-        "prnu_percent": noise.prnu_percent.value * averaged,
+        "dsnu_mv": dsnu_mv,
+        "prnu_percent": prnu,
         "interpixel_coupling_percent": 0.0 if coupling is None else coupling.coupling_percent.value,
         "dark_voltage_mv_per_s": noise.dark_voltage_mv_per_s.value,
         "dark_current_dn_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value) * gain,
         "dark_current_e_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value),
-        "dcnu_percent": noise.dcnu_percent.value * averaged,
+        "dcnu_percent": dcnu,
         "black_level_dn": sensor.readout.black_level_dn.value,
         "system_gain_dn_per_e": gain,
         "conversion_gain_uv_per_e": pixel.conversion_gain_uv_per_e.value,
@@ -94,7 +104,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "saturation_capacity_e": capacity_e,
         "temporal_dark_noise_e": read_e,
         "dsnu1288_e": dsnu_e,
-        "prnu1288_percent": noise.prnu_percent.value * averaged,
+        "prnu1288_percent": prnu,
         "snr_max_db": 10 * math.log10(capacity_e),
         "dynamic_range_db": 20 * math.log10(capacity_e / threshold_e),
     }
@@ -110,6 +120,15 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
             "saturation_capacity_photons": capacity_e / max(efficiencies),
         }
     return truth
+
+
+def _channels(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return gains of the readout channels, with the mean 1, and their offsets in electrons."""
+    channels = None if sensor.effects is None else sensor.effects.readout_channels
+    if channels is None:
+        return np.ones(1), np.zeros(1)
+    relative, offset_e = channels.tables()
+    return relative / relative.mean(), offset_e
 
 
 def _line_noise(sensor: Sensor) -> dict[str, float]:
@@ -182,17 +201,22 @@ def variance_peak_e(sensor: Sensor) -> float:
     # The well clips electrons before read noise and offset are added; the converter clips their sum.
     inside, outside = (0.0, read_e**2) if by_well else (read_e**2, 0.0)
     nodes, weights = np.polynomial.hermite_e.hermegauss(21)
+    gains = _channels(sensor)[0].ravel()
 
-    def largest(low: float, high: float) -> float:
-        electrons = np.linspace(low, high, 201)[:, None]
+    def variance(electrons: NDArray[np.float64], limit_e: float) -> NDArray[np.float64]:
         mean = electrons + nodes * np.hypot(noise.prnu_percent.value / 100 * electrons, 0.0 if by_well else dsnu_e)
         sigma = np.sqrt(electrons + inside)
         a = (limit_e - mean) / sigma
         density = np.exp(-0.5 * a**2) / math.sqrt(2 * math.pi)
         first = ndtr(a) * mean - sigma * density + limit_e * ndtr(-a)
         second = ndtr(a) * (mean**2 + sigma**2) - sigma * density * (mean + limit_e) + limit_e**2 * ndtr(-a)
-        variance = (second - first**2 + outside) @ (weights / weights.sum())
-        return float(electrons[np.argmax(variance), 0])
+        return np.asarray((second - first**2 + outside) @ (weights / weights.sum()))
+
+    def largest(low: float, high: float) -> float:
+        electrons = np.linspace(low, high, 201)[:, None]
+        # The converter clips a readout channel of larger gain at fewer electrons.
+        parts = [g**2 * variance(electrons, limit_e if by_well else limit_e / g) for g in gains]
+        return float(electrons[np.argmax(np.sum(parts, axis=0)), 0])
 
     near = largest(0.7 * limit_e, 1.1 * limit_e)
     return largest(near - 0.002 * limit_e, near + 0.002 * limit_e)
@@ -216,15 +240,20 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
     spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
     exposures = [calibration.dsnu1288_exposure_s.get(name, math.nan) for row in sensor.array.cfa for name in row]
     truth["dsnu1288_e"] = math.sqrt(truth["dsnu_e"] ** 2 + spread**2 * float(np.mean(np.square(exposures))))
+    of_channels = 100.0 * float(_channels(sensor)[0].std())
     truth |= {
         "dsnu1288_row_e": 0.0,
         "dsnu1288_column_e": 0.0,
         "dsnu1288_pixel_e": truth["dsnu1288_e"],
         "prnu1288_row_percent": 0.0,
         "prnu1288_column_percent": 0.0,
-        "prnu1288_pixel_percent": truth["prnu1288_percent"],
+        "prnu1288_pixel_percent": math.sqrt(truth["prnu1288_percent"] ** 2 - of_channels**2),
         "prnu1288_unfiltered_percent": truth["prnu1288_percent"],
     }
+    if of_channels:
+        # Lines that alternate pass the high-pass filter in full, unlike lines at random.
+        for name in ("prnu1288_percent", "prnu1288_row_percent", "prnu1288_column_percent"):
+            del truth[name]
     if truth["interpixel_coupling_percent"]:
         return {name: value for name, value in truth.items() if name not in AT_SATURATION}
     if "largest temporal variance" in calibration.saturation_capacity_e.method:

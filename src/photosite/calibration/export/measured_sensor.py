@@ -126,12 +126,13 @@ def _border_of(calibration: Calibration) -> Border:
 
 
 def _take_off_channels(channels: ReadoutChannels | None, changes: dict[str, Measured]) -> None:
-    """Subtract the variance of readout channels from PRNU and DSNU, which contain it, because the file states both."""
+    """Subtract the variance of readout channels from PRNU, DCNU and DSNU, because the file states both."""
     if channels is None:
         return
     gain, offset_e = channels.tables()
     conversion = changes[CONVERSION].value
-    for name, spread in (("prnu_percent", 100.0 * gain.std()), ("dsnu_mv", 1e-3 * conversion * offset_e.std())):
+    of_gain, of_offset = 100.0 * float(gain.std()), 1e-3 * conversion * float(offset_e.std())
+    for name, spread in (("prnu_percent", of_gain), ("dcnu_percent", of_gain), ("dsnu_mv", of_offset)):
         if name in changes and spread > 0.0:
             whole = changes[name]
             variance = Uncertain.of(whole.value**2 - spread**2, 2.0 * whole.value * whole.standard_uncertainty)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ class PeriodicStructure:
     chance
         Deviation of one place that chance explains.
     uncertainty
-        Standard uncertainty of one place.
+        Standard uncertainty of one row or column, where only these differ.
     """
 
     relative: NDArray[np.float64]
@@ -143,19 +143,37 @@ def _fold(places: NDArray[np.float64], period: int) -> NDArray[np.float64]:
     return np.asarray(places.reshape(-1, folds, period, folds, period).mean(axis=(1, 3)))
 
 
-def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> tuple[float, float]:
-    """Return how far a place of a period may deviate by chance, and the standard uncertainty of a place.
+_OF_MEDIAN = math.pi / 2.0
+"""Variance of a median over that of a mean, for normal noise."""
 
-    They are from (blocks, cell, cell) places of parts of a frame.
+
+def _line_uncertainty(across: Array, along: Array, period: int, lines: str) -> float:
+    """Return the standard uncertainty of the rows or columns of a period, relative to their mean.
+
+    Parts of the frame `across` the lines, (blocks, cell, cell), contain different lines each, with their own patterns;
+    those `along` them the same lines, of which only the pixels differ.
+    """
+    axis = -2 if lines == "columns" else -1
+    variances = []
+    for blocks in (across, along):
+        of_lines = _fold(blocks, period).mean(axis=axis)
+        of_lines = of_lines - of_lines.mean(axis=-1, keepdims=True)
+        variances.append(float(of_lines.var(axis=0, ddof=1).mean()) / len(blocks))
+    whole, of_pixels = variances
+    # The median over the cells is a mean of medians for the noise of pixels, and a median for the patterns of lines.
+    return math.sqrt(of_pixels + _OF_MEDIAN * max(whole - of_pixels, 0.0))
+
+
+def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
+    """Return how far a place of a period may deviate by chance, from (blocks, cell, cell) places of parts of a frame.
 
     The blocks are whole columns and whole rows of cells. They contain the patterns of columns and rows of a chip, which
     all cells of a block share.
     """
     variance = [_fold(places, period).var(axis=0, ddof=1).mean() / len(places) for places in blocks]
     freedom = period * (min(len(places) for places in blocks) - 1)
-    # A median scatters more than a mean, by this factor for normal noise.
-    uncertainty = 1.2533 * math.sqrt(sum(variance))
-    return uncertainty * -float(stdtrit(freedom, BY_CHANCE / (2.0 * period**2))), uncertainty
+    uncertainty = math.sqrt(_OF_MEDIAN * sum(variance))
+    return uncertainty * -float(stdtrit(freedom, BY_CHANCE / (2.0 * period**2)))
 
 
 def periodic_structure(
@@ -204,27 +222,56 @@ def periodic_structure(
     tilt = [np.gradient(level, axis=axis) / level / (CELL * step) for axis, step in enumerate((step_rows, step_cols))]
     away = np.arange(CELL) - 0.5 * (CELL - 1)
     ramp = tilt[0][..., None, None] * away[:, None] + tilt[1][..., None, None] * away
-    shape = CELL, CELL
-    relative, by_rows, by_cols = (np.empty((*size, *shape)) for size in ((), cells.shape[:1], cells.shape[1:2]))
-    for channel in range(int(tile.max()) + 1):
-        inside = labels == channel
-        values = cells[:, :, inside]
-        usual = np.median(values, axis=2, keepdims=True)
-        if not (usual > 0.0).all():
-            return None  # a channel without light
-        scaled = values / usual - ramp[:, :, inside]
-        place = np.median(scaled, axis=(0, 1))
-        relative[inside] = place / place.mean()
-        by_cols[:, inside], by_rows[:, inside] = np.median(scaled, axis=0), np.median(scaled, axis=1)
+    places = _places(cells, labels, ramp, np.zeros_like(labels))
+    if places is None:
+        return None
+    relative, by_rows, by_cols = places
     chance = {period: _chance((by_rows, by_cols), period) for period in (*PERIODS[1:], CELL)}
     for period in PERIODS:
         folded = _fold(relative, period)[0]
         rest = relative - np.tile(folded, (CELL // period, CELL // period))
-        found = PeriodicStructure(folded, *chance.get(period, (0.0, 0.0)))
-        limits = {longer: max(limit, 0.1 * found.difference) for longer, (limit, _) in chance.items()}
+        found = PeriodicStructure(folded, chance.get(period, 0.0))
+        limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
-            return found if found.difference > READOUT_SHARE else None
+            if found.difference <= READOUT_SHARE:
+                return None
+            return _with_lines(found, cells, labels, ramp)
     return None
+
+
+def _places(cells: Array, labels: NDArray[np.int64], ramp: Array, phase: NDArray[np.int64]) -> list[Array] | None:
+    """Return the signal at the places of a cell over that of the channel, and those of rows and columns of cells.
+
+    The signal of the channel in a cell is the mean of the medians of its places of each `phase`: a single median lies
+    between phases of different signal and follows the values above and below, which makes them more alike.
+    None where a channel has no light.
+    """
+    found = [np.empty((*size, CELL, CELL)) for size in ((), cells.shape[:1], cells.shape[1:2])]
+    for channel in range(int(labels.max()) + 1):
+        inside = labels == channel
+        medians = [np.median(cells[:, :, inside & (phase == k)], axis=2) for k in np.unique(phase[inside])]
+        usual = np.mean(medians, axis=0)[..., None]
+        if not (usual > 0.0).all():
+            return None
+        scaled = cells[:, :, inside] / usual - ramp[:, :, inside]
+        place = np.median(scaled, axis=(0, 1))
+        found[0][inside] = place / place.mean()
+        found[1][:, inside], found[2][:, inside] = np.median(scaled, axis=1), np.median(scaled, axis=0)
+    return found
+
+
+def _with_lines(found: PeriodicStructure, cells: Array, labels: NDArray[np.int64], ramp: Array) -> PeriodicStructure:
+    """Return the structure with the exact signal of rows or columns and its uncertainty, where only these differ."""
+    if not (lines := found.by_lines):
+        return found
+    phase = np.broadcast_to(np.arange(CELL) % found.period, (CELL, CELL))
+    places = _places(cells, labels, ramp, phase if lines == "columns" else phase.T)
+    if places is None:
+        return found
+    relative, by_rows, by_cols = places
+    parts = (by_cols, by_rows) if lines == "columns" else (by_rows, by_cols)
+    uncertainty = _line_uncertainty(*parts, found.period, lines)
+    return replace(found, relative=_fold(relative, found.period)[0], uncertainty=uncertainty)
 
 
 TAPS_BY_CHANCE = 1e-4
