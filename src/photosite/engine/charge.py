@@ -13,13 +13,13 @@ maps to 32 bits.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import F32, F64, I64, compiled, prange
-from photosite.engine.pixel_model import Exposure, pixel_number
+from photosite.engine.pixel_model import RUN, Exposure, constant_run, pixel_number, row_from
 from photosite.engine.random_numbers import (
     EXPOSURE,
     new_run,
@@ -31,8 +31,6 @@ from photosite.engine.random_numbers import (
     random_words,
 )
 
-_RUN = 1024
-
 
 class ConversionMaps(NamedTuple):
     """What converts the charge of a rectangle: maps (rows, cols), or (1, 1) for one value; tables; values of lines."""
@@ -42,16 +40,17 @@ class ConversionMaps(NamedTuple):
     # (rows,), (cols,) float64 offset of each line in this frame, or (1,) for all lines
     row_dn: F64
     column_dn: F64
-    # Readout channel of each row and column, (rows,) and (cols,), or (1,); gain and offset of each pair
+    # (rows,) group of each row, or (1,); gain and offset of the group's readout channel at each column, (groups, cols)
+    # or (1, 1)
     row_group: I64
-    column_group: I64
-    group_gain: F64
-    group_offset_e: F64
+    channel_gain: F64
+    channel_offset_e: F64
     # Signal in electrons at equal steps of charge from 0 on; (1,) for a straight response
     curve_e: F64
     curve_step_e: float
     # Error of the converter in DN, at equal steps from 0 to the white level; (1,) for none
     converter_error_dn: F64
+    output_dn: NDArray[np.uint16]  # the number that is saved for each of the converter; (1,) for the same
 
 
 # The functions of one pixel take numbers, not arrays, so that numba's CUDA simulator can call them.
@@ -80,9 +79,9 @@ def read_deviate(r: int, c: int, exposure: Exposure) -> float:
 
 
 @compiled(inline=True)
-def step_below(place: float, entries: int) -> int:
-    """Return the entry of a table below a place, which is in units of the table's steps."""
-    return min(int(place), entries - 2)
+def step_below(place: float, entries: int) -> np.int32:
+    """Return the entry of a table below a place from 0 on, which is in units of the table's steps."""
+    return np.int32(min(place, entries - 2.0))
 
 
 @compiled(inline=True)
@@ -104,17 +103,6 @@ def rounded(dn: float, exposure: Exposure) -> np.uint16:
     return np.uint16(min(max(dn + 0.5, 0.0), exposure.white_level_dn))
 
 
-@compiled(inline=True)
-def _at(values: F32, r: int, c: int) -> float:
-    """Return the value of a map at a row and column; a map of shape (1, 1) has one value for all pixels."""
-    return float(values[min(r, values.shape[0] - 1), min(c, values.shape[1] - 1)])
-
-
-@compiled(inline=True)
-def _line(values: NDArray[Any], i: int) -> Any:
-    return values[min(i, values.shape[0] - 1)]
-
-
 @compiled(parallel=True)
 def collect_charge(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Exposure) -> F32:
     """Return (rows, cols) electrons that the pixels of a rectangle collect in one frame.
@@ -123,22 +111,23 @@ def collect_charge(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Ex
     (1, 1) for one value.
     """
     rows, cols = photo_e.shape
+    frame, k0, k1, well_e = exposure.frame, exposure.k0, exposure.k1, exposure.well_capacity_e
     out = np.empty((rows, cols), np.float32)
-    for line in prange(rows):
-        r: Any = np.int64(line)  # signed, as column numbers are: numba mixes both to floating point
-        run = new_run(_RUN)
+    for r in prange(rows):
+        run = new_run(RUN)
         mean, electrons = run.mean, run.electrons
-        for c in range(0, cols, _RUN):
-            n = min(_RUN, cols - c)
+        prnu_1, dark_1 = constant_run(prnu), constant_run(dark_rate_e_per_s)
+        for c in range(0, cols, RUN):
+            n = min(RUN, cols - c)
             first = pixel_number(r, c, exposure)
-            random_words(first, n, exposure.frame, EXPOSURE, exposure.k0, exposure.k1, run.words)
+            photo, target = photo_e[r, c:], out[r, c:]
+            response, dark_rate = row_from(prnu, r, c, prnu_1), row_from(dark_rate_e_per_s, r, c, dark_1)
+            random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
             for i in range(n):
-                mean[i] = mean_charge(
-                    float(photo_e[r, c + i]), _at(prnu, r, c + i), _at(dark_rate_e_per_s, r, c + i), exposure
-                )
-            poisson_run(n, run, first, exposure.frame, exposure.k0, exposure.k1)
+                mean[i] = mean_charge(float(photo[i]), float(response[i]), float(dark_rate[i]), exposure)
+            poisson_run(n, run, first, frame, k0, k1)
             for i in range(n):
-                out[r, c + i] = np.float32(min(electrons[i], exposure.well_capacity_e))
+                target[i] = np.float32(min(electrons[i], well_e))
     return out
 
 
@@ -146,35 +135,46 @@ def collect_charge(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Ex
 def convert_charge(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle from its (rows, cols) charge in electrons."""
     rows, cols = charge_e.shape
-    curve, error = maps.curve_e, maps.converter_error_dn
-    error_steps = (error.shape[0] - 1) / exposure.white_level_dn
+    curve, error, output = maps.curve_e, maps.converter_error_dn, maps.output_dn
+    curve_step, error_steps = maps.curve_step_e, (error.size - 1) / exposure.white_level_dn
+    row_dn, column_dn, row_group = maps.row_dn, maps.column_dn, maps.row_group
     out = np.empty((rows, cols), np.uint16)
-    for line in prange(rows):
-        r: Any = np.int64(line)  # signed, as column numbers are: numba mixes both to floating point
-        run = new_run(_RUN)
-        deviates = run.deviates
-        for c in range(0, cols, _RUN):
-            n = min(_RUN, cols - c)
-            first = pixel_number(r, c, exposure)
-            random_words(first, n, exposure.frame, EXPOSURE, exposure.k0, exposure.k1, run.words)
-            normal_run(n, run.words[2], run)
+    for r in prange(rows):
+        run = new_run(RUN)
+        words, deviates, signal, dn = run.words, run.deviates, run.mean, run.electrons
+        offset_1, noise_1 = constant_run(maps.offset_e), constant_run(maps.noise_e)
+        gain_1, channel_1 = constant_run(maps.channel_gain), constant_run(maps.channel_offset_e)
+        line = row_dn[r] if row_dn.size > 1 else row_dn[0]
+        group = row_group[r] if row_group.size > 1 else row_group[0]
+        line_dn = np.full(RUN, line + column_dn[0])
+        for c in range(0, cols, RUN):
+            n = min(RUN, cols - c)
+            charge, target = charge_e[r, c:], out[r, c:]
+            offset_e, noise_e = row_from(maps.offset_e, r, c, offset_1), row_from(maps.noise_e, r, c, noise_1)
+            gain = row_from(maps.channel_gain, group, c, gain_1)
+            channel_e = row_from(maps.channel_offset_e, group, c, channel_1)
+            random_words(pixel_number(r, c, exposure), n, exposure.frame, EXPOSURE, exposure.k0, exposure.k1, words)
+            normal_run(n, words[2], run)
             for i in range(n):
-                signal_e = float(charge_e[r, c + i])
-                if curve.shape[0] > 1:
-                    place = max(signal_e, 0.0) / maps.curve_step_e
-                    low = step_below(place, curve.shape[0])
-                    signal_e = between(curve[low], curve[low + 1], place - low)
-                group = _line(maps.row_group, r), _line(maps.column_group, c + i)
-                read_e = (
-                    _at(maps.offset_e, r, c + i)
-                    + maps.group_offset_e[group]
-                    + _at(maps.noise_e, r, c + i) * deviates[i]
-                )
-                line_dn = _line(maps.row_dn, r) + _line(maps.column_dn, c + i)
-                dn = converter_input(signal_e, read_e, maps.group_gain[group], line_dn, exposure)
-                if error.shape[0] > 1:
-                    place = max(dn, 0.0) * error_steps
-                    low = step_below(place, error.shape[0])
-                    dn += between(error[low], error[low + 1], place - low)
-                out[r, c + i] = rounded(dn, exposure)
+                signal[i] = charge[i]
+            if curve.size > 1:
+                for i in range(n):
+                    place = max(signal[i], 0.0) / curve_step
+                    low = step_below(place, curve.size)
+                    signal[i] = between(curve[low], curve[low + 1], place - low)
+            if column_dn.size > 1:
+                line_dn[:n] = line + column_dn[c : c + n]
+            for i in range(n):
+                read_e = (offset_e[i] + channel_e[i]) + noise_e[i] * deviates[i]
+                dn[i] = converter_input(signal[i], read_e, gain[i], line_dn[i], exposure)
+            if error.size > 1:
+                for i in range(n):
+                    place = max(dn[i], 0.0) * error_steps
+                    low = step_below(place, error.size)
+                    dn[i] += between(error[low], error[low + 1], place - low)
+            for i in range(n):
+                target[i] = rounded(dn[i], exposure)
+            if output.size > 1:
+                for i in range(n):
+                    target[i] = output[target[i]]
     return out

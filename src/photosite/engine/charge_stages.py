@@ -10,23 +10,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from photosite.engine.jit import F32, F64, compiled, prange
-from photosite.engine.pixel_model import Exposure, pixel_number
+from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.pixel_model import RUN, Exposure, pixel_number
 from photosite.engine.random_numbers import (
     MULTIPLICATION,
+    WordArray,
+    exp,
     gamma,
     gamma_candidate,
+    gamma_constants,
     gamma_squeeze,
     new_run,
     normal_run,
     philox4x32,
     poisson_small,
-    random_words,
     uniform,
+    uniform_53,
 )
 
-_RUN = 1024
-_COLUMNS = 64
+_COLUMNS = 256
 
 
 class Register(NamedTuple):
@@ -87,28 +89,33 @@ def bloom_columns(charge_e: F32, well_e: float, kept: float) -> F32:
     for block in prange((cols + _COLUMNS - 1) // _COLUMNS):
         first: Any = np.int64(block) * _COLUMNS
         last = min(first + _COLUMNS, cols)
-        flow = np.zeros(_COLUMNS)
+        flow = np.zeros(last - first)
+        beyond = False
         for r in range(rows):
-            for c in range(first, last):
-                charge = np.float64(charge_e[r, c])
-                held = min(charge, well_e)
-                more = taken(held, flow[c - first], well_e)
-                out[r, c] = np.float32(held + more)
-                flow[c - first] += overflow(charge, well_e, kept) - more
+            charge, target = charge_e[r, first:last], out[r, first:last]
+            for i in range(flow.size):
+                beyond |= charge[i] > well_e
+                target[i] = charge[i]
+        if not beyond:
+            continue
+        for r in range(rows):
+            _flow_past(charge_e[r, first:last], out[r, first:last], flow, well_e, kept)
         for r in range(rows - 1, -1, -1):
-            for c in range(first, last):
-                held = np.float64(out[r, c])
-                more = taken(held, flow[c - first], well_e)
-                out[r, c] = np.float32(held + more)
-                flow[c - first] += overflow(np.float64(charge_e[r, c]), well_e, kept) - more
+            _flow_past(charge_e[r, first:last], out[r, first:last], flow, well_e, kept)
         if flow.max() > 0.0:
             for r in range(rows):
-                for c in range(first, last):
-                    held = np.float64(out[r, c])
-                    more = taken(held, flow[c - first], well_e)
-                    out[r, c] = np.float32(held + more)
-                    flow[c - first] -= more
+                _flow_past(charge_e[r, first:last], out[r, first:last], flow, well_e, 0.0)
     return out
+
+
+@compiled()
+def _flow_past(charge_e: F32, held_e: F32, flow_e: F64, well_e: float, kept: float) -> None:
+    """Let the charge that flows along columns pass a row, which takes some and adds its own overflow."""
+    for i in range(flow_e.size):
+        held = min(np.float64(held_e[i]), well_e)
+        more = taken(held, flow_e[i], well_e)
+        held_e[i] = np.float32(held + more)
+        flow_e[i] += overflow(np.float64(charge_e[i]), well_e, kept) - more
 
 
 @compiled(parallel=True)
@@ -124,16 +131,25 @@ def transfer_charge(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
         r: Any = np.int64(line)
         moved, total = np.zeros(cols), np.zeros(cols)
         for late in range(min(row_shares.shape[0], r + 1)):
-            source, share = charge_e[r - late], row_shares[late, r - late]
-            for c in range(cols):
-                moved[c] += share * np.float64(source[c])
+            _add_share(moved, charge_e[r - late], row_shares[late, r - late])
         for late in range(min(column_shares.shape[0], cols)):
-            shares = column_shares[late]
-            for c in range(late, cols):
-                total[c] += shares[c - late] * moved[c - late]
+            _add_shares(total[late:], moved, column_shares[late])
+        target = out[r]
         for c in range(cols):
-            out[r, c] = np.float32(total[c])
+            target[c] = np.float32(total[c])
     return out
+
+
+@compiled()
+def _add_share(total: F64, values: F32, share: float) -> None:
+    for i in range(total.size):
+        total[i] += share * np.float64(values[i])
+
+
+@compiled()
+def _add_shares(total: F64, values: F64, shares: F64) -> None:
+    for i in range(total.size):
+        total[i] += shares[i] * values[i]
 
 
 @compiled(parallel=True)
@@ -141,39 +157,65 @@ def multiply_charge(charge_e: F32, register: Register, exposure: Exposure) -> F3
     """Return the charge behind the multiplication register."""
     rows, cols = charge_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
+    shape_per_e, scale_e, well_e, induced_e = register
+    without = exp(-induced_e)
     out = np.empty((rows, cols), np.float32)
-    for line in prange(rows):
-        r: Any = np.int64(line)
-        run = new_run(_RUN)
-        words, shape, value, deviates, late = run.words, run.mean, run.electrons, run.deviates, run.late
-        for c in range(0, cols, _RUN):
-            n = min(_RUN, cols - c)
+    for r in prange(rows):
+        run = new_run(RUN)
+        shape, value, deviates, late = run.mean, run.electrons, run.deviates, run.late
+        words = np.empty((4, RUN), np.uint32)
+        for c in range(0, cols, RUN):
+            n = min(RUN, cols - c)
             first = pixel_number(r, c, exposure)
-            random_words(first, n, frame, MULTIPLICATION, k0, k1, words)
+            charge, target = charge_e[r, c:], out[r, c:]
+            _all_words(first, n, frame, MULTIPLICATION, k0, k1, words)
             normal_run(n, words[0], run)
             for i in range(n):
-                shape[i] = np.float64(charge_e[r, c + i]) * register.shape_per_e
-            if register.clock_induced_e > 0.0:
+                shape[i] = np.float64(charge[i]) * shape_per_e
+            if induced_e > 0.0:
                 for i in range(n):
-                    number = np.uint32(first + np.uint32(i))
-                    _, _, w2, w3 = philox4x32(number, frame, MULTIPLICATION, np.uint32(0), k0, k1)
-                    electrons = np.float64(charge_e[r, c + i]) + poisson_small(register.clock_induced_e, w2, w3)
-                    shape[i] = electrons * register.shape_per_e
-            left = 0
+                    words[0, i] = np.uint32(uniform_53(words[2, i], words[3, i]) > without)
+                for j in range(_listed(n, words[0], late)):
+                    i = late[j]
+                    induced = poisson_small(induced_e, words[2, i], words[3, i])
+                    shape[i] = (np.float64(charge[i]) + induced) * shape_per_e
             for i in range(n):
-                value[i] = gamma_candidate(max(shape[i], 1.0), deviates[i])
-            for i in range(n):
-                accepted = (value[i] > 0.0) & gamma_squeeze(deviates[i], uniform(words[1, i]))
-                late[left] = i
-                left += int((shape[i] < 1.0) | (not accepted))
+                d, spread = gamma_constants(max(shape[i], 1.0))
+                value[i] = gamma_candidate(d, spread, deviates[i])
+                accepted = gamma_squeeze(d, spread, deviates[i], uniform(words[1, i]))
+                words[0, i] = np.uint32((shape[i] < 1.0) | (not accepted))
+            left = _listed(n, words[0], late)
             for j in range(left):
                 i = late[j]
                 value[i] = 0.0
                 if shape[i] > 0.0:
                     value[i] = gamma(shape[i], np.uint32(first + np.uint32(i)), frame, MULTIPLICATION, k0, k1)
             for i in range(n):
-                out[r, c + i] = np.float32(min(value[i] * register.scale_e, register.well_e))
+                target[i] = np.float32(min(value[i] * scale_e, well_e))
     return out
+
+
+@compiled()
+def _listed(n: int, chosen: WordArray, late: I64) -> int:
+    """List the pixels whose word is 1; return how many these are."""
+    left = 0
+    for i in range(n):
+        late[left] = i
+        left += int(chosen[i])
+    return left
+
+
+@compiled()
+def _all_words(
+    first: np.uint32, n: int, frame: np.uint32, use: np.uint32, k0: np.uint32, k1: np.uint32, words: WordArray
+) -> None:
+    """Fill (4, n) with the random words of each pixel."""
+    for i in range(n):
+        w0, w1, w2, w3 = philox4x32(np.uint32(first + np.uint32(i)), frame, use, np.uint32(0), k0, k1)
+        words[0, i] = w0
+        words[1, i] = w1
+        words[2, i] = w2
+        words[3, i] = w3
 
 
 @compiled(parallel=True)
@@ -186,13 +228,27 @@ def couple_pixels(charge_e: F32, side_share: float, corner_share: float) -> F32:
     out = np.empty((rows, cols), np.float32)
     for line in prange(rows):
         r: Any = np.int64(line)
-        above, row, below = charge_e[max(r - 1, 0)], charge_e[r], charge_e[min(r + 1, rows - 1)]
-        column = np.empty(cols)
-        for c in range(cols):
-            column[c] = np.float64(above[c]) + np.float64(below[c])
-        for c in range(cols):
-            before, after = max(c - 1, 0), min(c + 1, cols - 1)
-            sides = column[c] + (np.float64(row[before]) + np.float64(row[after]))
-            corners = column[before] + column[after]
-            out[r, c] = np.float32(coupled(np.float64(row[c]), sides, corners, side_share, corner_share))
+        # The row, and the sum of those above and below, with a pixel more at each end
+        row, column = np.empty(cols + 2), np.empty(cols + 2)
+        _add_rows(charge_e[max(r - 1, 0)], charge_e[min(r + 1, rows - 1)], column[1:-1])
+        row[1:-1] = charge_e[r]
+        for values in (row, column):
+            values[0], values[-1] = values[1], values[-2]
+        _couple_row(row, column, side_share, corner_share, out[r])
     return out
+
+
+@compiled()
+def _add_rows(above: F32, below: F32, out: F64) -> None:
+    for c in range(out.size):
+        out[c] = np.float64(above[c]) + np.float64(below[c])
+
+
+@compiled()
+def _couple_row(row: F64, column: F64, side_share: float, corner_share: float, out: F32) -> None:
+    before, center, after = row[:-2], row[1:-1], row[2:]
+    column_before, column_center, column_after = column[:-2], column[1:-1], column[2:]
+    for c in range(out.size):
+        sides = column_center[c] + (before[c] + after[c])
+        corners = column_before[c] + column_after[c]
+        out[c] = np.float32(coupled(center[c], sides, corners, side_share, corner_share))

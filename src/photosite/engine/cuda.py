@@ -40,10 +40,10 @@ _THREADS = (32, 8)
 _DEVIATES, _FLOATS = types.Array(types.int16, 2, "C"), types.Array(types.float32, 2, "C")
 _LINES, _GROUPS = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
 _TABLE = types.Array(types.float64, 2, "C")
-_NUMBERS = types.Array(types.uint16, 2, "C")
+_NUMBERS, _CODES = types.Array(types.uint16, 2, "C"), types.Array(types.uint16, 1, "C")
 _EXPOSURE = types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure)
 _CONVERSION = types.NamedTuple(
-    [*[_FLOATS] * 2, *[_LINES] * 2, *[_GROUPS] * 2, *[_TABLE] * 2, _LINES, types.float64, _LINES], ConversionMaps
+    [*[_FLOATS] * 2, *[_LINES] * 2, _GROUPS, *[_TABLE] * 2, _LINES, types.float64, _LINES, _CODES], ConversionMaps
 )
 SIGNATURE = (
     _FLOATS,
@@ -191,7 +191,8 @@ def collect_thread(photo_e: Any, prnu: Any, dark_rate_e_per_s: Any, exposure: An
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
         return
-    mean_e = mean_charge(photo_e[r, c], _at(prnu, r, c), _at(dark_rate_e_per_s, r, c), exposure)
+    response, dark_rate = np.float64(_at(prnu, r, c)), np.float64(_at(dark_rate_e_per_s, r, c))
+    mean_e = mean_charge(np.float64(photo_e[r, c]), response, dark_rate, exposure)
     out[r, c] = collected_pixel(mean_e, r, c, exposure)
 
 
@@ -201,21 +202,22 @@ def convert_thread(charge_e: Any, maps: Any, exposure: Any, out: Any) -> None:
     if r >= out.shape[0] or c >= out.shape[1]:
         return
     curve, error = maps.curve_e, maps.converter_error_dn
-    signal_e = float(charge_e[r, c])
+    signal_e = np.float64(charge_e[r, c])
     if curve.shape[0] > 1:
         place = max(signal_e, 0.0) / maps.curve_step_e
         low = step_below(place, curve.shape[0])
         signal_e = between(curve[low], curve[low + 1], place - low)
-    row_group, column_group = _line(maps.row_group, r), _line(maps.column_group, c)
-    offset_e = _at(maps.offset_e, r, c) + maps.group_offset_e[row_group, column_group]
-    read_e = offset_e + _at(maps.noise_e, r, c) * read_deviate(r, c, exposure)
+    group = _line(maps.row_group, r)
+    offset_e = np.float64(_at(maps.offset_e, r, c)) + _at(maps.channel_offset_e, group, c)
+    read_e = offset_e + np.float64(_at(maps.noise_e, r, c)) * read_deviate(r, c, exposure)
     line_dn = _line(maps.row_dn, r) + _line(maps.column_dn, c)
-    dn = converter_input(signal_e, read_e, maps.group_gain[row_group, column_group], line_dn, exposure)
+    dn = converter_input(signal_e, read_e, _at(maps.channel_gain, group, c), line_dn, exposure)
     if error.shape[0] > 1:
         place = max(dn, 0.0) * ((error.shape[0] - 1) / exposure.white_level_dn)
         low = step_below(place, error.shape[0])
         dn += between(error[low], error[low + 1], place - low)
-    out[r, c] = rounded(dn, exposure)
+    number = rounded(dn, exposure)
+    out[r, c] = maps.output_dn[number] if maps.output_dn.shape[0] > 1 else number
 
 
 def bloom_thread(charge_e: Any, well_e: float, kept: float, out: Any) -> None:
@@ -225,22 +227,14 @@ def bloom_thread(charge_e: Any, well_e: float, kept: float, out: Any) -> None:
         return
     rows = out.shape[0]
     flow = 0.0
-    for r in range(rows):
+    for passing in range(3 * rows):
+        sweep, step = passing // rows, passing % rows
+        r = rows - 1 - step if sweep == 1 else step
         charge = np.float64(charge_e[r, c])
-        held = min(charge, well_e)
+        held = min(np.float64(out[r, c]) if sweep > 0 else charge, well_e)
         more = taken(held, flow, well_e)
         out[r, c] = held + more
-        flow += overflow(charge, well_e, kept) - more
-    for r in range(rows - 1, -1, -1):
-        held = np.float64(out[r, c])
-        more = taken(held, flow, well_e)
-        out[r, c] = held + more
-        flow += overflow(np.float64(charge_e[r, c]), well_e, kept) - more
-    for r in range(rows):
-        held = np.float64(out[r, c])
-        more = taken(held, flow, well_e)
-        out[r, c] = held + more
-        flow -= more
+        flow += overflow(charge, well_e, kept if sweep < 2 else 0.0) - more
 
 
 def transfer_thread(charge_e: Any, row_shares: Any, column_shares: Any, out: Any) -> None:

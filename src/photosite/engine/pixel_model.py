@@ -45,7 +45,8 @@ from photosite.engine.random_numbers import (
 DEVIATE_STEP = 2.0**-12
 """Standard deviations per unit of a 16-bit deviate: the range is 8 standard deviations, and deviates reach 6.3."""
 
-_RUN = 1024
+RUN = 1024
+"""Pixels of a row that a kernel processes at a time."""
 
 
 class Exposure(NamedTuple):
@@ -211,15 +212,15 @@ def expose_pixel(photo_e: float, pixel: Pixel, r: int, c: int, exposure: Exposur
 
 
 @compiled(inline=True)
-def _row_from(values: NDArray[Any], r: int, c: int, constant: NDArray[Any]) -> NDArray[Any]:
-    """Return a row of a map from a column on; a row of `_constant` if the map has shape (1, 1)."""
+def row_from(values: NDArray[Any], r: int, c: int, constant: NDArray[Any]) -> NDArray[Any]:
+    """Return a row of a map from a column on; a row of `constant_run` if the map has shape (1, 1)."""
     return constant if values.shape[0] == 1 and values.shape[1] == 1 else values[r, c:]
 
 
 @compiled()
-def _constant(values: NDArray[Any]) -> NDArray[Any]:
+def constant_run(values: NDArray[Any]) -> NDArray[Any]:
     """Return a run of the value of a map of shape (1, 1), so that all loops are over rows."""
-    return np.full(_RUN, values[0, 0], values.dtype)
+    return np.full(RUN, values[0, 0], values.dtype)
 
 
 @compiled(parallel=True)
@@ -232,18 +233,22 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
     for r in prange(rows):
-        run = new_run(_RUN)
+        run = new_run(RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
-        prnu_1, offset_1, dark_1 = _constant(maps.prnu), _constant(maps.offset), _constant(maps.dark_rate_e_per_s)
+        prnu_1, offset_1, dark_1 = (
+            constant_run(maps.prnu),
+            constant_run(maps.offset),
+            constant_run(maps.dark_rate_e_per_s),
+        )
         row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
-        line_dn = np.full(_RUN, row_dn + maps.column_dn[0])
-        for c in range(0, cols, _RUN):
-            n = min(_RUN, cols - c)
+        line_dn = np.full(RUN, row_dn + maps.column_dn[0])
+        for c in range(0, cols, RUN):
+            n = min(RUN, cols - c)
             first = pixel_number(r, c, exposure)
             photo, target = photo_e[r, c:], out[r, c:]
-            prnu = _row_from(maps.prnu, r, c, prnu_1)
-            offset = _row_from(maps.offset, r, c, offset_1)
-            dark = _row_from(maps.dark_rate_e_per_s, r, c, dark_1)
+            prnu = row_from(maps.prnu, r, c, prnu_1)
+            offset = row_from(maps.offset, r, c, offset_1)
+            dark = row_from(maps.dark_rate_e_per_s, r, c, dark_1)
             random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
             for i in range(n):
                 pixel = drawn_pixel(prnu[i], offset[i], dark[i], 0.0, constants, exposure)
@@ -268,11 +273,11 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
     for r in prange(rows):
-        run = new_run(_RUN)
+        run = new_run(RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
         row_dn = maps.row_dn[r]
-        for c in range(0, cols, _RUN):
-            n = min(_RUN, cols - c)
+        for c in range(0, cols, RUN):
+            n = min(RUN, cols - c)
             first = pixel_number(r, c, exposure)
             photo, target, prnu, dark = photo_e[r, c:], out[r, c:], maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
             offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]

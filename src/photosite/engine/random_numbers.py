@@ -327,34 +327,44 @@ _POWER_DRAW = np.uint32(0xFFFFFFFF)
 
 
 @compiled(inline=True)
-def gamma_candidate(shape: float, x: float) -> float:
-    """Return the number that a trial proposes for a shape of 1 or more; it may be negative, and is rejected then."""
+def gamma_constants(shape: float) -> tuple[float, float]:
+    """Return d, and c = 1 / sqrt(9 d), of a shape of 1 or more."""
     d = shape - 1.0 / 3.0
-    root = 1.0 + x / math.sqrt(9.0 * d)
+    return d, math.sqrt(1.0 / (9.0 * d))
+
+
+@compiled(inline=True)
+def gamma_candidate(d: float, c: float, x: float) -> float:
+    """Return the number that a trial proposes; it may be negative, and is rejected then."""
+    root = 1.0 + x * c
     return d * (root * root * root)
 
 
 @compiled(inline=True)
-def gamma_squeeze(x: float, u: float) -> bool:
-    """Return whether a candidate above 0 is accepted at once, as about nine of ten are."""
-    square = x * x
-    return u < 1.0 - 0.0331 * (square * square)
+def gamma_squeeze(d: float, c: float, x: float, u: float) -> bool:
+    """Return whether a candidate is accepted at once, as all but about 5 % / shape are.
+
+    With y = c x, the exact test is log u < d g(y), g(y) = 1.5 y^2 - 3 y - y^3 + 3 log(1 + y) >= -1.28 y^4 from
+    y = -1/2 on, and e^z >= 1 + z.
+    """
+    y = x * c
+    square = y * y
+    return (y > -0.5) & (u < 1.0 - 1.28 * d * (square * square))
 
 
 @compiled()
 def gamma(shape: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, k0: np.uint32, k1: np.uint32) -> float:
     """Return a gamma number of scale 1, for a shape above 0; a rejected trial uses the counter's next draw."""
-    large = shape if shape >= 1.0 else shape + 1.0
-    d = large - 1.0 / 3.0
+    d, c = gamma_constants(shape if shape >= 1.0 else shape + 1.0)
     draw = np.uint32(0)
     value = 0.0
     while True:
         w0, w1, _, _ = philox4x32(pixel, frame, source, draw, k0, k1)
         x, u = normal(w0), uniform(w1)
-        value = gamma_candidate(large, x)
+        value = gamma_candidate(d, c, x)
+        if gamma_squeeze(d, c, x, u):
+            break
         if value > 0.0:
-            if gamma_squeeze(x, u):
-                break
             cube = value / d
             if log(u) < 0.5 * (x * x) + d * (1.0 - cube + log(cube)):
                 break

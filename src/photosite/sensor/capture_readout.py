@@ -13,13 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import read_only
+from photosite.engine.combination import CombinationConstants, combine
+from photosite.engine.jit import read_only, threads_for
 from photosite.engine.pixel_model import Exposure
 from photosite.engine.random_numbers import CAPTURES, philox4x32
 from photosite.errors import InputError
 from photosite.sensor.captures import Captures
-from photosite.sensor.chip_effects import Part
 from photosite.sensor.device import Device
+from photosite.sensor.drawn_readout import Part, drawn_frame
 from photosite.sensor.model import Sensor
 from photosite.sensor.staged_readout import collected_charge, converted_charge, fixed_pattern
 
@@ -73,6 +74,7 @@ def capture_numbers(
     """Return the digital numbers of each capture of a rectangle; `photo_e` and `exposure` are those of the sensor."""
     captures, charges, out = captures_of(sensor), {}, {}
     sensors = {name: part_sensor(sensor, name) for name in captures.names}
+    read_again = {each.charge_of for each in captures.parts}
     for number, each in enumerate(captures.parts):
         one = sensors[each.name]
         key = _key(exposure, number)
@@ -83,9 +85,13 @@ def capture_numbers(
             k0=key[0],
             k1=key[1],
         )
-        pattern = fixed_pattern(one, None, part, own)
         if each.charge_of is None:
             light_e = read_only(photo_e * np.float32(captures.light(each.name)))
+            if one.effects is None and each.name not in read_again:
+                out[each.name] = drawn_frame(one, light_e, part, own, device)
+                continue
+        pattern = fixed_pattern(one, None, part, own)
+        if each.charge_of is None:
             largest = own._replace(well_capacity_e=_largest_well_e(captures, sensors, each.name))
             charges[each.name] = collected_charge(pattern, light_e, largest, device)
         charge_e = charges[each.charge_of or each.name]
@@ -155,7 +161,7 @@ def combined(sensor: Sensor, frames: Mapping[str, NDArray[Any]]) -> CombinedNumb
 
     With x_k the light by capture k, electrons of a photodiode of relative sensitivity and exposure 1, the frame is
     w_1 x_1 + (1 - w_1)(w_2 x_2 + (1 - w_2)(...)), with the weights of `Combination.weight` at the signal of each
-    capture; then `Combination.output`.
+    capture; then linear or companded numbers (`engine.combination`).
 
     Parameters
     ----------
@@ -186,24 +192,35 @@ def combined(sensor: Sensor, frames: Mapping[str, NDArray[Any]]) -> CombinedNumb
     >>> combined(sensor, {"long": np.array([[1000, 4095]]), "short": np.array([[62, 3000]])})
     array([[  7980, 383040]], dtype=uint32)
     """
-    captures = captures_of(sensor)
+    captures, combination = captures_of(sensor), captures_of(sensor).combination
     if missing := [name for name in captures.names if name not in frames]:
         raise InputError("captures", value=sorted(frames), expected=f"with {', '.join(missing)}")
-    light: dict[str, NDArray[np.float64]] = {}
-    black_dn = sensor.readout.black_level_dn.value
-    for part in captures.parts:
-        scale = capture_scale(sensor, part.name)
-        light[part.name] = (np.asarray(frames[part.name], np.float64) - black_dn) / scale.dn_per_light_e
-        if part.charge == "overflow":
-            light[part.name] += light[str(part.charge_of)]
-    total = light[captures.names[-1]]
-    for name in captures.names[-2::-1]:
-        first, last = (end * capture_scale(sensor, name).saturation_dn for end in captures.combination.transition)
-        signal_dn = np.asarray(frames[name], np.float64) - black_dn
-        blended = (signal_dn > first) & (signal_dn < last)
-        weight = captures.combination.weight(signal_dn[blended] / capture_scale(sensor, name).saturation_dn)
-        mixed = weight * light[name][blended] + (1.0 - weight) * total[blended]
-        # Beyond the transition the capture may be saturated: what it holds does not count.
-        total = np.where(signal_dn < last, light[name], total)
-        total[blended] = mixed
-    return captures.combination.output(total)
+    numbers = np.stack([frames[name] for name in captures.names])
+    if numbers.dtype != np.uint16:
+        numbers = numbers.astype(np.float64)
+    scales = [capture_scale(sensor, name) for name in captures.names]
+    first, last = (end * np.array([scale.saturation_dn for scale in scales]) for end in combination.transition)
+    knees = combination.companding
+    constants = CombinationConstants(
+        float(sensor.readout.black_level_dn.value),
+        read_only(np.array([scale.dn_per_light_e for scale in scales])),
+        read_only(
+            np.array(
+                [
+                    captures.names.index(str(part.charge_of)) if part.charge == "overflow" else -1
+                    for part in captures.parts
+                ]
+            )
+        ),
+        read_only(first),
+        read_only(last),
+        combination.dn_per_e.value,
+        combination.black_level_dn.value,
+        float((1 << combination.bits) - 1),
+        read_only(np.array([0.0] if knees is None else knees.linear_dn, np.float64)),
+        read_only(np.array([0.0] if knees is None else knees.companded_dn, np.float64)),
+    )
+    out = np.empty(numbers.shape[1:], np.uint16 if combination.output_bits <= 16 else np.uint32)
+    with threads_for(out.size):
+        combine(read_only(numbers.reshape(len(numbers), -1)), constants, out.reshape(-1))
+    return out

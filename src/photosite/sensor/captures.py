@@ -77,8 +77,6 @@ class Companding(Section):
     Examples
     --------
     >>> table = Companding(linear_dn=(0, 1024, 65535), companded_dn=(0, 1024, 4095), bits=12)
-    >>> table.compand([0, 1000, 65535])
-    array([   0, 1000, 4095], dtype=uint16)
     >>> table.decompand([1000, 4095])
     array([ 1000., 65535.])
     """
@@ -103,10 +101,6 @@ class Companding(Section):
         if self.companded_dn[-1] >= 1 << self.bits:
             raise InputError("companded_dn", value=self.companded_dn[-1], expected=f"at most {(1 << self.bits) - 1}")
         return self
-
-    def compand(self, linear_dn: ArrayLike) -> NDArray[np.uint16]:
-        """Return companded numbers, rounded."""
-        return np.asarray(np.interp(np.asarray(linear_dn), self.linear_dn, self.companded_dn) + 0.5).astype(np.uint16)
 
     def decompand(self, companded_dn: ArrayLike) -> NDArray[np.float64]:
         """Return the linear numbers of companded ones, between the whole numbers where the table compresses."""
@@ -191,14 +185,6 @@ class Combination(Section):
         if width == 0.0:
             return np.where(above < 0.0, 1.0, 0.0)
         return np.asarray(np.clip(0.5 - above / width, 0.0, 1.0))
-
-    def output(self, light_e: ArrayLike) -> NDArray[np.uint16] | NDArray[np.uint32]:
-        """Return the frame of linear light in electrons: uint16, or uint32 for linear output of more than 16 bits."""
-        linear = np.asarray(light_e, np.float64) * self.dn_per_e.value + self.black_level_dn.value
-        linear = np.floor(np.clip(linear, 0.0, (1 << self.bits) - 1) + 0.5)
-        if self.companding is not None:
-            return self.companding.compand(linear)
-        return linear.astype(np.uint16) if self.bits <= 16 else linear.astype(np.uint32)
 
 
 class Captures(Section):

@@ -79,18 +79,27 @@ def draw_chip(sensor: Sensor) -> Chip:
     spreads = (
         noise.prnu_percent.value / 100,
         sensor.electrons(noise.dsnu_mv.value),
-        noise.dcnu_percent.value / 100 if noise.dark_voltage_mv_per_s.value else 0.0,
     )
-    prnu, dsnu, dark = (
+    prnu, dsnu = (
         _deviates(sensor.serial, array.rows, array.cols, word) if spread else np.zeros((1, 1), np.int16)
         for word, spread in enumerate(spreads)
     )
-    log_spread = math.sqrt(math.log1p(spreads[_DARK_CURRENT] ** 2))
-    rate = np.multiply(dark, np.float32(log_spread * DEVIATE_STEP), dtype=np.float32)
+    dark_spread = noise.dcnu_percent.value / 100 if noise.dark_voltage_mv_per_s.value else 0.0
+    relative = _relative_dark_rate(sensor.serial, array.rows, array.cols, dark_spread)
+    rate = relative * np.float32(sensor.electrons(noise.dark_voltage_mv_per_s.value))
+    return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_STEP), Pattern(dsnu, spreads[_DSNU] * DEVIATE_STEP), rate)
+
+
+@lru_cache(maxsize=2)
+def _relative_dark_rate(serial: str, rows: int, cols: int, spread: float) -> FloatMap:
+    """Return the dark current over its mean, log-normal; (1, 1) without a spread."""
+    deviates = _deviates(serial, rows, cols, _DARK_CURRENT) if spread else np.zeros((1, 1), np.int16)
+    log_spread = math.sqrt(math.log1p(spread**2))
+    rate = np.multiply(deviates, np.float32(log_spread * DEVIATE_STEP), dtype=np.float32)
     rate -= np.float32(log_spread**2 / 2)
     np.exp(rate, out=rate)
-    rate *= np.float32(sensor.electrons(noise.dark_voltage_mv_per_s.value))
-    return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_STEP), Pattern(dsnu, spreads[_DSNU] * DEVIATE_STEP), rate)
+    rate.flags.writeable = False
+    return rate
 
 
 def serial_seed(serial: str) -> int:

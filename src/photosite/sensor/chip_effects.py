@@ -18,6 +18,7 @@ from photosite.engine.pixel_draws import chosen_pixels, single_deviate, telegrap
 from photosite.engine.pixel_model import DEVIATE_STEP, Exposure
 from photosite.engine.random_numbers import DEFECTS, DRIFT, HOT_PIXELS, TELEGRAPH, key_from_seed
 from photosite.sensor.chip import Blinking, read_noise_deviates, serial_seed
+from photosite.sensor.drawn_readout import Part
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
@@ -27,8 +28,6 @@ from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.model import Sensor
 
-Part = tuple[slice, slice]
-"""Rows and columns of a rectangle."""
 FloatMap = NDArray[np.float32]
 _Floats = NDArray[np.float64]
 _Numbers = NDArray[np.int64]
@@ -55,8 +54,11 @@ def _within(numbers: _Numbers, cols: int, part: Part) -> tuple[NDArray[np.bool_]
 
 
 def whole(values: FloatMap, part: Part) -> FloatMap:
-    """Return a copy of a map with a value for each pixel of the rectangle."""
-    return np.array(np.broadcast_to(values, (part[0].stop - part[0].start, part[1].stop - part[1].start)))
+    """Return a map with a value for each pixel of the rectangle: itself, or a copy if it is shared or one value."""
+    shape = part[0].stop - part[0].start, part[1].stop - part[1].start
+    if values.shape == shape and values.flags.writeable:
+        return values
+    return np.array(np.broadcast_to(values, shape))
 
 
 def _normal(uniform: _Floats) -> _Floats:
@@ -107,12 +109,15 @@ def set_dead_pixels(prnu: FloatMap, defects: PixelDefects, sensor: Sensor, part:
         prnu[rectangle] = (value or 0.0) - 1.0
 
 
-def border_lines(border: Border, sensor: Sensor, part: Part) -> NDArray[np.bool_]:
-    """Return which pixels of a rectangle lie in the border of the array."""
+def border_parts(border: Border, sensor: Sensor, part: Part) -> list[Part]:
+    """Return the rectangles within a rectangle that together are its share of the border of the array."""
     top, bottom, left, right = border
-    rows, cols = (np.arange(side.start, side.stop) for side in part)
-    of_row = (rows < top) | (rows >= sensor.array.rows - bottom)
-    return of_row[:, None] | (cols < left) | (cols >= sensor.array.cols - right)
+    ends = ((top, sensor.array.rows - bottom), (left, sensor.array.cols - right))
+    lines = [
+        (slice(0, max(first - side.start, 0)), slice(max(last - side.start, 0), None))
+        for (first, last), side in zip(ends, part, strict=True)
+    ]
+    return [(rows, slice(None)) for rows in lines[0]] + [(slice(None), cols) for cols in lines[1]]
 
 
 def add_listed_hot(rate: FloatMap, defects: PixelDefects, part: Part) -> None:
@@ -130,13 +135,17 @@ def stuck_pixels(defects: PixelDefects, sensor: Sensor) -> tuple[_Numbers, _Floa
     return numbers[stuck], np.floor(values[0, stuck] * (sensor.white_level_dn + 1.0))
 
 
-def set_stuck_pixels(dn: NDArray[np.uint16], defects: PixelDefects, sensor: Sensor, part: Part) -> None:
-    """Set the digital numbers of stuck pixels in a frame of a rectangle."""
+def set_stuck_pixels(
+    dn: NDArray[np.uint16], defects: PixelDefects, sensor: Sensor, part: Part, output_dn: NDArray[np.uint16]
+) -> None:
+    """Set the digital numbers of stuck pixels in a frame of a rectangle, as behind a table of more than one entry."""
     numbers, values = stuck_pixels(defects, sensor)
     inside, place = _within(numbers, sensor.array.cols, part)
-    dn[place] = values[inside].astype(np.uint16)
+    stuck = [(place, values[inside].astype(np.uint16))]
     for rectangle, value in _listed(defects, "stuck", part):
-        dn[rectangle] = int(sensor.white_level_dn if value is None else value)
+        stuck.append((rectangle, np.uint16(sensor.white_level_dn if value is None else value)))
+    for where, numbers_dn in stuck:
+        dn[where] = output_dn[numbers_dn] if output_dn.size > 1 else numbers_dn
 
 
 def _listed(defects: PixelDefects, kind: str, part: Part) -> Iterator[tuple[Part, float | None]]:

@@ -12,22 +12,20 @@ from numpy.typing import NDArray
 from photosite.engine.jit import read_only, threads_for
 from photosite.engine.pixel_model import (
     BlinkingPixels,
-    DrawnConstants,
-    DrawnMaps,
     Exposure,
     MeasuredMaps,
     expose_blinking,
-    expose_drawn,
     expose_measured,
 )
 from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.capture_readout import CombinedNumbers, capture_numbers, combined
-from photosite.sensor.chip import Blinking, MeasuredChip, draw_chip
-from photosite.sensor.device import Device, computed
+from photosite.sensor.chip import Blinking, MeasuredChip
+from photosite.sensor.device import Device
+from photosite.sensor.drawn_readout import drawn_frame, line_noise
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
-from photosite.sensor.staged_readout import line_noise, line_noise_dn, staged_frame, within
+from photosite.sensor.staged_readout import staged_frame
 from photosite.values.validated import check_choice
 
 Rectangle = tuple[int, int, int, int]
@@ -103,10 +101,7 @@ def digital_numbers(
     if sensor.effects is not None:
         return staged_frame(sensor, measured, mean_electrons, part, exposure, device)
     if measured is None:
-        frame_dn: NDArray[np.uint16] = computed(
-            device, expose_drawn, photo_e, *_drawn_maps(sensor, part, exposure), exposure
-        )
-        return frame_dn
+        return drawn_frame(sensor, photo_e, part, exposure, device)
     if device != "cpu":
         hint = "Use with_(maps=None) to simulate a drawn chip on the GPU"
         raise InputError("device", value=device, expected="'cpu' for a measured chip", hint=hint)
@@ -198,20 +193,6 @@ def _check_full_well(sensor: Sensor) -> None:
         expected = f"at least {0.5 / sensor.system_gain_dn_per_e:.3g} (half a digital number)"
         name = f"sensor '{sensor.name}'"
         raise InputError("well_capacity_e", where=name, value=well.value, expected=expected, hint=hint)
-
-
-def _drawn_maps(sensor: Sensor, part: tuple[slice, slice], exposure: Exposure) -> tuple[DrawnMaps, DrawnConstants]:
-    """Return the fixed pattern of a rectangle of the sensor's drawn chip, and the line noise of one frame."""
-    chip = draw_chip(sensor)
-    maps = DrawnMaps(
-        within(chip.prnu.deviates, part),
-        within(chip.offset_e.deviates, part),
-        within(chip.dark_rate_e_per_s, part),
-        *line_noise(line_noise_dn(sensor), part, exposure),
-    )
-    read_noise_e = sensor.electrons(sensor.noise.pixel_noise_mv)
-    constants = DrawnConstants(float(chip.prnu.scale), float(chip.offset_e.scale), float(read_noise_e))
-    return maps, constants
 
 
 def _check_size(chip: MeasuredChip, sensor: Sensor) -> None:

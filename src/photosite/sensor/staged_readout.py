@@ -14,17 +14,16 @@ from numpy.typing import NDArray
 
 from photosite.engine.charge import ConversionMaps, collect_charge, convert_charge
 from photosite.engine.charge_stages import bloom_columns, couple_pixels, multiply_charge, transfer_charge
-from photosite.engine.jit import T, read_only
-from photosite.engine.pixel_model import Exposure, line_deviates
+from photosite.engine.jit import read_only
+from photosite.engine.pixel_model import Exposure
 from photosite.sensor.chip import MeasuredChip, draw_chip
 from photosite.sensor.chip_effects import (
-    Part,
     add_glow,
     add_hot_pixels,
     add_listed_hot,
     add_measured_blinking,
     add_telegraph_noise,
-    border_lines,
+    border_parts,
     drift_e,
     noise_ratio,
     set_dead_pixels,
@@ -32,6 +31,7 @@ from photosite.sensor.chip_effects import (
     whole,
 )
 from photosite.sensor.device import Device, computed
+from photosite.sensor.drawn_readout import Part, line_noise, line_noise_dn, within
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 
@@ -82,22 +82,21 @@ def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exp
         pattern = _measured_pattern(sensor, measured, part, exposure)
     else:
         pattern = _with_effects(_drawn_pattern(sensor, part), sensor, part, exposure)
+    prnu, rate, offset_e = pattern.prnu, pattern.dark_rate_e_per_s, pattern.offset_e
     effects = sensor.effects
-    if effects is None or effects.optical_black is None or effects.border is None:
-        return pattern
-    prnu = whole(pattern.prnu, part)
-    prnu[border_lines(effects.border, sensor, part)] = -1.0
-    pattern = replace(pattern, prnu=read_only(prnu))
-    empty = border_lines(effects.optical_black.overscan(effects.corner), sensor, part)
-    if not empty.any():
-        return pattern
-    rate, offset_e = whole(pattern.dark_rate_e_per_s, part), whole(pattern.offset_e, part)
-    rate[empty] = offset_e[empty] = 0.0
-    return replace(pattern, dark_rate_e_per_s=read_only(rate), offset_e=read_only(offset_e))
+    if effects is not None and effects.optical_black is not None and effects.border is not None:
+        prnu = whole(prnu, part)
+        for covered in border_parts(effects.border, sensor, part):
+            prnu[covered] = -1.0
+        if any(overscan := effects.optical_black.overscan(effects.corner)):
+            rate, offset_e = whole(rate, part), whole(offset_e, part)
+            for empty in border_parts(overscan, sensor, part):
+                rate[empty] = offset_e[empty] = 0.0
+    return FixedPattern(*map(read_only, (prnu, rate, offset_e, pattern.noise_e)), pattern.line_noise_dn)
 
 
 def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: Exposure) -> FixedPattern:
-    """Return the maps of a drawn chip with the effects that change them."""
+    """Return the maps of a drawn chip with the effects that change them; the maps given may be changed."""
     effects = sensor.effects or Effects()
     defects = effects.pixel_defects
     prnu, rate, offset_e, noise_e = pattern.prnu, pattern.dark_rate_e_per_s, pattern.offset_e, pattern.noise_e
@@ -117,7 +116,6 @@ def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: E
     if effects.telegraph_noise is not None:
         offset_e = whole(offset_e, part)
         add_telegraph_noise(offset_e, effects.telegraph_noise, sensor, part, exposure)
-    prnu, rate, offset_e, noise_e = (read_only(values) for values in (prnu, rate, offset_e, noise_e))
     return replace(pattern, prnu=prnu, dark_rate_e_per_s=rate, offset_e=offset_e, noise_e=noise_e)
 
 
@@ -144,9 +142,7 @@ def converted_charge(
     maps = _conversion(sensor, effects, pattern, part, exposure)
     frame_dn: NDArray[np.uint16] = computed(device, convert_charge, read_only(charge_e), maps, exposure)
     if effects.pixel_defects is not None and sensor.maps is None:
-        set_stuck_pixels(frame_dn, effects.pixel_defects, sensor, part)
-    if effects.output is not None:
-        frame_dn = effects.output.table(exposure.white_level_dn, exposure.black_level_dn)[frame_dn]
+        set_stuck_pixels(frame_dn, effects.pixel_defects, sensor, part, maps.output_dn)
     return frame_dn
 
 
@@ -194,24 +190,14 @@ def _with_earlier(first: int, last: int, lines: int, late: int, order: slice) ->
 def _drawn_pattern(sensor: Sensor, part: Part) -> FixedPattern:
     """Return the maps of a rectangle of the chip that the serial stands for."""
     chip, noise = draw_chip(sensor), sensor.noise
+    rate = chip.dark_rate_e_per_s
     return FixedPattern(
-        read_only(within(chip.prnu.deviates, part) * np.float32(chip.prnu.scale)),
-        within(chip.dark_rate_e_per_s, part),
-        read_only(within(chip.offset_e.deviates, part) * np.float32(chip.offset_e.scale)),
+        within(chip.prnu.deviates, part) * np.float32(chip.prnu.scale),
+        rate if rate.shape == (1, 1) else rate[part],
+        within(chip.offset_e.deviates, part) * np.float32(chip.offset_e.scale),
         _one(sensor.electrons(noise.pixel_noise_mv)),
         line_noise_dn(sensor),
     )
-
-
-def within(values: NDArray[T], part: Part) -> NDArray[T]:
-    """Return a rectangle of a map; a map of shape (1, 1), which is one value for all pixels, as it is."""
-    return read_only(values if values.shape == (1, 1) else values[part])
-
-
-def line_noise_dn(sensor: Sensor) -> tuple[float, float]:
-    """Return the standard deviations of row and column noise, DN."""
-    noise = sensor.noise
-    return noise.row_noise_mv.value / sensor.mv_per_dn, noise.column_noise_mv.value / sensor.mv_per_dn
 
 
 def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: Exposure) -> FixedPattern:
@@ -233,9 +219,9 @@ def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: 
         noise[place] = np.sqrt(variance) / gain
     return FixedPattern(
         _one(0.0) if chip.prnu is None else read_only(chip.prnu[part]),
-        read_only(np.maximum(dark_rate, np.float32(0.0))),
-        read_only(offset),
-        read_only(noise),
+        np.maximum(dark_rate, np.float32(0.0)),
+        offset,
+        noise,
         (lines[0] * ratio, lines[1] * ratio),
     )
 
@@ -244,12 +230,10 @@ def _conversion(
     sensor: Sensor, effects: Effects, pattern: FixedPattern, part: Part, exposure: Exposure
 ) -> ConversionMaps:
     """Return what converts the charge of a rectangle."""
-    row_group = column_group = np.zeros(1, np.int64)
-    group_gain, group_offset = np.ones((1, 1)), np.zeros((1, 1))
+    row_group, tables = np.zeros(1, np.int64), (np.ones((1, 1)), np.zeros((1, 1)))
     if (channels := effects.readout_channels) is not None:
         row_group, column_group = channels.groups(sensor.array.rows, sensor.array.cols)
-        row_group, column_group = row_group[part[0]], column_group[part[1]]
-        group_gain, group_offset = channels.tables()
+        row_group, tables = row_group[part[0]], tuple(table[:, column_group[part[1]]] for table in channels.tables())
     curve, step = np.zeros(1), 1.0
     if effects.response_curve is not None:
         curve, step = effects.response_curve.nodes(exposure.well_capacity_e)
@@ -262,25 +246,18 @@ def _conversion(
         read_only(row_dn),
         read_only(column_dn),
         read_only(row_group),
-        read_only(column_group),
-        read_only(group_gain),
-        read_only(group_offset),
+        *map(read_only, tables),
         read_only(curve),
         step,
         read_only(np.zeros(1) if effects.converter_error is None else effects.converter_error.table()),
+        read_only(_output_table(effects, exposure)),
     )
 
 
-def line_noise(
-    spreads: tuple[float, float], part: Part, exposure: Exposure
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the offsets of rows and columns in one frame, DN, of standard deviations in DN; (1,) zero for none."""
-    counter = exposure.frame, exposure.k0, exposure.k1
-    rows, columns = (
-        spread * line_deviates(lines.start, lines.stop - lines.start, word, *counter) if spread else np.zeros(1)
-        for word, (spread, lines) in enumerate(zip(spreads, part, strict=True))
-    )
-    return rows, columns
+def _output_table(effects: Effects, exposure: Exposure) -> NDArray[np.uint16]:
+    if effects.output is None:
+        return np.zeros(1, np.uint16)
+    return effects.output.table(exposure.white_level_dn, exposure.black_level_dn)
 
 
 def _one(value: float) -> NDArray[np.float32]:
