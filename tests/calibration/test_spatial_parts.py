@@ -12,6 +12,7 @@ from photosite.calibration.spatial.nonuniformity import (
     line_gain,
     pixel_gain,
     split_parts,
+    without_neighbors,
 )
 from photosite.values.uncertain import Missing, Uncertain
 
@@ -113,3 +114,22 @@ def test_too_small_plane_is_missing():
     result = channel_parts(np.zeros((60, 160)), np.array([[0, 1], [1, 2]]), 0, NO_NOISE, filtered=True)
     assert isinstance(result, Missing)
     assert "30 pixels" in result.reason
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_pixels_that_share_charge_with_neighbors_make_no_rows_and_columns(filtered):
+    """4 % to each next pixel. 40 planes: standard errors of 0.00015 to 0.0002 for rows and columns."""
+    rng, a = np.random.default_rng(4), 0.04
+    correlation = 2 * a * (1 - 4 * a) / ((1 - 4 * a) ** 2 + 4 * a**2)
+    plain, corrected = [], []
+    for _ in range(40):
+        own = rng.standard_normal((98, 130))
+        shared = own[:-2, 1:-1] + own[2:, 1:-1] + own[1:-1, :-2] + own[1:-1, 2:]
+        plane = (1 - 4 * a) * own[1:-1, 1:-1] + a * shared
+        parts = split_parts(plane, NO_NOISE, filtered=filtered)
+        after = without_neighbors(parts, plane.shape, (correlation, correlation), filtered=filtered)
+        assert after.total.value == parts.total.value == pytest.approx(sum(part.value for part in after.values[1:]))
+        plain.append((parts.row.value, parts.column.value))
+        corrected.append((after.row.value, after.column.value))
+    assert (np.mean(plain, axis=0) > 0.0007).all()
+    assert (np.abs(np.mean(corrected, axis=0)) < 0.0006).all()

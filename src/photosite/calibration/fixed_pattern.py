@@ -24,7 +24,7 @@ from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_cur
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.nonuniformity import Parts, shading_variance
+from photosite.calibration.spatial.nonuniformity import Parts, shading_variance, without_neighbors
 from photosite.calibration.spatial.periodic_structure import PeriodicStructure, Taps, find_taps, periodic_structure
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
@@ -195,6 +195,13 @@ def measure_fixed_pattern(
             plain, filtered = (
                 _light_less_dark(*pair, channels[k], i) for pair in zip(flat.parts(k), dark_parts, strict=True)
             )
+            if shared is not None and shared.neighbors is not None and reader.tile.size == 1:
+                plain, filtered = (
+                    parts
+                    if isinstance(parts, Missing)
+                    else without_neighbors(parts, slopes.slopes.shape, shared.neighbors, filtered=high_passed)
+                    for parts, high_passed in ((plain, False), (filtered, True))
+                )
             prnu[k], spatial[k] = (filtered, plain), _spatial(dark_planes, flat.planes(k), outliers)
     spreads = slopes.spreads([Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in plans])
     result = []

@@ -264,6 +264,36 @@ def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: b
     return Parts(total=alone + column + row, row=row, column=column, pixel=alone)
 
 
+def without_neighbors(
+    parts: Parts, shape: tuple[int, ...], correlation: tuple[float, float], *, filtered: bool
+) -> Parts:
+    """Return the parts of a plane whose pixels are correlated with their neighbors, as by charge that they share.
+
+    The mean of n such pixels of a row has the variance (1 + 2 c) / n, with the correlation c of next pixels: the part
+    beyond that of independent pixels belongs to the pixels, not to rows or columns.
+
+    Parameters
+    ----------
+    parts, shape, filtered
+        The parts as for independent pixels; rows and columns of the plane; whether it was high-pass filtered.
+    correlation
+        With the next pixel of the row, and of the column.
+
+    Examples
+    --------
+    >>> whole = Parts(*(Uncertain(value) for value in (1.0, 0.0004, 0.0, 0.9996)))
+    >>> found = without_neighbors(whole, (100, 200), (0.04, 0.0), filtered=False)
+    >>> [round(part.value, 6) for part in found.values]
+    [1.0, -4e-06, 0.0, 1.000004]
+    """
+    rows, cols = (length - 2 * MARGIN * filtered for length in shape)
+    share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
+    across, down = correlation
+    row = parts.pixel * (2.0 * across * share.row_mean / (share.line - share.rows_mean))
+    column = parts.pixel * (2.0 * down * share.column_mean / (share.line - share.columns_mean))
+    return Parts(parts.total, parts.row - row, parts.column - column, parts.pixel + row + column)
+
+
 def channel_parts(
     mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: TemporalParts, *, filtered: bool
 ) -> Parts | Missing:
