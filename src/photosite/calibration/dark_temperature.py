@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import InputError
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
-from photosite.values.uncertain import COVERAGE_95
+from photosite.values.uncertain import COVERAGE_95, Measured
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ _UNEVEN = 0.01
 """Probability of so large a scatter about the fit by chance, below which the scatter widens the uncertainty."""
 _DOUBLINGS_C = np.geomspace(1.0, 60.0, 241)
 """Doubling temperatures in which the best one is searched for, before it is refined."""
+_NO_LIGHT = "no light frames: gain, electrons, PRNU and saturation could not be estimated"
 _METHOD = "weighted fit of D0 2^((T - T0) / doubling temperature) to the dark current at {} temperatures"
 
 
@@ -42,6 +44,10 @@ class DarkTemperature(Tabular):
         Temperature in degrees Celsius and dark current in DN/s of each calibration, by temperature.
     chi_square, degrees_of_freedom
         Of the fit. A scatter beyond chance (p < 0.01) widens the uncertainties by its size.
+    covariance
+        (2, 2), of the logarithm of D0 and of the logarithmic slope per degree.
+    calibrations
+        The calibrations that it is based on.
     """
 
     doubling_c: Estimate
@@ -50,6 +56,8 @@ class DarkTemperature(Tabular):
     measured: tuple[tuple[float, Estimate], ...]
     chi_square: float
     degrees_of_freedom: int
+    covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 2)), repr=False, compare=False)
+    calibrations: tuple[Calibration, ...] = field(default=(), repr=False, compare=False)
 
     def at(self, temperature_c: float) -> float:
         """Return the dark current of the fit at a temperature, DN/s; NaN without a doubling temperature."""
@@ -58,9 +66,74 @@ class DarkTemperature(Tabular):
             return math.nan
         return float(rate * 2.0 ** ((temperature_c - self.reference_c) / doubling))
 
+    def interval_95_at(self, temperature_c: float) -> tuple[float, float]:
+        """Return the 95 % interval of the fit at a temperature, DN/s, from its logarithm."""
+        step = np.array([1.0, temperature_c - self.reference_c])
+        reach = math.exp(COVERAGE_95 * math.sqrt(float(step @ self.covariance @ step)))
+        return self.at(temperature_c) / reach, self.at(temperature_c) * reach
+
     def applied_to(self, sensor: Sensor) -> Sensor:
-        """Return a sensor with this doubling temperature; raise `CalibrationError` if it is missing."""
-        return sensor.with_(dark_doubling_c=self.doubling_c.measured(self.doubling_c.method))
+        """Return a sensor with this doubling temperature, and with this dark current at the reference temperature.
+
+        The gain setting of the frames, where they state one, selects that of the sensor for volts.
+
+        Raises
+        ------
+        CalibrationError
+            If the doubling temperature is missing.
+        InputError
+            If the sensor has no such gain setting.
+        """
+        doubling = self.doubling_c.measured(self.doubling_c.method)
+        settings = {one.gain_setting for one in self.calibrations} - {None}
+        at = sensor
+        if len(settings) == 1 and len(sensor.all_gain_settings) > 1:
+            at = sensor.at_gain_setting(settings.pop())
+        rate = self.dark_current_dn_per_s.measured(doubling.source or "")
+        dark = Measured(rate.value * at.mv_per_dn, rate.standard_uncertainty * at.mv_per_dn, rate.source)
+        return sensor.with_(
+            dark_doubling_c=doubling, dark_voltage_mv_per_s=dark, dark_current_temperature_c=self.reference_c
+        )
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write the report: a PDF for the suffix .pdf, else an HTML page.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        from photosite.report.dark_temperature import dark_temperature_page
+        from photosite.report.write import write_report
+
+        write_report(dark_temperature_page(self), path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `photosite temperature --json` prints."""
+        return {
+            "doubling_c": self.doubling_c.to_dict(),
+            "dark_current_dn_per_s": self.dark_current_dn_per_s.to_dict(),
+            "reference_c": self.reference_c,
+            "chi_square": self.chi_square,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "measured": [
+                {"temperature_c": celsius, "dark_current_dn_per_s": entry.to_dict()} for celsius, entry in self.measured
+            ],
+            "warnings": list(self.warnings),
+        }
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Limitations of the result, and of the calibrations at each temperature."""
+        own = []
+        if self.doubling_c.reason:
+            own.append(f"no doubling temperature: {self.doubling_c.reason}")
+        elif self.degrees_of_freedom == 0:
+            own.append(
+                "two temperatures do not show whether one doubling temperature describes the range; take a third"
+            )
+        pairs = [(_middle(one), text) for one in self.calibrations for text in one.warnings]
+        return (*own, *(f"{celsius:.1f} °C: {text}" for celsius, text in pairs if text != _NO_LIGHT))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the dark current against the temperature on Matplotlib axes, new ones by default, and return them."""
@@ -124,7 +197,7 @@ def dark_temperature(
     celsius, rate, uncertainty = np.array(
         [(one, entry.value, entry.standard_uncertainty) for one, entry in entries], float
     ).T
-    return _fitted(entries, celsius, rate, uncertainty)
+    return replace(_fitted(entries, celsius, rate, uncertainty), calibrations=tuple(calibrations))
 
 
 def _middle(calibration: Calibration) -> float | None:
@@ -173,6 +246,7 @@ def _fitted(
             math.log(2.0) / max(steepness - COVERAGE_95 * u_steep, 1e-300),
         )
         doubling = Estimate(value, value * u_steep / steepness, method=method, interval_95=interval)
-    return DarkTemperature(
-        doubling, Estimate(best, u_rate, method=method), reference_c, tuple(entries), chi_square, freedom
-    )
+    scale = np.array([1.0 / best, 1.0])
+    logarithmic = inverse * np.outer(scale, scale)
+    current = Estimate(best, u_rate, method=method)
+    return DarkTemperature(doubling, current, reference_c, tuple(entries), chi_square, freedom, logarithmic)

@@ -40,6 +40,7 @@ COMMANDS = {
     "shoot": "Simulate a measurement: the dark frames and flat fields of a calibration.",
     "plan": "Plan a measurement: frames needed for a precision, precision reached by a protocol.",
     "calibrate": "Estimate a sensor's parameters from dark frames and flat fields.",
+    "temperature": "Measure the doubling temperature of the dark current.",
     "spectral": "Measure quantum efficiency from narrow bands and a photodiode, or from a chart.",
     "export": "Write noise profiles and EMVA 1288 files for other programs.",
     "import": "Read noise profiles of other programs, also into sensor files.",

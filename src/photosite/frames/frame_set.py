@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +61,8 @@ class FrameGroup(Shown):
     temperature_c
         Mean of the temperatures that the frames state. Temperatures vary from frame to frame, so they do not define
         groups.
+    temperatures_c
+        Temperature of each frame, None where it is not stated; empty where no frame states one.
     """
 
     kind: Kind
@@ -67,6 +71,7 @@ class FrameGroup(Shown):
     photons_per_pixel: float | None = None
     gain_setting: float | None = None
     temperature_c: float | None = None
+    temperatures_c: tuple[float | None, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -239,8 +244,56 @@ def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[F
         temperatures = [celsius for _, celsius in groups[key] if celsius is not None]
         mean_c = math.fsum(temperatures) / len(temperatures) if temperatures else None
         sources = tuple(source for source, _ in groups[key])
-        result.append(FrameGroup(kind, exposure_s, sources, photons, gain_setting, mean_c))
+        each_c = tuple(celsius for _, celsius in groups[key]) if temperatures else ()
+        result.append(FrameGroup(kind, exposure_s, sources, photons, gain_setting, mean_c, each_c))
     return tuple(result)
+
+
+STEADY_TEMPERATURE_C = 2.0
+"""Range of temperatures in a set above which a warning is given: dark current then changes by a fifth."""
+
+TEMPERATURE_VARIED = "the sensor's temperature varied"
+"""Beginning of that warning."""
+
+
+def split_by_temperature(frames: FrameSet) -> tuple[FrameSet, ...]:
+    """Return a set for each temperature, from the coldest: frames whose temperatures are less than 2 deg C apart.
+
+    Raises
+    ------
+    InputError
+        If some frames state their temperature and others do not.
+
+    Examples
+    --------
+    >>> dn = np.zeros((2, 2), np.uint16)
+    >>> series = [("dark", 1.0, dn, None, None, celsius) for celsius in (20.0, -10.2, -9.9)]
+    >>> [one.groups[0].temperature_c for one in split_by_temperature(frame_set_from_arrays(series, bits=12))]
+    [-10.05, 20.0]
+    """
+    listed = [
+        (source, group, celsius)
+        for group in frames.groups
+        for source, celsius in zip(group.frames, group.temperatures_c or (None,) * len(group), strict=True)
+    ]
+    stated = sorted({celsius for _, _, celsius in listed if celsius is not None})
+    if not stated:
+        return (frames,)
+    if unknown := [source.name for source, _, celsius in listed if celsius is None]:
+        raise InputError("temperature_c", where=unknown[0], value=None, expected="stated, as by the other frames")
+    starts = [stated[0], *(b for a, b in pairwise(stated) if b - a >= STEADY_TEMPERATURE_C)]
+    parts: list[list[tuple[FrameSource, FrameSettings]]] = [[] for _ in starts]
+    for source, group, celsius in listed:
+        settings = FrameSettings(
+            group.kind, group.exposure_s, group.photons_per_pixel, group.gain_setting, temperature_c=celsius
+        )
+        parts[bisect_right(starts, celsius or 0.0) - 1].append((source, settings))
+    notes = tuple(note for note in frames.notes if TEMPERATURE_VARIED not in note)
+    sources = [f"{frames.source} (from {celsius:g} °C)" if len(starts) > 1 else frames.source for celsius in starts]
+    return tuple(
+        replace(frames, groups=group_frames(part), notes=notes, source=source)
+        for part, source in zip(parts, sources, strict=True)
+    )
 
 
 def frame_set_from_arrays(

@@ -15,7 +15,14 @@ import numpy as np
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties, of_bits
-from photosite.frames.frame_set import FrameSet, FrameSource, group_frames, without_border
+from photosite.frames.frame_set import (
+    STEADY_TEMPERATURE_C,
+    TEMPERATURE_VARIED,
+    FrameSet,
+    FrameSource,
+    group_frames,
+    without_border,
+)
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
 from photosite.frames.io.dng import read_whole_dng
 from photosite.frames.io.formats import read_frame, read_headers, read_pixels
@@ -29,9 +36,6 @@ EXPOSURE_HINT = (
     "Write a protocol.yaml: 'photosite_protocol: 1', then 'frames:' with "
     "'- {kind: dark, exposure: 1/100, files: dark*.png}' and so on"
 )
-
-STEADY_TEMPERATURE_C = 2.0
-"""Range of temperatures in a set above which a warning is given: dark current then changes by a fifth."""
 
 _SAME_EXPOSURE = 1.2
 """Ratio of listed to stated exposure up to which they count as the same."""
@@ -290,7 +294,7 @@ def _temperature_warning(settings: Sequence[FrameSettings]) -> PhotositeWarning 
     if not stated or max(stated) - min(stated) <= STEADY_TEMPERATURE_C:
         return None
     return PhotositeWarning(
-        f"the sensor's temperature varied from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
+        f"{TEMPERATURE_VARIED} from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
         "doubles about every 7, so its estimate holds for a mean temperature"
     )
 

@@ -19,7 +19,7 @@ from photosite.metrics.snr import NoiseBudget
 from photosite.report.figures.response import draw_curves
 from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
 from photosite.report.figures.validation import draw_identity, draw_patch_means
-from photosite.report.style import BLUE, line_style, styled
+from photosite.report.style import BAND, BLUE, line_style, styled
 from photosite.sensor.model import Sensor
 from photosite.validation.result import Validation
 
@@ -76,15 +76,20 @@ def plot_gain_series(series: GainSeries, parameter: str = "read_noise_e", ax: Ax
 
 @styled()
 def plot_dark_temperature(found: DarkTemperature, ax: Axes | None = None) -> Axes:
-    """Draw the dark current with 95 % intervals against the temperature, and the fit."""
+    """Draw the dark current against the temperature on a logarithmic axis, and the fit, with 95 % intervals."""
     axes = new_or_given(ax)
     celsius = np.array([one for one, _ in found.measured])
     ends = np.array([(entry.value, *(entry.interval_95 or ())) for _, entry in found.measured], float)
     bars = ends[:, 0] - ends[:, 1], ends[:, 2] - ends[:, 0]
     axes.errorbar(celsius, ends[:, 0], bars, fmt="o", color=BLUE, elinewidth=0.9, label="measured")
     grid = np.linspace(celsius.min(), celsius.max(), 101)
-    axes.plot(grid, [found.at(one) for one in grid], color=BLUE, label="fit")
-    axes.set(xlabel="temperature (deg C)", ylabel="dark current (DN/s)", yscale="log")
+    fit = np.array([(found.at(one), *found.interval_95_at(one)) for one in grid])
+    axes.plot(grid, fit[:, 0], color=BLUE, label="fit")
+    axes.fill_between(grid, fit[:, 1], fit[:, 2], color=BLUE, alpha=BAND, linewidth=0)
+    axes.set(xlabel="temperature (°C)", ylabel="dark current (DN/s)")
+    axes.set_yscale("log", nonpositive="clip")
+    if np.isfinite(fit).all():
+        axes.set_ylim(0.5 * fit[:, 1].min(), 2.0 * max(fit[:, 2].max(), ends[:, 2].max()))
     axes.set_title("Dark current against temperature")
     axes.legend()
     return axes
