@@ -41,6 +41,7 @@ COMMANDS = {
     "plan": "Plan a measurement: frames needed for a precision, precision reached by a protocol.",
     "calibrate": "Estimate a sensor's parameters from dark frames and flat fields.",
     "temperature": "Measure the doubling temperature of the dark current.",
+    "emgain": "Measure gain and excess noise of an EMCCD's multiplication register.",
     "spectral": "Measure quantum efficiency from narrow bands and a photodiode, or from a chart.",
     "export": "Write noise profiles and EMVA 1288 files for other programs.",
     "import": "Read noise profiles of other programs, also into sensor files.",

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
-from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
+from photosite.values.region import Border
 
 
 @dataclass(frozen=True)

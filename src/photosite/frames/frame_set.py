@@ -16,10 +16,10 @@ import numpy as np
 from photosite.errors import InputError
 from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.raw_frame import MOST_BITS, Numbers, check_bits
-from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, shifted, tile_text
 from photosite.values.exposure import check_exposure, format_exposure
+from photosite.values.region import Border
 from photosite.values.shown import ResultTable, Shown, Tabular, clipped
 
 

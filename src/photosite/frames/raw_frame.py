@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from photosite.errors import InputError
-from photosite.sensor.effects.optical_black import Border
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, plane_names, tile_text
 from photosite.values.exposure import format_exposure
 from photosite.values.read_only import ReadOnly
+from photosite.values.region import Border
 from photosite.values.shown import Shown
 from photosite.values.thumbnail import thumbnail_html
 

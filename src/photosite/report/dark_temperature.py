@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from matplotlib.figure import Figure
+
 from photosite.calibration.dark_temperature import DarkTemperature
 from photosite.report.calibration import provenance_blocks, rejected_blocks
 from photosite.report.numbers import format_number
@@ -19,7 +21,7 @@ from photosite.report.page import (
     sentence,
 )
 from photosite.report.plots import plot_dark_temperature
-from photosite.report.style import new_figure
+from photosite.report.style import new_figure, styled
 from photosite.report.tables import format_estimate, interval_text
 
 _FOOTER = "Values are estimate ± standard uncertainty (GUM); error bars and bands in figures are 95 % intervals."
@@ -35,10 +37,8 @@ def dark_temperature_page(found: DarkTemperature) -> Page:
         f"Doubling temperature of the dark current, from {frames} frames at {len(found.measured)} temperatures, "
         f"{coldest:.1f} to {warmest:.1f} °C."
     )
-    figure, axes = new_figure()
-    plot_dark_temperature(found, axes)
     drawn = figure_block(
-        figure,
+        dark_temperature_figure(found),
         "Dark current against temperature on a logarithmic axis, with the fit",
         "Dark current against temperature, with the fit of one doubling temperature. Bars and band are 95 % intervals.",
     )
@@ -49,6 +49,15 @@ def dark_temperature_page(found: DarkTemperature) -> Page:
         Section("Provenance", _provenance(found)),
     )
     return Page(f"Dark current of {name} against temperature", lead, sections, _FOOTER)
+
+
+@styled()
+def dark_temperature_figure(found: DarkTemperature) -> Figure:
+    """Draw the dark current against the temperature."""
+    figure, axes = new_figure(3.6)
+    plot_dark_temperature(found, axes)
+    axes.legend(loc="upper left")
+    return figure
 
 
 _NONE = (Paragraph("No problems were found."),)

@@ -22,11 +22,11 @@ from photosite.sensor.drawn_readout import Part
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
-from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.model import Sensor
+from photosite.values.region import Border
 
 FloatMap = NDArray[np.float32]
 _Floats = NDArray[np.float64]

@@ -520,7 +520,9 @@ class Sensor(Tabular, Section):
         if self.effects is not None and (curve := self.effects.response_curve) is not None:
             return curve.charge_at(head_room_e, well_e)
         if self.effects is not None and (em := self.effects.em_gain) is not None:
-            head_room_e = min(head_room_e, math.inf if em.register_well_e is None else em.register_well_e) / em.gain
+            head_room_e = (
+                min(head_room_e, math.inf if em.register_well_e is None else em.register_well_e) / em.gain.value
+            )
         return min(well_e, head_room_e)
 
     @property

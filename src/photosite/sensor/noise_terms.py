@@ -57,7 +57,7 @@ class NoiseTerms:
     @property
     def multiplication(self) -> float:
         """Mean electrons at the amplifier per collected electron."""
-        return 1.0 if (em := self._effects.em_gain) is None else em.gain
+        return 1.0 if (em := self._effects.em_gain) is None else em.gain.value
 
     @property
     def independent_share(self) -> float:

@@ -14,6 +14,9 @@ from photosite.values.shown import Shown
 Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]
 """Four (row, col) in order around the shape, in pixels: pixel i covers i to i + 1."""
 
+Border = tuple[int, int, int, int]
+"""Lines around a frame: rows at the top and at the bottom, columns at the left and at the right."""
+
 ROUNDING_PX = 1e-6
 """Tolerance for computed corners on the border of a frame."""
 

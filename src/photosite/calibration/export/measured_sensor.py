@@ -12,7 +12,6 @@ import numpy as np
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
-from photosite.sensor.effects.optical_black import Border
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.file_units import CONVERSION
@@ -22,6 +21,7 @@ from photosite.sensor.noise_profile import NoiseProfile
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.sensor.quantity import Covariance
 from photosite.values.estimate import Estimate, standard_deviation
+from photosite.values.region import Border
 from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value
 
 if TYPE_CHECKING:

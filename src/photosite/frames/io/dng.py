@@ -55,8 +55,8 @@ from photosite.frames.raw_frame import (
     neutral_text,
     stated_border,
 )
-from photosite.sensor.effects.optical_black import Border
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites, plane_names, tile_text
+from photosite.values.region import Border
 
 CFA, LINEAR_RAW = 32803, 34892
 NEW_SUBFILE_TYPE, MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, ISO = 254, 271, 272, 274, 33434, 34855

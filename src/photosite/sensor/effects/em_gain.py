@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from photosite.engine.charge_stages import Register
-from photosite.sensor.quantity import about
+from photosite.errors import InputError
+from photosite.sensor.quantity import Positive, about
 from photosite.values.validated import NonNegativeNumber, PositiveNumber, Section
 
-_LARGEST_E = 1e15
+_LARGEST_E, _LARGEST_GAIN = 1e15, 1e5
 
 
 class EmGain(Section):
@@ -31,9 +32,7 @@ class EmGain(Section):
     (1.997, 1.976)
     """
 
-    gain: Annotated[float, Field(strict=True, ge=1.0, le=1e5)] = about(
-        "Mean electrons behind the register per electron in front of it.", "1", 300
-    )
+    gain: Positive = about("Mean electrons behind the register per electron in front of it.", "1", 300)
     stages: Annotated[int, Field(strict=True, ge=1)] | None = about(
         "Stages of the register, for its excess noise; by default a large number.", "1", 536, default=None
     )
@@ -47,10 +46,16 @@ class EmGain(Section):
         default=0.0,
     )
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not 1.0 <= self.gain.value <= _LARGEST_GAIN:
+            raise InputError("gain", value=self.gain.value, expected=f"1 to {_LARGEST_GAIN:g}")
+        return self
+
     @property
     def excess_noise_factor(self) -> float:
         """F^2: variance of the signal over gain^2 times that of the charge, for charge with shot noise."""
-        g = self.gain
+        g = self.gain.value
         fall = 0.0 if self.stages is None else math.log(g) / self.stages
         return 2.0 * (g - 1.0) / g * math.exp(-fall) + 1.0 / g
 
@@ -60,4 +65,4 @@ class EmGain(Section):
         well = _LARGEST_E if self.register_well_e is None else self.register_well_e
         if excess <= 0.0:
             return None
-        return Register(1.0 / excess, self.gain * excess, well, self.clock_induced_charge_e)
+        return Register(1.0 / excess, self.gain.value * excess, well, self.clock_induced_charge_e)

@@ -13,7 +13,7 @@ from photosite.sensor.effects.em_gain import EmGain
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
-from photosite.sensor.effects.optical_black import Border, OpticalBlack
+from photosite.sensor.effects.optical_black import OpticalBlack
 from photosite.sensor.effects.output import Output
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
@@ -21,6 +21,7 @@ from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.quantity import NO_UNIT, about
+from photosite.values.region import Border
 from photosite.values.validated import Section
 
 

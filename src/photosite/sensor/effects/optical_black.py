@@ -9,12 +9,10 @@ from pydantic import Field
 from photosite.errors import InputError
 from photosite.sensor.effects.charge_transfer import Corner
 from photosite.sensor.quantity import about
+from photosite.values.region import Border
 from photosite.values.validated import Section
 
 _Lines = Annotated[int, Field(ge=0, le=65_535, strict=True)]
-
-Border = tuple[int, int, int, int]
-"""Lines without light: rows at the top and at the bottom, columns at the left and at the right."""
 
 
 class OpticalBlack(Section):
