@@ -4,7 +4,8 @@ import numpy as np
 
 from photosite.calibration.calibrate import calibrate
 from photosite.sensor.io.sensor_file import dump_sensor, parse_sensor
-from photosite.studies.coverage import CONDITIONS
+from photosite.studies.coverage import CONDITIONS, FULL
+from photosite.studies.virtual_lab import virtual_lab
 
 
 def test_measured_curve_is_that_of_the_sensor() -> None:
@@ -48,3 +49,30 @@ def test_readout_channels_are_measured_and_leave_prnu() -> None:
     assert np.abs(found.tables()[0] - drawn.tables()[0]).max() < 4 * spread
     prnu, expected = measured.noise.prnu_percent, true.noise.prnu_percent.value
     assert abs(prnu.value - expected) < 4 * prnu.standard_uncertainty
+
+
+def test_lines_and_offsets_of_channels_return_to_the_sensor_file() -> None:
+    """Alternating columns and random ones at once: all within 4 standard uncertainties, and not in DSNU and PRNU."""
+    plain = CONDITIONS["bright-mono-12"].sensor(1).with_(rows=96, cols=120)
+    dsnu_e = plain.electrons(plain.noise.dsnu_mv.value)
+    truth = {"row_offset_e": 0.4 * dsnu_e, "column_offset_e": 0.6 * dsnu_e, "column_gain_percent": 0.5}
+    channels = {"relative_gain": [[1.01, 0.99]], "offset_e": [[dsnu_e, -dsnu_e]]}
+    lab = virtual_lab(
+        plain.with_(line_pattern=truth, readout_channels=channels), FULL, level=1.25, seed=3, photons_known=True
+    )
+    measured = parse_sensor(dump_sensor(calibrate(lab.frame_set()).sensor), "measured.sensor.yaml")
+    assert measured.effects is not None
+    lines, found = measured.effects.line_pattern, measured.effects.readout_channels
+    assert lines is not None
+    assert found is not None
+    for name, expected in truth.items():
+        entry = getattr(lines, name)
+        assert abs(entry.value - expected) < 4 * entry.standard_uncertainty, name
+        assert entry.standard_uncertainty < 0.2 * expected
+    assert found.shape == (1, 2)
+    assert found.offset_e is not None
+    offset = found.offset_e[0][0]
+    assert abs(offset.value - dsnu_e) < 4 * offset.standard_uncertainty
+    for name in ("dsnu_mv", "prnu_percent"):
+        entry, expected = getattr(measured.noise, name), getattr(plain.noise, name).value
+        assert abs(entry.value - expected) < 4 * entry.standard_uncertainty, name

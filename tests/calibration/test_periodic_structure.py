@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.spatial.periodic_structure import MOSAIC_SHARE, periodic_structure
+from photosite.calibration.spatial.periodic_structure import MOSAIC_SHARE, periodic_offsets, periodic_structure
 from photosite.values.cfa import NAMED, shifted
 
 MONO = np.zeros((1, 1), np.int64)
@@ -143,3 +143,22 @@ def test_defects_do_not_look_like_a_period():
     values = flat(rng)
     values[::5, ::7] = 4000.0
     assert found(values) is None
+
+
+def test_offsets_of_alternating_lines_are_found_in_dark_frames():
+    """Of 20 frames each: none by chance, with random lines, hot pixels and glow; 0.4 standard deviations are found."""
+    rng = np.random.default_rng(31)
+    glow = 5.0 * np.exp(-np.arange(192) / 30.0)
+    for _ in range(20):
+        dark = (
+            64.0 + rng.normal(0.0, 1.0, (144, 192)) + rng.normal(0.0, 0.3, 192) + rng.normal(0.0, 0.3, (144, 1)) + glow
+        )
+        dark[rng.integers(144, size=40), rng.integers(192, size=40)] += 300.0
+        assert periodic_offsets(dark) is None
+    for _ in range(20):
+        dark = 64.0 + rng.normal(0.0, 1.0, (144, 192)) + rng.normal(0.0, 0.1, 192)
+        dark[:, 1::2] += 0.4
+        seen = periodic_offsets(dark)
+        assert seen is not None
+        assert (seen.period, seen.by_lines, seen.of_channels.shape) == (2, "columns", (1, 2))
+        assert seen.of_channels[0, 1] == pytest.approx(0.2, abs=5 * seen.uncertainty)

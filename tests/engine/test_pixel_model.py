@@ -164,12 +164,12 @@ def test_measured_chip_with_a_drawn_chips_maps_gives_its_frame() -> None:
 
 def test_line_deviates_are_normal_and_independent() -> None:
     """Kolmogorov-Smirnov at 1e-4, correlation within 4 sigma: false alarms 3e-4 in all."""
-    rows, columns = (line_deviates(0, 20_000, word, FRAME, *KEY) for word in (0, 1))
+    rows, columns = (line_deviates(0, 20_000, random_numbers.LINES, word, FRAME, *KEY) for word in (0, 1))
     assert stats.kstest(rows, "norm").pvalue > 1e-4
     assert stats.kstest(columns, "norm").pvalue > 1e-4
     assert abs(np.corrcoef(rows, columns)[0, 1]) < 4 / np.sqrt(20_000)
-    assert (line_deviates(100, 50, 0, FRAME, *KEY) == rows[100:150]).all()
-    assert (line_deviates(0, 100, 0, np.uint32(10), *KEY) != rows[:100]).all()
+    assert (line_deviates(100, 50, random_numbers.LINES, 0, FRAME, *KEY) == rows[100:150]).all()
+    assert (line_deviates(0, 100, random_numbers.LINES, 0, np.uint32(10), *KEY) != rows[:100]).all()
 
 
 def test_uses_of_random_words_are_distinct() -> None:

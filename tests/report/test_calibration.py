@@ -181,6 +181,7 @@ def test_sections_follow_the_data_sheet(loop_report, read_page) -> None:
         "dark-current",
         "noise-in-the-dark",
         "nonuniformity",
+        "rows-columns-and-readout-channels",
         "defects",
         "2008-paper",
         "all-parameters",

@@ -59,6 +59,9 @@ def test_measured_maps_with_effects(tmp_path: Path) -> None:
         blinking=blinking,
     )
     measured = SENSOR.with_(maps=chip.save(tmp_path / "chip.maps.h5"))
+    # The maps hold the pattern of channels and lines.
+    again = measured.with_(readout_channels={"relative_gain": [[1.2, 0.8]]}, line_pattern={"column_offset_e": 90})
+    assert (frame(measured) != frame(again)).mean() < 1e-4
     assert (frame(measured) != frame(measured.with_(effects=NEUTRAL))).mean() < 1e-4
     at_blinking = [frame(one)[place].astype(int) for one in (measured, measured.with_(effects=NEUTRAL))]
     assert np.ptp(at_blinking[0] - at_blinking[1]) <= 1
@@ -89,6 +92,31 @@ def test_moments_with_a_curve_and_channels() -> None:
             expected = 64 + gain * relative * (signal + curvature + offset)
             assert abs(part.mean() - expected) < 4.5 * np.sqrt(variance / part.size)
             assert abs(part.var() / variance - 1) < 4.5 * np.sqrt(2 / part.size)
+
+
+def test_lines_have_the_stated_spreads() -> None:
+    """Means over 100 frames against the stated spreads, 4.5 sigma of 400 and 500 lines; another serial differs."""
+    lines = {"row_offset_e": 20, "column_offset_e": 30, "column_gain_percent": 2}
+    sensor = SENSOR.with_(rows=400, cols=500, prnu_percent=0, dsnu_mv=0, read_noise_mv=0, row_noise_mv=0)
+    sensor = sensor.with_(
+        dark_voltage_mv_per_s=0, readout_channels={"relative_gain": [[1.02, 0.98]]}, line_pattern=lines
+    )
+    gain = sensor.system_gain_dn_per_e
+
+    def mean_of(one: ps.Sensor, level: float) -> Any:
+        return digital_numbers(one, np.full((400, 500), level, np.float32), 0.01, seed=5).astype(float)
+
+    dark, flat = mean_of(sensor, 0.0), mean_of(sensor, 30000.0)
+    rows, columns = dark.mean(axis=1) / gain, dark.mean(axis=0) / gain
+    response = (flat - dark).mean(axis=0) / (30000 * gain) / np.tile([1.02, 0.98], 250)
+    for found, expected in ((rows, 20), (columns, 30), (100 * response, 2)):
+        assert abs(found.std() / expected - 1) < 4.5 / np.sqrt(2 * found.size)
+    assert abs(np.corrcoef(columns, response)[0, 1]) < 4.5 / np.sqrt(500)
+    assert response.mean() == pytest.approx(1, abs=4.5 * 0.02 / np.sqrt(500))
+    part = digital_numbers(sensor, np.full((400, 500), 9, np.float32), 0.01, seed=5, region=(30, 90, 7, 411))
+    assert (part == mean_of(sensor, 9.0)[30:90, 7:411]).all()
+    other = mean_of(sensor.with_(serial="another"), 0.0).mean(axis=0) / gain
+    assert abs(np.corrcoef(columns, other)[0, 1]) < 4.5 / np.sqrt(500)
 
 
 @pytest.mark.parametrize(

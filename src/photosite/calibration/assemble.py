@@ -81,7 +81,7 @@ def assemble(
         channels=per_channel if len(names) > 1 else {},
         clipped_electrons=saturated_electrons(together),
         response_curve={name: channel.curve for name, channel in by_name.items() if channel.curve is not None},
-        readout_channels=measured_channels(patterns, light.gain),
+        readout_channels=measured_channels(patterns.structure, patterns.dark_structure, patterns.taps, light.gain),
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
         snr={name: snr_curve(channel) for name, channel in by_name.items()},
         spatial={name: pattern.spatial for name, pattern in zip(names, patterns.channels, strict=True)},
@@ -224,8 +224,7 @@ def _warnings(
             f"of the system gain, {100 * light.bend.relative:.2g} % from this alone, covers both"
         )
     yield from light.noise.warnings()
-    if patterns.structure is not None:
-        yield str(patterns.structure)
+    yield from (str(found) for found in (patterns.structure, patterns.dark_structure) if found is not None)
     yield from map(str, patterns.taps)
     of_taps = sum(float(np.var(taps.level)) for taps in patterns.taps if not taps.dark)
     if is_large(derive(lambda shading: shading - of_taps, together.shading_variance), together.response_variance):

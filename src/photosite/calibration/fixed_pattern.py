@@ -21,11 +21,18 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.photon_transfer.noise_covariance import SharedCharge
 from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
+from photosite.calibration.readout_channels import measured_channels, without_channels
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.nonuniformity import Parts, shading_variance, without_neighbors
-from photosite.calibration.spatial.periodic_structure import PeriodicStructure, Taps, find_taps, periodic_structure
+from photosite.calibration.spatial.periodic_structure import (
+    PeriodicStructure,
+    Taps,
+    find_taps,
+    periodic_offsets,
+    periodic_structure,
+)
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
@@ -39,6 +46,7 @@ from photosite.calibration.spatial.spatial_analysis import (
     SpatialAnalysis,
     spatial_analysis,
 )
+from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
 
 HALF_SATURATION = (0.3, 0.7)
@@ -62,6 +70,10 @@ class FixedPattern:
     prnu1288_unfiltered: Parts | Missing
     spatial: SpatialAnalysis | Missing
     channel_variance: float = 0.0
+    # Of rows and columns, without readout channels: of dark offsets in DN^2, and of relative gains behind the curve
+    row_offset_variance: Value = NO_LIGHT
+    column_offset_variance: Value = NO_LIGHT
+    column_gain_variance: Value = NO_LIGHT
     slope_contrast: Uncertain = STRAIGHT
     half_contrast: Uncertain = STRAIGHT
 
@@ -83,20 +95,25 @@ class FixedPattern:
         """The variances and the exposure time of those of the dark, by the names of `Measurements`."""
         dark = ("dsnu1288_exposures_s", "dsnu1288", "dsnu1288_filtered")
         light = ("prnu1288", "prnu1288_unfiltered", "channel_variance")
-        names = ("response_variance", "shading_variance", *dark, *light)
+        lines = ("row_offset_variance", "column_offset_variance", "column_gain_variance")
+        names = ("response_variance", "shading_variance", *dark, *light, *lines)
         return {name: getattr(self, name) for name in names}
 
     def withheld(self, why: Missing) -> FixedPattern:
         """Return the pattern without what the flat fields show."""
-        return replace(self, response_variance=why, shading_variance=why, prnu1288=why, prnu1288_unfiltered=why)
+        light = ("response_variance", "shading_variance", "prnu1288", "prnu1288_unfiltered", "column_gain_variance")
+        changes: dict[str, Any] = dict.fromkeys(light, why)
+        return replace(self, **changes)
 
 
 @dataclass(frozen=True)
 class FixedPatterns:
-    """The fixed pattern of each channel; the periodic structure of the flat fields, and steps between taps, if any."""
+    """The fixed pattern of each channel; the periodic structure of flat fields and of dark frames, and steps between
+    taps, if any."""
 
     channels: tuple[FixedPattern, ...]
     structure: PeriodicStructure | None = None
+    dark_structure: PeriodicStructure | None = None
     taps: tuple[Taps, ...] = ()
 
 
@@ -152,17 +169,24 @@ def measure_fixed_pattern(
     """Measure each channel's fixed pattern."""
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
-    patterns = _dark_patterns(reduction, dark, half, reader)
     dark_mean = np.zeros((reduction.frames.rows, reduction.frames.cols)) if dark.mean is None else dark.mean.mean
-    taps = [None if dark.mean is None else find_taps(_sites(dark_mean, reader.tile), dark=True)]
+    taps = _found([None if dark.mean is None else find_taps(_sites(dark_mean, reader.tile), dark=True)])
+    offsets = None if dark.mean is None or dark.clipped is not None else periodic_offsets(dark_mean)
+    # Offsets in DN
+    readout = measured_channels(None, offsets, taps, Uncertain(1.0))
+    patterns = _dark_patterns(reduction, dark, half, reader, readout)
     if not channels:
         none = NO_LIGHT, NO_LIGHT
         return FixedPatterns(
             tuple(
-                FixedPattern(*none, _times(planes), *parts, *none, _spatial(planes, NO_LIGHT, outliers))
-                for parts, planes in patterns
+                FixedPattern(
+                    *(*none, _times(planes), *parts, *none, _spatial(planes, NO_LIGHT, outliers)),
+                    **_line_variances(lines, NO_LIGHT),
+                )
+                for parts, lines, planes in patterns
             ),
-            taps=_found(taps),
+            dark_structure=offsets,
+            taps=taps,
         )
     shared = light.noise.shared
     charge = None if shared is None or isinstance(shared.charge, Missing) else shared.charge
@@ -174,13 +198,16 @@ def measure_fixed_pattern(
     prnu: dict[int, PartsPair] = {}
     spatial: dict[int, SpatialAnalysis | Missing] = {}
     brightest = max(groups, key=lambda i: lights[i].levels[0].mean, default=None)
+    gains: dict[int, Parts | Missing] = {}
     structure = None
-    for i in groups:
+    # The readout channels are those of the brightest flat fields, and are taken off the others.
+    for i in sorted(groups, key=lambda i: i != brightest):
         mean = reader.mean(lights[i].group)
         if i == brightest:
             bright = mean.mean()
             structure = periodic_structure(bright, dark_mean, reader.tile)
-            taps.append(find_taps(_relative(bright - dark_mean, reader.tile)))
+            taps = _found([*taps, find_taps(_relative(bright - dark_mean, reader.tile))])
+            readout = measured_channels(structure, offsets, taps, Uncertain(1.0))
         slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
             continue
@@ -191,7 +218,7 @@ def measure_fixed_pattern(
             more = [float(entry.of_mean(np.array([float(lights[i].frames)]))[0]) for entry in charge]
             flat = replace(flat, noise=[parts.scaled(m) for parts, m in zip(flat.noise, more, strict=True)])
         for k in (k for k, group in enumerate(half) if group == i):
-            dark_parts, dark_planes = patterns[k]
+            dark_parts, dark_lines, dark_planes = patterns[k]
             plain, filtered = (
                 _light_less_dark(*pair, channels[k], i) for pair in zip(flat.parts(k), dark_parts, strict=True)
             )
@@ -203,12 +230,16 @@ def measure_fixed_pattern(
                     for parts, high_passed in ((plain, False), (filtered, True))
                 )
             prnu[k], spatial[k] = (filtered, plain), _spatial(dark_planes, flat.planes(k), outliers)
+            gains[k] = filtered
+            if readout is not None:
+                alike = replace(flat, mean=without_channels(flat.mean, readout, dark_mean))
+                gains[k] = _light_less_dark(alike.part(k, filtered=True), dark_lines, channels[k], i)
     spreads = slopes.spreads([Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in plans])
     result = []
     for k, group in enumerate(half):
-        dark_parts, dark_planes = patterns[k]
+        dark_parts, dark_lines, dark_planes = patterns[k]
         if isinstance(group, Missing):
-            prnu[k], spatial[k] = (group, group), _spatial(dark_planes, group, outliers)
+            gains[k], prnu[k], spatial[k] = group, (group, group), _spatial(dark_planes, group, outliers)
         slope_spreads = spreads[k], None if dark.slopes is None else dark.slopes[k]
         response = _response_variance(plans[k], *slope_spreads)
         if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channels[k])) is not None:
@@ -219,11 +250,20 @@ def measure_fixed_pattern(
             response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
         contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
         of_dark = _times(dark_planes), *dark_parts
-        lines = 0.0 if structure is None or not structure.by_lines else float(structure.relative.var())
-        result.append(FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], lines, *contrasts))
+        of_channels = 0.0 if structure is None or not structure.by_lines else float(structure.relative.var())
+        lines = _line_variances(dark_lines, gains[k])
+        pattern = FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], of_channels, **lines)
+        result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
-    return FixedPatterns(tuple(result), structure, _found(taps))
+    return FixedPatterns(tuple(result), structure, offsets, taps)
+
+
+def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, Value]:
+    """Return the variances of rows and columns from the high-passed parts of dark frames, and of flats less dark."""
+    row, column = (dark, dark) if isinstance(dark, Missing) else (dark.row, dark.column)
+    gain = light if isinstance(light, Missing) else light.column
+    return {"row_offset_variance": row, "column_offset_variance": column, "column_gain_variance": gain}
 
 
 def _found(taps: Sequence[Taps | None]) -> tuple[Taps, ...]:
@@ -276,16 +316,21 @@ def _dark_current_unknown(channel: Channel) -> Missing | None:
 
 
 def _dark_patterns(
-    reduction: Reduction, dark: DarkResult, half: Sequence[int | Missing], reader: FrameReader
-) -> list[tuple[PartsPair, MeanPlanes | Missing]]:
+    reduction: Reduction,
+    dark: DarkResult,
+    half: Sequence[int | Missing],
+    reader: FrameReader,
+    readout: ReadoutChannels | None,
+) -> list[tuple[PartsPair, Parts | Missing, MeanPlanes | Missing]]:
     """Return per channel the dark pattern at the exposure of its half-saturated flat fields, else of the reference.
 
-    Where the noise of the dark frames is unknown, it is missing, and the frame itself is the only one.
+    The second entry is the high-passed pattern without the readout channels' offsets, in DN. Where the noise of the
+    dark frames is unknown, both are missing, and the frame itself is the only one.
     """
     if dark.clipped is not None or dark.noise_unknown:
         stated = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
         why = Missing(dark.noise_unknown)
-        return [(parts, why if dark.mean is None else dark.mean.planes(k)) for k, parts in enumerate(stated)]
+        return [(parts, parts[1], why if dark.mean is None else dark.mean.planes(k)) for k, parts in enumerate(stated)]
     exposures = [
         dark.reference_exposure_s if isinstance(light, Missing) else reduction.lights[light].group.exposure_s
         for light in half
@@ -301,7 +346,13 @@ def _dark_patterns(
         statistics = reduction.darks[matching]
         reader.expect(len(statistics.group))
         means[exposure_s] = GroupMean.of(reader, statistics, reader.mean(statistics.group), dark.scatter)
-    return [(means[t].parts(k), means[t].planes(k)) for k, t in enumerate(exposures)]
+    result = []
+    for k, t in enumerate(exposures):
+        parts = lines = means[t].parts(k)
+        if readout is not None:
+            lines = replace(means[t], mean=without_channels(means[t].mean, readout)).parts(k)
+        result.append((parts, lines[1], means[t].planes(k)))
+    return result
 
 
 def _matching_dark(exposure_s: float, darks: Sequence[GroupStatistics]) -> int | None:

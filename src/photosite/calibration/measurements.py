@@ -61,6 +61,9 @@ class Measurements:
     dsnu1288_exposures_s: tuple[float, ...] = ()  # exposure times of these dark patterns, one a channel
     prnu1288: Parts | Missing = NO_LIGHT  # relative; high-passed,
     prnu1288_unfiltered: Parts | Missing = NO_LIGHT  # and plain
+    row_offset_variance: Value = NO_LIGHT  # of fixed offsets of rows and columns without readout channels, DN^2
+    column_offset_variance: Value = NO_LIGHT
+    column_gain_variance: Value = NO_LIGHT  # of the columns' relative gains, behind the response curve
     saturation_method: str = "fully clipped flat fields"
     dsnu_method: str = ""
     # Variance over pixels of single dark frames, of which read noise and DSNU are unknown parts, each at most the whole
@@ -186,17 +189,21 @@ _NOISE = (
     "dsnu1288_filtered",
     "prnu1288",
     "prnu1288_unfiltered",
+    "row_offset_variance",
+    "column_offset_variance",
+    "column_gain_variance",
 )
 
 _OF_LIGHT = (
     *("gain", "response_variance", "saturation_photons", "responsivity", "saturation_responsivity"),
-    *("prnu1288", "prnu1288_unfiltered"),
+    *("prnu1288", "prnu1288_unfiltered", "column_gain_variance"),
 )
 
 _MEANS_OVER_CHANNELS = (
     *("dsnu_variance", "dark_slope_variance", "response_variance", "shading_variance"),
     *("saturation_dn", "responsivity"),
     *("dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered"),
+    *("row_offset_variance", "column_offset_variance", "column_gain_variance"),
 )
 
 

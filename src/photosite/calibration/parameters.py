@@ -58,6 +58,9 @@ class Parameters(Tabular):
     dsnu_e: Annotated[Estimate, Label("DSNU", "e⁻", _NOISE)]
     dsnu_mv: Annotated[Estimate, Label("DSNU", "mV", _NOISE)]
     prnu_percent: Annotated[Estimate, Label("PRNU", "%", _NOISE)]
+    row_offset_e: Annotated[Estimate, Label("Fixed offsets of rows", "e⁻", _NOISE)]
+    column_offset_e: Annotated[Estimate, Label("Fixed offsets of columns", "e⁻", _NOISE)]
+    column_gain_percent: Annotated[Estimate, Label("Gains of columns", "%", _NOISE)]
     shading_percent: Annotated[Estimate, Label("Shading", "%", _NOISE)]
     interpixel_coupling_percent: Annotated[Estimate, Label("Interpixel coupling", "%", _NOISE)]
     dark_voltage_mv_per_s: Annotated[Estimate, Label("Dark voltage", "mV/s", _DARK)]
@@ -215,6 +218,7 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
             for unit, scale in scales.items()
         },
         "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), m.method(prnu, "response_variance")),
+        **_lines(m, per_e),
         "shading_percent": _deviation(m.shading_variance, Uncertain(100.0), m.method(shading, "shading_variance")),
         "interpixel_coupling_percent": Estimate.of(
             derive(lambda share: 100.0 * share, m.coupling),
@@ -228,6 +232,21 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
             m.dark_slope_variance, _percent_of_dark(m.dark_slope), m.method(dcnu, "dark_slope_variance")
         ),
         "black_level_dn": Estimate.of(m.black_level, m.dark_method or f"mean dark level at {m.dark_exposure}"),
+    }
+
+
+def _lines(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+    """Return the fixed offsets and gains of lines, which have no difference between readout channels."""
+    dark = "{} part of DSNU1288 after the high-pass, without differences that repeat or halve the frame"
+    light = "column part of PRNU1288, without differences that repeat or halve the frame"
+    return {
+        "row_offset_e": _deviation(m.row_offset_variance, per_e, m.method(dark.format("row"), "row_offset_variance")),
+        "column_offset_e": _deviation(
+            m.column_offset_variance, per_e, m.method(dark.format("column"), "column_offset_variance")
+        ),
+        "column_gain_percent": _deviation(
+            m.column_gain_variance, Uncertain(100.0), m.method(light, "column_gain_variance")
+        ),
     }
 
 

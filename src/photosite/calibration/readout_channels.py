@@ -3,32 +3,53 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.fixed_pattern import FixedPatterns
+from photosite.calibration.spatial.periodic_structure import PeriodicStructure, Taps
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Measured, Uncertain, Value
 
 _FROM_FLATS, _FROM_DARKS = "measured from flat fields", "measured from dark frames"
 
 
-def measured_channels(patterns: FixedPatterns, gain: Value) -> ReadoutChannels | None:
+def measured_channels(
+    light: PeriodicStructure | None, dark: PeriodicStructure | None, taps: Sequence[Taps], gain: Value
+) -> ReadoutChannels | None:
     """Return the readout channels, if their gains or offsets differ; the mean gain is 1, the mean offset 0.
 
     Columns or rows that alternate are one arrangement, halves or quadrants the other. A sensor file holds one of them:
     None if there are both.
+
+    Parameters
+    ----------
+    light, dark
+        Periodic structure of flat fields and of dark frames, if there is any.
+    taps
+        Steps between halves or quadrants.
+    gain
+        System gain, for the offsets in electrons.
+
+    Examples
+    --------
+    >>> alternating = PeriodicStructure(np.array([[1.01, 0.99], [1.01, 0.99]]), 0.001, 0.0002)
+    >>> measured_channels(alternating, None, (), Uncertain(0.5)).tables()[0].tolist()
+    [[1.01, 0.99]]
     """
-    structure, taps = patterns.structure, patterns.taps
-    if structure is not None and (structure.of_mosaic() or not structure.by_lines):
-        structure = None
-    if (structure is None) == (not taps):
+    if light is not None and (light.of_mosaic() or not light.by_lines):
+        light = None
+    if dark is not None and not dark.by_lines:
+        dark = None
+    if (light is None and dark is None) == (not taps):
         return None
-    if structure is not None:
-        axis = 0 if structure.by_lines == "columns" else 1
-        relative = structure.relative.mean(axis=axis, keepdims=True)
-        return ReadoutChannels(relative_gain=_table(relative, structure.uncertainty, _FROM_FLATS))
+    if not taps:
+        gains = None if light is None else _table(light.of_channels, light.uncertainty, _FROM_FLATS)
+        offsets = None
+        if dark is not None and isinstance(gain, Uncertain):
+            offsets = _table(dark.of_channels / gain.value, dark.uncertainty / gain.value, _FROM_DARKS)
+        return _of(gains, offsets, "tile")
     gains = offsets = None
     for found in taps:
         spread = found.uncertainty / math.sqrt(2.0)  # of a level, from that of a step between two
@@ -36,10 +57,46 @@ def measured_channels(patterns: FixedPatterns, gain: Value) -> ReadoutChannels |
             gains = _table(1.0 + found.level, spread, _FROM_FLATS)
         elif isinstance(gain, Uncertain):
             offsets = _table(found.level / gain.value, spread / gain.value, _FROM_DARKS)
-    if gains is None and offsets is None:
-        return None
-    return ReadoutChannels(arrangement="blocks", relative_gain=gains, offset_e=offsets)
+    return _of(gains, offsets, "blocks")
 
 
-def _table(values: NDArray[np.float64], uncertainty: float, source: str) -> tuple[tuple[Measured, ...], ...]:
+_Table = tuple[tuple[Measured, ...], ...]
+
+
+def _table(values: NDArray[np.float64], uncertainty: float, source: str) -> _Table:
     return tuple(tuple(Measured(float(value), uncertainty, source) for value in row) for row in values)
+
+
+def _of(gains: _Table | None, offsets: _Table | None, arrangement: str) -> ReadoutChannels | None:
+    """Return the channels with both tables repeated to one size; None without either."""
+    tables = [table for table in (gains, offsets) if table is not None]
+    if not tables:
+        return None
+    rows, cols = (math.lcm(*sizes) for sizes in zip(*((len(t), len(t[0])) for t in tables), strict=True))
+
+    def repeated(table: _Table | None) -> _Table | None:
+        if table is None:
+            return None
+        return tuple(row * (cols // len(row)) for row in table) * (rows // len(table))
+
+    return ReadoutChannels.model_validate(
+        {"arrangement": arrangement, "relative_gain": repeated(gains), "offset_e": repeated(offsets)}
+    )
+
+
+def without_channels(
+    mean: NDArray[np.float64], channels: ReadoutChannels | None, dark: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return a mean frame as with readout channels that are alike; their offsets are in DN.
+
+    Parameters
+    ----------
+    mean
+        (rows, cols) mean dark frame, or mean flat field with the mean frame `dark`.
+    channels
+        The channels; None if they are alike.
+    """
+    if channels is None:
+        return mean
+    gain, offset = (table[np.ix_(*channels.groups(*mean.shape))] for table in channels.tables())
+    return mean - offset if dark is None else (mean - dark) / gain + dark - offset

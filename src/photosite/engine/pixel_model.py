@@ -31,7 +31,6 @@ from photosite.engine.jit import F32, F64, I64, compiled, prange
 from photosite.engine.random_numbers import (
     BLINKING,
     EXPOSURE,
-    LINES,
     new_run,
     normal,
     normal_run,
@@ -329,10 +328,12 @@ def normal_deviates(rows: int, cols: int, use: np.uint32, word: int, k0: np.uint
 
 
 @compiled()
-def line_deviates(first: int, count: int, word: int, frame: np.uint32, k0: np.uint32, k1: np.uint32) -> F64:
-    """Return (count,) standard normal deviates of the lines from `first` on; word 0 is for rows, 1 for columns."""
+def line_deviates(
+    first: int, count: int, use: np.uint32, word: int, frame: np.uint32, k0: np.uint32, k1: np.uint32
+) -> F64:
+    """Return (count,) standard normal deviates of the lines from `first` on: word 0, 1 or 2 of a use."""
     out = np.empty(count, np.float64)
     for i in range(count):
-        w0, w1, _, _ = philox4x32(np.uint32(first + i), frame, LINES, np.uint32(0), k0, k1)
-        out[i] = normal(w0 if word == 0 else w1)
+        w0, w1, w2, _ = philox4x32(np.uint32(first + i), frame, use, np.uint32(0), k0, k1)
+        out[i] = normal(w0 if word == 0 else (w1 if word == 1 else w2))
     return out

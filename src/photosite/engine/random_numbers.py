@@ -33,6 +33,8 @@ TELEGRAPH = np.uint32(11)
 """Word 0: whether a pixel blinks. Words 1 and 2: its amplitude, and its share of time in the upper level."""
 DRIFT = np.uint32(12)
 """Word 0: a step of the black level's drift, whose octave is the pixel; frame 0 is where it starts."""
+LINE_PATTERN = np.uint32(13)
+"""Words 0 and 1: the fixed offsets of a row and of a column. Word 2: the gain of a column."""
 MULTIPLICATION = np.uint32(16)
 """Words 0 and 1: a trial of the gamma number of a multiplied charge. Words 2 and 3: clock-induced charge."""
 CAPTURES = np.uint32(64)

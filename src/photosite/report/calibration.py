@@ -12,7 +12,13 @@ from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
-from photosite.report.chip import defect_blocks, nonuniformity_blocks, outlier_pixel_blocks, temporal_blocks
+from photosite.report.chip import (
+    defect_blocks,
+    line_blocks,
+    nonuniformity_blocks,
+    outlier_pixel_blocks,
+    temporal_blocks,
+)
 from photosite.report.data_sheet import data_sheet_blocks
 from photosite.report.figures.charge import transfer_figure
 from photosite.report.figures.response import (
@@ -20,6 +26,7 @@ from photosite.report.figures.response import (
     curve_figure,
     general_model_figure,
     linearity_figure,
+    response_curve_figure,
     snr_figure,
 )
 from photosite.report.page import (
@@ -49,7 +56,6 @@ from photosite.report.tables import (
     interval_text,
     linear_range_table,
     parameter_tables,
-    readout_channel_table,
     response_curve_tables,
 )
 from photosite.values.uncertain import Missing
@@ -245,7 +251,7 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("Sensitivity", (*_or_reason(calibration, "response", no_light), *ranges)),
         Section(
             "Photon transfer",
-            (*_or_reason(calibration, "photon_transfer", no_light), *response_curve_tables(calibration.response_curve)),
+            (*_or_reason(calibration, "photon_transfer", no_light), *_response_curves(calibration)),
         ),
         Section("Signal-to-noise ratio", _snr_blocks(calibration)),
         Section("Linearity", _linearity_blocks(calibration)),
@@ -253,7 +259,8 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("Dark current", _dark_blocks(calibration)),
         Section("Charge transfer", _transfer_blocks(calibration)),
         Section("Noise in the dark", temporal_blocks(calibration)),
-        Section("Nonuniformity", (*nonuniformity_blocks(calibration), *_readout_channels(calibration))),
+        Section("Nonuniformity", nonuniformity_blocks(calibration)),
+        Section("Rows, columns and readout channels", line_blocks(calibration)),
         Section("Defects", (*defect_blocks(calibration), *outlier_pixel_blocks(calibration))),
     )
 
@@ -289,9 +296,17 @@ def _transfer_figure(found: TransferLoss) -> tuple[Block, ...]:
     )
 
 
-def _readout_channels(calibration: Calibration) -> tuple[Table, ...]:
-    channels = calibration.readout_channels
-    return () if channels is None else (readout_channel_table(channels),)
+def _response_curves(calibration: Calibration) -> tuple[Block, ...]:
+    """Return figure and tables of the response curves, if the response bends."""
+    if not (curves := calibration.response_curve):
+        return ()
+    figure = figure_block(
+        response_curve_figure(curves),
+        "Deviation of the response from a straight one against the signal, with its 95 % band",
+        "Response curve: deviation of the signal from a straight response with the gain at small signal. The bands are "
+        "95 % intervals. Hollow: deviation of the light from what is stated, where it is beyond chance.",
+    )
+    return figure, *response_curve_tables(curves)
 
 
 def _or_reason(calibration: Calibration, kind: str, lacking: str) -> tuple[Block, ...]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from photosite.calibration.chip_maps.defect_groups import SHAPES, DefectGroup, group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.parameters import parameter_label
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
 from photosite.report.figures.chip import (
@@ -21,6 +22,7 @@ from photosite.report.figures.chip import (
     spectrogram_figure,
     telegraph_figure,
 )
+from photosite.report.figures.lines import line_pattern_figure, readout_channels_figure
 from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.report.page import (
     Block,
@@ -36,7 +38,7 @@ from photosite.report.page import (
     numeric,
     reason_block,
 )
-from photosite.report.tables import format_estimate, interval_text
+from photosite.report.tables import format_estimate, interval_text, readout_channel_table
 from photosite.sensor.chip import DefectKind, Defects
 from photosite.values.uncertain import Missing
 
@@ -147,6 +149,48 @@ def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
             )
         )
     return (*blocks, Subheading("Histograms"), *_of_kinds(found, _histogram))
+
+
+_LINE_NOISE = {
+    "row_noise_e": "noise\nof rows",
+    "column_noise_e": "noise\nof columns",
+    "row_offset_e": "offsets\nof rows",
+    "column_offset_e": "offsets\nof columns",
+}
+_LINE_GAIN = {"column_gain_percent": "gains\nof columns"}
+
+
+def line_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return temporal noise and fixed pattern of rows and columns, and the readout channels, if they differ."""
+    names = (*_LINE_NOISE, *_LINE_GAIN)
+    estimates = {name: getattr(calibration, name) for name in names}
+    blocks: list[Block] = []
+    if any(entry.value is not None for entry in estimates.values()):
+        noise, gains = ({text: estimates[name] for name, text in part.items()} for part in (_LINE_NOISE, _LINE_GAIN))
+        blocks.append(
+            figure_block(
+                line_pattern_figure(noise, gains),
+                "Standard deviations of rows and columns with 95 % intervals",
+                "Noise of rows and columns changes from frame to frame; offsets and gains are fixed. Lines are 95 % "
+                "intervals; a hollow point is a variance that came out negative, with its upper limit.",
+            )
+        )
+        shown = {parameter_label(name): entry for name, entry in estimates.items() if entry.value is not None}
+        rows = tuple((at.label, format_estimate(e), at.unit, interval_text(e)) for at, e in shown.items())
+        titles = columns("Quantity", numeric("Value"), "Unit", "95 % interval")
+        blocks.append(Table("Rows and columns, standard deviations", titles, rows))
+    else:
+        blocks.append(reason_block(estimates["row_offset_e"].reason or "the lines were not analyzed"))
+    if (channels := calibration.readout_channels) is not None:
+        blocks.append(
+            figure_block(
+                readout_channels_figure(channels),
+                "Gain and offset of each readout channel with 95 % intervals",
+                "Readout channels: deviation of their gains and offsets from the mean channel, with 95 % intervals.",
+            )
+        )
+        blocks.append(readout_channel_table(channels))
+    return tuple(blocks)
 
 
 def _analyses(calibration: Calibration) -> dict[str, SpatialAnalysis]:

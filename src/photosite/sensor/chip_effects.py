@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import read_only
 from photosite.engine.pixel_draws import chosen_pixels, single_deviate, telegraph_states
-from photosite.engine.pixel_model import DEVIATE_STEP, Exposure
-from photosite.engine.random_numbers import DEFECTS, DRIFT, HOT_PIXELS, TELEGRAPH, key_from_seed
+from photosite.engine.pixel_model import DEVIATE_STEP, Exposure, line_deviates
+from photosite.engine.random_numbers import DEFECTS, DRIFT, HOT_PIXELS, LINE_PATTERN, TELEGRAPH, key_from_seed
 from photosite.sensor.chip import Blinking, read_noise_deviates, serial_seed
 from photosite.sensor.drawn_readout import Part
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
@@ -82,6 +83,25 @@ def _glow_map(glow: Glow, rows: int, cols: int) -> FloatMap:
 def add_glow(rate: FloatMap, glow: Glow, sensor: Sensor, part: Part) -> None:
     """Add the glow to the dark current of a rectangle."""
     rate += _glow_map(glow, sensor.array.rows, sensor.array.cols)[part]
+
+
+def fixed_lines(pattern: LinePattern, serial: str, part: Part) -> tuple[_Floats, _Floats, _Floats]:
+    """Return the offsets of the rows and of the columns of a rectangle in electrons, and the columns' relative gains.
+
+    An effect of size 0 has one value for all lines, except for the gains.
+    """
+    key = key_from_seed(serial_seed(serial))
+
+    def drawn(lines: slice, word: int, spread: float) -> _Floats:
+        count = lines.stop - lines.start
+        return spread * line_deviates(lines.start, count, LINE_PATTERN, word, np.uint32(0), *key)
+
+    row_e, column_e = (
+        drawn(lines, word, size.value) if size.value else np.zeros(1)
+        for word, (lines, size) in enumerate(zip(part, (pattern.row_offset_e, pattern.column_offset_e), strict=True))
+    )
+    gain = 1.0 + drawn(part[1], 2, pattern.column_gain_percent.value / 100.0)
+    return row_e, column_e, np.maximum(gain, 0.0)
 
 
 def dead_pixels(defects: PixelDefects, sensor: Sensor) -> _Numbers:

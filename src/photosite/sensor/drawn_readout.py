@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import T, read_only
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn, line_deviates
+from photosite.engine.random_numbers import LINES
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.device import Device, computed
 from photosite.sensor.model import Sensor
@@ -49,7 +50,7 @@ def line_noise(
     """Return the offsets of rows and columns in one frame, DN, of standard deviations in DN; (1,) zero for none."""
     counter = exposure.frame, exposure.k0, exposure.k1
     rows, columns = (
-        spread * line_deviates(lines.start, lines.stop - lines.start, word, *counter) if spread else np.zeros(1)
+        spread * line_deviates(lines.start, lines.stop - lines.start, LINES, word, *counter) if spread else np.zeros(1)
         for word, (spread, lines) in enumerate(zip(spreads, part, strict=True))
     )
     return rows, columns

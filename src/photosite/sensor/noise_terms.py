@@ -94,18 +94,14 @@ class NoiseTerms:
     @property
     def dsnu_e2(self) -> float:
         """Variance of the offsets over the pixels, at a small signal."""
-        variance = self.sensor.electrons(self.sensor.noise.dsnu_mv.value) ** 2
-        if (channels := self._effects.readout_channels) is not None:
-            variance += float(channels.tables()[1].var())
+        variance = self.sensor.electrons(self.sensor.noise.dsnu_mv.value) ** 2 + self._effects.line_variances[0]
         return variance / self.multiplication**2
 
     @property
     def prnu2(self) -> float:
         """Relative variance of the response over the pixels."""
-        variance = (self.sensor.noise.prnu_percent.value / 100.0) ** 2 * self.independent_share
-        if (channels := self._effects.readout_channels) is not None:
-            variance += float(channels.tables()[0].var())
-        return variance
+        of_pixels = (self.sensor.noise.prnu_percent.value / 100.0) ** 2 * self.independent_share
+        return of_pixels + self._effects.line_variances[1]
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array] | None:

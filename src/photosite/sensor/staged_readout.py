@@ -25,6 +25,7 @@ from photosite.sensor.chip_effects import (
     add_telegraph_noise,
     border_parts,
     drift_e,
+    fixed_lines,
     noise_ratio,
     set_dead_pixels,
     set_stuck_pixels,
@@ -231,13 +232,18 @@ def _conversion(
 ) -> ConversionMaps:
     """Return what converts the charge of a rectangle."""
     row_group, tables = np.zeros(1, np.int64), (np.ones((1, 1)), np.zeros((1, 1)))
-    if (channels := effects.readout_channels) is not None:
+    drawn = sensor.maps is None  # measured maps hold the pattern of channels, rows and columns
+    if drawn and (channels := effects.readout_channels) is not None:
         row_group, column_group = channels.groups(sensor.array.rows, sensor.array.cols)
         row_group, tables = row_group[part[0]], tuple(table[:, column_group[part[1]]] for table in channels.tables())
     curve, step = np.zeros(1), 1.0
     if effects.response_curve is not None:
         curve, step = effects.response_curve.nodes(exposure.well_capacity_e)
     row_dn, column_dn = line_noise(pattern.line_noise_dn, part, exposure)
+    if drawn and (lines := effects.line_pattern) is not None:
+        row_e, column_e, column_gain = fixed_lines(lines, sensor.serial, part)
+        row_dn, column_dn = row_dn + row_e * exposure.gain_dn_per_e, column_dn + column_e * exposure.gain_dn_per_e
+        tables = tables[0] * column_gain, tables[1]
     if effects.black_level_drift is not None:
         row_dn = row_dn + drift_e(effects.black_level_drift, exposure) * exposure.gain_dn_per_e
     return ConversionMaps(

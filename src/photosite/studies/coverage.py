@@ -478,6 +478,7 @@ class Condition:
     uneven: bool = False  # whether the read noise differs between pixels, some of which blink
     maps: bool = False  # whether the maps of the chip are measured, too
     captures: bool = False  # a charge read with two gains, and a smaller photodiode
+    pattern: Range | None = None  # fixed offsets of rows and of columns over the DSNU, gains of columns in percent
     disturbed: Draw | None = None  # what disturbs the frames, which a plain camera then makes
 
     def sensor(self, number: int) -> Sensor:
@@ -529,11 +530,13 @@ class Condition:
                     "dcnu_percent": between(10.0, 50.0),
                 },
                 "readout": {"bits": self.bits, "analog_gain": analog_gain, "black_level_dn": black},
-                "effects": self._effects(between, number, read_dn / gain),
+                "effects": self._effects(between, number, read_dn / gain, dsnu_dn / gain),
             }
         )
 
-    def _effects(self, between: Callable[[float, float], float], number: int, read_e: float) -> dict[str, Any] | None:
+    def _effects(
+        self, between: Callable[[float, float], float], number: int, read_e: float, dsnu_e: float
+    ) -> dict[str, Any] | None:
         """Return the section of effects; None without any."""
         effects: dict[str, Any] = {}
         sign = 1.0 if number // 2 % 2 else -1.0
@@ -545,6 +548,9 @@ class Condition:
         if self.uneven:
             effects["read_noise_spread"] = {"log_spread": between(0.1, 0.4)}
             effects["telegraph_noise"] = {"fraction": between(0.02, 0.1), "amplitude_e": read_e * between(1.0, 10.0)}
+        if self.pattern is not None:
+            offsets = {f"{line}_offset_e": between(*self.pattern) * dsnu_e for line in ("row", "column")}
+            effects["line_pattern"] = offsets | {"column_gain_percent": between(*self.pattern)}
         if self.coupling_percent is not None:
             share = between(*self.coupling_percent)
             effects["interpixel_capacitance"] = {"coupling_percent": share, "diagonal_percent": 0.1 * share}
@@ -680,6 +686,11 @@ CONDITIONS: dict[str, Condition] = {
         Condition(
             "channels-mono-12", "gains of odd and even columns that differ by 1 to 4 %; 192 x 256 pixels", "mono",
             12, 192, 256, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, channels_percent=(1.0, 4.0),
+        ),
+        Condition(
+            "pattern-mono-12", "fixed offsets of rows and columns of 0.1 to 1 times the DSNU, gains of columns of 0.1 "
+            "to 1 %", "mono",
+            12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, pattern=(0.1, 1.0),
         ),
         Condition(
             "crosstalk-mono-12", "crosstalk of 0.5 to 3 % of the charge to each next pixel", "mono",

@@ -13,6 +13,8 @@ from photosite.camera.optical_stack import channel_mixing
 from photosite.color.spectrum import integration_weights
 from photosite.optics.lens import Optics
 from photosite.scene.scene import Scene
+from photosite.sensor.effects.line_pattern import LinePattern
+from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import channel_sites
@@ -69,18 +71,16 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     gain = sensor.system_gain_dn_per_e
     coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
     averaged = 1.0 if coupling is None else math.sqrt(coupling.variance_share)
-    relative, offset_e = _channels(sensor)
+    offset_e, of_lines = _lines(sensor)
+    pattern = (sensor.effects or Effects()).line_pattern or LinePattern()
     telegraph = None if sensor.effects is None else sensor.effects.telegraph_noise
     blinking_e = 0.0 if telegraph is None else math.sqrt(telegraph.variance_e2)
     read_mv, dsnu_mv = (
         math.hypot(spread.value, more_e / sensor.electrons(1.0))
-        for spread, more_e in ((noise.read_noise_mv, blinking_e), (noise.dsnu_mv, float(offset_e.std())))
+        for spread, more_e in ((noise.read_noise_mv, blinking_e), (noise.dsnu_mv, offset_e))
     )
     read_e, dsnu_e = sensor.electrons(read_mv), sensor.electrons(dsnu_mv)
-    of_channels = 100.0 * float(relative.std())
-    prnu, dcnu = (
-        math.hypot(averaged * spread.value, of_channels) for spread in (noise.prnu_percent, noise.dcnu_percent)
-    )
+    prnu, dcnu = (math.hypot(averaged * spread.value, of_lines) for spread in (noise.prnu_percent, noise.dcnu_percent))
     capacity_e = sensor.saturation_capacity_e
     threshold_e = math.sqrt(read_e**2 + QUANTISATION_DN2 / gain**2 + 0.25) + 0.5
     truth = {
@@ -92,6 +92,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "dsnu_e": dsnu_e,
         "dsnu_mv": dsnu_mv,
         "prnu_percent": prnu,
+        **{name: entry.value for name, entry in pattern},
         "interpixel_coupling_percent": 0.0 if coupling is None else coupling.coupling_percent.value,
         "dark_voltage_mv_per_s": noise.dark_voltage_mv_per_s.value,
         "dark_current_dn_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value) * gain,
@@ -131,6 +132,12 @@ def _channels(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     return relative / relative.mean(), offset_e
 
 
+def _lines(sensor: Sensor) -> tuple[float, float]:
+    """Return the standard deviations of rows, columns and readout channels: offsets in electrons, gains in percent."""
+    offset, gain = (0.0, 0.0) if sensor.effects is None else sensor.effects.line_variances
+    return math.sqrt(offset), 100.0 * math.sqrt(gain)
+
+
 def _line_noise(sensor: Sensor) -> dict[str, float]:
     truth: dict[str, float] = {}
     for name in ("row_noise", "column_noise"):
@@ -157,7 +164,9 @@ def full_well_reading_dn(sensor: Sensor) -> float:
     if sensor.effects is not None and (curve := sensor.effects.response_curve) is not None:
         full_e = float(curve.signal_e(well_e, well_e))
     mean = sensor.readout.black_level_dn.value + full_e * sensor.system_gain_dn_per_e
-    sigma = math.hypot(sensor.noise.read_noise_mv.value, sensor.noise.dsnu_mv.value) / sensor.mv_per_dn
+    offset_dn = _lines(sensor)[0] * sensor.system_gain_dn_per_e
+    spread_mv = math.hypot(sensor.noise.read_noise_mv.value, sensor.noise.dsnu_mv.value)
+    sigma = math.hypot(spread_mv / sensor.mv_per_dn, offset_dn)
     top = int(sensor.white_level_dn)
     if sigma == 0:
         return float(min(math.floor(mean + 0.5), top))
@@ -195,7 +204,8 @@ def variance_peak_e(sensor: Sensor) -> float:
     from scipy.special import ndtr
 
     noise = sensor.noise
-    read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
+    read_e = sensor.electrons(noise.read_noise_mv.value)
+    dsnu_e = math.hypot(sensor.electrons(noise.dsnu_mv.value), _lines(sensor)[0])
     limit_e = sensor.saturation_capacity_e
     by_well = sensor.pixel.well_capacity_e.value <= limit_e
     # The well clips electrons before read noise and offset are added; the converter clips their sum.
@@ -203,8 +213,11 @@ def variance_peak_e(sensor: Sensor) -> float:
     nodes, weights = np.polynomial.hermite_e.hermegauss(21)
     gains = _channels(sensor)[0].ravel()
 
+    lines = (sensor.effects or Effects()).line_pattern or LinePattern()
+    response = math.hypot(noise.prnu_percent.value, lines.column_gain_percent.value) / 100
+
     def variance(electrons: NDArray[np.float64], limit_e: float) -> NDArray[np.float64]:
-        mean = electrons + nodes * np.hypot(noise.prnu_percent.value / 100 * electrons, 0.0 if by_well else dsnu_e)
+        mean = electrons + nodes * np.hypot(response * electrons, 0.0 if by_well else dsnu_e)
         sigma = np.sqrt(electrons + inside)
         a = (limit_e - mean) / sigma
         density = np.exp(-0.5 * a**2) / math.sqrt(2 * math.pi)
@@ -232,9 +245,8 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
     """Return true parameters with the definitions that a calibration used.
 
     Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
-    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames. The virtual chip's
-    pattern has no row or column component. Where pixels are coupled, their mean clips in another way: parameters at
-    saturation are left out.
+    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames. Where pixels are
+    coupled, their mean clips in another way: parameters at saturation are left out.
     """
     truth = dict(truth)
     spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
@@ -242,12 +254,12 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
     truth["dsnu1288_e"] = math.sqrt(truth["dsnu_e"] ** 2 + spread**2 * float(np.mean(np.square(exposures))))
     of_channels = 100.0 * float(_channels(sensor)[0].std())
     truth |= {
-        "dsnu1288_row_e": 0.0,
-        "dsnu1288_column_e": 0.0,
-        "dsnu1288_pixel_e": truth["dsnu1288_e"],
+        "dsnu1288_row_e": truth["row_offset_e"],
+        "dsnu1288_column_e": truth["column_offset_e"],
+        "dsnu1288_pixel_e": _less(truth["dsnu1288_e"], truth["row_offset_e"], truth["column_offset_e"]),
         "prnu1288_row_percent": 0.0,
-        "prnu1288_column_percent": 0.0,
-        "prnu1288_pixel_percent": math.sqrt(truth["prnu1288_percent"] ** 2 - of_channels**2),
+        "prnu1288_column_percent": truth["column_gain_percent"],
+        "prnu1288_pixel_percent": _less(truth["prnu1288_percent"], of_channels, truth["column_gain_percent"]),
         "prnu1288_unfiltered_percent": truth["prnu1288_percent"],
     }
     if of_channels:
@@ -264,3 +276,8 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
         truth["snr_max_db"] += 10 * math.log10(new / old)
         truth["dynamic_range_db"] += 20 * math.log10(new / old)
     return truth
+
+
+def _less(whole: float, *parts: float) -> float:
+    """Return a standard deviation without parts of it."""
+    return math.sqrt(max(whole**2 - sum(part**2 for part in parts), 0.0))

@@ -12,7 +12,8 @@ import numpy as np
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
-from photosite.sensor.effects.readout_channels import ReadoutChannels
+from photosite.sensor.effects.line_pattern import LinePattern
+from photosite.sensor.effects.model import Effects
 from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import maps_path
@@ -73,7 +74,10 @@ def measured_sensor(calibration: Calibration) -> Sensor:
                 note = f"{source}; the estimate is {estimate.value:.3g}, not distinguishable from 0"
                 changes[field] = Measured(0.0, changes[field].standard_uncertainty, note)
             uncertain[field] = estimate.uncertain
-    _take_off_channels(calibration.readout_channels, changes)
+    changes["line_pattern"] = lines = _line_pattern(calibration, source)
+    found = Effects(readout_channels=calibration.readout_channels, line_pattern=lines)
+    if found.line_variances != (0.0, 0.0):
+        _take_off_lines(found, changes)
     well = well_capacity(calibration)
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
@@ -125,19 +129,35 @@ def _border_of(calibration: Calibration) -> Border:
     return border if size == (base.array.rows, base.array.cols) else (0, 0, 0, 0)
 
 
-def _take_off_channels(channels: ReadoutChannels | None, changes: dict[str, Measured]) -> None:
-    """Subtract the variance of readout channels from PRNU, DCNU and DSNU, because the file states both."""
-    if channels is None:
-        return
-    gain, offset_e = channels.tables()
+BEYOND_CHANCE = 6.0
+"""Value over standard uncertainty of the spread of lines above which a sensor file has it: a variance of about 3.6
+uncertainties. Of 1000 sensors without a pattern, two have one of the three by chance."""
+
+
+def _line_pattern(calibration: Calibration, source: str) -> LinePattern | None:
+    """Return the fixed pattern of rows and columns that is beyond chance; parts that are missing are the base's."""
+    assumed = None if calibration.base is None or (base := calibration.base.effects) is None else base.line_pattern
+    found = {}
+    for name, usual in assumed or LinePattern():
+        entry: Estimate = getattr(calibration, name)
+        if entry.value is None:
+            found[name] = usual
+        elif entry.value > BEYOND_CHANCE * (entry.standard_uncertainty or 0.0):
+            found[name] = entry.measured(source)
+    return LinePattern(**found) if any(part.value for part in found.values()) else None
+
+
+def _take_off_lines(effects: Effects, changes: dict[str, Any]) -> None:
+    """Subtract the variances of lines and readout channels from DSNU, PRNU and DCNU, because the file states both."""
+    offset_e2, gain = effects.line_variances
     conversion = changes[CONVERSION].value
-    of_gain, of_offset = 100.0 * float(gain.std()), 1e-3 * conversion * float(offset_e.std())
-    for name, spread in (("prnu_percent", of_gain), ("dcnu_percent", of_gain), ("dsnu_mv", of_offset)):
-        if name in changes and spread > 0.0:
+    of_offsets = (1e-3 * conversion) ** 2 * offset_e2
+    for name, taken in (("prnu_percent", 1e4 * gain), ("dcnu_percent", 1e4 * gain), ("dsnu_mv", of_offsets)):
+        if name in changes and taken > 0.0:
             whole = changes[name]
-            variance = Uncertain.of(whole.value**2 - spread**2, 2.0 * whole.value * whole.standard_uncertainty)
+            variance = Uncertain.of(whole.value**2 - taken, 2.0 * whole.value * whole.standard_uncertainty)
             rest = standard_deviation(variance)
-            note = f"{whole.source}; without the readout channels"
+            note = f"{whole.source}; without rows, columns and readout channels"
             if rest.value < 0.0:
                 note += f", the estimate is {rest.value:.3g}, not distinguishable from 0"
             changes[name] = Measured(max(rest.value, 0.0), rest.standard_uncertainty, note)

@@ -1,4 +1,4 @@
-"""Regular structure of flat fields: a mosaic not stated, its wrong phase, unequal readout channels, and taps."""
+"""Regular structure of mean frames: a mosaic not stated, its wrong phase, unequal readout channels, and taps."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ CELL = 12
 LEAST_CELLS = 16
 """Cells below which a frame is too small to show a period."""
 
+_NORMAL_DEVIATION = 1.4826
+"""Standard deviation over the median deviation, of normal noise."""
+
 MOST_CELLS = 64
 """Cells along each side of the frame that are compared, evenly spaced."""
 
@@ -44,27 +47,35 @@ SAME_CHANNEL = 0.15
 READOUT_SHARE = 0.002
 """Difference above which places of a period are reported as readout channels of different response."""
 
+LEAST_DARK_OFFSET = 0.1
+"""Difference between places of a period in dark frames, in standard deviations of their pixels, below which nothing is
+reported."""
+
 BY_CHANCE = 1e-4
-"""Share of flat fields without a period in which one of the places may deviate beyond chance."""
+"""Share of mean frames without a period in which one of the places may deviate beyond chance."""
 
 
 @dataclass(frozen=True)
 class PeriodicStructure:
-    """Signal of a flat at the places of a period, relative to the mean of the channel.
+    """Signal of a flat at the places of a period, relative to the mean of the channel; or level of a dark frame.
 
     Parameters
     ----------
     relative
-        (period, period) signal over that of the channel's mean; 1 where the pixels respond alike.
+        (period, period) signal over that of the channel's mean, 1 where the pixels respond alike. In dark frames, the
+        level less the mean of all places, DN.
     chance
         Deviation of one place that chance explains.
     uncertainty
         Standard uncertainty of one row or column, where only these differ.
+    dark
+        Whether the frames are dark frames.
     """
 
     relative: NDArray[np.float64]
     chance: float
     uncertainty: float = 0.0
+    dark: bool = False
 
     @property
     def period(self) -> int:
@@ -73,7 +84,7 @@ class PeriodicStructure:
 
     @property
     def difference(self) -> float:
-        """Difference between the highest and the lowest place, as a share of the signal."""
+        """Difference between the highest and the lowest place, as a share of the signal or in DN."""
         return float(self.relative.max() - self.relative.min())
 
     @property
@@ -89,7 +100,19 @@ class PeriodicStructure:
         """Return whether the structure is that of a mosaic whose channels are not stated, or not as they are."""
         return self.difference > (FILTER_SHARE if self.by_lines else MOSAIC_SHARE)
 
+    @property
+    def of_channels(self) -> NDArray[np.float64]:
+        """The values as a table of readout channels: one row where only columns differ, one column where only rows."""
+        axis = {"columns": 0, "rows": 1}.get(self.by_lines)
+        return self.relative if axis is None else self.relative.mean(axis=axis, keepdims=True)
+
     def __str__(self) -> str:
+        if self.dark:
+            return (
+                f"the dark frames differ by {self.difference:.2g} DN with a period of {self.period} "
+                f"{self.by_lines or 'pixels'}, as with readout channels of different offset; DSNU includes this "
+                f"difference"
+            )
         percent = f"{100.0 * self.difference:.2g} %"
         if not self.of_mosaic():
             filters = " or a striped color filter array that is not stated" * (self.difference > MOSAIC_SHARE)
@@ -201,17 +224,37 @@ def periodic_structure(
     >>> found.relative.round(1).tolist(), found.bayer_patterns()
     ([[0.7, 1.2], [1.2, 0.8]], ('RGGB', 'BGGR'))
     """
-    rows, cols = (length // CELL for length in flat.shape)
+    return _periodic(flat - dark, tile)
+
+
+def periodic_offsets(dark: NDArray[np.float64]) -> PeriodicStructure | None:
+    """Return the periodic structure of a (rows, cols) mean dark frame, DN; None within chance.
+
+    Examples
+    --------
+    >>> dark = np.random.default_rng(1).normal(64.0, 1.0, (96, 96))
+    >>> periodic_offsets(dark) is None
+    True
+    >>> dark[:, ::2] += 2.0
+    >>> periodic_offsets(dark).of_channels.round(1).tolist()
+    [[1.0, -1.0]]
+    """
+    return _periodic(dark, np.zeros((1, 1), np.int64), dark=True)
+
+
+def _periodic(signal: NDArray[np.float64], tile: NDArray[np.int64], *, dark: bool = False) -> PeriodicStructure | None:
+    """Return the periodic structure of a mean frame, which has no light where it is `dark`."""
+    rows, cols = (length // CELL for length in signal.shape)
     if rows * cols < LEAST_CELLS or min(rows, cols) < 2 or CELL % tile.shape[0] or CELL % tile.shape[1]:
         return None
-    signal = flat[: rows * CELL, : cols * CELL] - dark[: rows * CELL, : cols * CELL]
+    signal = signal[: rows * CELL, : cols * CELL]
     # The median of the cells keeps defects and shading from standing out as a period.
     cells = signal.reshape(rows, CELL, cols, CELL).swapaxes(1, 2)
     step_rows, step_cols = (-(-count // MOST_CELLS) for count in (rows, cols))
     cells = cells[::step_rows, ::step_cols]
     # Leave out rows and columns of cells with parts that no light reached.
     level = np.median(cells, axis=(2, 3))
-    lit = level > LEAST_LIGHT * np.median(level)
+    lit = dark | (level > LEAST_LIGHT * np.median(level))
     lit_cols = lit.mean(axis=0) > 0.5
     lit_rows = lit[:, lit_cols].all(axis=1)
     cells, level = cells[lit_rows][:, lit_cols], level[lit_rows][:, lit_cols]
@@ -219,28 +262,34 @@ def periodic_structure(
         return None
     labels = np.tile(tile, (CELL // tile.shape[0], CELL // tile.shape[1]))
     # Shading tilts all cells alike.
-    tilt = [np.gradient(level, axis=axis) / level / (CELL * step) for axis, step in enumerate((step_rows, step_cols))]
+    unit = 1.0 if dark else level
+    tilt = [np.gradient(level, axis=axis) / unit / (CELL * step) for axis, step in enumerate((step_rows, step_cols))]
     away = np.arange(CELL) - 0.5 * (CELL - 1)
     ramp = tilt[0][..., None, None] * away[:, None] + tilt[1][..., None, None] * away
-    places = _places(cells, labels, ramp, np.zeros_like(labels))
+    places = _places(cells, labels, ramp, np.zeros_like(labels), dark=dark)
     if places is None:
         return None
     relative, by_rows, by_cols = places
+    least = LEAST_DARK_OFFSET * _NORMAL_DEVIATION * float(np.median(np.abs(cells - level[..., None, None])))
     chance = {period: _chance((by_rows, by_cols), period) for period in (*PERIODS[1:], CELL)}
     for period in PERIODS:
         folded = _fold(relative, period)[0]
         rest = relative - np.tile(folded, (CELL // period, CELL // period))
-        found = PeriodicStructure(folded, chance.get(period, 0.0))
+        found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark)
         limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
-            if found.difference <= READOUT_SHARE:
+            if found.difference <= (least if dark else READOUT_SHARE):
                 return None
             return _with_lines(found, cells, labels, ramp)
     return None
 
 
-def _places(cells: Array, labels: NDArray[np.int64], ramp: Array, phase: NDArray[np.int64]) -> list[Array] | None:
+def _places(
+    cells: Array, labels: NDArray[np.int64], ramp: Array, phase: NDArray[np.int64], *, dark: bool
+) -> list[Array] | None:
     """Return the signal at the places of a cell over that of the channel, and those of rows and columns of cells.
+
+    In dark frames it is the level less that of the cell.
 
     The signal of the channel in a cell is the mean of the medians of its places of each `phase`: a single median lies
     between phases of different signal and follows the values above and below, which makes them more alike.
@@ -251,11 +300,12 @@ def _places(cells: Array, labels: NDArray[np.int64], ramp: Array, phase: NDArray
         inside = labels == channel
         medians = [np.median(cells[:, :, inside & (phase == k)], axis=2) for k in np.unique(phase[inside])]
         usual = np.mean(medians, axis=0)[..., None]
-        if not (usual > 0.0).all():
+        if not (dark or (usual > 0.0).all()):
             return None
-        scaled = cells[:, :, inside] / usual - ramp[:, :, inside]
+        values = cells[:, :, inside]
+        scaled = (values - usual if dark else values / usual) - ramp[:, :, inside]
         place = np.median(scaled, axis=(0, 1))
-        found[0][inside] = place / place.mean()
+        found[0][inside] = place - place.mean() if dark else place / place.mean()
         found[1][:, inside], found[2][:, inside] = np.median(scaled, axis=1), np.median(scaled, axis=0)
     return found
 
@@ -265,7 +315,7 @@ def _with_lines(found: PeriodicStructure, cells: Array, labels: NDArray[np.int64
     if not (lines := found.by_lines):
         return found
     phase = np.broadcast_to(np.arange(CELL) % found.period, (CELL, CELL))
-    places = _places(cells, labels, ramp, phase if lines == "columns" else phase.T)
+    places = _places(cells, labels, ramp, phase if lines == "columns" else phase.T, dark=found.dark)
     if places is None:
         return found
     relative, by_rows, by_cols = places

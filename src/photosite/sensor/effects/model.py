@@ -13,6 +13,7 @@ from photosite.sensor.effects.em_gain import EmGain
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
+from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.optical_black import OpticalBlack
 from photosite.sensor.effects.output import Output
 from photosite.sensor.effects.pixel_defects import PixelDefects
@@ -39,6 +40,12 @@ class Effects(Section):
     )
     readout_channels: ReadoutChannels | None = about(
         "Gains and offsets of readout channels.", NO_UNIT, {"relative_gain": [[1.01, 0.99]]}, default=None
+    )
+    line_pattern: LinePattern | None = about(
+        "Fixed offsets of rows and columns, and gains of columns.",
+        NO_UNIT,
+        {"column_offset_e": 2.0, "column_gain_percent": 0.3},
+        default=None,
     )
     blooming: Blooming | None = about(
         "Charge above the full well flows along the column.", NO_UNIT, {"drained": 0.9}, default=None
@@ -130,6 +137,24 @@ class Effects(Section):
         """The effects that sensors with several captures of one exposure cannot have."""
         names = "blooming", "charge_transfer", "em_gain", "interpixel_capacitance", "output"
         return [name for name in names if getattr(self, name) is not None]
+
+    @property
+    def line_variances(self) -> tuple[float, float]:
+        """Variance over pixels of fixed offsets, e-^2, and of relative gains: of rows, columns and readout channels.
+
+        Examples
+        --------
+        >>> Effects(line_pattern={"row_offset_e": 3, "column_gain_percent": 1}).line_variances
+        (9.0, 0.0001)
+        """
+        offset, gain = 0.0, 0.0
+        if (lines := self.line_pattern) is not None:
+            offset = lines.row_offset_e.value**2 + lines.column_offset_e.value**2
+            gain = (lines.column_gain_percent.value / 100.0) ** 2
+        if (channels := self.readout_channels) is not None:
+            gains, offsets = channels.tables()
+            offset, gain = offset + float(offsets.var()), gain + float((gains / gains.mean()).var())
+        return offset, gain
 
     def with_dark_current(self, ratio: float) -> Effects:
         """Return the effects with a dark current that is larger or smaller by a ratio: that of hot pixels.

@@ -1,0 +1,27 @@
+"""Fixed pattern of whole rows and columns: offsets of rows and columns, gains of columns."""
+
+from __future__ import annotations
+
+from photosite.sensor.quantity import NotNegative, ResponseSpread, about
+from photosite.values.uncertain import Measured
+from photosite.values.validated import Section
+
+
+class LinePattern(Section):
+    """Standard deviations over the rows and columns of a chip, normal and drawn from its serial.
+
+    Examples
+    --------
+    >>> LinePattern(column_offset_e=2.0, column_gain_percent=0.3).row_offset_e.value
+    0.0
+    """
+
+    row_offset_e: NotNegative = about(
+        "Fixed offsets of the rows, standard deviation.", "e-", 0.5, default=Measured(0.0)
+    )
+    column_offset_e: NotNegative = about(
+        "Fixed offsets of the columns, standard deviation.", "e-", 2.0, default=Measured(0.0)
+    )
+    column_gain_percent: ResponseSpread = about(
+        "Gains of the columns relative to their mean, standard deviation.", "%", 0.3, default=Measured(0.0)
+    )

@@ -1,0 +1,53 @@
+"""Figures of rows, columns, readout channels and the response curve show values and intervals."""
+
+import numpy as np
+import pytest
+
+from photosite.calibration.photon_transfer.response_curve import ResponseCurve
+from photosite.report.figures.lines import line_pattern_figure, readout_channels_figure
+from photosite.report.figures.response import response_curve_figure
+from photosite.sensor.effects.readout_channels import ReadoutChannels
+from photosite.values.estimate import Estimate
+from photosite.values.uncertain import Measured, Uncertain
+
+
+def points(axes):
+    """All points of the axes, by place."""
+    return dict(sorted((x, y) for line in axes.lines for x, y in zip(*line.get_data(), strict=True)))
+
+
+def test_channels_are_drawn_with_gains_in_percent_and_offsets():
+    gains = ((Measured(1.02, 0.001), Measured(0.98, 0.001)),)
+    figure = readout_channels_figure(ReadoutChannels(relative_gain=gains, offset_e=((3.0, -3.0),)))
+    assert [axes.get_ylabel() for axes in figure.axes] == ["gain deviation (%)", "offset (e⁻)"]
+    drawn = figure.axes[0].lines[0].get_data()[1]
+    assert drawn == pytest.approx([2.0, -2.0])
+    ends = figure.axes[0].collections[0].get_segments()[0][:, 1]
+    assert np.ptp(ends) == pytest.approx(2 * 1.96 * 0.1, rel=1e-3)
+    assert len(readout_channels_figure(ReadoutChannels(offset_e=((3.0, -3.0),))).axes) == 1
+
+
+def test_lines_without_an_estimate_are_left_out_and_negative_ones_are_hollow_at_zero():
+    noise = {
+        "known": Estimate(2.0, 0.1),
+        "below": Estimate(-0.5, 0.4, upper_limit_95=0.6),
+        "missing": Estimate(reason="no dark frames"),
+    }
+    axes = line_pattern_figure(noise, {"missing": Estimate(reason="no flat fields")}).axes
+    assert len(axes) == 1
+    assert points(axes[0]) == {0.0: 2.0, 1.0: 0.0}
+    hollow = [line for line in axes[0].lines if line.get_markerfacecolor() == "white"]
+    assert [list(line.get_data()[0]) for line in hollow] == [[1.0]]
+
+
+def test_the_response_curve_has_its_band():
+    bend = tuple(Uncertain.of(0.01 * i, 0.001 * i) for i in (1, 3, 2))
+    curve = ResponseCurve(Uncertain.of(0.5, 0.001), np.array([100.0, 300.0, 200.0]), bend, bend, None)
+    axes = response_curve_figure({"M": curve}).axes[0]
+    x, y = axes.lines[0].get_data()
+    assert list(x) == [100.0, 200.0, 300.0]
+    assert y == pytest.approx(100 * np.expm1([-0.01, -0.02, -0.03]))
+    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    low, high = curve.deviation_percent[1].interval_95
+    assert (band.min(), band.max()) == (pytest.approx(low), pytest.approx(curve.deviation_percent[0].interval_95[1]))
+    assert high > low
