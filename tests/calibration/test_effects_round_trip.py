@@ -29,9 +29,12 @@ def test_measured_curve_is_that_of_the_sensor() -> None:
     assert uncertainty[-1] < 0.5 * abs(expected[-1])
 
 
-def test_straight_response_has_no_curve() -> None:
-    lab = CONDITIONS["bright-mono-12"].lab(4)
-    assert calibrate(lab.frame_set()).sensor.effects is None
+def test_a_plain_sensor_has_no_effects_and_no_noise_of_rows_and_columns() -> None:
+    found = calibrate(CONDITIONS["bright-mono-12"].lab(4).frame_set())
+    noise = found.sensor.noise
+    assert found.sensor.effects is None
+    assert noise.row_noise_mv.value == noise.column_noise_mv.value == 0.0
+    assert noise.row_noise_mv.standard_uncertainty == found.row_noise_mv.standard_uncertainty > 0.0
 
 
 def test_readout_channels_are_measured_and_leave_prnu() -> None:

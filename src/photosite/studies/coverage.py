@@ -305,7 +305,7 @@ def measure_sensor(lab: VirtualLab | DisturbedLab, *, maps: bool = False) -> _Re
 def reported_effects(calibration: Calibration) -> tuple[str, ...]:
     """Return the names of the effects that a calibration reports.
 
-    Noise of rows and columns, and the distribution of the read noise, count where their 95 % interval is above 0.
+    Spreads, such as the noise of rows, count where they are `beyond_chance`.
     """
     temporal = calibration.temporal
     found = {
@@ -313,17 +313,13 @@ def reported_effects(calibration: Calibration) -> tuple[str, ...]:
         "readout channels": calibration.readout_channels is not None,
         "interpixel coupling": calibration.coupling is not None and calibration.coupling.seen,
         "flicker": calibration.flicker is not None,
-        "row noise": _above_zero(calibration.row_noise_dn),
-        "column noise": _above_zero(calibration.column_noise_dn),
-        "read noise spread": temporal is not None and _above_zero(temporal.read_noise_log_spread),
-        "blinking pixels": temporal is not None and _above_zero(temporal.blinking_fraction),
+        "row noise": calibration.row_noise_dn.beyond_chance,
+        "column noise": calibration.column_noise_dn.beyond_chance,
+        "read noise spread": temporal is not None and temporal.read_noise_log_spread.beyond_chance,
+        "blinking pixels": temporal is not None and temporal.blinking_fraction.value is not None,
         "warnings": bool(calibration.warnings),
     }
     return tuple(name for name, reported in found.items() if reported)
-
-
-def _above_zero(estimate: Estimate) -> bool:
-    return estimate.interval_95 is not None and estimate.interval_95[0] > 0.0
 
 
 def _measure_captures(lab: VirtualLab) -> _Result:

@@ -147,6 +147,9 @@ def upper_limit_95(variance: Uncertain) -> float | None:
 
 Interval = tuple[float, float]
 
+BEYOND_CHANCE = 6.0
+"""Value of a spread over its standard uncertainty from which it counts as found: a variance of 3.6 uncertainties."""
+
 
 @dataclass(frozen=True, slots=True)
 class Estimate(Shown):
@@ -207,6 +210,17 @@ class Estimate(Shown):
     def uncertain(self) -> Value:
         """The value with its sources, for further propagation."""
         return Missing(self.reason or "") if self.value is None else Uncertain(self.value, dict(self.parts))
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether a standard deviation is found beyond chance: fewer than 1 in 500 without a spread are.
+
+        Examples
+        --------
+        >>> [Estimate.of_variance(Uncertain.of(one, 1.0), "").beyond_chance for one in (2.0, 4.0)]
+        [False, True]
+        """
+        return self.value is not None and self.value > BEYOND_CHANCE * (self.standard_uncertainty or 0.0)
 
     def measured(self, source: str) -> Measured:
         """Return the estimate in the form of a sensor file.

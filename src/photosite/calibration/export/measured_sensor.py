@@ -42,13 +42,17 @@ _MEASURED_FIELDS = (
 )
 """Fields of a sensor file that have the names of measured parameters."""
 
+_EFFECTS = ("row_noise_mv", "column_noise_mv")
+"""Those that most sensors do not show: in a sensor file they are 0 unless they are found beyond chance."""
+
 
 def measured_sensor(calibration: Calibration) -> Sensor:
     """Return the base sensor with the measured values in place of the assumed ones.
 
     A base that is a preset does not give its name: the sensor is named after the folder or file of the frames.
     Parameters that could not be estimated keep their value. A negative estimate of a noise or nonuniformity is written
-    as 0 with its uncertainty, because a sensor file cannot hold a negative one; its source states the estimate.
+    as 0 with its uncertainty, because a sensor file cannot hold a negative one, and so is noise of rows or columns
+    within chance; the source states the estimate.
 
     Raises
     ------
@@ -70,7 +74,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         estimate: Estimate = getattr(calibration, field)
         if estimate.value is not None:
             changes[field] = estimate.measured(source)
-            if estimate.value < 0.0:
+            if estimate.value < 0.0 or (field in _EFFECTS and not estimate.beyond_chance):
                 note = f"{source}; the estimate is {estimate.value:.3g}, not distinguishable from 0"
                 changes[field] = Measured(0.0, changes[field].standard_uncertainty, note)
             uncertain[field] = estimate.uncertain
