@@ -27,7 +27,8 @@ from photosite.scene.charts import macbeth_reflectance
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
-from photosite.sensor.capture_readout import clean_captures, combined
+from photosite.sensor.capture_readout import combined
+from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.device import Device
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
@@ -461,8 +462,8 @@ class Camera(Shown):
     def clean_dn(self, mean_electrons: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the noise-free frame of mean electrons: black level plus gain times electrons, not rounded.
 
-        Well capacity and the highest number limit it as they limit a frame; noise, fixed pattern and dark current are
-        left out. With several captures it is their combination, which is rounded.
+        Wells, response curve, transfer and multiplication of charge and digital stages act as in a frame; noise, fixed
+        pattern and dark current are left out. With several captures it is their combination, which is rounded.
 
         Returns
         -------
@@ -477,13 +478,7 @@ class Camera(Shown):
         >>> camera.clean_dn(np.array([[798.0, 1e6]], np.float32)).round(2)
         array([[ 164., 4095.]], dtype=float32)
         """
-        sensor = self.sensor
-        if sensor.captures is not None:
-            clean = clean_captures(sensor, mean_electrons)
-            return np.asarray(combined(sensor, clean), np.float32)
-        filled = np.minimum(mean_electrons, np.float32(sensor.pixel.well_capacity_e.value))
-        dn = filled * np.float32(sensor.system_gain_dn_per_e) + np.float32(sensor.readout.black_level_dn.value)
-        return np.asarray(np.minimum(dn, np.float32(sensor.white_level_dn)), np.float32)
+        return clean_numbers(self.sensor, mean_electrons)
 
     def as_shot_neutral(self, light: Scene) -> str | None:
         """Return the signal of a uniform field in each channel, relative to the largest, for DNG's AsShotNeutral.

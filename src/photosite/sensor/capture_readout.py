@@ -142,20 +142,6 @@ def capture_scale(sensor: Sensor, name: str) -> CaptureScale:
     return CaptureScale(gain * captures.light(name), min(gain * well_e, head_room_dn))
 
 
-def clean_captures(sensor: Sensor, mean_electrons: NDArray[np.float32]) -> dict[str, NDArray[np.float64]]:
-    """Return the captures without noise, fixed pattern, dark current and rounding; light as of the sensor's pixel."""
-    captures, out = captures_of(sensor), {}
-    black_dn = sensor.readout.black_level_dn.value
-    for part in captures.parts:
-        one = part_sensor(sensor, part.name)
-        charge_e = mean_electrons * captures.light(part.name)
-        if part.charge == "overflow":
-            charge_e = np.maximum(charge_e - _well_e(part_sensor(sensor, str(part.charge_of))), 0.0)
-        signal_dn = np.minimum(charge_e, _well_e(one)) * one.system_gain_dn_per_e
-        out[part.name] = np.asarray(np.minimum(signal_dn + black_dn, sensor.white_level_dn), np.float64)
-    return out
-
-
 def combined(sensor: Sensor, frames: Mapping[str, NDArray[Any]]) -> CombinedNumbers:
     """Return the frame that a sensor outputs from its captures.
 

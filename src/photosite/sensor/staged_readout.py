@@ -62,7 +62,7 @@ def staged_frame(
     """Return the digital numbers of a rectangle of a sensor with effects; `mean_electrons` is that of the chip."""
     effects = sensor.effects or Effects()
     # The charge of a rectangle depends on that around it.
-    around, stages = _stages(sensor, effects, part, exposure)
+    around, stages = charge_stages(sensor, effects, part, exposure)
     wider = exposure._replace(first_row=around[0].start, first_col=around[1].start)
     if effects.blooming is not None:
         wider = wider._replace(well_capacity_e=_ANY_CHARGE_E)
@@ -147,7 +147,9 @@ def converted_charge(
     return frame_dn
 
 
-def _stages(sensor: Sensor, effects: Effects, part: Part, exposure: Exposure) -> tuple[Part, list[tuple[Any, ...]]]:
+def charge_stages(
+    sensor: Sensor, effects: Effects, part: Part, exposure: Exposure
+) -> tuple[Part, list[tuple[Any, ...]]]:
     """Return the rectangle whose charge that of a rectangle depends on, and the stages.
 
     A stage is a kernel, the order in which it takes rows and columns, and its arguments.
