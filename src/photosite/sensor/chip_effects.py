@@ -179,15 +179,10 @@ def _listed(defects: PixelDefects, kind: str, part: Part) -> Iterator[tuple[Part
             yield (row, col), one.value
 
 
-@lru_cache(maxsize=2)
-def _noise_map(spread: ReadNoiseSpread, serial: str, rows: int, cols: int) -> FloatMap:
-    deviates = read_noise_deviates(serial, rows, cols)
-    return read_only(spread.relative(deviates * np.float32(DEVIATE_STEP)).astype(np.float32))
-
-
 def noise_ratio(spread: ReadNoiseSpread, sensor: Sensor, part: Part) -> FloatMap:
     """Return the read noise of the pixels of a rectangle over its root mean square."""
-    return _noise_map(spread, sensor.serial, sensor.array.rows, sensor.array.cols)[part]
+    deviates = read_noise_deviates(sensor.serial, sensor.array.rows, sensor.array.cols)[part]
+    return spread.relative(deviates * np.float32(DEVIATE_STEP)).astype(np.float32)
 
 
 def telegraph_pixels(noise: TelegraphNoise, sensor: Sensor) -> tuple[_Numbers, _Floats, _Floats]:

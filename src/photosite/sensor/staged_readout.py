@@ -6,7 +6,8 @@ Each effect of `photosite.sensor.effects` changes one of the arrays here. `engin
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -78,29 +79,42 @@ def staged_frame(
 
 
 def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exposure: Exposure) -> FixedPattern:
-    """Return the maps of a rectangle of the chip."""
+    """Return the maps of a rectangle of the chip, with the states of its blinking pixels in a frame."""
     if measured is not None:
-        pattern = _measured_pattern(sensor, measured, part, exposure)
-    else:
-        pattern = _with_effects(_drawn_pattern(sensor, part), sensor, part, exposure)
-    prnu, rate, offset_e = pattern.prnu, pattern.dark_rate_e_per_s, pattern.offset_e
-    effects = sensor.effects
-    if effects is not None and effects.optical_black is not None and effects.border is not None:
-        prnu = whole(prnu, part)
-        for covered in border_parts(effects.border, sensor, part):
-            prnu[covered] = -1.0
-        if any(overscan := effects.optical_black.overscan(effects.corner)):
-            rate, offset_e = whole(rate, part), whole(offset_e, part)
-            for empty in border_parts(overscan, sensor, part):
-                rate[empty] = offset_e[empty] = 0.0
-    return FixedPattern(*map(read_only, (prnu, rate, offset_e, pattern.noise_e)), pattern.line_noise_dn)
+        return _lightless_border(_measured_pattern(sensor, measured, part, exposure), sensor, part)
+    corners = tuple((side.start, side.stop) for side in part)
+    described = sensor.serial, sensor.array, sensor.pixel, sensor.noise, sensor.effects
+    pattern = _lasting_pattern(_PartOfChip((*described, corners), sensor, part))
+    if sensor.effects is None or (telegraph := sensor.effects.telegraph_noise) is None:
+        return pattern
+    offset_e = whole(pattern.offset_e, part)
+    add_telegraph_noise(offset_e, telegraph, sensor, part, exposure)
+    for empty in _overscan(sensor, part):
+        offset_e[empty] = 0.0
+    return replace(pattern, offset_e=read_only(offset_e))
 
 
-def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: Exposure) -> FixedPattern:
-    """Return the maps of a drawn chip with the effects that change them; the maps given may be changed."""
+@dataclass(frozen=True)
+class _PartOfChip:
+    """A rectangle of a drawn chip, with all that its maps depend on as a key."""
+
+    key: tuple[Any, ...]
+    sensor: Sensor = field(compare=False)
+    part: Part = field(compare=False)
+
+
+# Three captures of one exposure
+@lru_cache(maxsize=3)
+def _lasting_pattern(chip: _PartOfChip) -> FixedPattern:
+    """Return the maps of a rectangle of the chip that the serial stands for, the same in all frames."""
+    sensor, part = chip.sensor, chip.part
+    drawn, noise = draw_chip(sensor), sensor.noise
     effects = sensor.effects or Effects()
+    prnu = within(drawn.prnu.deviates, part) * np.float32(drawn.prnu.scale)
+    offset_e = within(drawn.offset_e.deviates, part) * np.float32(drawn.offset_e.scale)
+    rate = drawn.dark_rate_e_per_s
+    rate, noise_e = rate if rate.shape == (1, 1) else rate[part], _one(sensor.electrons(noise.pixel_noise_mv))
     defects = effects.pixel_defects
-    prnu, rate, offset_e, noise_e = pattern.prnu, pattern.dark_rate_e_per_s, pattern.offset_e, pattern.noise_e
     if effects.hot_pixels is not None or effects.glow is not None or defects is not None:
         rate = whole(rate, part)
         if effects.hot_pixels is not None:
@@ -114,10 +128,29 @@ def _with_effects(pattern: FixedPattern, sensor: Sensor, part: Part, exposure: E
         set_dead_pixels(prnu, defects, sensor, part)
     if effects.read_noise_spread is not None:
         noise_e = noise_e * noise_ratio(effects.read_noise_spread, sensor, part)
-    if effects.telegraph_noise is not None:
-        offset_e = whole(offset_e, part)
-        add_telegraph_noise(offset_e, effects.telegraph_noise, sensor, part, exposure)
-    return replace(pattern, prnu=prnu, dark_rate_e_per_s=rate, offset_e=offset_e, noise_e=noise_e)
+    return _lightless_border(FixedPattern(prnu, rate, offset_e, noise_e, line_noise_dn(sensor)), sensor, part)
+
+
+def _lightless_border(pattern: FixedPattern, sensor: Sensor, part: Part) -> FixedPattern:
+    """Return the maps, which may be changed, with those of optical black and overscan, for reading."""
+    prnu, rate, offset_e = pattern.prnu, pattern.dark_rate_e_per_s, pattern.offset_e
+    effects = sensor.effects
+    if effects is not None and effects.optical_black is not None and effects.border is not None:
+        prnu = whole(prnu, part)
+        for covered in border_parts(effects.border, sensor, part):
+            prnu[covered] = -1.0
+        for empty in _overscan(sensor, part):
+            rate, offset_e = whole(rate, part), whole(offset_e, part)
+            rate[empty] = offset_e[empty] = 0.0
+    return FixedPattern(*map(read_only, (prnu, rate, offset_e, pattern.noise_e)), pattern.line_noise_dn)
+
+
+def _overscan(sensor: Sensor, part: Part) -> list[Part]:
+    """Return the rectangles of overscan within a rectangle."""
+    if sensor.effects is None or sensor.effects.optical_black is None:
+        return []
+    overscan = sensor.effects.optical_black.overscan(sensor.effects.corner)
+    return border_parts(overscan, sensor, part) if any(overscan) else []
 
 
 def collected_charge(
@@ -188,19 +221,6 @@ def charge_stages(
 def _with_earlier(first: int, last: int, lines: int, late: int, order: slice) -> tuple[int, int]:
     """Return a range of lines with the lines before it in the order of reading."""
     return (max(first - late, 0), last) if order.step > 0 else (first, min(last + late, lines))
-
-
-def _drawn_pattern(sensor: Sensor, part: Part) -> FixedPattern:
-    """Return the maps of a rectangle of the chip that the serial stands for."""
-    chip, noise = draw_chip(sensor), sensor.noise
-    rate = chip.dark_rate_e_per_s
-    return FixedPattern(
-        within(chip.prnu.deviates, part) * np.float32(chip.prnu.scale),
-        rate if rate.shape == (1, 1) else rate[part],
-        within(chip.offset_e.deviates, part) * np.float32(chip.offset_e.scale),
-        _one(sensor.electrons(noise.pixel_noise_mv)),
-        line_noise_dn(sensor),
-    )
 
 
 def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: Exposure) -> FixedPattern:

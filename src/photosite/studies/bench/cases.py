@@ -26,6 +26,7 @@ from photosite.studies.bench.captures import (
     scene,
 )
 from photosite.studies.bench.convert_cube import convert_cube
+from photosite.studies.bench.effects import captures_d200, effects_curve_d200, effects_em_d200, moving_d200
 from photosite.studies.bench.frames import accumulate_against_reading, accumulate_d200, calibrate_protocol
 from photosite.studies.bench.timing import Case, best_seconds, peak_mb
 
@@ -37,6 +38,10 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "lens_d200": lens_d200,
     "lateral_color_d200": lateral_color_d200,
     "noise_d200": noise_d200,
+    "effects_em_d200": effects_em_d200,
+    "effects_curve_d200": effects_curve_d200,
+    "captures_d200": captures_d200,
+    "moving_d200": moving_d200,
     "accumulate_d200": accumulate_d200,
     "accumulate_against_reading": accumulate_against_reading,
     "calibrate_protocol": calibrate_protocol,
