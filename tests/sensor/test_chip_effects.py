@@ -197,7 +197,7 @@ def test_hot_pixels_follow_the_temperature_and_glow_does_not():
     warm = sensor.at_temperature(30).effects
     assert warm is not None
     assert warm.hot_pixels is not None
-    assert warm.hot_pixels.median_e_per_s == pytest.approx(800)
+    assert warm.hot_pixels.median_e_per_s.value == pytest.approx(800)
     assert warm.glow == sensor.effects.glow  # type: ignore[union-attr]
 
 

@@ -10,6 +10,7 @@ from photosite.calibration.assemble import assemble
 from photosite.calibration.charge_transfer import measure_charge_transfer, without_covered_lines
 from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
+from photosite.calibration.chip_maps.hot_pixels import DarkDistribution, dark_distribution
 from photosite.calibration.dark import measure_dark_frames
 from photosite.calibration.dark_result import DarkResult
 from photosite.calibration.fixed_pattern import measure_fixed_pattern
@@ -21,7 +22,11 @@ from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
 from photosite.frames.frame_set import FrameSet
+from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
+
+NEARLY_SATURATED = 0.95
+"""Share of the range up to saturation beyond which the longest dark frames do not tell the dark current of a pixel."""
 
 
 def calibrate(
@@ -124,4 +129,17 @@ def _with_maps(frames: FrameSet, dark: DarkResult, calibration: Calibration, pro
     if reason:
         warning = f"the chip's maps could not be measured: {reason}"
         return replace(calibration, no_maps_reason=reason, warnings=(*calibration.warnings, warning))
-    return replace(calibration, chip=chip, temporal=temporal)
+    distribution = _dark_distribution(frames, chip, calibration)
+    return replace(calibration, chip=chip, temporal=temporal, dark_distribution=distribution)
+
+
+def _dark_distribution(frames: FrameSet, chip: MeasuredChip, calibration: Calibration) -> DarkDistribution | None:
+    """Return the distribution of the dark current over the pixels, if there is a map of it."""
+    rate, uncertainty = chip.dark_rate_dn_per_s, chip.dark_rate_uncertainty_dn_per_s
+    if rate is None or uncertainty is None:
+        return None
+    top = (1 << frames.bits) - 1.0
+    if calibration.saturation_dn.value is not None:
+        top = min(top, calibration.saturation_dn.value)
+    longest_s = max(group.exposure_s for group in frames.of_kind("dark"))
+    return dark_distribution(rate, uncertainty, NEARLY_SATURATED * (top - chip.black_level_dn) / longest_s)

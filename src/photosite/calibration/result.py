@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from photosite.calibration.charge_transfer import TransferLoss
+    from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.flicker import Flicker
     from photosite.calibration.photon_transfer.general_model import GeneralModel
@@ -67,9 +68,9 @@ class Calibration(Parameters):
         "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
     flicker
         Flicker of the light, None where rows vary no more than in dark frames.
-    chip, temporal, no_maps_reason
-        Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested, and
-        where they are missing for the reason given.
+    chip, temporal, dark_distribution, no_maps_reason
+        Maps and defects of the chip; temporal noise by rows, columns and tail; distribution of the dark current over
+        the pixels. None unless maps were requested, and where they are missing for the reason given.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius, that of the dark frames if they state one.
@@ -112,6 +113,7 @@ class Calibration(Parameters):
     flicker: Flicker | None = None
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
+    dark_distribution: DarkDistribution | None = None
     no_maps_reason: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
@@ -220,7 +222,7 @@ class Calibration(Parameters):
             `readout_channels`, `charge_transfer`, `model`,
             `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
             candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
-            `defects` (number of each kind) and `temporal`.
+            `defects` (number of each kind), `temporal` and `dark_distribution`.
         """
 
         def of(parameters: Parameters) -> dict[str, Any]:
@@ -245,4 +247,6 @@ class Calibration(Parameters):
         }
         if self.chip is not None and self.temporal is not None:
             entries |= {"defects": self.chip.defects.counts(), "temporal": self.temporal.to_dict()}
+        if self.dark_distribution is not None:
+            entries["dark_distribution"] = self.dark_distribution.to_dict()
         return entries

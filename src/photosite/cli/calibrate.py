@@ -208,7 +208,7 @@ def _chip(calibration: Calibration) -> list[str]:
     from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
     from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
     from photosite.report.numbers import format_uncertain
-    from photosite.report.tables import format_estimate
+    from photosite.report.tables import DARK_DISTRIBUTION, format_estimate, interval_text
     from photosite.sensor.chip import DefectKind
 
     chip, temporal = calibration.chip, calibration.temporal
@@ -230,6 +230,12 @@ def _chip(calibration: Calibration) -> list[str]:
     ):
         if entry.value is not None and entry.standard_uncertainty is not None:
             noise.append((label, format_estimate(entry), unit, entry.method))
+    dark = [("dark current over the pixels", "value", "unit", "95 % interval", "method or reason")]
+    if (found := calibration.dark_distribution) is not None:
+        for name, (label, unit) in DARK_DISTRIBUTION.items():
+            entry = found.estimates[name]
+            why = entry.reason or entry.method
+            dark.append((label, format_estimate(entry), unit, interval_text(entry), why))
     defects = [("defective pixels", "number", "shapes")]
     for kind, count in chip.defects.counts().items():
         found, size = chip.defects.of(DefectKind[kind.upper()]), (calibration.rows, calibration.cols)
@@ -241,7 +247,8 @@ def _chip(calibration: Calibration) -> list[str]:
         for band in found
     ]
     heading = ("bands", "cycles per pixel", "amplitude, DN")
-    return [table(noise, "<<<<"), table(defects, "<><"), *([table([heading, *bands], "<><")] if bands else [])]
+    noises = [table(noise, "<<<<"), *([table(dark, "<<<<<")] if len(dark) > 1 else [])]
+    return [*noises, table(defects, "<><"), *([table([heading, *bands], "<><")] if bands else [])]
 
 
 def _write_series(series: GainSeries, output: Path | None, report: Path | None, as_json: bool) -> None:

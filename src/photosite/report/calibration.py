@@ -21,6 +21,7 @@ from photosite.report.chip import (
 )
 from photosite.report.data_sheet import data_sheet_blocks
 from photosite.report.figures.charge import transfer_figure
+from photosite.report.figures.chip import dark_distribution_figure
 from photosite.report.figures.response import (
     Residuals,
     curve_figure,
@@ -52,6 +53,7 @@ from photosite.report.paper import paper_blocks
 from photosite.report.tables import (
     channel_table,
     correlation_table,
+    dark_distribution_table,
     format_estimate,
     interval_text,
     linear_range_table,
@@ -392,4 +394,18 @@ def _dark_blocks(calibration: Calibration) -> tuple[Block, ...]:
         *_or_reason(calibration, "dark_signal", mean.reason or one),
         Subheading("From the variance"),
         *_or_reason(calibration, "dark_variance", variance.reason or f"{one}, with two frames each"),
+        *_dark_distribution(calibration),
     )
+
+
+def _dark_distribution(calibration: Calibration) -> tuple[Block, ...]:
+    found = calibration.dark_distribution
+    if found is None:
+        return ()
+    figure = figure_block(
+        dark_distribution_figure(found),
+        "Logarithmic histogram of the pixels' dark currents above their median, with the fitted tail",
+        "Histogram of the dark currents above the median on logarithmic axes. The dashed line is the limit above which "
+        "only hot pixels lie; the curve is their log-normal distribution, fitted there, and its 95 % band of counts.",
+    )
+    return Subheading("Distribution over the pixels"), dark_distribution_table(found), figure

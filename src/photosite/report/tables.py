@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
@@ -138,6 +139,26 @@ def readout_channel_table(channels: ReadoutChannels) -> Table:
     parts = "row and column of the repeating tile" if channels.arrangement == "tile" else "halves or quadrants"
     titles = columns("Channel (row, column)", numeric("Relative gain"), numeric("Offset (e⁻)"))
     return Table(f"Readout channels: {parts}", titles, rows)
+
+
+DARK_DISTRIBUTION = {
+    "fraction": ("Share of hot pixels", "1"),
+    "median_dn_per_s": ("Median of their additional dark current", "DN/s"),
+    "log_spread": ("Spread of it, standard deviation of its logarithm", "1"),
+    "mean_dn_per_s": ("Mean dark current of the other pixels", "DN/s"),
+    "dcnu_percent": ("Nonuniformity of the other pixels", "%"),
+}
+"""Label and unit of the estimates of `DarkDistribution`."""
+
+
+def dark_distribution_table(found: DarkDistribution) -> Table:
+    """Return a table of the distribution of the dark current over the pixels."""
+    rows = tuple(
+        (label, format_estimate(entry), unit, interval_text(entry), entry.reason or entry.method)
+        for (label, unit), entry in zip(DARK_DISTRIBUTION.values(), found.estimates.values(), strict=True)
+    )
+    titles = columns("Quantity", numeric("Value"), "Unit", "95 % interval", "Method or reason")
+    return Table("Distribution of the dark current over the pixels", titles, rows)
 
 
 _CORRELATED = {

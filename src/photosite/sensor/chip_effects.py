@@ -70,9 +70,11 @@ def _normal(uniform: _Floats) -> _Floats:
 
 def add_hot_pixels(rate: FloatMap, hot: HotPixels, sensor: Sensor, part: Part) -> None:
     """Add the dark current of hot pixels to the map of a rectangle."""
-    numbers, values = _of_chip(sensor, hot.fraction, HOT_PIXELS)
+    numbers, values = _of_chip(sensor, hot.fraction.value, HOT_PIXELS)
     inside, place = _within(numbers, sensor.array.cols, part)
-    rate[place] += (hot.median_e_per_s * np.exp(hot.log_spread * _normal(values[0, inside]))).astype(np.float32)
+    rate[place] += (hot.median_e_per_s.value * np.exp(hot.log_spread.value * _normal(values[0, inside]))).astype(
+        np.float32
+    )
 
 
 @lru_cache(maxsize=2)

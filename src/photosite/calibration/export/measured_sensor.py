@@ -82,6 +82,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     found = Effects(readout_channels=calibration.readout_channels, line_pattern=lines)
     if found.line_variances != (0.0, 0.0):
         _take_off_lines(found, changes)
+    _take_off_hot_pixels(calibration, changes, source)
     well = well_capacity(calibration)
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
@@ -165,6 +166,25 @@ def _take_off_lines(effects: Effects, changes: dict[str, Any]) -> None:
             if rest.value < 0.0:
                 note += f", the estimate is {rest.value:.3g}, not distinguishable from 0"
             changes[name] = Measured(max(rest.value, 0.0), rest.standard_uncertainty, note)
+
+
+def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], source: str) -> None:
+    """State hot pixels apart from mean and spread of the dark current, which contain them."""
+    found, current = calibration.dark_distribution, calibration.dark_current_dn_per_s
+    if found is None or current.value is None or "dark_voltage_mv_per_s" not in changes:
+        return
+    section = found.section(calibration.system_gain_dn_per_e.uncertain, source)
+    mean, dcnu = found.mean_dn_per_s, found.dcnu_percent
+    if section is None or mean.value is None or mean.value <= 0.0:
+        return
+    note = f"{source}, without hot pixels"
+    whole, share = changes["dark_voltage_mv_per_s"], mean.value / current.value
+    spread = math.hypot(
+        share * whole.standard_uncertainty, whole.value * (mean.standard_uncertainty or 0.0) / current.value
+    )
+    changes |= {"hot_pixels": section, "dark_voltage_mv_per_s": Measured(share * whole.value, spread, note)}
+    if dcnu.value is not None:
+        changes["dcnu_percent"] = Measured(max(dcnu.value, 0.0), dcnu.standard_uncertainty or 0.0, note)
 
 
 def _response_curve(calibration: Calibration, source: str) -> ResponseCurve | None:

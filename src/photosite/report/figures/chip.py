@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
 from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
 from photosite.calibration.spatial.spatial_analysis import (
@@ -97,6 +98,25 @@ def _quantiles(noise: TemporalNoise, p: NDArray[np.float64]) -> NDArray[np.float
     width = noise.residual_dn[1] - noise.residual_dn[0]
     below = np.cumsum(noise.residual_count) / noise.residual_count.sum()
     return np.asarray(np.interp(p, below, noise.residual_dn + width / 2))
+
+
+@styled()
+def dark_distribution_figure(found: DarkDistribution) -> Figure:
+    """Draw the histogram of the dark currents above the median on logarithmic axes, and the fitted hot tail."""
+    figure, axes = new_figure(3.8)
+    axes.stairs(found.count, found.edges_dn_per_s, color=BLUE, fill=True, alpha=0.5, label="pixels")
+    axes.axvline(found.limit_dn_per_s - found.center_dn_per_s, color=GRAY, linestyle="--", linewidth=1.0, label="limit")
+    if (expected := found.expected()) is not None:
+        middle = np.sqrt(found.edges_dn_per_s[1:] * found.edges_dn_per_s[:-1])
+        spread = COVERAGE_95 * np.sqrt(expected)
+        axes.plot(middle, expected, color=VERMILION, label="hot pixels, fitted")
+        low = np.maximum(expected - spread, 1e-3)
+        axes.fill_between(middle, low, expected + spread, color=VERMILION, alpha=BAND, linewidth=0)
+    axes.set(xscale="log", yscale="log", xlabel="dark current above the median (DN/s)", ylabel="pixels")
+    axes.set_ylim(0.5, 2.0 * max(float(found.count.max()), 1.0))
+    label_log_ticks(axes.xaxis)
+    axes.legend()
+    return figure
 
 
 _DEFECT_MARKS = {

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import replace
 
-from pydantic import Field
-
-from photosite.sensor.quantity import about
+from photosite.sensor.quantity import LogSpread, NotNegative, UnitShare, about
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
 
@@ -15,14 +14,24 @@ class HotPixels(Section):
 
     Examples
     --------
-    >>> HotPixels(fraction=0.001, median_e_per_s=200).log_spread
+    >>> HotPixels(fraction=0.001, median_e_per_s=200).log_spread.value
     1.0
     """
 
-    fraction: Annotated[float, Field(ge=0.0, le=1.0)] = about("Share of the pixels that are hot.", "1", 0.001)
-    median_e_per_s: Annotated[float, Field(ge=0.0)] = about(
+    fraction: UnitShare = about("Share of the pixels that are hot.", "1", 0.001)
+    median_e_per_s: NotNegative = about(
         "Median of their additional dark current, at the temperature of the dark current.", "e-/s", 200.0
     )
-    log_spread: Annotated[float, Field(ge=0.0, le=5.0)] = about(
-        "Standard deviation of its natural logarithm.", "1", 1.0, default=1.0
-    )
+    log_spread: LogSpread = about("Standard deviation of its natural logarithm.", "1", 1.0, default=Measured(1.0))
+
+    def scaled(self, ratio: float) -> HotPixels:
+        """Return hot pixels with a dark current that is larger or smaller by a ratio.
+
+        Examples
+        --------
+        >>> HotPixels(fraction=0.001, median_e_per_s=200).scaled(2).median_e_per_s.value
+        400.0
+        """
+        median = self.median_e_per_s
+        changed = replace(median, value=ratio * median.value, standard_uncertainty=ratio * median.standard_uncertainty)
+        return self.model_copy(update={"median_e_per_s": changed})

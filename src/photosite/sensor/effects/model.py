@@ -163,7 +163,7 @@ class Effects(Section):
         """
         changes: dict[str, Any] = {}
         if (hot := self.hot_pixels) is not None:
-            changes["hot_pixels"] = hot.model_copy(update={"median_e_per_s": hot.median_e_per_s * ratio})
+            changes["hot_pixels"] = hot.scaled(ratio)
         if (defects := self.pixel_defects) is not None:
             listed = tuple(
                 one.model_copy(update={"value": (one.value or 0.0) * ratio}) if one.kind == "hot" else one
