@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
+import numpy as np
 
 from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import say, show
+
+if TYPE_CHECKING:
+    from photosite.develop.polarization import PolarizationPicture
 
 
 def white_balance_of(text: str) -> str | list[float]:
@@ -30,7 +34,10 @@ def brightness_of(text: str) -> str | float:
 @click.command("develop", cls=Command)
 @click.argument("raw", type=click.Path(path_type=Path))
 @options.file_option(
-    "-o", "--output", suffixes=options.PICTURE_SUFFIXES, required=True, text="Picture to write: .png or .jpg."
+    *("-o", "--output"),
+    suffixes=(*options.PICTURE_SUFFIXES, ".h5"),
+    required=True,
+    text="Picture to write: .png or .jpg; with --polarization stokes a file of maps: .h5.",
 )
 @click.option(
     "--white-balance",
@@ -56,6 +63,21 @@ def brightness_of(text: str) -> str | float:
     default="bilinear",
     help="bilinear for every mosaic; malvar or menon for Bayer mosaics, sharper.",
 )
+@click.option(
+    "--bin",
+    "factor",
+    type=options.Whole(2),
+    metavar="N",
+    help="Average blocks of N x N pixels of one color first: quad-rggb becomes rggb.",
+)
+@click.option(
+    "--polarization",
+    type=click.Choice(["degree", "angle", "stokes"]),
+    help="Of a frame with polarizers: a picture of the degree of linear polarization in gray, or of its angle as hue, "
+    "with the degree as saturation; or the maps s0, s1, s2, dolp and aolp_deg as HDF5.",
+)
+@click.option("--color", metavar="NAME", help="Color of the channels for --polarization, such as G of G0 to G135.")
+@options.sensor_option(text="Sensor file with angles and extinction ratios for --polarization.  [default: ideal ones]")
 @options.reading_options()
 @options.json_option
 def command(
@@ -65,6 +87,10 @@ def command(
     brightness: str | float,
     depth: str,
     demosaic: Any,
+    factor: int | None,
+    polarization: PolarizationPicture | Literal["stokes"] | None,
+    color: str | None,
+    sensor_name: str | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -73,15 +99,33 @@ def command(
     Steps: demosaic, white balance, the file's color matrix, sRGB encoding. Gray surfaces are gray if the file
     states the white of its light, as frames of `photosite simulate`, DNG and camera raw do.
 
+    \b
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
+    Example: photosite develop polarized.h5 -o degree.png --polarization degree
     """
     from photosite.develop.develop import develop, save_picture
+    from photosite.develop.polarization import polarization_picture, save_stokes, stokes
+    from photosite.frames.binning import bin_frame
     from photosite.frames.io.formats import read_raw
 
     if depth == "16" and output.suffix.lower() != ".png":
         raise click.UsageError("--depth 16 needs a picture in .png")
+    if (output.suffix.lower() == ".h5") != (polarization == "stokes"):
+        raise click.UsageError("--polarization stokes writes .h5, and nothing else does")
     frame = read_raw(raw, **reading)
+    if factor is not None:
+        frame = bin_frame(frame, factor)
     rows, cols = frame.shape
+    if polarization is not None:
+        seen = stokes(frame, color, options.sensor_or(None, sensor_name))
+        if polarization == "stokes":
+            save_stokes(seen, output)
+        else:
+            save_picture(polarization_picture(seen, polarization), output, bits=int(depth))
+        mean = float(np.nanmean(seen.dolp))
+        facts = {"path": output, "rows": rows, "cols": cols, "polarization": polarization, "mean_degree": mean}
+        show(as_json, facts, lambda: f"wrote {output}: {rows} x {cols} pixels, mean degree of polarization {mean:.4f}")
+        return
     save_picture(
         develop(frame, white_balance=white_balance, exposure=brightness, demosaic=demosaic), output, bits=int(depth)
     )

@@ -42,6 +42,7 @@ COMMANDS = {
     "calibrate": "Estimate a sensor's parameters from dark frames and flat fields.",
     "temperature": "Measure the doubling temperature of the dark current.",
     "emgain": "Measure gain and excess noise of an EMCCD's multiplication register.",
+    "polarizers": "Measure angle and extinction ratio of the polarizers on the pixels.",
     "spectral": "Measure quantum efficiency from narrow bands and a photodiode, or from a chart.",
     "export": "Write noise profiles and EMVA 1288 files for other programs.",
     "import": "Read noise profiles of other programs, also into sensor files.",

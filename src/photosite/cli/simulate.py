@@ -38,6 +38,15 @@ if TYPE_CHECKING:
 @options.size_options()
 @options.gain_setting_option
 @options.black_level_option("; by default the sensor's")
+@click.option(
+    "--bin", "factor", type=options.Whole(2), metavar="N", help="Blocks of N x N pixels of one color are read as one."
+)
+@click.option(
+    "--bin-kind",
+    type=click.Choice(["charge", "sum", "mean"]),
+    default="charge",
+    help="How the pixels of a block are added with --bin: in the pixel, or as digital numbers.",
+)
 @options.scene_options
 @options.path_option("--optics", "optics_file", text="Optics file (YAML, or ISETPARMS.txt).")
 @options.lens_options(late=True)
@@ -255,9 +264,12 @@ def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
     changes = {
         name: given[name] for name in ("rows", "cols", "black_level_dn", "line_time_us") if given[name] is not None
     }
+    sensor = sensor.with_(**changes)
+    if given["factor"] is not None:
+        sensor = sensor.binned(given["factor"], given["bin_kind"])
     return replace(
         base,
-        sensor=sensor.with_(**changes),
+        sensor=sensor,
         optics=_optics(base.optics, given),
         scene=_request(base.scene, given),
         cells_per_pixel=given["cells_per_pixel"] or base.cells_per_pixel,

@@ -5,16 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.develop.demosaic import demosaic_bilinear
 from photosite.errors import InputError
+from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import plane_names
 from photosite.values.shown import Shown
+from photosite.values.validated import check_choice
 
 Map = NDArray[np.float32]
 
@@ -133,3 +137,49 @@ def _polarizers(named: Mapping[str, float], sensor: Sensor | None) -> tuple[list
         angles.append(angle if stated is None else stated)
         ratios.append(np.inf if ratio is None else ratio)
     return angles, ratios
+
+
+PolarizationPicture = Literal["degree", "angle"]
+
+
+def polarization_picture(seen: Stokes, kind: PolarizationPicture = "degree") -> Map:
+    """Return a picture (rows, cols, 3) of the polarization, 0 to 1, black where it is not known.
+
+    Parameters
+    ----------
+    seen
+        The Stokes parameters.
+    kind
+        "degree" in gray, or "angle" as hue, red for 0 degrees, with the degree as saturation.
+
+    Examples
+    --------
+    >>> seen = Stokes(np.array([[200.0]]), np.array([[200.0]]), np.array([[0.0]]))
+    >>> polarization_picture(seen, "angle").tolist(), polarization_picture(seen).tolist()
+    ([[[1.0, 0.0, 0.0]]], [[[1.0, 1.0, 1.0]]])
+    """
+    from matplotlib.colors import hsv_to_rgb
+
+    check_choice("kind", kind, PolarizationPicture)
+    degree = np.clip(seen.dolp, 0.0, 1.0)
+    known = np.isfinite(degree)
+    degree = np.where(known, degree, 0.0)
+    if kind == "degree":
+        return np.repeat(degree[..., None], 3, axis=2).astype(np.float32)
+    hue = np.where(known, seen.aolp_deg / 180.0, 0.0)
+    return np.asarray(hsv_to_rgb(np.stack([hue, degree, known.astype(np.float64)], axis=2)), np.float32)
+
+
+def save_stokes(seen: Stokes, path: str | PathLike[str]) -> None:
+    """Write the maps s0, s1, s2 (DN), dolp and aolp_deg as HDF5 datasets (rows, cols) of 32-bit floats.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    import h5py
+
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        for name in ("s0", "s1", "s2", "dolp", "aolp_deg"):
+            file.create_dataset(name, data=np.asarray(getattr(seen, name), np.float32), compression="gzip")
