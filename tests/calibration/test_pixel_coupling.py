@@ -105,3 +105,14 @@ def test_multiplication_gain_and_excess_noise() -> None:
     assert not any("multiplication" in text for text in unity.warnings)
     with pytest.raises(CalibrationError, match="unity: responsivity_dn_per_photon"):
         measure_em_gain(calibrate(virtual_lab(plain, PROTOCOL, seed=1).frame_set()), multiplied)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [13, 21])
+def test_neighbors_of_another_color_that_saturate_do_not_bend_the_response(number):
+    """The well of green pixels is full at levels that are linear for the others, which contain their charge."""
+    lab = condition("coupled-cfa-12").lab(number)
+    found = calibrate(lab.frame_set())
+    assert not found.response_curve
+    low, high = found.system_gain_dn_per_e.interval_95
+    assert low < lab.camera.sensor.system_gain_dn_per_e < high

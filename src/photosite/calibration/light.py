@@ -83,6 +83,8 @@ def measure_light_frames(
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
     if noise.shared is not None:
         channels = [replace(each, levels=noise.shared.means(each.levels, each.index)) for each in channels]
+        if noise.shared.neighbors is not None:
+            channels = _with_unsaturated_neighbors(channels)
     if not dark.level_unknown and (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
         return _withheld(channels, noise, tone=tone)
     together = _photon_transfer(channels, noise.shared)
@@ -96,6 +98,19 @@ def measure_light_frames(
     if (unequal := unequal_gains(reduction)) is not None:
         together = replace(together, gain=unequal, line_gain=unequal)
     return replace(together, channels=measured, noise=noise, outliers=tuple(outliers))
+
+
+def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels without levels at which another one saturates, whose charge is a part of theirs.
+
+    Its share stops to grow there, as if their response bent. Channels that have fewer than two levels left keep theirs.
+    """
+    below = np.logical_and.reduce([channel.unsaturated for channel in channels])
+    left = [channel.used & below for channel in channels]
+    return [
+        replace(channel, used=used) if np.count_nonzero(used) > 1 else channel
+        for channel, used in zip(channels, left, strict=True)
+    ]
 
 
 def _withheld(

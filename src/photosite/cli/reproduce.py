@@ -35,6 +35,7 @@ CONDITION_NAMES = (
     "curve-mono-12",
     "curve-level-mono-12",
     "channels-mono-12",
+    "pattern-mono-12",
     "crosstalk-mono-12",
     "coupled-mono-12",
     "coupled-cfa-12",
@@ -46,6 +47,7 @@ CONDITION_NAMES = (
     "hot-mono-12",
     "shaded-mono-12",
     "level-mono-12",
+    "captures-mono-12",
 )
 """Names in `photosite.studies.coverage`, copied so that --help stays fast; a test compares the two."""
 

@@ -674,9 +674,9 @@ CONDITIONS: dict[str, Condition] = {
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend_percent=(1.0, 3.0),
         ),
         Condition(
-            "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one; 96 x 128 "
+            "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one; 144 x 192 "
             "pixels", "mono",
-            12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
+            12, 144, 192, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True,
             disturbed=disturbed_lab.bend_and_wrong_level,
         ),
         Condition(
@@ -697,7 +697,7 @@ CONDITIONS: dict[str, Condition] = {
             12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, coupling_percent=(0.3, 2.0),
         ),
         Condition(
-            "coupled-cfa-12", "the same", "rggb", 12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
+            "coupled-cfa-12", "the same; 192 x 256 pixels", "rggb", 12, 192, 256, (0.15, 1.2), (0.8, 4.0), 2.5, FULL,
             coupling_percent=(0.3, 2.0),
         ),
         Condition(

@@ -36,6 +36,9 @@ from photosite.values.exposure import format_exposure
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
+_UNSATURATED = 0.9
+"""Share of the signal at saturation below which pixels do not saturate, but for very uneven ones."""
+
 NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
 
@@ -80,6 +83,14 @@ class Channel:
         used = linear_levels(levels, saturation)
         gain = gain_value(fit_gain([levels], [used]))
         return cls(index, dark, levels, saturation, used, gain, gain)
+
+    @property
+    def unsaturated(self) -> NDArray[np.bool_]:
+        """Whether (levels,) no pixel saturates at a level, the linear range and the levels above it."""
+        inside = ~self.levels.clipped
+        if self.saturation.signal is not None:
+            inside &= self.levels.signal <= _UNSATURATED * self.saturation.signal
+        return inside
 
     @property
     def saturation_signal(self) -> float | None:
