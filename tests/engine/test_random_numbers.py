@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from photosite.engine.jit import compiled
-from photosite.engine.random_numbers import exp, key_from_seed, log, normal, philox4x32, poisson
+from photosite.engine.random_numbers import (
+    exp,
+    gamma_constants,
+    gamma_squeeze,
+    key_from_seed,
+    log,
+    normal,
+    philox4x32,
+    poisson,
+)
 
 KNOWN_ANSWERS = [
     ([0, 0, 0, 0], [0, 0], [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]),
@@ -155,3 +164,16 @@ def test_sources_frames_seeds_and_neighbours_are_independent() -> None:
         assert abs(np.corrcoef(base, other)[0, 1]) * math.sqrt(N) < 4.5, what
     frames = [many_poisson(50.0, N, np.uint32(f), *key_from_seed(3)) for f in (0, 1)]
     assert abs(np.corrcoef(*frames)[0, 1]) * math.sqrt(N) < 4.5
+
+
+def test_gamma_candidates_are_accepted_at_once_only_if_the_exact_test_accepts_them() -> None:
+    """Uniform numbers just above the limit exp(x^2 / 2 + d - d v + d log v) are refused; few below it are."""
+    rng = np.random.default_rng(5)
+    at_once = []
+    for shape, x in zip(np.exp(rng.uniform(0, 9, 20_000)), rng.normal(0, 1.5, 20_000), strict=True):
+        d, c = gamma_constants(shape)
+        cube = max(1 + c * x, 0.0) ** 3
+        limit = math.exp(0.5 * x * x + d * (1 - cube + math.log(cube))) if cube else 0.0
+        assert not gamma_squeeze(d, c, x, limit + 1e-9)
+        at_once.append(gamma_squeeze(d, c, x, 0.99 * limit))
+    assert np.mean(at_once) > 0.85
