@@ -202,7 +202,7 @@ def convert_thread(charge_e: Any, maps: Any, exposure: Any, out: Any) -> None:
     if r >= out.shape[0] or c >= out.shape[1]:
         return
     curve, error = maps.curve_e, maps.converter_error_dn
-    signal_e = np.float64(charge_e[r, c])
+    signal_e: Any = np.float64(charge_e[r, c])
     if curve.shape[0] > 1:
         place = max(signal_e, 0.0) / maps.curve_step_e
         low = step_below(place, curve.shape[0])

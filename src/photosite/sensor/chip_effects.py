@@ -163,11 +163,10 @@ def set_stuck_pixels(
     """Set the digital numbers of stuck pixels in a frame of a rectangle, as behind a table of more than one entry."""
     numbers, values = stuck_pixels(defects, sensor)
     inside, place = _within(numbers, sensor.array.cols, part)
-    stuck = [(place, values[inside].astype(np.uint16))]
+    output = output_dn if output_dn.size > 1 else np.arange(65536, dtype=np.uint16)
+    dn[place] = output[values[inside].astype(np.uint16)]
     for rectangle, value in _listed(defects, "stuck", part):
-        stuck.append((rectangle, np.uint16(sensor.white_level_dn if value is None else value)))
-    for where, numbers_dn in stuck:
-        dn[where] = output_dn[numbers_dn] if output_dn.size > 1 else numbers_dn
+        dn[rectangle] = output[int(sensor.white_level_dn if value is None else value)]
 
 
 def _listed(defects: PixelDefects, kind: str, part: Part) -> Iterator[tuple[Part, float | None]]:

@@ -142,7 +142,8 @@ def _lightless_border(pattern: FixedPattern, sensor: Sensor, part: Part) -> Fixe
         for empty in _overscan(sensor, part):
             rate, offset_e = whole(rate, part), whole(offset_e, part)
             rate[empty] = offset_e[empty] = 0.0
-    return FixedPattern(*map(read_only, (prnu, rate, offset_e, pattern.noise_e)), pattern.line_noise_dn)
+    prnu, rate, offset_e, noise_e = (read_only(values) for values in (prnu, rate, offset_e, pattern.noise_e))
+    return FixedPattern(prnu, rate, offset_e, noise_e, pattern.line_noise_dn)
 
 
 def _overscan(sensor: Sensor, part: Part) -> list[Part]:
@@ -207,7 +208,7 @@ def charge_stages(
     around = slice(top, bottom), slice(left, right)
     if effects.em_gain is not None and (register := effects.em_gain.register()) is not None:
         stages.append((multiply_charge, ..., register, exposure._replace(first_row=top, first_col=left)))
-    if shares_of_lines is not None:
+    if shares_of_lines is not None and transfer is not None:
         within_part = (
             read_only(np.ascontiguousarray(shares[:, order][:, lines][:, order]))
             for shares, lines, order in zip(shares_of_lines, around, transfer.order, strict=True)
@@ -253,11 +254,12 @@ def _conversion(
     sensor: Sensor, effects: Effects, pattern: FixedPattern, part: Part, exposure: Exposure
 ) -> ConversionMaps:
     """Return what converts the charge of a rectangle."""
-    row_group, tables = np.zeros(1, np.int64), (np.ones((1, 1)), np.zeros((1, 1)))
+    row_group, gain, offset_e = np.zeros(1, np.int64), np.ones((1, 1)), np.zeros((1, 1))
     drawn = sensor.maps is None  # measured maps hold the pattern of channels, rows and columns
     if drawn and (channels := effects.readout_channels) is not None:
         row_group, column_group = channels.groups(sensor.array.rows, sensor.array.cols)
-        row_group, tables = row_group[part[0]], tuple(table[:, column_group[part[1]]] for table in channels.tables())
+        row_group = row_group[part[0]]
+        gain, offset_e = (table[:, column_group[part[1]]] for table in channels.tables())
     curve, step = np.zeros(1), 1.0
     if effects.response_curve is not None:
         curve, step = effects.response_curve.nodes(exposure.well_capacity_e)
@@ -265,7 +267,7 @@ def _conversion(
     if drawn and (lines := effects.line_pattern) is not None:
         row_e, column_e, column_gain = fixed_lines(lines, sensor.serial, part)
         row_dn, column_dn = row_dn + row_e * exposure.gain_dn_per_e, column_dn + column_e * exposure.gain_dn_per_e
-        tables = tables[0] * column_gain, tables[1]
+        gain = gain * column_gain
     if effects.black_level_drift is not None:
         row_dn = row_dn + drift_e(effects.black_level_drift, exposure) * exposure.gain_dn_per_e
     return ConversionMaps(
@@ -274,7 +276,8 @@ def _conversion(
         read_only(row_dn),
         read_only(column_dn),
         read_only(row_group),
-        *map(read_only, tables),
+        read_only(gain),
+        read_only(offset_e),
         read_only(curve),
         step,
         read_only(np.zeros(1) if effects.converter_error is None else effects.converter_error.table()),

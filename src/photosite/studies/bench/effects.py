@@ -19,6 +19,7 @@ Kind = Literal["em", "curve", "captures"]
 
 _EFFECTS: dict[str, Any] = {
     "readout_channels": {"relative_gain": [[1.01, 0.99]], "offset_e": [[3, -3]]},
+    "line_pattern": {"row_offset_e": 0.5, "column_offset_e": 2.0, "column_gain_percent": 0.3},
     "blooming": {"drained": 0.5},
     "charge_transfer": {"parallel_inefficiency": 5e-6, "serial_inefficiency": 1e-6},
     "interpixel_capacitance": {"coupling_percent": 1.2, "diagonal_percent": 0.1},
