@@ -10,6 +10,7 @@ from photosite.calibration.assemble import assemble
 from photosite.calibration.charge_transfer import measure_charge_transfer, without_covered_lines
 from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
+from photosite.calibration.chip_maps.blooming import measure_blooming
 from photosite.calibration.chip_maps.hot_pixels import DarkDistribution, dark_distribution
 from photosite.calibration.dark import measure_dark_frames
 from photosite.calibration.dark_result import DarkResult
@@ -130,7 +131,8 @@ def _with_maps(frames: FrameSet, dark: DarkResult, calibration: Calibration, pro
         warning = f"the chip's maps could not be measured: {reason}"
         return replace(calibration, no_maps_reason=reason, warnings=(*calibration.warnings, warning))
     distribution = _dark_distribution(frames, chip, calibration)
-    return replace(calibration, chip=chip, temporal=temporal, dark_distribution=distribution)
+    blooming = measure_blooming(frames, calibration)
+    return replace(calibration, chip=chip, temporal=temporal, dark_distribution=distribution, blooming=blooming)
 
 
 def _dark_distribution(frames: FrameSet, chip: MeasuredChip, calibration: Calibration) -> DarkDistribution | None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from photosite.calibration.charge_transfer import TransferLoss
+    from photosite.calibration.chip_maps.blooming import BloomingResult
     from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.flicker import Flicker
@@ -68,9 +69,10 @@ class Calibration(Parameters):
         "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
     flicker
         Flicker of the light, None where rows vary no more than in dark frames.
-    chip, temporal, dark_distribution, no_maps_reason
+    chip, temporal, dark_distribution, blooming, no_maps_reason
         Maps and defects of the chip; temporal noise by rows, columns and tail; distribution of the dark current over
-        the pixels. None unless maps were requested, and where they are missing for the reason given.
+        the pixels; blooming, None where no hot pixel overflows. None unless maps were requested, and where they are
+        missing for the reason given.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius, that of the dark frames if they state one.
@@ -114,6 +116,7 @@ class Calibration(Parameters):
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
     dark_distribution: DarkDistribution | None = None
+    blooming: BloomingResult | None = None
     no_maps_reason: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
@@ -249,4 +252,6 @@ class Calibration(Parameters):
             entries |= {"defects": self.chip.defects.counts(), "temporal": self.temporal.to_dict()}
         if self.dark_distribution is not None:
             entries["dark_distribution"] = self.dark_distribution.to_dict()
+        if self.blooming is not None:
+            entries["blooming"] = self.blooming.to_dict()
         return entries

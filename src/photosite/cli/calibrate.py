@@ -236,6 +236,11 @@ def _chip(calibration: Calibration) -> list[str]:
             entry = found.estimates[name]
             why = entry.reason or entry.method
             dark.append((label, format_estimate(entry), unit, interval_text(entry), why))
+    if (bloom := calibration.blooming) is not None:
+        why = bloom.kept.reason or bloom.kept.method
+        dark.append(
+            ("Share of the overflow that blooms", format_estimate(bloom.kept), "1", interval_text(bloom.kept), why)
+        )
     defects = [("defective pixels", "number", "shapes")]
     for kind, count in chip.defects.counts().items():
         found, size = chip.defects.of(DefectKind[kind.upper()]), (calibration.rows, calibration.cols)

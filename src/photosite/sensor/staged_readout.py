@@ -215,7 +215,7 @@ def charge_stages(
         )
         stages.append((transfer_charge, transfer.order, *within_part))
     if effects.blooming is not None:
-        stages.append((bloom_columns, ..., exposure.well_capacity_e, 1.0 - effects.blooming.drained))
+        stages.append((bloom_columns, ..., exposure.well_capacity_e, 1.0 - effects.blooming.drained.value))
     return around, stages[::-1]
 
 

@@ -83,6 +83,8 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     if found.line_variances != (0.0, 0.0):
         _take_off_lines(found, changes)
     _take_off_hot_pixels(calibration, changes, source)
+    if calibration.blooming is not None and (blooming := calibration.blooming.section(source)) is not None:
+        changes["blooming"] = blooming
     well = well_capacity(calibration)
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")

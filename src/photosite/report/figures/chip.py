@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from photosite.calibration.chip_maps.blooming import BloomingResult
 from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
 from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
@@ -98,6 +99,21 @@ def _quantiles(noise: TemporalNoise, p: NDArray[np.float64]) -> NDArray[np.float
     width = noise.residual_dn[1] - noise.residual_dn[0]
     below = np.cumsum(noise.residual_count) / noise.residual_count.sum()
     return np.asarray(np.interp(p, below, noise.residual_dn + width / 2))
+
+
+@styled()
+def blooming_figure(found: BloomingResult) -> Figure:
+    """Draw the charge beside overflowing pixels against their overflow, and the fitted share."""
+    figure, axes = new_figure(3.4)
+    bars = COVERAGE_95 * found.uncertainty_dn
+    axes.errorbar(found.overflow_dn, found.column_dn, bars, fmt="o", color=BLUE, elinewidth=0.9, label="hot pixels")
+    if found.kept.value is not None and found.kept.interval_95 is not None:
+        x = np.array([0.0, float(found.overflow_dn.max())])
+        axes.plot(x, found.kept.value * x, color=BLUE, label=f"share {found.kept.value:.3g}")
+        axes.fill_between(x, *(end * x for end in found.kept.interval_95), color=BLUE, alpha=BAND, linewidth=0)
+    axes.set(xlabel="overflow (DN)", ylabel="charge beside it in the column (DN)")
+    axes.legend(loc="upper left")
+    return figure
 
 
 @styled()

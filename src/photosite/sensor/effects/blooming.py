@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from photosite.sensor.quantity import UnitInterval, about
+from photosite.sensor.quantity import UnitShare, about
+from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
 
@@ -11,10 +12,10 @@ class Blooming(Section):
 
     Examples
     --------
-    >>> Blooming(drained=0.9).drained
+    >>> Blooming(drained=0.9).drained.value
     0.9
     """
 
-    drained: UnitInterval = about(
-        "Share of the charge above the full well that an anti-blooming drain removes.", "1", 0.9, default=0.0
+    drained: UnitShare = about(
+        "Share of the charge above the full well that an anti-blooming drain removes.", "1", 0.9, default=Measured(0.0)
     )

@@ -1,0 +1,161 @@
+"""Blooming: the charge that saturated hot pixels of dark frames leave in the columns beside them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.result import Calibration
+from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.sensor.effects.blooming import Blooming
+from photosite.values.estimate import Estimate
+from photosite.values.shown import Shown
+from photosite.values.uncertain import Measured, Source, Uncertain
+
+LEAST_PIXELS = 5
+"""Smallest number of overflowing pixels from which blooming is estimated."""
+
+_BELOW = 0.8
+"""Share of the saturation signal up to which a shorter exposure shows the dark current of a pixel."""
+_BEYOND = 1.2
+"""Dark signal over the saturation signal from which a pixel's overflow is used."""
+_REACH, _ORDINARY = 12, 2000
+"""Pixels of a column to each side that may take the overflow; pixels without it that show the noise of the sums."""
+_SEEN = 0.005
+_METHOD = (
+    "charge in the columns beside {} hot pixels that overflow in dark frames of {:.3g} s, against the charge that they "
+    "cannot hold"
+)
+
+_Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BloomingResult(Shown):
+    """Share of the overflow that reaches other pixels of the column.
+
+    Parameters
+    ----------
+    kept
+        The share; what an anti-blooming drain removes is the rest.
+    overflow_dn, column_dn
+        (pixels,) dark signal of each overflowing pixel above saturation, and the charge beside it in its column.
+    uncertainty_dn
+        Standard uncertainty of the charge in a column.
+    seen
+        Whether the share is above zero beyond chance.
+    """
+
+    kept: Estimate
+    overflow_dn: _Floats
+    column_dn: _Floats
+    uncertainty_dn: float
+    seen: bool
+
+    def section(self, source: str) -> Blooming | None:
+        """Return the blooming in the form of a sensor file; None where it is not seen."""
+        if not self.seen:
+            return None
+        kept = self.kept.measured(source)
+        return Blooming(drained=Measured(min(max(1.0 - kept.value, 0.0), 1.0), kept.standard_uncertainty, source))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimate and the number of pixels, for JSON."""
+        return {"kept": self.kept.to_dict(), "pixels": len(self.overflow_dn), "seen": self.seen}
+
+
+def measure_blooming(frames: FrameSet, calibration: Calibration) -> BloomingResult | None:
+    """Estimate the share of the charge above the full well that flows into other pixels of the column.
+
+    Parameters
+    ----------
+    frames, calibration
+        The frames, and the black level and saturation measured from them. The dark frames are read again.
+
+    Returns
+    -------
+    BloomingResult or None
+        None where no pixel overflows by its dark current. The estimate has a reason instead of a value where the frames
+        do not tell the overflow.
+
+    Notes
+    -----
+    In the longest dark frames, a pixel of the dark signal x holds the saturation signal W, and x - W flows over. A
+    shorter exposure time at which the pixel is not saturated shows x. The excess charge of the column beside the pixel
+    is the kept share of x - W.
+    """
+    top, black = calibration.saturation_dn.value, calibration.black_level_dn.value
+    darks = sorted(frames.of_kind("dark"), key=lambda group: group.exposure_s)
+    if top is None or black is None or len(darks) < 2:
+        return None
+    used = {id(entry.source) for entry in calibration.frames_used}
+    well, longest = top - black, darks[-1]
+    first, full = _mean(darks[0], used), _mean(longest, used)
+    row, col = np.nonzero(full - first > _BELOW * well)
+    if not len(row):
+        return None
+
+    def without(reason: str) -> BloomingResult:
+        return BloomingResult(Estimate(reason=reason), np.zeros(0), np.zeros(0), 0.0, seen=False)
+
+    if top > (1 << frames.bits) - 1.5:
+        return without("the converter saturates before the well, so that the frames do not show a full well")
+    signal = np.full(len(row), np.nan)
+    for group in darks[1:-1]:
+        shown = (_mean(group, used) - first)[row, col]
+        longer = longest.exposure_s / (group.exposure_s - darks[0].exposure_s)
+        signal = np.where(shown < _BELOW * well, shown * longer, signal)
+    background = np.median(full - first)
+    above = signal - well
+    chosen = (signal > _BEYOND * well) & np.array([_alone(r, c, row, col) for r, c in zip(row, col, strict=True)])
+    if not np.isfinite(signal).any():
+        return without("no shorter dark exposure shows the dark current of the saturated pixels; take one in between")
+    if chosen.sum() < LEAST_PIXELS:
+        return without(f"{chosen.sum()} hot pixels overflow; {LEAST_PIXELS} are needed")
+    added = full - first - background
+    column = np.array([_beside(added, r, c) for r, c in zip(row[chosen], col[chosen], strict=True)])
+    ordinary = _ordinary(added, row, col)
+    column -= float(np.mean(ordinary))
+    overflow = above[chosen]
+    slope = float(overflow @ column / (overflow @ overflow))
+    left = column - slope * overflow
+    freedom = len(column) - 1
+    # Residuals weighted as in the slope: the noise may grow with the overflow.
+    robust = float((overflow * left) @ (overflow * left)) / (overflow @ overflow) ** 2 * len(column) / freedom
+    known = float(ordinary.var()) / float(overflow @ overflow)
+    u = math.sqrt(max(robust, known))
+    kept = Uncertain.of(slope, u, Source.student(freedom))
+    from scipy.special import stdtr
+
+    method = _METHOD.format(len(column), longest.exposure_s)
+    return BloomingResult(
+        Estimate.of(kept, method), overflow, column, float(ordinary.std()), bool(stdtr(freedom, -slope / u) < _SEEN)
+    )
+
+
+def _mean(group: FrameGroup, used: set[int]) -> _Floats:
+    stack = [source.read() for source in group.frames if id(source) in used]
+    return np.asarray(np.mean(stack, axis=0, dtype=np.float64))
+
+
+def _alone(r: int, c: int, row: NDArray[np.int64], col: NDArray[np.int64]) -> bool:
+    """Return whether no other hot pixel lies in the column within reach."""
+    return int(((col == c) & (np.abs(row - r) <= 2 * _REACH)).sum()) == 1
+
+
+def _beside(added: _Floats, r: int, c: int) -> float:
+    """Return the charge in the column beside a pixel."""
+    return float(added[max(r - _REACH, 0) : r, c].sum() + added[r + 1 : r + 1 + _REACH, c].sum())
+
+
+def _ordinary(added: _Floats, row: NDArray[np.int64], col: NDArray[np.int64]) -> _Floats:
+    """Return the same sums beside pixels whose columns have no hot pixel within reach."""
+    rng = np.random.default_rng(0)
+    rows, cols = added.shape
+    places = zip(rng.integers(0, rows, 2 * _ORDINARY), rng.integers(0, cols, 2 * _ORDINARY), strict=True)
+    free = [(r, c) for r, c in places if not ((col == c) & (np.abs(row - r) <= 2 * _REACH)).any()]
+    return np.array([_beside(added, r, c) for r, c in free[:_ORDINARY]])
