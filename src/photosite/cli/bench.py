@@ -52,7 +52,7 @@ def _text(
     rows: list[tuple[str, ...]] = [("case", "seconds", "baseline", "ratio", "peak MB", "megapixels")]
     for name, case in measured.items():
         figures = (case.seconds, case.baseline_seconds, case.ratio, case.peak_mb, case.megapixels)
-        rows.append((name, *(f"{figure:.{digits}f}" for figure, digits in zip(figures, (3, 3, 1, 0, 1), strict=True))))
+        rows.append((name, *(f"{figure:.{digits}f}" for figure, digits in zip(figures, (3, 3, 2, 0, 1), strict=True))))
     lines = [table(rows, "<>>>>>")]
     if left_out:
         lines.append("\n" + table([("left out", "reason"), *left_out.items()], "<<"))
