@@ -9,12 +9,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
+from photosite.calibration.black_level_drift import dark_series
 from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.dark_result import DarkResult, with_shared_charge, without_mean_slope
 from photosite.calibration.em_gain import stated_gain_warning
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
+from photosite.calibration.glow import find_glow
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
 from photosite.calibration.parameters import estimate_parameters, least_dark_variance, saturated_electrons
@@ -80,6 +82,8 @@ def assemble(
         by_line=by_line,
         channels=per_channel if len(names) > 1 else {},
         clipped_electrons=saturated_electrons(together),
+        black_level_drift=dark_series(dark, light.gain),
+        glow=None if dark.slope_map is None else find_glow(dark.slope_map.slopes.slopes, light.gain),
         response_curve={name: channel.curve for name, channel in by_name.items() if channel.curve is not None},
         readout_channels=measured_channels(patterns.structure, patterns.dark_structure, patterns.taps, light.gain),
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},

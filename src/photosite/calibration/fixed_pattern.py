@@ -70,6 +70,7 @@ class FixedPattern:
     prnu1288_unfiltered: Parts | Missing
     spatial: SpatialAnalysis | Missing
     channel_variance: float = 0.0
+    lines: tuple[int, int] = (1, 1)  # rows and columns that the channel's pixels are in
     # Of rows and columns, without readout channels: of dark offsets in DN^2, and of relative gains behind the curve
     row_offset_variance: Value = NO_LIGHT
     column_offset_variance: Value = NO_LIGHT
@@ -94,7 +95,7 @@ class FixedPattern:
     def variances(self) -> dict[str, Any]:
         """The variances and the exposure time of those of the dark, by the names of `Measurements`."""
         dark = ("dsnu1288_exposures_s", "dsnu1288", "dsnu1288_filtered")
-        light = ("prnu1288", "prnu1288_unfiltered", "channel_variance")
+        light = ("prnu1288", "prnu1288_unfiltered", "channel_variance", "lines")
         lines = ("row_offset_variance", "column_offset_variance", "column_gain_variance")
         names = ("response_variance", "shading_variance", *dark, *light, *lines)
         return {name: getattr(self, name) for name in names}
@@ -181,9 +182,10 @@ def measure_fixed_pattern(
             tuple(
                 FixedPattern(
                     *(*none, _times(planes), *parts, *none, _spatial(planes, NO_LIGHT, outliers)),
+                    lines=_line_count(reader.tile == k, dark_mean.shape),
                     **_line_variances(lines, NO_LIGHT),
                 )
-                for parts, lines, planes in patterns
+                for k, (parts, lines, planes) in enumerate(patterns)
             ),
             dark_structure=offsets,
             taps=taps,
@@ -252,11 +254,24 @@ def measure_fixed_pattern(
         of_dark = _times(dark_planes), *dark_parts
         of_channels = 0.0 if structure is None or not structure.by_lines else float(structure.relative.var())
         lines = _line_variances(dark_lines, gains[k])
-        pattern = FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], of_channels, **lines)
+        count = _line_count(reader.tile == k, (reduction.frames.rows, reduction.frames.cols))
+        if isinstance(response, Uncertain) and isinstance(gain := lines["column_gain_variance"], Uncertain):
+            # The columns are fewer than the pixels.
+            few = max(gain.value, 0.0) * math.sqrt(2.0 / max(count[1] - 1, 1))
+            response = response + Uncertain.of(0.0, few)
+        pattern = FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], of_channels, count, **lines)
         result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
     return FixedPatterns(tuple(result), structure, offsets, taps)
+
+
+def _line_count(inside: NDArray[np.bool_], shape: tuple[int, ...]) -> tuple[int, int]:
+    """Return the numbers of rows and columns of a frame that the places of a channel in the tile are in."""
+    rows, cols = (
+        length * int(inside.any(axis=1 - axis).sum()) // inside.shape[axis] for axis, length in enumerate(shape)
+    )
+    return rows, cols
 
 
 def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, Value]:

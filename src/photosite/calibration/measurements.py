@@ -64,6 +64,7 @@ class Measurements:
     row_offset_variance: Value = NO_LIGHT  # of fixed offsets of rows and columns without readout channels, DN^2
     column_offset_variance: Value = NO_LIGHT
     column_gain_variance: Value = NO_LIGHT  # of the columns' relative gains, behind the response curve
+    lines: tuple[int, int] = (1, 1)  # rows and columns that the pixels are in
     saturation_method: str = "fully clipped flat fields"
     dsnu_method: str = ""
     # Variance over pixels of single dark frames, of which read noise and DSNU are unknown parts, each at most the whole
@@ -150,8 +151,15 @@ class Measurements:
         if isinstance(spread, Missing):
             spread = self.response_variance
         spread = derive(lambda variance: variance - self.channel_variance, spread)
+        offsets, gains = self._of_lines()
         if isinstance(response, Uncertain) and isinstance(spread, Uncertain):
             response = mean_for_sensor(response, spread * response.value**2, independent)
+            response = response + Uncertain.of(0.0, gains * abs(response.value))
+        black, saturation = mean_for_sensor(self.black_level, self.dsnu_variance, self.pixels), self.saturation_dn
+        if isinstance(black, Uncertain):
+            black = black + offsets
+        if isinstance(saturation, Uncertain) and saturation.standard_uncertainty > 0.0:
+            saturation = saturation + offsets  # of a full well, not of the converter
         slope, slope_variance = self.dark_slope, self.dark_slope_variance
         if isinstance(slope, Uncertain) and isinstance(slope_variance, Uncertain):
             slope, slope_variance = of_one_sample(slope, slope_variance, self.dark_slope_third, independent)
@@ -159,12 +167,25 @@ class Measurements:
         same = self.saturation_responsivity is self.responsivity
         return replace(
             self,
-            black_level=mean_for_sensor(self.black_level, self.dsnu_variance, self.pixels),
+            black_level=black,
+            saturation_dn=saturation,
             dark_slope=slope,
             dark_slope_variance=slope_variance,
             responsivity=response,
             saturation_responsivity=response if same else self.saturation_responsivity,
         )
+
+    def _of_lines(self) -> tuple[Uncertain, float]:
+        """Return the errors of the means by few rows and columns: of the offset in DN, and of the gain, relative."""
+        row, column, gain = (
+            max(part.value, 0.0) / count if isinstance(part, Uncertain) else 0.0
+            for part, count in zip(
+                (self.row_offset_variance, self.column_offset_variance, self.column_gain_variance),
+                (*self.lines, self.lines[1]),
+                strict=True,
+            )
+        )
+        return Uncertain.of(0.0, math.sqrt(row + column)), math.sqrt(gain)
 
 
 def mean_for_sensor(mean: Value, variance: Value, pixels: float) -> Value:
@@ -245,6 +266,7 @@ def pool_channels(
         "saturation_photons": first.saturation_photons,
         "saturation_responsivity": first.saturation_responsivity,
         "saturation_method": saturated.saturation_method,
+        "lines": (max(m.lines[0] for m in channels), max(m.lines[1] for m in channels)),
         "curved": any(entry.curved for entry in channels),
         "saturation_stretch": weighted_mean(
             [entry.saturation_stretch for entry in channels], [float(entry.pixels) for entry in channels]

@@ -18,11 +18,13 @@ from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Valu
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from photosite.calibration.black_level_drift import BlackLevelSeries
     from photosite.calibration.charge_transfer import TransferLoss
     from photosite.calibration.chip_maps.blooming import BloomingResult
     from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.flicker import Flicker
+    from photosite.calibration.glow import GlowMap
     from photosite.calibration.photon_transfer.general_model import GeneralModel
     from photosite.calibration.photon_transfer.linearity import Linearity
     from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling
@@ -53,6 +55,10 @@ class Calibration(Parameters):
         Gains and offsets of readout channels; None where no difference between channels was found.
     charge_transfer
         Charge transfer inefficiency; None unless `base` states a charge transfer.
+    black_level_drift
+        1/f drift of the black level over the dark frames; None with too few frames.
+    glow
+        Amplifier glow in the map of the dark current; None without such a map.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -104,6 +110,8 @@ class Calibration(Parameters):
     response_curve: Mapping[str, ResponseCurve] = field(default_factory=dict)
     readout_channels: ReadoutChannels | None = None
     charge_transfer: TransferLoss | None = None
+    black_level_drift: BlackLevelSeries | None = None
+    glow: GlowMap | None = None
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
@@ -222,7 +230,8 @@ class Calibration(Parameters):
         dict
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
             `channels` (the parameters per color channel), `response_curve` (per channel that bends),
-            `readout_channels`, `charge_transfer`, `model`,
+            `readout_channels`, `charge_transfer`,
+            `black_level_drift`, `glow`, `model`,
             `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
             candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
             `defects` (number of each kind), `temporal` and `dark_distribution`.
@@ -240,6 +249,8 @@ class Calibration(Parameters):
             "response_curve": {channel: found.to_dict() for channel, found in self.response_curve.items()},
             "readout_channels": None if (parts := self.readout_channels) is None else parts.model_dump(mode="json"),
             "charge_transfer": None if self.charge_transfer is None else self.charge_transfer.to_dict(),
+            "black_level_drift": None if (drift := self.black_level_drift) is None else drift.to_dict(),
+            "glow": None if self.glow is None else self.glow.to_dict(),
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

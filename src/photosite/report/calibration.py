@@ -19,6 +19,7 @@ from photosite.report.chip import (
     outlier_pixel_blocks,
     temporal_blocks,
 )
+from photosite.report.dark import drift_blocks, glow_blocks
 from photosite.report.data_sheet import data_sheet_blocks
 from photosite.report.figures.charge import transfer_figure
 from photosite.report.figures.chip import blooming_figure, dark_distribution_figure
@@ -258,7 +259,7 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("Signal-to-noise ratio", _snr_blocks(calibration)),
         Section("Linearity", _linearity_blocks(calibration)),
         Section("General model", _general_blocks(calibration)),
-        Section("Dark current", _dark_blocks(calibration)),
+        Section("Dark current", (*_dark_blocks(calibration), *glow_blocks(calibration), *drift_blocks(calibration))),
         Section("Charge transfer", _transfer_blocks(calibration)),
         Section("Noise in the dark", temporal_blocks(calibration)),
         Section("Nonuniformity", nonuniformity_blocks(calibration)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import date
 from os import PathLike
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
+from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.effects.response_curve import ResponseCurve
@@ -79,12 +81,17 @@ def measured_sensor(calibration: Calibration) -> Sensor:
                 changes[field] = Measured(0.0, changes[field].standard_uncertainty, note)
             uncertain[field] = estimate.uncertain
     changes["line_pattern"] = lines = _line_pattern(calibration, source)
-    found = Effects(readout_channels=calibration.readout_channels, line_pattern=lines)
-    if found.line_variances != (0.0, 0.0):
-        _take_off_lines(found, changes)
     _take_off_hot_pixels(calibration, changes, source)
     if calibration.blooming is not None and (blooming := calibration.blooming.section(source)) is not None:
         changes["blooming"] = blooming
+    drift_e = 0.0
+    if (series := calibration.black_level_drift) is not None:
+        changes["black_level_drift"] = drift = series.section()
+        drift_e = 0.0 if drift is None else series.drift_e.value or 0.0
+    if (glow := calibration.glow) is not None and not glow.unclear:
+        changes["glow"] = glow.section()
+        _take_off_glow(changes["glow"], (calibration.rows, calibration.cols), changes)
+    _take_off_lines(Effects(readout_channels=calibration.readout_channels, line_pattern=lines), drift_e, changes)
     well = well_capacity(calibration)
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
@@ -154,17 +161,24 @@ def _line_pattern(calibration: Calibration, source: str) -> LinePattern | None:
     return LinePattern(**found) if any(part.value for part in found.values()) else None
 
 
-def _take_off_lines(effects: Effects, changes: dict[str, Any]) -> None:
-    """Subtract the variances of lines and readout channels from DSNU, PRNU and DCNU, because the file states both."""
+def _take_off_lines(effects: Effects, drift_e: float, changes: dict[str, Any]) -> None:
+    """Subtract the variances of lines, readout channels and drift from the noises that contain them.
+
+    The file states both. `drift_e` is the drift over the frames of the read noise.
+    """
     offset_e2, gain = effects.line_variances
-    conversion = changes[CONVERSION].value
-    of_offsets = (1e-3 * conversion) ** 2 * offset_e2
-    for name, taken in (("prnu_percent", 1e4 * gain), ("dcnu_percent", 1e4 * gain), ("dsnu_mv", of_offsets)):
-        if name in changes and taken > 0.0:
+    square_mv = (1e-3 * changes[CONVERSION].value) ** 2
+    taken = {"prnu_percent": 1e4 * gain, "dcnu_percent": 1e4 * gain, "dsnu_mv": square_mv * offset_e2}
+    if drift_e and "read_noise_mv" in changes:
+        lines = sum(changes[name].value ** 2 for name in ("row_noise_mv", "column_noise_mv") if name in changes)
+        most = max(changes["read_noise_mv"].value ** 2 - lines, 0.0)
+        taken["read_noise_mv"] = min(square_mv * drift_e**2, most)
+    for name, variance in taken.items():
+        if name in changes and variance > 0.0:
             whole = changes[name]
-            variance = Uncertain.of(whole.value**2 - taken, 2.0 * whole.value * whole.standard_uncertainty)
-            rest = standard_deviation(variance)
-            note = f"{whole.source}; without rows, columns and readout channels"
+            left = Uncertain.of(whole.value**2 - variance, 2.0 * whole.value * whole.standard_uncertainty)
+            rest = standard_deviation(left)
+            note = f"{whole.source}; without rows, columns, readout channels and drift"
             if rest.value < 0.0:
                 note += f", the estimate is {rest.value:.3g}, not distinguishable from 0"
             changes[name] = Measured(max(rest.value, 0.0), rest.standard_uncertainty, note)
@@ -187,6 +201,23 @@ def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], sour
     changes |= {"hot_pixels": section, "dark_voltage_mv_per_s": Measured(share * whole.value, spread, note)}
     if dcnu.value is not None:
         changes["dcnu_percent"] = Measured(max(dcnu.value, 0.0), dcnu.standard_uncertainty or 0.0, note)
+
+
+def _take_off_glow(glow: Glow | None, shape: tuple[int, int], changes: dict[str, Any]) -> None:
+    """Subtract a glow from the dark current and its nonuniformity, because the file states both."""
+    if glow is None or (whole := changes.get("dark_voltage_mv_per_s")) is None:
+        return
+    rate_e_per_s = glow.map(*shape)
+    mv_per_e = 1e-3 * changes[CONVERSION].value
+    rest = max(whole.value - mv_per_e * float(rate_e_per_s.mean()), 0.0)
+    changes["dark_voltage_mv_per_s"] = replace(whole, value=rest, source=f"{whole.source}; without glow")
+    if (spread := changes.get("dcnu_percent")) is not None:
+        variance = (0.01 * spread.value * whole.value) ** 2 - (mv_per_e * float(rate_e_per_s.std())) ** 2
+        percent = 100.0 * math.sqrt(max(variance, 0.0)) / rest if rest > 0.0 else 0.0
+        scale = whole.value / rest if rest > 0.0 else 1.0
+        changes["dcnu_percent"] = Measured(
+            percent, spread.standard_uncertainty * scale, f"{spread.source}; without glow"
+        )
 
 
 def _response_curve(calibration: Calibration, source: str) -> ResponseCurve | None:
