@@ -46,11 +46,12 @@ LONG_DARKS_S = 0.01
 OFF_BY_CHANCE, NOTABLE = 1e-4, 0.1
 """Share of clean sets whose dark levels may scatter this far; least scatter, as a share of the spread of the pixels."""
 
-FAR_BELOW_ZERO, LINES_FAR_BELOW_ZERO = 4.75, 15.0
-"""At this many uncertainties below zero, a standard deviation's variance is over three of its uncertainties below; and
-over eight, for the noise of rows and columns: its uncertainty falls with the variance of few lines that happen to be
-alike, so that three are exceeded in 8 of 1000 clean sets of four frames with 48 rows, and eight in 1 of 2000 of two
-frames with 24 rows."""
+FAR_BELOW_ZERO, PARTS_FAR_BELOW_ZERO, LINES_FAR_BELOW_ZERO = 4.75, 6.85, 15.0
+"""At this many uncertainties below zero, a standard deviation's variance is over three of its uncertainties below; over
+four, for the parts of patterns by rows and columns, of which one is below three in 1 of 50 chips with planes of 24
+rows; and over eight, for the noise of rows and columns: its uncertainty falls with the variance of few lines that
+happen to be alike, so that three are exceeded in 8 of 1000 clean sets of four frames with 48 rows, and eight in 1 of
+2000 of two frames with 24 rows."""
 
 LEAST_PATTERN = 0.05
 """DSNU over read noise below which a dark frame was probably subtracted; sensors have 0.1 and more."""
@@ -265,7 +266,10 @@ def _negative_warnings(estimates: Mapping[str, Estimate]) -> Iterator[str]:
             f"pixels make them differ, as after the camera subtracted the mean of each line; take raw frames"
         )
     others = [name for name in estimates if not name.startswith(("row_noise", "column_noise"))]
-    if negative := [name for name in others if below(name, FAR_BELOW_ZERO)]:
+    limits = {
+        name: PARTS_FAR_BELOW_ZERO if {"row", "column"} & set(name.split("_")) else FAR_BELOW_ZERO for name in others
+    }
+    if negative := [name for name, times in limits.items() if below(name, times)]:
         yield (
             f"{', '.join(negative)}: the variance is negative beyond chance; the noise of these frames is not "
             f"independent between pixels or between frames (row noise, for example)"
