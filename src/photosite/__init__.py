@@ -44,6 +44,7 @@ _MODULE_OF = {
     "bin_frame": "photosite.frames.binning",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_captures": "photosite.calibration.captures",
+    "calibrate_combined": "photosite.calibration.combined",
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
@@ -81,6 +82,7 @@ __all__ = [*_MODULE_OF, *_MODULES, "__version__", "develop"]
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
     from photosite.calibration.captures import calibrate_captures as calibrate_captures
+    from photosite.calibration.combined import calibrate_combined as calibrate_combined
     from photosite.calibration.gain_series.calibrate_series import calibrate_series as calibrate_series
     from photosite.calibration.polarizers import measure_polarizers as measure_polarizers
     from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart

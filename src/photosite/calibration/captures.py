@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ from photosite.values.cfa import channel_mask
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _Array = NDArray[np.float64]
 
@@ -48,6 +52,34 @@ class CaptureCalibration(Tabular):
     captures: Mapping[str, Calibration]
     signal_ratio: Mapping[str, Estimate]
     sensitivity_ratio: Mapping[str, Estimate]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the signal-to-noise ratio of each capture against the light on Matplotlib axes, and return them."""
+        from photosite.report.plots import plot_captures
+
+        return plot_captures(self, ax)
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write the report with all results: a PDF for the suffix .pdf, else an HTML page.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        from photosite.report.captures import captures_page
+        from photosite.report.write import write_report
+
+        write_report(captures_page(self), path)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Limitations of the captures, each with the name of its capture."""
+        return tuple(f"{name}: {text}" for name, each in self.captures.items() for text in each.warnings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimates as columns, and the warnings."""
+        return {**self._table().to_dict(), "warnings": list(self.warnings)}
 
     def _table(self) -> ResultTable:
         rows = []
@@ -253,7 +285,7 @@ class _Pair:
         """Return the system gain of the first capture over that of the second.
 
         Both photon transfer lines have the same error as far as their levels have the same noise: sample variances of
-        noise with the correlation r have the correlation r^2.
+        n frames and N pixels whose noise has the covariance c have the covariance 2 c^2 / (N (n - 1)).
         """
         gains = (each.calibration.system_gain_dn_per_e.uncertain for each in (self.first, self.other))
         return derive(self._quotient, *gains)
@@ -266,16 +298,19 @@ class _Pair:
             a, b = _transfer_lines(self.first.calibration), _transfer_lines(self.other.calibration)
             for channel, x in a.keys() & b.keys():
                 noise = self.noise(channel, x)
-                if noise is not None and noise.any():
-                    correlation = noise[0, 1] ** 2 / (noise[0, 0] * noise[1, 1])
-                    common += correlation * a[channel, x] * b[channel, x]
+                if noise is not None:
+                    frames = sum(
+                        None not in both for both in zip(self.first.flats[x], self.other.flats[x], strict=False)
+                    )
+                    degrees = (frames - 1) * int(self.first.sites[channel].sum())
+                    common += a[channel, x] * b[channel, x] * 2.0 * float(noise[0, 1]) ** 2 / degrees
             common /= gain.value * other.value
         left = math.sqrt(max(1.0 - 2.0 * common / own, 0.01)) if common > 0.0 else 1.0
         return Uncertain(ratio.value, {source: left * part for source, part in ratio.parts.items()})
 
 
 def _transfer_lines(calibration: Calibration) -> dict[tuple[str, float], float]:
-    """Return by channel and light how far the system gain changes per standard uncertainty of the variance there."""
+    """Return by channel and light the change of the system gain with the variance there."""
     points: dict[tuple[str, float], tuple[float, float]] = {}
     for channel, curves in calibration.curves.items():
         if "photon_transfer" not in curves or "response" not in curves:
@@ -286,7 +321,7 @@ def _transfer_lines(calibration: Calibration) -> dict[tuple[str, float], float]:
             if used and signal in lights and uncertainty > 0.0:
                 points[channel, lights[signal]] = float(signal), float(uncertainty)
     whole = sum((signal / uncertainty) ** 2 for signal, uncertainty in points.values())
-    return {place: signal / uncertainty / whole for place, (signal, uncertainty) in points.items()}
+    return {place: signal / uncertainty**2 / whole for place, (signal, uncertainty) in points.items()}
 
 
 def _common(

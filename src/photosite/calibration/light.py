@@ -14,6 +14,7 @@ from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_noise_ratio import DarkNoiseRatio, find_dark_noise_ratio
+from photosite.calibration.photon_transfer.knees import check_knees
 from photosite.calibration.photon_transfer.level_outliers import LightOutlier, find_light_outliers
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
@@ -81,6 +82,8 @@ def measure_light_frames(
     wrong = {outlier.group for outlier in outliers}
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
+    if not dark.level_unknown:
+        check_knees(channels, reduction.frames.source)
     if noise.shared is not None:
         channels = [replace(each, levels=noise.shared.means(each.levels, each.index)) for each in channels]
         if noise.shared.neighbors is not None:

@@ -9,11 +9,16 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, held_warnings, listed, not_listed, say_if_compiling, show, table
+from photosite.cli.output import Stages, held_warnings, listed, not_listed, say, say_if_compiling, show, table
+from photosite.errors import InputError
 
 if TYPE_CHECKING:
+    from photosite.calibration.captures import CaptureCalibration
+    from photosite.calibration.combined import CombinedCalibration
     from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
+    from photosite.frames.frame_set import FrameSet
+    from photosite.sensor.model import Sensor
 
 
 @click.command("calibrate", cls=Command)
@@ -71,6 +76,12 @@ if TYPE_CHECKING:
     help="Also measure maps of offset, response, dark rate and read noise, defects, row and column noise; -o writes "
     "the maps beside the sensor file (HDF5).",
 )
+@click.option(
+    "--captures",
+    metavar="NAME,NAME",
+    help="Subfolders of PATH with the frames of each capture of one exposure, from the most to the least sensitive. "
+    "Default: those of the sensor's captures, where PATH has all of them.",
+)
 @options.json_option
 def command(
     path: Path,
@@ -83,6 +94,7 @@ def command(
     outlier_dark: float | None,
     outlier_light: float | None,
     maps: bool,
+    captures: str | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -92,6 +104,10 @@ def command(
     cannot be estimated are reported with the reason. Millivolts and the sensor file need the pixel size, the voltage
     swing and the spectral response, which frames do not show: they come from the sensor file named by the protocol or
     by --sensor.
+
+    Frames that combine several captures of one exposure (high dynamic range) show knees of the photon transfer: the
+    captures are then told apart by their noise. Companded frames need a sensor file with the table,
+    captures.combination.companding. The frames of each capture, in subfolders, show more.
 
     Frames of several gain settings (ISO) are calibrated as a series: each setting by itself, then the switch of the
     conversion gain and the two parts of the read noise. -o then writes one sensor file with all settings, for
@@ -117,7 +133,9 @@ def command(
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
     from photosite.calibration.calibrate import calibrate
+    from photosite.calibration.captures import calibrate_captures
     from photosite.calibration.gain_series.calibrate_series import calibrate_series
+    from photosite.calibration.photon_transfer.knees import SeveralCapturesError
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.frames.linearization import linearize as linearized
     from photosite.frames.linearization import read_linearization
@@ -125,6 +143,12 @@ def command(
     from photosite.sensor.io.sensor_file import maps_path
 
     held = click.get_current_context().with_resource(held_warnings())
+    if names := _names_of_captures(path, captures, sensor_name):
+        if output is not None or maps or linearize is not None or checkpoint is not None:
+            raise click.UsageError("-o, --maps, --linearize and --checkpoint apply to frames of one capture")
+        parts = calibrate_captures({each: open_frames(path / each, **reading) for each in names}, progress=Stages())
+        _show_captures(parts, report, as_json)
+        return
     frames = open_frames(path, **reading)
     if linearize is not None:
         frames = linearized(frames, read_linearization(linearize))
@@ -136,6 +160,9 @@ def command(
     if maps and output is not None:
         options.check_new(maps_path(output))
     is_series = len(frames.gain_settings) > 1
+    if frames.bits > 16 or (sensor is not None and sensor.captures is not None and not is_series):
+        _combined(frames, sensor, output, report, as_json)
+        return
     if output is not None and sensor is None:
         raise click.UsageError(
             "-o needs pixel size, volts and spectra, which frames lack: give --sensor (sensors new writes one)"
@@ -151,7 +178,12 @@ def command(
         _write_series(series, output, report, as_json)
         return
     outliers = OutlierThresholds(outlier_dark, outlier_light)
-    calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
+    try:
+        calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
+    except SeveralCapturesError as error:
+        say(f"photosite: {error.what}; the captures are told apart by their noise")
+        _combined(frames, sensor, output, report, as_json)
+        return
     not_listed(held, calibration.warnings)
     if output is not None:
         _ = calibration.sensor  # raises before anything is written
@@ -161,6 +193,54 @@ def command(
         calibration.save(output)
     beside = maps_path(output) if calibration.chip is not None and output is not None else None
     show(as_json, calibration.to_dict(), lambda: _text(calibration), sensor=output, maps=beside, report=report)
+
+
+def _names_of_captures(path: Path, given: str | None, sensor_name: str | None) -> list[str]:
+    """Return the subfolders with the frames of each capture; none for frames of one."""
+    if given is not None:
+        names = [name.strip() for name in given.split(",")]
+        if missing := [name for name in names if not (path / name).is_dir()]:
+            raise InputError("captures", value=missing[0], expected=f"a subfolder of {path}")
+        return names
+    sensor = options.sensor_or(None, sensor_name)
+    if sensor is None or sensor.captures is None:
+        return []
+    names = list(sensor.captures.names)
+    return names if all((path / name).is_dir() for name in names) else []
+
+
+def _combined(frames: FrameSet, sensor: Sensor | None, output: Path | None, report: Path | None, as_json: bool) -> None:
+    """Calibrate combined frames and show the captures."""
+    from photosite.calibration.combined import calibrate_combined
+
+    if output is not None:
+        raise click.UsageError("-o needs the frames of each capture: combined ones do not show all that a file holds")
+    found = calibrate_combined(frames, sensor)
+    _show_captures(found, report, as_json)
+
+
+def _show_captures(found: CaptureCalibration | CombinedCalibration, report: Path | None, as_json: bool) -> None:
+    """Write the report of captures and show their table."""
+    if report is not None:
+        found.report(report)
+    content = found.to_dict()
+    names = ("parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "reason")
+    heads = ("part", *names)
+    part = content["part"] if "part" in content else content["capture"]
+    rows = [
+        heads,
+        *(tuple(_cell(cell) for cell in row) for row in zip(part, *(content[n] for n in names), strict=True)),
+    ]
+
+    def text() -> str:
+        lines = [listed("warnings:", found.warnings)] if found.warnings else []
+        return "\n\n".join([table(rows, "<<>>>><"), *lines])
+
+    show(as_json, content, text, report=report)
+
+
+def _cell(value: object) -> str:
+    return "" if value is None else f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def _text(calibration: Calibration) -> str:

@@ -19,6 +19,9 @@ from photosite.cli.output import Stages, say, say_if_compiling, show
 @options.virtual_light_options("Write the photons per pixel to the protocol, as from a calibrated photodiode.")
 @options.seed_option()
 @options.folder_option(options.output_folder, "Folder to write; it must not exist or must be empty.")
+@click.option(
+    "--captures", is_flag=True, help="Write the frames of each capture of a sensor with several, in a subfolder each."
+)
 @options.json_option
 @click.pass_context
 def command(
@@ -30,6 +33,7 @@ def command(
     photons: bool,
     seed: int,
     output: Path,
+    captures: bool,
     as_json: bool,
     **chip: Any,
 ) -> None:
@@ -64,7 +68,7 @@ def command(
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
     if note:
         say(f"{note} (--no-pedestal keeps the sensor's own, --black-level sets another)")
-    lab.write(output, Stages())
+    lab.write(output, Stages(), captures=captures)
     rows, cols, count = sensor.array.rows, sensor.array.cols, protocol.frame_count
     facts = {
         "path": output,

@@ -114,6 +114,11 @@ if TYPE_CHECKING:
     suffixes=(".tif", ".tiff", ".h5", ".hdf5"),
     text="Also write the noise-free mosaic in DN, 32-bit floats: .tif or .h5.",
 )
+@click.option(
+    "--captures",
+    is_flag=True,
+    help="Also write each capture of a sensor with several, such as shot.small.dng beside shot.dng.",
+)
 @options.json_option
 def command(
     camera_file: Path | None,
@@ -127,6 +132,7 @@ def command(
     output: Path,
     preview: Path | None,
     clean: Path | None,
+    captures: bool,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -156,13 +162,16 @@ def command(
     from photosite.files.writing import date_of_files
     from photosite.frames.io.clean_mosaic import write_clean_mosaic
     from photosite.scene.dynamic_scene import DynamicScene
+    from photosite.sensor.capture_readout import captures_of
 
     set_up = _set_up(camera_file, given)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure_s is None else exposure_s
     _check_format(camera.sensor, output)
+    parts = captures_of(camera.sensor).names if captures else ()
     paths = [output] if frames == 1 else [_numbered(output, n, frames) for n in range(frames)]
     for path in paths:
-        options.check_new(path)
+        for name in ("", *parts):
+            options.check_new(_of_capture(path, name))
     scene = set_up.seen.scene()
     seen = scene if flicker is None and motion is None else DynamicScene(scene, flicker, motion)
     say_if_compiling()
@@ -178,12 +187,17 @@ def command(
         raw = replace(raw, metadata={**raw.metadata, "date_time": taken})
         raw = _with_white_balance(raw, camera, set_up.scene.light)
         _save(raw, path, preview if number == 0 else None)
+        for name in parts:
+            raw.capture(name, camera.sensor).save(_of_capture(path, name))
         if number == 0:
             first = raw
             if clean is not None:
                 write_clean_mosaic(camera.clean_dn(mean), raw, clean)
         progress(number + 1, frames)
-    facts = _facts(first, camera, paths) | {"preview": preview, "clean": clean, "scene": scene.name, "seed": seed}
+    facts = _facts(first, camera, paths) | {
+        "captures": {name: [str(_of_capture(path, name)) for path in paths] for name in parts},
+    }
+    facts |= {"preview": preview, "clean": clean, "scene": scene.name, "seed": seed}
     suggested_s = camera.auto_exposure_s(per_second) if per_second.any() else None
     facts["suggested_exposure_s"] = suggested_s
     if (hint := _exposure_hint(camera, mean, facts["saturated_fraction"], suggested_s)) is not None:
@@ -253,6 +267,11 @@ def _check_format(sensor: Sensor, output: Path) -> None:
 def _numbered(path: Path, number: int, count: int) -> Path:
     """Return the path of one of several frames: shot.dng becomes shot-01.dng."""
     return path.with_name(f"{path.stem}-{number + 1:0{len(str(count))}d}{path.suffix}")
+
+
+def _of_capture(path: Path, name: str) -> Path:
+    """Return the path of a capture of a frame: shot.dng becomes shot.small.dng."""
+    return path.with_name(f"{path.stem}.{name}{path.suffix}") if name else path
 
 
 def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:

@@ -21,6 +21,8 @@ from photosite.values.thumbnail import thumbnail_html
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from photosite.sensor.model import Sensor
+
 
 MOST_BITS = 24
 """Largest bit depth of combined captures."""
@@ -208,6 +210,38 @@ class RawFrame(Shown):
             )
             for k, name in enumerate(names)
         }
+
+    def capture(self, name: str, sensor: Sensor) -> RawFrame:
+        """Return one of the captures that the frame combines as a frame of its own, in the sensor's converter numbers.
+
+        The exposure time stays that of the frame. The metadata state the name, under "capture".
+
+        Raises
+        ------
+        InputError
+            If the frame has no such capture.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> phone = ps.load_sensor("dual-gain-phone").with_(rows=24, cols=32)
+        >>> camera = ps.Camera(ps.DiffractionLimited(f_number=2, focal_length_mm=4), phone)
+        >>> raw = camera.expose(np.full((24, 32), 5000, np.float32), 0.01)
+        >>> raw.bits, raw.capture("low", phone).bits
+        (14, 12)
+        """
+        if name not in self.captures:
+            raise InputError("capture", value=name, expected=f"one of {', '.join(self.captures) or 'none'}")
+        return replace(
+            self,
+            dn=self.captures[name],
+            bits=sensor.readout.bits,
+            black_level_dn=sensor.readout.black_level_dn.value,
+            white_level_dn=sensor.white_level_dn,
+            noise_profile=None,
+            metadata={**self.metadata, "capture": name},
+            captures={},
+        )
 
     @property
     def as_shot_neutral(self) -> tuple[float, ...] | None:

@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from photosite.calibration.captures import CaptureCalibration
+from photosite.calibration.combined import CombinedCalibration
 from photosite.calibration.dark_temperature import DarkTemperature
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
@@ -16,6 +18,7 @@ from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.metrics.capture_snr import CaptureBudget
 from photosite.metrics.snr import NoiseBudget
+from photosite.report.figures.captures import draw_captures_snr, draw_knees
 from photosite.report.figures.response import draw_curves
 from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
 from photosite.report.figures.validation import draw_identity, draw_patch_means
@@ -110,6 +113,24 @@ def plot_noise_budget(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
     """Draw the signal-to-noise ratio against the signal, in total and by noise source."""
     axes = new_or_given(ax)
     draw_noise_budget(axes, budget)
+    axes.legend()
+    return axes
+
+
+@styled()
+def plot_combined(found: CombinedCalibration, ax: Axes | None = None) -> Axes:
+    """Draw the photon transfer curve of combined frames with its knees."""
+    axes = new_or_given(ax)
+    draw_knees(axes, found)
+    axes.legend()
+    return axes
+
+
+@styled()
+def plot_captures(found: CaptureCalibration, ax: Axes | None = None) -> Axes:
+    """Draw the signal-to-noise ratio of calibrated captures against the light."""
+    axes = new_or_given(ax)
+    draw_captures_snr(axes, found)
     axes.legend()
     return axes
 

@@ -16,12 +16,14 @@ import numpy as np
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.captures import calibrate_captures
+from photosite.calibration.combined import CombinedCalibration, calibrate_combined
 from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
 from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.frames.frame_set import frame_set_from_arrays
-from photosite.sensor.capture_readout import captures_of, part_sensor
+from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.studies import disturbed_lab
 from photosite.studies.disturbed_lab import DisturbedLab, Draw
 from photosite.studies.protocol import ShootingProtocol, Step, series
@@ -326,11 +328,15 @@ def _measure_captures(lab: VirtualLab) -> _Result:
     """Shoot and calibrate the captures of one virtual sensor; compare gain, read noise and ratios with the truth."""
     sensor, captures = lab.camera.sensor, captures_of(lab.camera.sensor)
     taken: dict[str, list[tuple[Any, float, Any]]] = {name: [] for name in captures.names}
+    output = []
     for _, step, raw in lab.frames():
+        output.append((step.kind, step.exposure_s, raw.dn))
         for name, dn in raw.captures.items():
             taken[name].append((step.kind, step.exposure_s, dn))
+    bits = sensor.readout.bits
     try:
-        found = calibrate_captures({name: frame_set_from_arrays(each, bits=12) for name, each in taken.items()})
+        found = calibrate_captures({name: frame_set_from_arrays(each, bits=bits) for name, each in taken.items()})
+        together = calibrate_combined(frame_set_from_arrays(output, bits=sensor.output_bits))
     except CalibrationError as error:
         return str(error)
     gains = {name: part_sensor(sensor, name).system_gain_dn_per_e for name in captures.names}
@@ -345,9 +351,38 @@ def _measure_captures(lab: VirtualLab) -> _Result:
         signal, electrons = found.signal_ratio[name], found.sensitivity_ratio[name]
         outcomes[f"{name}_signal_ratio"] = _outcome(signal, ratio * gains[name] / gains[first])
         outcomes[f"{name}_sensitivity_ratio"] = _outcome(electrons, ratio)
+    outcomes |= _compare_combined(together, sensor)
     calibrations = found.captures.values()
     effects = dict.fromkeys(effect for each in calibrations for effect in reported_effects(each))
     return outcomes, tuple(text for each in calibrations for text in each.warnings), tuple(effects)
+
+
+def _compare_combined(found: CombinedCalibration, sensor: Sensor) -> dict[str, Outcome | str]:
+    """Compare what combined frames show of the first and the last capture, and of the last knee, with the truth."""
+    captures = captures_of(sensor)
+    first, *_, before, last = captures.names
+    per_e = captures.combination.dn_per_e.value
+    light = {name: captures.light(name) for name in captures.names}
+    one = part_sensor(sensor, first)
+    read_e = one.electrons(one.noise.read_noise_mv.value)
+    if found.captures[0].system_gain_dn_per_e.value is None:  # the quantization of the converter is a part of it
+        read_e = math.hypot(read_e, math.sqrt(QUANTISATION_DN2) / one.system_gain_dn_per_e)
+    scale = capture_scale(sensor, before)
+    knee_dn = captures.combination.switch_percent / 100.0 * scale.saturation_dn / scale.dn_per_light_e * per_e
+    outcomes = {
+        "combined_output_gain_dn_per_e": _outcome(found.captures[0].output_gain_dn_per_e, per_e / light[first]),
+        "combined_read_noise_e": _outcome(found.captures[0].read_noise_e, read_e),
+    }
+    ratio = found.captures[-1].sensitivity_ratio
+    if ratio is None or ratio.value is None or ratio.value > 0.7:
+        return {**outcomes, "combined_sensitivity_ratio": "no knee"}
+    last_gain = found.captures[-1].output_gain_dn_per_e
+    return {
+        **outcomes,
+        "combined_sensitivity_ratio": _outcome(ratio, light[last] / light[first]),
+        "combined_last_output_gain_dn_per_e": _outcome(last_gain, per_e / light[last]),
+        "combined_knee_dn": _outcome(found.knees[-1].signal_dn, knee_dn),
+    }
 
 
 def _compare_curve(calibration: Calibration, sensor: Sensor) -> dict[str, Outcome | str]:
@@ -575,7 +610,7 @@ def _captures(between: Callable[[float, float], float], read_noise_e: float) -> 
     low = {"name": "low", "charge": "shared", "charge_of": "high", "relative_gain": between(0.2, 0.5)}
     small = {"name": "small", "relative_sensitivity": between(0.03, 0.3), "crosstalk": {"high": between(1e-3, 1e-2)}}
     low["read_noise_e"], small["read_noise_e"] = (read_noise_e * between(1.0, 3.0) for _ in range(2))
-    return {"parts": ({"name": "high"}, low, small), "combination": {"dn_per_e": 1.0}}
+    return {"parts": ({"name": "high"}, low, small), "combination": {"dn_per_e": 16.0, "black_level_dn": 4096.0}}
 
 
 def _protocol(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -21,10 +21,12 @@ from photosite.files.writing import atomic_folder
 from photosite.frames.frame_set import FrameSet, FrameSource, group_frames
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import Numbers, RawFrame
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
+from photosite.sensor.capture_readout import captures_of, part_sensor
+from photosite.sensor.captures import Captures
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTISATION_DN2
@@ -93,7 +95,8 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
 
     Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
     the chip, the temperature of its dark current and the values of other gain settings are removed. Of its effects, the
-    lines without light stay, and that it is a CCD with its output at a corner.
+    lines without light stay, and that it is a CCD with its output at a corner. Names and
+    combination of several captures stay.
 
     Examples
     --------
@@ -103,7 +106,12 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     """
     unknown = Measured(0.0, source="placeholder: to be measured", assumed=True)
     scale = replace(unknown, value=1.0)
+    captures = sensor.captures
+    if captures is not None:
+        parts = [part.model_dump(include={"name", "charge", "charge_of"}) for part in captures.parts]
+        captures = Captures.model_validate({"parts": parts, "combination": captures.combination})
     return sensor.with_(
+        captures=captures,
         **{name: None if name in _OF_TEMPERATURE else unknown for name in type(sensor.noise).model_fields},
         black_level_dn=unknown,
         conversion_gain_uv_per_e=scale,
@@ -193,15 +201,20 @@ class VirtualLab:
             group_frames(listed),
             sensor.array.rows,
             sensor.array.cols,
-            sensor.readout.bits,
+            sensor.output_bits,
             sensor.array.cfa,
             f"virtual frames of {sensor.name}",
             sensor=nominal_sensor(sensor),
             black_level_dn=sensor.output_levels_dn[0],
         )
 
-    def write(self, folder: str | PathLike[str], progress: FrameProgress | None = None) -> None:
+    def write(
+        self, folder: str | PathLike[str], progress: FrameProgress | None = None, *, captures: bool = False
+    ) -> None:
         """Write frames, protocol.yaml, nominal.sensor.yaml and truth.sensor.yaml to a new folder.
+
+        With `captures`, the frames of each capture of the sensor are in a subfolder of its name, with a protocol and a
+        nominal sensor each; the true sensor is in the folder. Otherwise the frames are the combined ones.
 
         The protocol refers to the nominal sensor, which has placeholders for the values to be measured. The true sensor
         is written for comparison; no command reads it. The folder appears complete or not at all.
@@ -211,28 +224,34 @@ class VirtualLab:
         FileError
             If the folder is not empty or cannot be written.
         """
+        sensor = self.camera.sensor
+        sensors = {name: part_sensor(sensor, name) for name in captures_of(sensor).names} if captures else {"": sensor}
         with atomic_folder(folder) as place:
-            for kind in dict.fromkeys(step.kind for step in self.protocol.steps):
-                (place / kind).mkdir()
-            self._write_frames(place, progress)
-            self.camera.sensor.save(place / TRUTH_NAME)
-            nominal_sensor(self.camera.sensor).save(place / NOMINAL_NAME)
+            for name in sensors:
+                for kind in dict.fromkeys(step.kind for step in self.protocol.steps):
+                    (place / name / kind).mkdir(parents=True)
+            self._write_frames(place, tuple(sensors), progress)
+            sensor.save(place / TRUTH_NAME)
             entries = tuple(
                 ProtocolFrames((f"{step.kind}/{number:02d}_*.tif",), self._settings(step))
                 for number, step in enumerate(self.protocol.steps, start=1)
             )
-            write_protocol(Protocol(entries, self.protocol.name, sensor=NOMINAL_NAME), place / PROTOCOL_NAME)
+            for name, each in sensors.items():
+                nominal_sensor(each).save(place / name / NOMINAL_NAME)
+                write_protocol(Protocol(entries, self.protocol.name, sensor=NOMINAL_NAME), place / name / PROTOCOL_NAME)
 
-    def _write_frames(self, place: Path, progress: FrameProgress | None) -> None:
+    def _write_frames(self, place: Path, names: Sequence[str], progress: FrameProgress | None) -> None:
         """Simulate frames in this thread, and write them in others."""
         pending: list[Future[None]] = []
         with ThreadPoolExecutor(_WRITERS) as writers:
             try:
                 for done, (number, step, frame) in enumerate(self.frames(), start=1):
-                    name = f"{number:02d}_{frame.metadata['frame']:04d}.tif"
-                    pending.append(writers.submit(frame.save, place / step.kind / name))
-                    if len(pending) >= _PENDING:
-                        pending.pop(0).result()
+                    file = f"{number:02d}_{frame.metadata['frame']:04d}.tif"
+                    for name in names:
+                        each = frame.capture(name, self.camera.sensor) if name else frame
+                        pending.append(writers.submit(each.save, place / name / step.kind / file))
+                        if len(pending) >= _PENDING:
+                            pending.pop(0).result()
                     if progress is not None:
                         progress(done, self.protocol.frame_count)
                 for future in pending:
@@ -268,8 +287,8 @@ class VirtualLab:
         known = {} if photons is None else {"photons_per_pixel": photons}
         return replace(raw, metadata={**raw.metadata, "kind": step.kind, **known})
 
-    def _dn(self, step: Step, frame: int) -> NDArray[np.uint16]:
-        return np.asarray(self._expose(step, self._mean_electrons(step), frame).dn, np.uint16)
+    def _dn(self, step: Step, frame: int) -> Numbers:
+        return self._expose(step, self._mean_electrons(step), frame).dn
 
 
 def virtual_lab(

@@ -28,7 +28,7 @@ def check_frame_set(frames: FrameSet, sensor: Sensor | None) -> Sensor | None:
         hint = f"Open the frames with open_frames({path})"
         raise InputError("frames", value=frames, expected="a FrameSet", hint=hint)
     if frames.bits > 16:
-        hint = "Calibrate the frames of each capture, or companded frames"
+        hint = "Use calibrate_combined, or calibrate the frames of each capture"
         raise InputError("bits", where=frames.source, value=frames.bits, expected="at most 16", hint=hint)
     sensor = sensor if sensor is not None else frames.sensor
     if sensor is not None:

@@ -1,0 +1,205 @@
+"""Knees of a photon transfer curve: where the frames change from one capture to the next, or a companding table bends.
+
+A frame of several captures has the variance of the capture that it is from: K_k (y + K_k read_k^2) at a signal y, with
+K_k the output per electron of that capture. Where the combination changes to a capture with fewer electrons or more
+read noise, the variance jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.reduction.groups import CLIPPED_SHARE
+from photosite.errors import CalibrationError
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+
+_Array = NDArray[np.float64]
+
+LEAST_POINTS = 3
+"""Points of a piece: two for the line, one that can contradict it."""
+
+_NEW_PIECE, _LEFT_OUT = 30.0, 12.0
+"""Costs in chi square of another piece, and of a point between two pieces, where captures are blended."""
+
+_MODEL = 0.01
+"""Relative deviation of the variance from a straight line that is no knee."""
+
+LEAST_STEP = 0.03
+"""Least relative step of the variance at a knee."""
+
+
+BELOW_SATURATION = 0.85
+"""Share of the saturated signal that is used; brighter pixels clip."""
+
+_FALLEN, _STILL_RISING = 0.8, 1.05
+"""Share of the largest variance, and ratio of the signals of the last two levels: saturation is below both."""
+
+_LARGE_STEP = 1.5
+"""Ratio of the variances on both sides of a knee, or its inverse, with which no system gain holds."""
+
+_MOST_BETWEEN = 2
+"""Points of each channel between the pieces at a knee."""
+
+
+class SeveralCapturesError(CalibrationError):
+    """Frames combine several captures, or are companded: their photon transfer curve has knees."""
+
+
+class Piece(NamedTuple):
+    """Points `first` to `last` of a curve that lie on one line: intercept + slope x signal."""
+
+    first: int
+    last: int
+    intercept: float
+    slope: float
+
+    def at(self, signal: float) -> float:
+        """Return the variance of the line."""
+        return self.intercept + self.slope * signal
+
+
+def find_pieces(signal: _Array, variance: _Array, uncertainty: _Array) -> list[Piece]:
+    """Return the pieces of a photon transfer curve, by dynamic programming over all partitions.
+
+    The sum of the squared residuals of the lines, with a cost for each piece and for each point in no piece, is the
+    least. A line rises with the signal, and its intercept is not negative beyond its uncertainty. Neighboring pieces
+    whose lines meet are one: a bend is no knee.
+
+    Parameters
+    ----------
+    signal, variance, uncertainty
+        (points,) ascending signals above black, the temporal variances and their standard uncertainties.
+
+    Examples
+    --------
+    >>> signal = np.geomspace(10, 1e5, 30)
+    >>> variance = np.where(signal < 3e3, 4 + 0.5 * signal, 400 + 8 * signal)
+    >>> [(piece.first, piece.last, round(piece.slope, 3)) for piece in find_pieces(signal, variance, variance / 100)]
+    [(0, 17, 0.5), (18, 29, 8.0)]
+    """
+    count = len(signal)
+    spread = np.hypot(uncertainty, _MODEL * variance)
+    best, choice = np.full(count + 1, np.inf), np.full(count + 1, -1)
+    best[0] = 0.0
+    for start in range(count):
+        if best[start] + _LEFT_OUT < best[start + 1]:
+            best[start + 1], choice[start + 1] = best[start] + _LEFT_OUT, -1
+        costs = best[start] + _NEW_PIECE + _chi_squares(signal[start:], variance[start:], spread[start:])
+        better = np.flatnonzero(costs < best[start + 1 :])
+        best[start + 1 + better], choice[start + 1 + better] = costs[better], start
+    pieces, end = [], count
+    while end > 0:
+        if choice[end] < 0:
+            end -= 1
+            continue
+        start = int(choice[end])
+        pieces.append((start, end - 1))
+        end = start
+    return _merged(signal, variance, spread, pieces[::-1])
+
+
+def _chi_squares(signal: _Array, variance: _Array, spread: _Array) -> _Array:
+    """Return chi square of the line through the first 1, 2, ... points; infinite where there is no valid one."""
+    weight, scale = 1.0 / spread**2, max(float(np.abs(signal).max()), 1e-300)
+    x = signal / scale
+    w, wx, wxx = (np.cumsum(weight * x**power) for power in range(3))
+    wv, wxv, wvv = np.cumsum(weight * variance), np.cumsum(weight * x * variance), np.cumsum(weight * variance**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = w * wxx - wx**2
+        slope = (w * wxv - wx * wv) / determinant
+        intercept = (wxx * wv - wx * wxv) / determinant
+        chi_square = wvv - intercept * wv - slope * wxv
+        valid = (slope > 0.0) & (intercept > -3.0 * np.sqrt(wxx / determinant))
+    valid &= np.isfinite(chi_square) & (np.arange(1, len(x) + 1) >= LEAST_POINTS)
+    return np.where(valid, np.maximum(chi_square, 0.0), np.inf)
+
+
+def line_through(signal: _Array, variance: _Array, spread: _Array, first: int, last: int) -> tuple[Piece, _Array]:
+    """Return the line through points, and the covariance of its parameters."""
+    part = slice(first, last + 1)
+    design = np.stack([np.ones(last + 1 - first), signal[part]], axis=1) / spread[part, None]
+    scale = np.abs(design).max(axis=0)
+    inverse = np.linalg.inv((design / scale).T @ (design / scale)) / np.outer(scale, scale)
+    intercept, slope = inverse @ design.T @ (variance[part] / spread[part])
+    return Piece(first, last, float(intercept), float(slope)), inverse
+
+
+def step_at_knee(
+    signal: _Array, variance: _Array, uncertainty: _Array, before: Piece, after: Piece
+) -> tuple[float, float]:
+    """Return the ratio of the variances after and before a knee, and its standard uncertainty."""
+    x = np.array([1.0, 0.5 * (signal[before.last] + signal[after.first])])
+    lines = [line_through(signal, variance, uncertainty, each.first, each.last) for each in (before, after)]
+    (low, high), relative = (
+        [max(piece.at(x[1]), 1e-300) for piece, _ in lines],
+        [float(x @ covariance @ x) / max(piece.at(x[1]), 1e-300) ** 2 for piece, covariance in lines],
+    )
+    return high / low, high / low * float(np.sqrt(sum(relative)))
+
+
+def _merged(signal: _Array, variance: _Array, spread: _Array, pieces: list[tuple[int, int]]) -> list[Piece]:
+    """Return the lines of pieces; those that meet their neighbor are one with it."""
+    found: list[Piece] = []
+    for first, last in pieces:
+        piece, _ = line_through(signal, variance, spread, first, last)
+        if found:
+            step, uncertainty = step_at_knee(signal, variance, spread, found[-1], piece)
+            if abs(step - 1.0) < max(3.0 * uncertainty, LEAST_STEP):
+                piece, _ = line_through(signal, variance, spread, found.pop().first, last)
+        found.append(piece)
+    return found
+
+
+def linear_end(signal: _Array, variance: _Array, clipped: NDArray[np.bool_]) -> tuple[int, bool]:
+    """Return the number of points below saturation, and whether saturation was reached; signals ascend."""
+    last = len(signal) - 1
+    still = last > 0 and signal[last] < _STILL_RISING * signal[last - 1]
+    reached = bool(clipped.any() or (still and variance[last] < _FALLEN * variance.max()))
+    if not reached:
+        return len(signal), False
+    first = int(np.argmax(clipped)) if clipped.any() else last
+    return min(first, int(np.searchsorted(signal, BELOW_SATURATION * signal[last]))), True
+
+
+def check_knees(channels: Sequence[Channel], source: str) -> None:
+    """Raise `SeveralCapturesError` if the variance steps by a factor that spoils the system gain."""
+    levels = [channel.levels for channel in channels]
+    if not levels:
+        return
+    signal, variance, uncertainty, clipped = (
+        np.concatenate([each[level.repeated] for level, each in zip(levels, values, strict=True)])
+        for values in (
+            [level.signal for level in levels],
+            [level.noise - QUANTISATION_DN2 for level in levels],
+            [level.noise_uncertainty for level in levels],
+            [level.clipped | (level.white_share > CLIPPED_SHARE) for level in levels],
+        )
+    )
+    order = np.argsort(signal, kind="stable")
+    signal, variance, uncertainty, clipped = (each[order] for each in (signal, variance, uncertainty, clipped))
+    known = (variance > 0.0) & (uncertainty > 0.0) & (signal > 0.0)
+    signal, variance, uncertainty, clipped = (each[known] for each in (signal, variance, uncertainty, clipped))
+    if len(signal) < 2 * LEAST_POINTS:
+        return
+    end, _ = linear_end(signal, variance, clipped)
+    found = []
+    for before, after in pairwise(find_pieces(signal[:end], variance[:end], uncertainty[:end])):
+        step, _ = step_at_knee(signal, variance, uncertainty, before, after)
+        near = after.first - before.last - 1 <= _MOST_BETWEEN * len(levels)
+        if near and not 1.0 / _LARGE_STEP < step < _LARGE_STEP:
+            found.append((0.5 * float(signal[before.last] + signal[after.first]), step))
+    if not found:
+        return
+    where = ", ".join(f"{at:.4g} DN (factor {step:.3g})" for at, step in found)
+    cause = "the frames combine several captures"
+    if any(step < 1.0 for _, step in found):
+        cause = "the numbers are companded, or combine several captures"
+    what = f"the temporal variance steps at {where} above black: {cause}"
+    hint = "Use calibrate_combined, with the companding table if there is one, or calibrate the frames of each capture"
+    raise SeveralCapturesError(what, where=source, hint=hint)

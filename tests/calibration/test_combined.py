@@ -1,0 +1,119 @@
+"""Calibration of combined frames: what they show of each capture, knees, and reasons for the rest."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.helpers.raising import raises
+
+import photosite as ps
+from photosite.calibration.combined import CombinedCalibration
+from photosite.calibration.photon_transfer.knees import SeveralCapturesError, find_pieces
+from photosite.errors import CalibrationError, InputError
+from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
+
+TABLE = {"linear_dn": [0, 1024, 65536, 2**22 - 1], "companded_dn": [0, 1024, 5000, 65535], "bits": 16}
+SPLIT = {
+    "parts": [{"name": "large"}, {"name": "small", "relative_sensitivity": 0.02, "read_noise_e": 3}],
+    "combination": {"dn_per_e": 4, "bits": 22, "black_level_dn": 400},
+}
+SENSOR = ps.load_sensor("sony-imx174").with_(rows=40, cols=40, read_noise_e=6, well_capacity_e=9000)
+
+
+def taken(part: dict[str, Any], light_e: np.ndarray[Any, Any]) -> tuple[ps.Sensor, FrameSet]:
+    """Return a sensor with captures, and its combined frames: 4 at each light, by a plain simulation."""
+    sensor = SENSOR.with_(captures=part)
+    rng, rule = np.random.default_rng(2), sensor.captures.combination
+    read_e = {"large": 6.0, "small": 3.0, "low": 30.0}
+    frames = []
+    for light in [0.0, 0.0, *light_e]:
+        for _ in range(4):
+            value = None
+            charge = rng.poisson(light, (40, 40))
+            for name in reversed(sensor.captures.names):
+                share = sensor.captures.light(name)
+                own = charge if share == 1.0 else rng.poisson(share * light, (40, 40))
+                electrons = np.minimum(own, 9000) + rng.normal(0, read_e[name], (40, 40))
+                x = electrons / share
+                value = x if value is None else np.where(electrons < 0.8 * 9000, x, value)
+            frames.append(("light" if light else "dark", max(light, 1.0) * 1e-6, rule.output(value)))
+    return sensor, frame_set_from_arrays(frames, bits=rule.output_bits)
+
+
+def within(entry: Any, truth: float) -> bool:
+    return abs(entry.value - truth) < 4 * entry.standard_uncertainty
+
+
+LIGHT = np.geomspace(60, 600000, 36)
+
+
+@pytest.fixture(scope="module")
+def linear() -> CombinedCalibration:
+    return ps.calibrate_combined(taken(SPLIT, LIGHT)[1])
+
+
+def test_split_pixel(linear: CombinedCalibration) -> None:
+    large, small = linear.captures
+    assert within(large.output_gain_dn_per_e, 4.0)
+    assert within(large.read_noise_e, 6.0)
+    assert within(small.output_gain_dn_per_e, 200.0)
+    assert within(small.sensitivity_ratio, 0.02)
+    assert within(small.saturation_capacity_e, 9000.0)
+    assert small.sensitivity_ratio.standard_uncertainty < 0.001
+    assert linear.black_level_dn.value == pytest.approx(400, abs=0.5)
+    (knee,) = linear.knees
+    low, high = knee.signal_e.interval_95
+    assert low < 7200 < high < 1.4 * low
+    assert knee.dip_db.value == pytest.approx(17.0, abs=0.5)  # 10 log10(1 / 0.02)
+    # What combined frames cannot show has a reason.
+    assert "before this one saturates" in large.saturation_capacity_e.reason
+    assert "converter" in large.system_gain_dn_per_e.reason
+    assert small.read_noise_e.value is None or within(small.read_noise_e, 3.0)
+    assert set(linear.to_dict()["part"]) == {"capture 1", "capture 2", "knee 1", "frames"}
+    linear.plot()
+
+
+def test_companded_frames_need_the_table() -> None:
+    sensor, frames = taken({**SPLIT, "combination": {**SPLIT["combination"], "companding": TABLE}}, LIGHT)
+    found = ps.calibrate_combined(frames, sensor)
+    assert within(found.captures[1].sensitivity_ratio, 0.02)
+    assert within(found.captures[0].read_noise_e, 6.0)
+    with raises(CalibrationError, "the temporal variance falls"):
+        ps.calibrate_combined(frames)
+
+
+def test_two_gains_of_one_charge_differ_by_read_noise() -> None:
+    low = {"name": "low", "charge": "shared", "charge_of": "large", "relative_gain": 0.1}
+    part = {"parts": [{"name": "large"}, low], "combination": {"dn_per_e": 4, "bits": 20, "black_level_dn": 400}}
+    # 900 e-^2 more at 7200 e-, 12 %, with levels close to the knee.
+    _, frames = taken(part, np.concatenate([np.geomspace(60, 7000, 16), np.geomspace(7400, 8800, 16)]))
+    found = ps.calibrate_combined(frames)
+    assert len(found.captures) == 2
+    assert within(found.captures[1].sensitivity_ratio, 1.0)
+
+
+def test_calibrate_names_the_knee_and_gives_no_gain() -> None:
+    part = {**SPLIT, "combination": {"dn_per_e": 0.1, "bits": 16, "black_level_dn": 400}}
+    _, frames = taken(part, LIGHT)
+    with raises(SeveralCapturesError, "the temporal variance steps at 7"):
+        ps.calibrate(frames)
+    deep = taken(SPLIT, LIGHT[:3])[1]
+    with raises(InputError, "bits", value=22):
+        ps.calibrate(deep)
+    with raises(CalibrationError, "combined frames need"):
+        ps.calibrate_combined(frame_set_from_arrays([("dark", 1.0, np.full((4, 4), 9, np.uint16))] * 2, bits=12))
+
+
+def test_bends_are_no_knees() -> None:
+    signal = np.geomspace(10, 1e5, 40)
+    for bend in (-0.3, 0.0, 0.3):
+        variance = (4 + 0.5 * signal) * (1 + bend * (signal / 1e5) ** 2)
+        noisy = variance * (1 + 0.01 * np.random.default_rng(1).normal(size=40))
+        pieces = find_pieces(signal, noisy, 0.01 * variance)
+        steps = [after.at(x) / before.at(x) for before, after in pairwise(pieces)
+                 for x in [signal[after.first]]]  # fmt: skip
+        assert all(0.8 < step < 1.25 for step in steps)
+        assert bend or len(pieces) == 1
