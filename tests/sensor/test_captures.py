@@ -15,6 +15,7 @@ from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.capture_readout import combined, part_sensor
 from photosite.sensor.captures import Companding
+from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
 from photosite.sensor.readout import digital_numbers, digital_numbers_of_captures
 
 BASE = ps.load_sensor("nikon-d200").with_(rows=100, cols=120, black_level_dn=64, prnu_percent=0, dsnu_mv=0)
@@ -192,6 +193,54 @@ def knees(linear: list[int], companded: list[int]) -> dict[str, Any]:
 def test_invalid_captures(parts: list[Any], combination: dict[str, Any], what: str) -> None:
     with raises(InputError, what):
         BASE.with_(captures={"parts": parts, "combination": {"dn_per_e": 1, **combination}})
+
+
+def test_measured_maps_are_those_of_the_first_capture(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    chip = MeasuredChip(
+        offset_dn=rng.normal(0, 3, (100, 120)).astype(np.float32),
+        offset_uncertainty_dn=np.zeros((100, 120), np.float32),
+        read_noise_dn=np.full((100, 120), 1.5, np.float32),
+        read_noise_freedom=15,
+        prnu=rng.normal(0, 0.02, (100, 120)).astype(np.float32),
+        prnu_uncertainty=np.zeros((100, 120), np.float32),
+        black_level_dn=64.0,
+        system_gain_dn_per_e=BASE.system_gain_dn_per_e,
+        reference_exposure_s=0.01,
+        defects=no_defects(),
+        blinking=no_blinking(),
+    )
+    sensor = BASE.with_(maps=chip.save(tmp_path / "a.maps.h5"))
+    with_captures = sensor.with_(well_capacity_e=60000, captures=SPLIT)
+    mean = np.full((100, 120), 9000, np.float32)
+    alone = digital_numbers(sensor.with_(well_capacity_e=60000), mean * np.float32(0.999), 0.01, seed=3)
+    parts = numbers(with_captures, 9000)
+    assert np.abs(parts["high"].astype(int) - alone).max() <= 1
+    # A charge that is read twice has one response; another photodiode has its own.
+    shown = {name: np.corrcoef(dn.ravel(), chip.prnu.ravel())[0, 1] for name, dn in parts.items()}
+    assert shown["low"] > 0.3 > abs(shown["small"])
+    assert abs(shown["small"]) < 0.05
+
+
+def test_interpixel_capacitance_acts_on_each_capture() -> None:
+    share = 2.0
+    coupled = SENSOR.with_(interpixel_capacitance={"coupling_percent": share})
+    kept = coupled.effects.interpixel_capacitance.variance_share
+    for name, dn in numbers(coupled, 12000.0).items():
+        plain = numbers(SENSOR, 12000.0)[name]
+        assert dn.mean() == pytest.approx(plain.mean(), rel=2e-3)
+        one = part_sensor(SENSOR, name)
+        read = (one.electrons(one.noise.read_noise_mv.value) * one.system_gain_dn_per_e) ** 2 + 1 / 12
+        assert dn.var() == pytest.approx(kept * (plain.var() - read) + read, rel=0.05)
+    region = digital_numbers_of_captures(
+        coupled, np.full((100, 120), 12000, np.float32), 0.01, seed=3, region=(3, 20, 5, 30)
+    )
+    assert all((region[name] == dn[3:20, 5:30]).all() for name, dn in numbers(coupled, 12000.0).items())
+    light = np.array([2000.0, 12000.0])
+    drop = ps.capture_budget(coupled, light).captures_db["high"] - ps.capture_budget(SENSOR, light).captures_db["high"]
+    assert 0.1 < drop[1] < -10 * np.log10(kept)
+    with raises(InputError, "effects.blooming"):
+        SENSOR.with_(blooming={"drained": 0.9})
 
 
 def test_captures_get_warm() -> None:

@@ -57,11 +57,15 @@ class CaptureBudget(Tabular):
     captures_db: Mapping[str, _Curve]
     transitions: tuple[Transition, ...]
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the curves on Matplotlib axes, new ones by default, and return them."""
+    def plot(self, ax: Axes | None = None, *, electrons_per_cd_m2: float | None = None) -> Axes:
+        """Draw the curves and the dips on Matplotlib axes, new ones by default, and return them.
+
+        With the electrons of 1 cd/m2 in the exposure time, `Camera.mean_electrons(charts.uniform(light, 1.0), t)`, the
+        abscissa is the luminance.
+        """
         from photosite.report.plots import plot_capture_budget
 
-        return plot_capture_budget(self, ax)
+        return plot_capture_budget(self, ax, electrons_per_cd_m2)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the curves as lists, and the transitions."""
@@ -161,10 +165,12 @@ def _noise(sensor: Sensor, name: str, light: _Curve, exposure_s: float) -> _Nois
         parent = _reading_variance(part_sensor(sensor, owner.name)) / factor**2
         well_e = part_sensor(sensor, owner.name).pixel.well_capacity_e.value / factor
     scale = capture_scale(sensor, name)
+    coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
+    share = 1.0 if coupling is None else coupling.variance_share
     return _Noise(
         owner.name,
         charge / factor,
-        (charge + fixed) / factor**2,
+        share * (charge + fixed) / factor**2,
         _reading_variance(one) / factor**2,
         parent,
         well_e,

@@ -76,8 +76,7 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Effects of the sensor count as
     `photosite.sensor.noise_terms` describes it. Saturation is ignored: levels above the voltage swing extrapolate. The
     total is that of one frame of a uniform surface, where the fixed pattern counts as noise; for a single pixel over
-    many frames it does not. For a sensor with several captures this is the first one; `capture_budget` has all of them
-    and their combination.
+    many frames it does not. Sensors with several captures have `capture_budget`.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     Raises
     ------
     InputError
-        If a voltage is not above 0.
+        If a voltage is not above 0, or the sensor has several captures.
 
     References
     ----------
@@ -100,6 +99,9 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     >>> budget.total_db.round(2), round(budget.dark_limited_below_volts * 1e3, 1)
     (array([20.53, 38.1 ]), 17.8)
     """
+    if sensor.captures is not None:
+        hint = "Use capture_budget, which has all captures and their combination"
+        raise InputError("captures", where=f"sensor '{sensor.name}'", expected="one capture", hint=hint)
     signal_v = np.asarray(volts, dtype=np.float64)
     if not (np.isfinite(signal_v) & (signal_v > 0)).all():
         raise InputError("volts", value=signal_v.tolist(), expected="above 0")

@@ -43,7 +43,7 @@ def captures_page(found: CaptureCalibration) -> Page:
     figure = figure_block(
         _figure(lambda axes: draw_captures_snr(axes, found)),
         "Signal-to-noise ratio of the captures against the light",
-        "From the measured values, up to the saturation of each capture.",
+        "From the measured values, up to saturation or the brightest level of each capture.",
     )
     warnings = tuple(Notice(sentence(text), warning=True) for text in found.warnings)
     lead = f"{len(found.captures)} captures of one exposure. Ratios are those to {next(iter(found.captures))}."

@@ -22,7 +22,7 @@ from photosite.report.figures.captures import draw_captures_snr, draw_knees
 from photosite.report.figures.response import draw_curves
 from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
 from photosite.report.figures.validation import draw_identity, draw_patch_means
-from photosite.report.style import BAND, BLUE, line_style, styled
+from photosite.report.style import BAND, BLUE, GRAY, line_style, styled
 from photosite.sensor.model import Sensor
 from photosite.validation.result import Validation
 
@@ -117,6 +117,9 @@ def plot_noise_budget(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
     return axes
 
 
+_LEAST_DIP_DB = 0.1
+
+
 @styled()
 def plot_combined(found: CombinedCalibration, ax: Axes | None = None) -> Axes:
     """Draw the photon transfer curve of combined frames with its knees."""
@@ -136,14 +139,26 @@ def plot_captures(found: CaptureCalibration, ax: Axes | None = None) -> Axes:
 
 
 @styled()
-def plot_capture_budget(budget: CaptureBudget, ax: Axes | None = None) -> Axes:
-    """Draw the signal-to-noise ratio against the light, of each capture and of their combination."""
+def plot_capture_budget(
+    budget: CaptureBudget, ax: Axes | None = None, electrons_per_cd_m2: float | None = None
+) -> Axes:
+    """Draw the signal-to-noise ratio against the light, of each capture and of their combination, with the dips."""
     axes = new_or_given(ax)
-    axes.plot(budget.light_e, budget.combined_db, color=BLUE, linewidth=4.0, alpha=0.5, label="combined")
+    scale = electrons_per_cd_m2 or 1.0
+    light = budget.light_e / scale
+    axes.plot(light, budget.combined_db, color=BLUE, linewidth=4.0, alpha=0.5, label="combined")
     for position, (name, level) in enumerate(budget.captures_db.items()):
         color, _, style = line_style(position + 1)
-        axes.plot(budget.light_e, level, color=color, linestyle=style, label=name)
-    axes.set(xscale="log", xlabel="light (electrons of the most sensitive photodiode)")
+        axes.plot(light, level, color=color, linestyle=style, label=name)
+    for step in budget.transitions:
+        at = step.light_e / scale
+        if light.min() < at < light.max() and step.before_db - step.after_db >= _LEAST_DIP_DB:
+            axes.plot([at, at], [step.before_db, step.after_db], "o", color=GRAY, markersize=4.0)
+            text = f"{step.before_db - step.after_db:.1f} dB"
+            middle = (at, 0.5 * (step.before_db + step.after_db))
+            axes.annotate(text, middle, xytext=(6, 0), textcoords="offset points", va="center", color=GRAY, fontsize=9)
+    unit = "light (electrons of the most sensitive photodiode)" if electrons_per_cd_m2 is None else "luminance (cd/m²)"
+    axes.set(xscale="log", xlabel=unit)
     axes.set(ylabel="signal-to-noise ratio (dB)")
     axes.set_ylim(bottom=0.0)
     axes.legend()

@@ -19,10 +19,12 @@ from photosite.engine.pixel_model import Exposure
 from photosite.engine.random_numbers import CAPTURES, philox4x32
 from photosite.errors import InputError
 from photosite.sensor.captures import Captures
-from photosite.sensor.device import Device
+from photosite.sensor.chip import MeasuredChip
+from photosite.sensor.device import Device, computed
 from photosite.sensor.drawn_readout import Part, drawn_frame
+from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
-from photosite.sensor.staged_readout import collected_charge, converted_charge, fixed_pattern
+from photosite.sensor.staged_readout import charge_stages, collected_charge, converted_charge, fixed_pattern
 
 CombinedNumbers = NDArray[np.uint16] | NDArray[np.uint32]
 
@@ -65,16 +67,31 @@ def part_sensor(sensor: Sensor, name: str) -> Sensor:
         "serial": None if first else f"{sensor.serial}/{name}",
     }
     given = {key: value for key, value in values.items() if value is not None}
-    return sensor.with_(captures=None, gain_settings=(), covariance=None, **given)
+    return sensor.with_(captures=None, maps=None, gain_settings=(), covariance=None, **given)
 
 
 def capture_numbers(
-    sensor: Sensor, photo_e: NDArray[np.float32], part: Part, exposure: Exposure, device: Device
+    sensor: Sensor,
+    measured: MeasuredChip | None,
+    mean_electrons: NDArray[np.float32],
+    part: Part,
+    exposure: Exposure,
+    device: Device,
 ) -> dict[str, NDArray[np.uint16]]:
-    """Return the digital numbers of each capture of a rectangle; `photo_e` and `exposure` are those of the sensor."""
+    """Return the digital numbers of each capture of a rectangle.
+
+    `mean_electrons`, of the whole chip, and `exposure` are those of the sensor; measured maps, those of the first
+    capture.
+    """
     captures, charges, out = captures_of(sensor), {}, {}
     sensors = {name: part_sensor(sensor, name) for name in captures.names}
     read_again = {each.charge_of for each in captures.parts}
+    first = captures.names[0]
+    sensors[first] = sensors[first].model_copy(update={"maps": sensor.maps})
+    # The pixels around a rectangle couple to it.
+    around, stages = charge_stages(sensor, sensor.effects or Effects(), part, exposure)
+    inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(part, around, strict=True))
+    photo_e = np.asarray(mean_electrons[around], np.float32)
     for number, each in enumerate(captures.parts):
         one = sensors[each.name]
         key = _key(exposure, number)
@@ -85,19 +102,24 @@ def capture_numbers(
             k0=key[0],
             k1=key[1],
         )
-        if each.charge_of is None:
-            light_e = read_only(photo_e * np.float32(captures.light(each.name)))
-            if one.effects is None and each.name not in read_again:
-                out[each.name] = drawn_frame(one, light_e, part, own, device)
-                continue
-        pattern = fixed_pattern(one, None, part, own)
-        if each.charge_of is None:
-            largest = own._replace(well_capacity_e=_largest_well_e(captures, sensors, each.name))
+        chip = measured if each.name == first else None
+        light_e = None if each.charge_of is not None else read_only(photo_e * np.float32(captures.light(each.name)))
+        if light_e is not None and one.effects is None and chip is None and each.name not in read_again:
+            out[each.name] = drawn_frame(one, light_e, part, own, device)
+            continue
+        wide = own._replace(first_row=around[0].start, first_col=around[1].start)
+        pattern = fixed_pattern(one, chip, around, wide)
+        if light_e is not None:
+            largest = wide._replace(well_capacity_e=_largest_well_e(captures, sensors, each.name))
             charges[each.name] = collected_charge(pattern, light_e, largest, device)
         charge_e = charges[each.charge_of or each.name]
         if each.charge == "overflow":
             charge_e = np.maximum(charge_e - np.float32(_well_e(sensors[str(each.charge_of)])), np.float32(0.0))
         read_e = np.minimum(charge_e, np.float32(own.well_capacity_e))
+        for kernel, order, *arguments in stages:
+            read_e = computed(device, kernel, read_only(np.ascontiguousarray(read_e[order])), *arguments)[order]
+        if around != part:
+            read_e, pattern = read_e[inside], fixed_pattern(one, chip, part, own)
         out[each.name] = converted_charge(one, pattern, read_only(read_e), part, own, device)
     return out
 

@@ -261,9 +261,6 @@ class Sensor(Tabular, Section):
             array, well_e = self.array, self.pixel.well_capacity_e.value
             tile = len(array.cfa), len(array.cfa[0])
             self.effects.check(array.rows, array.cols, tile, well_e, black, self.white_level_dn)
-        if self.captures is not None and self.maps is not None:
-            hint = "Measured maps are those of a single capture; pass with_(maps=None)"
-            raise InputError("maps", expected="without captures", hint=hint)
         if self.captures is not None and self.effects is not None and (of_charge := self.effects.of_single_captures):
             raise InputError(f"effects.{of_charge[0]}", value="given", expected="none with captures")
         if self.captures is not None:

@@ -87,17 +87,9 @@ def digital_numbers(
     """
     check_choice("device", device, Device)
     photo_e, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
+    sensor, measured = _at_temperature(sensor, temperature_c)
     if sensor.captures is not None:
-        seen = sensor if temperature_c is None else sensor.at_temperature(temperature_c)
-        return combined(sensor, capture_numbers(seen, photo_e, part, exposure, device))
-    measured = load_measured_chip(sensor)
-    if measured is not None:
-        _check_size(measured, sensor)
-    if temperature_c is not None:
-        if measured is not None and measured.dark_rate_dn_per_s is not None:
-            ratio = np.float32(sensor.dark_current_ratio(temperature_c).value)
-            measured = replace(measured, dark_rate_dn_per_s=measured.dark_rate_dn_per_s * ratio)
-        sensor = sensor.at_temperature(temperature_c)
+        return combined(sensor, capture_numbers(sensor, measured, mean_electrons, part, exposure, device))
     if sensor.effects is not None:
         return staged_frame(sensor, measured, mean_electrons, part, exposure, device)
     if measured is None:
@@ -136,9 +128,21 @@ def digital_numbers_of_captures(
     photodiode of relative sensitivity and exposure 1.
     """
     check_choice("device", device, Device)
-    photo_e, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
-    seen = sensor if temperature_c is None else sensor.at_temperature(temperature_c)
-    return capture_numbers(seen, photo_e, part, exposure, device)
+    _, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
+    return capture_numbers(*_at_temperature(sensor, temperature_c), mean_electrons, part, exposure, device)
+
+
+def _at_temperature(sensor: Sensor, temperature_c: float | None) -> tuple[Sensor, MeasuredChip | None]:
+    """Return a sensor and its measured chip, None without maps, at a temperature; None for that of the description."""
+    measured = load_measured_chip(sensor)
+    if measured is not None:
+        _check_size(measured, sensor)
+    if temperature_c is None:
+        return sensor, measured
+    if measured is not None and measured.dark_rate_dn_per_s is not None:
+        ratio = np.float32(sensor.dark_current_ratio(temperature_c).value)
+        measured = replace(measured, dark_rate_dn_per_s=measured.dark_rate_dn_per_s * ratio)
+    return sensor.at_temperature(temperature_c), measured
 
 
 def _checked(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.captures import CaptureCalibration
 from photosite.calibration.combined import CombinedCalibration
+from photosite.calibration.result import Calibration
 from photosite.report.style import GRAY, line_style
 
 if TYPE_CHECKING:
@@ -66,13 +67,13 @@ def _draw_knees(axes: Axes, found: CombinedCalibration) -> None:
 
 
 def draw_captures_snr(axes: Axes, found: CaptureCalibration) -> None:
-    """Draw the signal-to-noise ratio of each calibrated capture against the light, up to its saturation.
+    """Draw the signal-to-noise ratio of each calibrated capture against the light, up to its highest signal.
 
     S^2 / N with N the shot noise, (read noise)^2, DSNU^2 and (PRNU S)^2; captures without a gain are left out.
     """
     for number, (name, calibration) in enumerate(found.captures.items()):
         ratio = found.sensitivity_ratio[name].value if name in found.sensitivity_ratio else 1.0
-        top, read = calibration.saturation_capacity_e.value, calibration.read_noise_e.value
+        top, read = _highest_e(calibration), calibration.read_noise_e.value
         if top is None or read is None or not ratio:
             continue
         signal = np.geomspace(max(abs(read), 1e-3) / 3.0, top, 200)
@@ -82,3 +83,10 @@ def draw_captures_snr(axes: Axes, found: CaptureCalibration) -> None:
         axes.plot(signal / ratio, 10.0 * np.log10(signal**2 / variance), color=color, linestyle=style, label=name)
     axes.set(xscale="log", xlabel="light (electrons of the first capture)", ylabel=_SNR)
     axes.set_ylim(bottom=0.0)
+
+
+def _highest_e(calibration: Calibration) -> float | None:
+    """Return the electrons at saturation, or at the brightest level where it was not reached."""
+    top, gain = calibration.saturation_capacity_e.value, calibration.system_gain_dn_per_e.value
+    levels = [float(curves["response"].y.max()) for curves in calibration.curves.values() if "response" in curves]
+    return top if top is not None or not levels or gain is None else max(levels) / gain

@@ -135,7 +135,7 @@ class Effects(Section):
     @property
     def of_single_captures(self) -> list[str]:
         """The effects that sensors with several captures of one exposure cannot have."""
-        names = "blooming", "charge_transfer", "em_gain", "interpixel_capacitance", "output"
+        names = "blooming", "charge_transfer", "em_gain", "output"
         return [name for name in names if getattr(self, name) is not None]
 
     @property
