@@ -30,7 +30,7 @@ def test_shoots_the_papers_protocol(photosite: Any, tmp_path: Path) -> None:
 @pytest.fixture
 def without_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing of the frames, for tests of what is said before it."""
-    monkeypatch.setattr("photosite.studies.virtual_lab.VirtualLab.write", lambda *arguments: None)
+    monkeypatch.setattr("photosite.studies.virtual_lab.VirtualLab.write", lambda *arguments, **options: None)
 
 
 @pytest.mark.usefixtures("without_frames")

@@ -434,14 +434,8 @@ def _capture(
     method = "slope of the photon transfer curve"
     variance = intercept if codes is None else intercept - QUANTISATION_DN2 * codes**2
     noise = variance / (gain * gain)
-    read: Estimate
-    if noise.value > 2.0 * noise.standard_uncertainty:
-        how = "intercept of the photon transfer curve"
-        read = Estimate.of_variance(noise, how if codes is None else f"{how}, quantization of the converter subtracted")
-    else:
-        upper = math.sqrt(max(noise.interval_95[1], 0.0))
-        why = f"shot noise hides the read noise at these signals; its 95 % upper limit is {upper:.3g} e-"
-        read = Estimate(reason=why, upper_limit_95=upper, method="intercept of the photon transfer curve")
+    how = "intercept of the photon transfer curve"
+    read = Estimate.of_variance(noise, how if codes is None else f"{how}, quantization of the converter subtracted")
     own_gain: Value = _UNSEEN if codes is None else gain / codes
     return CombinedCapture(
         Estimate.of(gain, method),
