@@ -26,7 +26,7 @@ from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.sensor.captures import Companding
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import channel_mask, channel_names
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular

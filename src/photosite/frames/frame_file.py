@@ -143,7 +143,7 @@ def of_bits(name: str | PathLike[str], dn: Numbers, bits: int) -> Numbers:
     """Return the numbers in the type of their bit depth; raise `FileError` for larger ones."""
     if bits not in (8, 16) and (highest := int(dn.max())) >= 1 << bits:
         raise FileError(name, "dn", value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
-    return dn.astype(np.uint16 if bits <= 16 else np.uint32, copy=False)
+    return dn.astype(np.uint16, copy=False) if bits <= 16 else dn.astype(np.uint32, copy=False)
 
 
 MARK = "photosite_frame"

@@ -23,7 +23,7 @@ from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.studies import disturbed_lab
 from photosite.studies.disturbed_lab import DisturbedLab, Draw
 from photosite.studies.protocol import ShootingProtocol, Step, series

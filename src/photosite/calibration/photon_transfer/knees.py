@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.groups import CLIPPED_SHARE
 from photosite.errors import CalibrationError
-from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 
 _Array = NDArray[np.float64]
 

@@ -67,7 +67,7 @@ def read_fits_pixels(path: Path, location: FrameLocation) -> Numbers:
         deep = unit.header["BITPIX"] == 32
     if dn.min() < 0:
         raise FileError(path, "dn", value=int(dn.min()), expected="0 or above")
-    return np.ascontiguousarray(dn, dtype=np.uint32 if deep else np.uint16)
+    return np.ascontiguousarray(dn, np.uint32) if deep else np.ascontiguousarray(dn, np.uint16)
 
 
 @contextmanager

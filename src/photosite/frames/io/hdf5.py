@@ -86,7 +86,7 @@ def read_hdf5_pixels(path: Path, location: FrameLocation) -> Numbers:
     with open_hdf5(path) as file:
         data = file.datasets[str(location.part)]
         dn = data[location.index] if data.ndim == 3 else data[()]
-    return np.ascontiguousarray(dn, dtype=np.uint32 if dn.dtype.itemsize == 4 else np.uint16)
+    return np.ascontiguousarray(dn, np.uint32) if dn.dtype.itemsize == 4 else np.ascontiguousarray(dn, np.uint16)
 
 
 @dataclass(frozen=True)

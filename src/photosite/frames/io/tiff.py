@@ -353,7 +353,7 @@ def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> Numbe
         raise FileError(path, f"cannot be decoded ({message_of(error)})", hint="Save it uncompressed") from None
     if pixels.shape != (rows, cols):
         raise FileError(path, f"is damaged: it decodes to {pixels.shape} pixels, its tags state {rows} x {cols}")
-    return np.ascontiguousarray(pixels, dtype=np.uint32 if bits == 32 else np.uint16)
+    return np.ascontiguousarray(pixels, np.uint32) if bits == 32 else np.ascontiguousarray(pixels, np.uint16)
 
 
 def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: int) -> Numbers:
@@ -370,4 +370,4 @@ def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: in
                 done += got
     if done < wanted:
         raise FileError(path, f"is truncated: {done} bytes of image data, {wanted} expected")
-    return stored.astype(np.uint32 if bits == 32 else np.uint16, copy=False)
+    return stored.astype(np.uint32, copy=False) if bits == 32 else stored.astype(np.uint16, copy=False)

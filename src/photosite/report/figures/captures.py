@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photosite.calibration.captures import CaptureCalibration
 from photosite.calibration.combined import CombinedCalibration
@@ -77,8 +76,8 @@ def draw_captures_snr(axes: Axes, found: CaptureCalibration) -> None:
         if top is None or read is None or not ratio:
             continue
         signal = np.geomspace(max(abs(read), 1e-3) / 3.0, top, 200)
-        fixed = [calibration.dsnu_e.value or 0.0, (calibration.prnu_percent.value or 0.0) / 100.0 * signal]
-        variance: NDArray[np.float64] = signal + read**2 + sum(np.square(part) for part in fixed)
+        dsnu, prnu = calibration.dsnu_e.value or 0.0, (calibration.prnu_percent.value or 0.0) / 100.0
+        variance = signal + read**2 + dsnu**2 + (prnu * signal) ** 2
         color, _, style = line_style(number)
         axes.plot(signal / ratio, 10.0 * np.log10(signal**2 / variance), color=color, linestyle=style, label=name)
     axes.set(xscale="log", xlabel="light (electrons of the first capture)", ylabel=_SNR)
