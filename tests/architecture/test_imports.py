@@ -52,7 +52,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("calibration/em_gain.py", "photosite.report"): "EmGainResult.report: a value's thin method",
     ("calibration/captures.py", "photosite.report"): "CaptureCalibration.report and .plot: a value's thin methods",
     ("calibration/combined.py", "photosite.report"): "CombinedCalibration.report and .plot: a value's thin methods",
-    ("calibration/dark_temperature.py", "photosite.report.plots"): "DarkTemperature.plot: a value's thin method",
     ("color/spectrum.py", "photosite.report.plots"): "Spectrum.plot: a value's thin method",
     ("frames/raw_frame.py", "photosite.report.plots"): "RawFrame.plot: a value's thin method",
     ("frames/raw_frame.py", "photosite.develop.thumbnail"): "RawFrame._repr_html_: a value's thin method",

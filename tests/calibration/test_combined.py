@@ -23,6 +23,14 @@ SPLIT = {
 SENSOR = ps.load_sensor("sony-imx174").with_(rows=40, cols=40, read_noise_e=6, well_capacity_e=9000)
 
 
+def output(rule: Any, light_e: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return the numbers of linear light, companded if there is a table."""
+    linear = np.clip(light_e * rule.dn_per_e.value + rule.black_level_dn.value, 0, 2**rule.bits - 1).round()
+    if rule.companding is not None:
+        linear = np.interp(linear, rule.companding.linear_dn, rule.companding.companded_dn).round()
+    return linear.astype(np.uint16 if rule.output_bits <= 16 else np.uint32)
+
+
 def taken(part: dict[str, Any], light_e: np.ndarray[Any, Any]) -> tuple[ps.Sensor, FrameSet]:
     """Return a sensor with captures, and its combined frames: 4 at each light, by a plain simulation."""
     sensor = SENSOR.with_(captures=part)
@@ -39,7 +47,7 @@ def taken(part: dict[str, Any], light_e: np.ndarray[Any, Any]) -> tuple[ps.Senso
                 electrons = np.minimum(own, 9000) + rng.normal(0, read_e[name], (40, 40))
                 x = electrons / share
                 value = x if value is None else np.where(electrons < 0.8 * 9000, x, value)
-            frames.append(("light" if light else "dark", max(light, 1.0) * 1e-6, rule.output(value)))
+            frames.append(("light" if light else "dark", max(light, 1.0) * 1e-6, output(rule, value)))
     return sensor, frame_set_from_arrays(frames, bits=rule.output_bits)
 
 

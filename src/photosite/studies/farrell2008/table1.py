@@ -419,7 +419,7 @@ def eight_frames(lab: VirtualLab, calibration: Calibration) -> EightFrames:
     frames = lab.frame_set()
     group = max(frames.of_kind("dark"), key=len)
     sensor, count = lab.camera.sensor, len(group)
-    dark_mv = np.stack(list(group)) * np.float64(sensor.mv_per_dn)
+    dark_mv = np.stack([dn.astype(np.float64) for dn in group]) * sensor.mv_per_dn
     mean, variance = dark_mv.mean(axis=0), dark_mv.var(axis=0, ddof=1)
     pattern = draw_chip(sensor).offset_e.map().astype(np.float64) * sensor.pixel.conversion_gain_uv_per_e.value * 1e-3
     read, dsnu = calibration.read_noise_mv.measured("darks"), calibration.dsnu_mv.measured("darks")
