@@ -66,3 +66,38 @@ def test_a_wrong_black_level_is_seen(tmp_path: Path):
 def test_invalid_lines(black: dict[str, Any], what: str):
     with raises(InputError, what, where="effects.optical_black"):
         SENSOR.with_(optical_black=black)
+
+
+def test_overscan_has_no_pixels():
+    """Read noise and black level alone, on the side opposite to the output."""
+    lines = {"left": 4, "overscan_rows": 6, "overscan_cols": 10}
+    warm = SENSOR.with_(optical_black=lines, dark_current_e_per_s=2000, read_noise_e=3, dsnu_e=60)
+    dn = ps.Camera(CAMERA.optics, warm).expose(np.zeros_like(LIGHT), 1.0).dn.astype(float)
+    assert dn[:54, :4].mean() > 64 + 100
+    assert abs(dn[54:].mean() - 64) < 0.1
+    assert dn[:, 70:].std() < 1.0
+    turned = warm.with_(charge_transfer={"output": "bottom_right"})
+    assert turned.effects.border == (6, 0, 14, 0)
+    dn = ps.Camera(CAMERA.optics, turned).expose(np.zeros_like(LIGHT), 1.0).dn.astype(float)
+    assert abs(dn[:6].mean() - 64) < 0.1
+    assert dn[6:, 14:].mean() > 64 + 100
+
+
+@pytest.mark.parametrize("suffix", ["tif", "h5", "dng", "fits"])
+def test_sets_have_the_active_area(tmp_path: Path, suffix: str):
+    raw = CAMERA.expose(LIGHT, 0.01)
+    path = tmp_path / f"flat_10ms_1.{suffix}"
+    if suffix == "fits":
+        fits = pytest.importorskip("astropy.io.fits")
+        unit = fits.PrimaryHDU(raw.dn)
+        unit.header["DATASEC"] = "[9:79,5:58]"
+        unit.writeto(path)
+    else:
+        raw.save(path)
+    cfa = "rggb" if suffix == "fits" else None
+    frames = ps.open_frames(tmp_path, light="*", cfa=cfa)
+    source = frames.groups[0].frames[0]
+    assert (frames.rows, frames.cols, frames.border) == (54, 71, (4, 2, 8, 1))
+    assert source.whole is not None
+    np.testing.assert_array_equal(source.read(), raw.dn[4:58, 8:79])
+    np.testing.assert_array_equal(source.whole(), raw.dn)

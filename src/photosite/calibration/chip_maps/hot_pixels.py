@@ -181,7 +181,7 @@ def _reach(values: _Floats, noise: _Floats) -> float:
     if over > below > 0.0:
         growth = math.log(over / below) / tenth  # of the logarithm, per standard deviation
         skewed = over * math.expm1(growth * last) / math.expm1(tenth * growth)
-    return _FAR * max(normal, skewed, float(middle - values.min()), 5.0 * float(np.median(noise)))
+    return _FAR * float(max(normal, skewed, float(middle - values.min()), 5.0 * float(np.median(noise))))
 
 
 def _body(body: _Floats, noise: _Floats, hot_mean: Uncertain, hot_variance: Uncertain) -> tuple[Estimate, Estimate]:
@@ -255,7 +255,7 @@ class _Tail:
             hessian[i, j] = sum(corners) / (4.0 * step**2)
         if best[0] >= 0.0 or not np.isfinite(hessian).all() or np.linalg.eigvalsh(hessian)[0] <= 0.0:
             return best, None
-        return best, np.linalg.inv(hessian)
+        return best, np.asarray(np.linalg.inv(hessian), np.float64)
 
     def misfit(self, x: _Floats) -> float:
         """Return the probability of a distance from the fitted distribution as large as that of these excesses."""
