@@ -14,7 +14,7 @@ from photosite.values.shown import Shown
 
 @dataclass(frozen=True, eq=False)
 class DynamicScene(Shown):
-    """A scene whose light changes with time.
+    """A scene that changes with time: its light, its place in the image, or both.
 
     Parameters
     ----------

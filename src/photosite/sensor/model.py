@@ -262,7 +262,7 @@ class Sensor(Tabular, Section):
             tile = len(array.cfa), len(array.cfa[0])
             self.effects.check(array.rows, array.cols, tile, well_e, black, self.white_level_dn)
         if self.captures is not None and self.effects is not None and (of_charge := self.effects.of_single_captures):
-            raise InputError(f"effects.{of_charge[0]}", value="given", expected="none with captures")
+            raise InputError(f"effects.{of_charge[0]} and captures are both given", hint="Leave one of them out")
         if self.captures is not None:
             head_room_dn = self.white_level_dn - self.readout.black_level_dn.value
             self.captures.check(self.pixel.well_capacity_e.value, head_room_dn / self.system_gain_dn_per_e)

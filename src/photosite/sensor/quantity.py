@@ -116,7 +116,7 @@ UnitInterval = Annotated[float, Field(ge=0.0, le=1.0)]
 def check_length(name: str, values: tuple[Any, ...], grid: str, count: int) -> None:
     """Raise `InputError` if a column of a table has another length than its grid."""
     if len(values) != count:
-        raise InputError(name, value=f"{len(values)} entries", expected=f"one entry per {grid}, {count}")
+        raise InputError(name, value=f"{len(values)} entries", expected=f"{count} entries, one for each {grid}")
 
 
 class Covariance(Section):

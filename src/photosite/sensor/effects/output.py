@@ -65,11 +65,17 @@ class Output(Section):
         """Raise `InputError` unless a companding table covers all numbers, and the output holds black below white."""
         needed = self._highest(int(white_level_dn)) + 1
         if isinstance(self.companding, tuple) and len(self.companding) < needed:
-            raise InputError("companding", value=f"{len(self.companding)} entries", expected=f"{needed} or more")
+            expected = f"a table of {needed} numbers or more, one for each number before it"
+            raise InputError("companding", value=f"{len(self.companding)} numbers", expected=expected)
+        if (most := int(white_level_dn).bit_length() - 1) < self.dropped_bits:
+            expected = f"at most {most}, one less than the bits of the converter"
+            raise InputError("dropped_bits", value=self.dropped_bits, expected=expected)
         black, white = self.levels(black_level_dn, white_level_dn)
         if not black < white <= white_level_dn:
-            expected = f"black below white, and both within the converter's range, 0 to {white_level_dn:g}"
-            raise InputError("black and white level", value=(black, white), expected=expected)
+            expected = (
+                f"stages whose output keeps the black level below the white level, both from 0 to {white_level_dn:g}"
+            )
+            raise InputError("output", value=f"levels of {black:g} and {white:g}", expected=expected)
 
     def levels(self, black_level_dn: float, white_level_dn: float) -> tuple[float, float]:
         """Return black and white level of the output."""

@@ -51,7 +51,8 @@ class ReadoutChannels(Section):
             if (rows := getattr(self, name)) is None:
                 continue
             if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
-                raise InputError(name, value=rows, expected="rows of the same number of values")
+                lengths = [len(row) for row in rows]
+                raise InputError(name, value=f"rows of {lengths}", expected="one row or more, all of one length")
             shapes.append((len(rows), len(rows[0])))
         if not shapes:
             raise InputError("'relative_gain' and 'offset_e' are both missing", hint="Give one of them")

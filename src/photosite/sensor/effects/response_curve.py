@@ -63,8 +63,11 @@ class ResponseCurve(Section):
         check_length("deviation_percent", self.deviation_percent, "charge", count)
         if self.standard_uncertainty_percent is not None:
             check_length("standard_uncertainty_percent", self.standard_uncertainty_percent, "charge", count)
-        if count < 2 or self.charge_e[0] != 0.0 or self.deviation_percent[0] != 0.0:
-            raise InputError("charge_e", value=self.charge_e, expected="two or more entries, the first with both 0")
+        if count < 2:
+            raise InputError("charge_e", value=self.charge_e, expected="two entries or more")
+        for name in ("charge_e", "deviation_percent"):
+            if (first := getattr(self, name)[0]) != 0.0:
+                raise InputError(f"{name}[0]", value=first, expected="0: the curve begins at the charge 0")
         return self
 
     def check(self, well_capacity_e: float) -> None:
