@@ -210,7 +210,7 @@ def test_output_is_applied_to_the_codes() -> None:
         ({"output": {"companding": [1, 2, 3]}}, "companding", "effects.output"),
         ({"output": {"companding": [3, 2]}}, "companding", "effects.output"),
         ({"output": {"companded_bits": 3}}, "companded_bits", "effects.output"),
-        ({"output": {"dropped_bits": 12}}, "black and white level", "effects.output"),
+        ({"output": {"dropped_bits": 12}}, "dropped_bits", "effects.output"),
         ({"output": {"decoded": True}}, "decoded", "effects.output"),
         ({"interpixel_capacitance": {"coupling_percent": 20}}, "coupling_percent", "effects.interpixel_capacitance"),
         ({"em_gain": {"gain": 0.5}}, "gain", "effects.em_gain"),
