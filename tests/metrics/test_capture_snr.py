@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
+from photosite.errors import InputError
 from photosite.sensor.capture_readout import capture_scale, combined
 from photosite.sensor.readout import digital_numbers_of_captures
 
@@ -76,6 +78,16 @@ def test_dips_at_transitions() -> None:
     assert budget.combined_db[at - 20] - budget.combined_db[at + 20] > 10
     assert np.isnan(ps.capture_budget(SENSORS["split"], [8e5]).combined_db).all()
     assert "dips" in repr(budget)
+
+
+def test_plot_over_luminance_and_one_noise_budget() -> None:
+    sensor = ps.load_sensor("split-pixel-automotive")
+    axes = ps.capture_budget(sensor, np.geomspace(10, 1e6, 50)).plot(electrons_per_cd_m2=10.0)
+    assert axes.get_xlabel().startswith("luminance")
+    assert axes.lines[0].get_xdata()[0] == pytest.approx(1.0)
+    assert [text.get_text() for text in axes.texts] == ["16.0 dB"]
+    with raises(InputError, "captures"):
+        ps.noise_budget(sensor, [0.1])
 
 
 def test_rejects_sensors_with_one_capture() -> None:

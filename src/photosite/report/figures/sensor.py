@@ -29,13 +29,16 @@ _ROOM_FOR_TEXT = 6.0  # factor of the signal that a short text covers on the log
 def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None) -> Figure:
     """Draw the SNR against the signal from 0.05 to 100 % of the voltage swing, in total and for each noise source.
 
-    Noise sources that the sensor does not have are omitted. The same sensor as calibrated is drawn as points.
+    Of several captures it is the first one. Noise sources that the sensor does not have are omitted. The same sensor as
+    calibrated is drawn as points.
 
     References
     ----------
     Farrell, Okincha and Parmar (2008), Figure 6.
     """
     figure, axes = new_figure(height_in=4.8)
+    if sensor.captures is not None:
+        sensor = sensor.with_(captures=None)
     swing = sensor.pixel.voltage_swing_v.value
     lowest = 5e-4 * swing
     budget = noise_budget(sensor, np.geomspace(lowest, swing, 300))
