@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import photosite as ps
 from photosite.calibration.chip_maps.defects import channel_values, deviations, listed, together
+from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.chip import DefectKind
+from photosite.sensor.readout import digital_numbers
 
 TILE = np.array([[0, 1], [1, 2]])
 
@@ -48,3 +51,24 @@ def test_merged_lists_are_sorted() -> None:
         (2, 1, DefectKind.OFFSET),
     ]
     assert joined.value.tolist() == [6.0, 3.0, 18.0, 9.0]
+
+
+@pytest.mark.parametrize(("defects", "count"), [(None, None), ({"dead_columns": 1}, 96), ({"stuck_fraction": 1e-3}, 7)])
+def test_defects_that_make_most_of_the_fixed_pattern_are_named(defects, count) -> None:
+    sensor = ps.load_sensor("nikon-d200").with_(
+        rows=96,
+        cols=120,
+        cfa="mono",
+        black_level_dn=100,
+        pixel_defects=defects,
+        channels={"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}},
+    )
+    steps = [("dark", 0.01, 0)] * 4 + [("light", 0.01 * n, 3000 * n) for n in range(1, 10) for _ in range(2)]
+    frames = [
+        (kind, time_s, digital_numbers(sensor, np.full((96, 120), light, np.float32), time_s, seed=1, frame=n))
+        for n, (kind, time_s, light) in enumerate(steps)
+    ]
+    calibration = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor.with_(pixel_defects=None)))
+    named = [int(text.split()[0]) for text in calibration.warnings if "far from all others" in text]
+    assert set(named) == (set() if count is None else {count})
+    assert (calibration.prnu_percent.value > 2.0) == (count is not None)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from photosite.calibration.readout_channels import measured_channels, without_ch
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.spatial.far_pixels import FarPixels, find_far_pixels
 from photosite.calibration.spatial.nonuniformity import Parts, shading_variance, without_neighbors
 from photosite.calibration.spatial.periodic_structure import (
     PeriodicStructure,
@@ -48,6 +49,8 @@ from photosite.calibration.spatial.spatial_analysis import (
 )
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
+
+T = TypeVar("T")
 
 HALF_SATURATION = (0.3, 0.7)
 """Signal, as a share of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""
@@ -109,13 +112,14 @@ class FixedPattern:
 
 @dataclass(frozen=True)
 class FixedPatterns:
-    """The fixed pattern of each channel; the periodic structure of flat fields and of dark frames, and steps between
-    taps, if any."""
+    """The fixed pattern of each channel; the periodic structure of flat fields and of dark frames, steps between taps,
+    and pixels far from the others, if any."""
 
     channels: tuple[FixedPattern, ...]
     structure: PeriodicStructure | None = None
     dark_structure: PeriodicStructure | None = None
     taps: tuple[Taps, ...] = ()
+    far: tuple[FarPixels, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -173,6 +177,7 @@ def measure_fixed_pattern(
     dark_mean = np.zeros((reduction.frames.rows, reduction.frames.cols)) if dark.mean is None else dark.mean.mean
     taps = _found([None if dark.mean is None else find_taps(_sites(dark_mean, reader.tile), dark=True)])
     offsets = None if dark.mean is None or dark.clipped is not None else periodic_offsets(dark_mean)
+    far = [None if dark.mean is None else find_far_pixels("DSNU", _sites(dark_mean, reader.tile))]
     # Offsets in DN
     readout = measured_channels(None, offsets, taps, Uncertain(1.0))
     patterns = _dark_patterns(reduction, dark, half, reader, readout)
@@ -189,6 +194,7 @@ def measure_fixed_pattern(
             ),
             dark_structure=offsets,
             taps=taps,
+            far=_found(far),
         )
     shared = light.noise.shared
     charge = None if shared is None or isinstance(shared.charge, Missing) else shared.charge
@@ -263,7 +269,8 @@ def measure_fixed_pattern(
         result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
-    return FixedPatterns(tuple(result), structure, offsets, taps)
+    far.append(find_far_pixels("PRNU", _sites(slopes.slopes, reader.tile)))
+    return FixedPatterns(tuple(result), structure, offsets, taps, _found(far))
 
 
 def _line_count(inside: NDArray[np.bool_], shape: tuple[int, ...]) -> tuple[int, int]:
@@ -281,8 +288,8 @@ def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, 
     return {"row_offset_variance": row, "column_offset_variance": column, "column_gain_variance": gain}
 
 
-def _found(taps: Sequence[Taps | None]) -> tuple[Taps, ...]:
-    return tuple(found for found in taps if found is not None)
+def _found(findings: Sequence[T | None]) -> tuple[T, ...]:
+    return tuple(found for found in findings if found is not None)
 
 
 def _sites(values: NDArray[np.float64], tile: NDArray[np.int64]) -> list[NDArray[np.float64]]:
