@@ -85,7 +85,7 @@ class DarkTemperature(Tabular):
             If the sensor has no such gain setting.
         """
         doubling = self.doubling_c.measured(self.doubling_c.method)
-        settings = {one.gain_setting for one in self.calibrations} - {None}
+        settings = {one.gain_setting for one in self.calibrations if one.gain_setting is not None}
         at = sensor
         if len(settings) == 1 and len(sensor.all_gain_settings) > 1:
             at = sensor.at_gain_setting(settings.pop())

@@ -202,7 +202,8 @@ def without_border(frames: FrameSet, border: Border) -> FrameSet:
 
 
 def _part(read: Callable[[], Numbers], inside: tuple[slice, slice]) -> Numbers:
-    return np.ascontiguousarray(read()[inside])
+    part: Numbers = read()[inside]
+    return part.copy()
 
 
 def gain_settings_text(frames: FrameSet) -> str:

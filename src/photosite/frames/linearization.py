@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.frames.frame_set import FrameSet, FrameSource
+from photosite.frames.raw_frame import Numbers
 
 MOST_BYTES = 8 << 20
 """Largest file of a table."""
@@ -172,7 +173,7 @@ def _linearized(source: FrameSource, numbers: NDArray[np.uint16]) -> FrameSource
     return replace(source, read=partial(_read, source.name, source.read, numbers), whole=whole)
 
 
-def _read(name: str, read: Callable[[], NDArray[np.uint16]], numbers: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def _read(name: str, read: Callable[[], Numbers], numbers: NDArray[np.uint16]) -> NDArray[np.uint16]:
     dn = read()
     if dn.size and (highest := int(dn.max())) >= len(numbers):
         raise FileError(name, f"the frame holds {highest} DN, but the table ends at {len(numbers) - 1}")

@@ -111,7 +111,9 @@ def measure_blooming(frames: FrameSet, calibration: Calibration) -> BloomingResu
         signal = np.where(shown < _BELOW * well, shown * longer, signal)
     background = np.median(full - first)
     above = signal - well
-    chosen = (signal > _BEYOND * well) & np.array([_alone(r, c, row, col) for r, c in zip(row, col, strict=True)])
+    chosen = (signal > _BEYOND * well) & np.array(
+        [_alone(int(r), int(c), row, col) for r, c in zip(row, col, strict=True)]
+    )
     if not np.isfinite(signal).any():
         return without("no shorter dark exposure shows the dark current of the saturated pixels; take one in between")
     if chosen.sum() < LEAST_PIXELS:
@@ -127,7 +129,7 @@ def measure_blooming(frames: FrameSet, calibration: Calibration) -> BloomingResu
     # Residuals weighted as in the slope: the noise may grow with the overflow.
     robust = float((overflow * left) @ (overflow * left)) / (overflow @ overflow) ** 2 * len(column) / freedom
     known = float(ordinary.var()) / float(overflow @ overflow)
-    u = math.sqrt(max(robust, known))
+    u = math.sqrt(float(max(robust, known)))
     kept = Uncertain.of(slope, u, Source.student(freedom))
     from scipy.special import stdtr
 

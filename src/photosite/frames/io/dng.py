@@ -328,7 +328,7 @@ def _all_pixels(path: Path) -> tuple[NDArray[np.uint16], Directory]:
     directories = read_directories(path)
     top, raw = directories[0], raw_directory(path, directories)
     if raw is top and raw.number(COMPRESSION) in (None, 1) and raw.number(BITS) == 16:
-        pixels = read_tiff_pixels(path)
+        pixels = np.asarray(read_tiff_pixels(path), np.uint16)
     else:
         with open_libraw(path) as decoder:
             pixels = decoder.raw_image.copy()

@@ -24,7 +24,8 @@ def transfer_figure(found: TransferLoss) -> Figure:
         left.errorbar(edge.signal_dn, edge.trailing_dn, bars, fmt=marker, color=color, elinewidth=0.9, label=name)
         x = np.array([0.0, edge.signal_dn.max()])
         left.plot(x, edge.slope.value * x, color=color)
-        left.fill_between(x, *(end * x for end in edge.slope.interval_95), color=color, alpha=BAND, linewidth=0)
+        low, high = edge.slope.interval_95
+        left.fill_between(x, low * x, high * x, color=color, alpha=BAND, linewidth=0)
         right.plot(np.arange(1, edge.lines + 1), 100.0 * edge.profile, marker + "-", color=color)
     for axes in (left, right):
         axes.axhline(0.0, color=BLACK, linewidth=0.8)

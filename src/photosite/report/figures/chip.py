@@ -110,7 +110,8 @@ def blooming_figure(found: BloomingResult) -> Figure:
     if found.kept.value is not None and found.kept.interval_95 is not None:
         x = np.array([0.0, float(found.overflow_dn.max())])
         axes.plot(x, found.kept.value * x, color=BLUE, label=f"share {found.kept.value:.3g}")
-        axes.fill_between(x, *(end * x for end in found.kept.interval_95), color=BLUE, alpha=BAND, linewidth=0)
+        low, high = found.kept.interval_95
+        axes.fill_between(x, low * x, high * x, color=BLUE, alpha=BAND, linewidth=0)
     axes.set(xlabel="overflow (DN)", ylabel="charge beside it in the column (DN)")
     axes.legend(loc="upper left")
     return figure
