@@ -12,6 +12,7 @@ from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
 from photosite.calibration.chip_maps.blooming import measure_blooming
 from photosite.calibration.chip_maps.hot_pixels import DarkDistribution, dark_distribution
+from photosite.calibration.converter_error import measure_converter
 from photosite.calibration.dark import measure_dark_frames
 from photosite.calibration.dark_result import DarkResult
 from photosite.calibration.fixed_pattern import measure_fixed_pattern
@@ -108,7 +109,8 @@ def calibrate(
             if light.tone is None:
                 check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-        calibration = assemble(reduction, dark, light, patterns, sensor)
+            converter = measure_converter(reduction, reader)
+        calibration = replace(assemble(reduction, dark, light, patterns, sensor), converter=converter)
         calibration = replace(calibration, charge_transfer=measure_charge_transfer(reduction.frames, calibration))
         if maps:
             calibration = _with_maps(reduction.frames, dark, calibration, progress)

@@ -281,7 +281,7 @@ def _line_count(inside: NDArray[np.bool_], shape: tuple[int, ...]) -> tuple[int,
     return rows, cols
 
 
-def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, Value]:
+def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, Any]:
     """Return the variances of rows and columns from the high-passed parts of dark frames, and of flats less dark."""
     row, column = (dark, dark) if isinstance(dark, Missing) else (dark.row, dark.column)
     gain = light if isinstance(light, Missing) else light.column
@@ -368,7 +368,7 @@ def _dark_patterns(
         statistics = reduction.darks[matching]
         reader.expect(len(statistics.group))
         means[exposure_s] = GroupMean.of(reader, statistics, reader.mean(statistics.group), dark.scatter)
-    result = []
+    result: list[tuple[PartsPair, Parts | Missing, MeanPlanes | Missing]] = []
     for k, t in enumerate(exposures):
         parts = lines = means[t].parts(k)
         if readout is not None:

@@ -153,13 +153,15 @@ class Measurements:
         spread = derive(lambda variance: variance - self.channel_variance, spread)
         offsets, gains = self._of_lines()
         if isinstance(response, Uncertain) and isinstance(spread, Uncertain):
-            response = mean_for_sensor(response, spread * response.value**2, independent)
-            response = response + Uncertain.of(0.0, gains * abs(response.value))
+            of_pixels, of_columns = spread * response.value**2, Uncertain.of(0.0, gains * abs(response.value))
+            response = mean_for_sensor(response + of_columns, of_pixels, independent)
         black, saturation = mean_for_sensor(self.black_level, self.dsnu_variance, self.pixels), self.saturation_dn
         if isinstance(black, Uncertain):
             black = black + offsets
         if isinstance(saturation, Uncertain) and saturation.standard_uncertainty > 0.0:
-            saturation = saturation + offsets  # of a full well, not of the converter
+            # Of a full well, not of the converter
+            signal = saturation.value - (black.value if isinstance(black, Uncertain) else 0.0)
+            saturation = saturation + offsets + Uncertain.of(0.0, gains * abs(signal))
         slope, slope_variance = self.dark_slope, self.dark_slope_variance
         if isinstance(slope, Uncertain) and isinstance(slope_variance, Uncertain):
             slope, slope_variance = of_one_sample(slope, slope_variance, self.dark_slope_third, independent)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from photosite.calibration.chip_maps.blooming import BloomingResult
     from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
     from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+    from photosite.calibration.converter_error import ConverterCodes
     from photosite.calibration.flicker import Flicker
     from photosite.calibration.glow import GlowMap
     from photosite.calibration.photon_transfer.general_model import GeneralModel
@@ -59,6 +60,8 @@ class Calibration(Parameters):
         1/f drift of the black level over the dark frames; None with too few frames.
     glow
         Amplifier glow in the map of the dark current; None without such a map.
+    converter
+        Nonlinearity of the converter's codes, or why it is missing.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -112,6 +115,7 @@ class Calibration(Parameters):
     charge_transfer: TransferLoss | None = None
     black_level_drift: BlackLevelSeries | None = None
     glow: GlowMap | None = None
+    converter: ConverterCodes | Missing | None = None
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
@@ -231,7 +235,8 @@ class Calibration(Parameters):
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
             `channels` (the parameters per color channel), `response_curve` (per channel that bends),
             `readout_channels`, `charge_transfer`,
-            `black_level_drift`, `glow`, `model`,
+            `black_level_drift`, `glow`, `converter`,
+            `model`,
             `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
             candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
             `defects` (number of each kind), `temporal` and `dark_distribution`.
@@ -251,6 +256,7 @@ class Calibration(Parameters):
             "charge_transfer": None if self.charge_transfer is None else self.charge_transfer.to_dict(),
             "black_level_drift": None if (drift := self.black_level_drift) is None else drift.to_dict(),
             "glow": None if self.glow is None else self.glow.to_dict(),
+            "converter": None if self.converter is None else self.converter.to_dict(),
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

@@ -23,6 +23,7 @@ from photosite.report.dark import drift_blocks, glow_blocks
 from photosite.report.data_sheet import data_sheet_blocks
 from photosite.report.figures.charge import transfer_figure
 from photosite.report.figures.chip import blooming_figure, dark_distribution_figure
+from photosite.report.figures.converter import converter_figure
 from photosite.report.figures.response import (
     Residuals,
     curve_figure,
@@ -257,7 +258,7 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
             (*_or_reason(calibration, "photon_transfer", no_light), *_response_curves(calibration)),
         ),
         Section("Signal-to-noise ratio", _snr_blocks(calibration)),
-        Section("Linearity", _linearity_blocks(calibration)),
+        Section("Linearity", (*_linearity_blocks(calibration), *_converter_blocks(calibration))),
         Section("General model", _general_blocks(calibration)),
         Section("Dark current", (*_dark_blocks(calibration), *glow_blocks(calibration), *drift_blocks(calibration))),
         Section("Charge transfer", _transfer_blocks(calibration)),
@@ -370,6 +371,31 @@ def _linearity_blocks(calibration: Calibration) -> tuple[Block, ...]:
         "of the fitted levels, 5 to 95 % of saturation.",
     )
     return figure, *missing_channel_blocks(calibration.linearity, "deviation from linearity")
+
+
+def _converter_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the nonlinearity of the converter, with a figure where it is beyond chance."""
+    if (found := calibration.converter) is None:
+        return ()
+    heading = Subheading("Converter")
+    if isinstance(found, Missing):
+        return heading, reason_block(found.reason)
+    entries = {"Differential nonlinearity": found.dnl_rms_lsb, "Integral nonlinearity": found.inl_rms_lsb}
+    rows = tuple((label, format_estimate(entry), "LSB", interval_text(entry)) for label, entry in entries.items())
+    judged = "beyond chance" if found.significant else "none beyond chance"
+    title = (
+        f"Errors of {len(found.code)} codes, root mean square without what is smooth over {found.smooth_codes} codes"
+    )
+    table = Table(f"{title}: {judged}", columns("Quantity", numeric("Value"), "Unit", "95 % interval"), rows)
+    if not found.significant:
+        return heading, table
+    figure = figure_block(
+        converter_figure(found),
+        "Differential and integral nonlinearity of the converter against the code",
+        "Errors of the converter from the code density of the flat fields. Above: width of each code less 1. Below: "
+        "error of the code, from the sum of the widths. Bands: where 95 % of the values of an ideal converter lie.",
+    )
+    return heading, figure, table
 
 
 def _general_blocks(calibration: Calibration) -> tuple[Block, ...]:

@@ -1,11 +1,15 @@
-"""Figures of rows, columns, readout channels and the response curve show values and intervals."""
+"""Figures of rows, columns, readout channels, response curve, glow and drift show values and intervals."""
 
 import numpy as np
 import pytest
 
+from photosite.calibration.black_level_drift import measure_drift
+from photosite.calibration.glow import find_glow
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
+from photosite.report.figures.dark import drift_figure, glow_figure
 from photosite.report.figures.lines import line_pattern_figure, readout_channels_figure
 from photosite.report.figures.response import response_curve_figure
+from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Measured, Uncertain
@@ -51,3 +55,18 @@ def test_the_response_curve_has_its_band():
     low, high = curve.deviation_percent[1].interval_95
     assert (band.min(), band.max()) == (pytest.approx(low), pytest.approx(curve.deviation_percent[0].interval_95[1]))
     assert high > low
+
+
+def test_the_map_of_the_dark_current_covers_the_chip_in_its_unit():
+    glow = Glow(places=("left",), peak_e_per_s=20, decay_pixels=12)
+    found = find_glow(np.random.default_rng(1).gamma(4.0, 1.0, (64, 80)) + glow.map(64, 80), Uncertain(1.0))
+    axes, bar = glow_figure(found).axes
+    assert axes.images[0].get_extent() == [-0.5, 79.5, 63.5, -0.5]
+    assert bar.get_ylabel() == "dark current (DN/s)"
+
+
+def test_series_of_dark_frames_are_drawn_less_their_means():
+    found = measure_drift([[64.0, 65.0, 66.0, 67.0], [60.0, 62.0]], [0.01, 0.01], Uncertain(0.5))
+    lines = drift_figure(found).axes[0].lines
+    assert list(lines[0].get_data()[1]) == [-1.5, -0.5, 0.5, 1.5]
+    assert list(lines[1].get_data()[1]) == [-1.0, 1.0]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from photosite.calibration.converter_error import ConverterCodes
 from photosite.calibration.parameters import Parameters
 from photosite.errors import CalibrationError
 from photosite.sensor.effects.glow import Glow
@@ -84,6 +85,8 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     _take_off_hot_pixels(calibration, changes, source)
     if calibration.blooming is not None and (blooming := calibration.blooming.section(source)) is not None:
         changes["blooming"] = blooming
+    if isinstance(calibration.converter, ConverterCodes):
+        changes["converter_error"] = calibration.converter.section()
     drift_e = 0.0
     if (series := calibration.black_level_drift) is not None:
         changes["black_level_drift"] = drift = series.section()

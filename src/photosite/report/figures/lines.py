@@ -52,7 +52,7 @@ def line_pattern_figure(noise_e: Mapping[str, Estimate], gains_percent: Mapping[
     known = {label: entries for label, entries in panels.items() if entries}
     figure = Figure(figsize=(WIDTH_IN, 3.4))
     widths = [len(entries) for entries in known.values()]
-    row = figure.subplots(1, len(known), squeeze=False, width_ratios=[max(width, 1.5) for width in widths])[0]
+    row = figure.subplots(1, len(known), squeeze=False, width_ratios=[max(width, 2) for width in widths])[0]
     for axes, (label, entries) in zip(row, known.items(), strict=True):
         _draw_intervals(axes, entries, label)
         axes.set_ylim(0.0, 1.06 * max(high for _, _, high in entries.values()))
@@ -76,8 +76,9 @@ def _draw_intervals(axes: Axes, entries: Mapping[str, tuple[float, float, float]
     axes.vlines(places, low, high, color=BLUE, linewidth=1.4)
     for filled in (True, False):
         which = (values != 0.0) == filled
-        fill = BLUE if filled else "white"
-        axes.plot(places[which], values[which], "o", color=BLUE, markerfacecolor=fill, zorder=3, clip_on=False)
+        if which.any():
+            fill = BLUE if filled else "white"
+            axes.plot(places[which], values[which], "o", color=BLUE, markerfacecolor=fill, zorder=3, clip_on=False)
     axes.set_xticks(places, list(entries))
     axes.set_xlim(-0.6, len(entries) - 0.4)
     axes.set_ylabel(label)
