@@ -311,9 +311,9 @@ def _chip(calibration: Calibration) -> list[str]:
         if entry.value is not None and entry.standard_uncertainty is not None:
             noise.append((label, format_estimate(entry), unit, entry.method))
     dark = [("dark current over the pixels", "value", "unit", "95 % interval", "method or reason")]
-    if (found := calibration.dark_distribution) is not None:
+    if (distribution := calibration.dark_distribution) is not None:
         for name, (label, unit) in DARK_DISTRIBUTION.items():
-            entry = found.estimates[name]
+            entry = distribution.estimates[name]
             why = entry.reason or entry.method
             dark.append((label, format_estimate(entry), unit, interval_text(entry), why))
     if (bloom := calibration.blooming) is not None:
