@@ -54,7 +54,7 @@ class NoiseStructure:
     Parameters
     ----------
     shared
-        Correlation of the shot noise between neighboring pixels and between frames.
+        Correlation of the shot noise between neighboring pixels and between frames, seen or suspected.
     flicker
         Flicker of the light, in rows.
     coupling
@@ -70,7 +70,7 @@ class NoiseStructure:
         found = []
         if self.flicker is not None:
             found.append(f"{self.flicker}; its noise was taken off the temporal variances of the flat fields")
-        if self.shared is not None:
+        if self.shared is not None and self.shared.seen:
             found.append(str(self.shared))
         return found
 
@@ -101,7 +101,9 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
     if shared is not None and sum(_pairs(reader, group) for group in flats) > PIXELS:
         dark_noise = _covariances(reader, dark, PIXELS_CORRELATED)
         light_noise, _ = _of_levels(reader, flats, dark, dark_noise, PIXELS_CORRELATED)
-        shared = find_shared_noise(light_noise, dark_noise) or shared
+        again = find_shared_noise(light_noise, dark_noise)
+        if not shared.seen or (again is not None and again.seen):
+            shared = again
     shot = [a - b for a, b in zip(light_noise, dark_noise, strict=True)]
     signal = [a.mean - b.mean for a, b in zip(flats[0].levels, dark.levels, strict=True)]
     return NoiseStructure(shared, flicker, _coupling(shot, shared, reader.tile, signal))
@@ -122,9 +124,12 @@ def _coupling(
 
 def _withheld(shared: SharedNoise | None, flicker: Flicker | None) -> NoiseStructure:
     """Return a structure of which single dark frames, or none, do not tell how to correct it."""
-    seen = str(flicker) if shared is None else seen_correlations(shared.neighbors, shared.frames)
-    if shared is None and flicker is None:
-        return NoiseStructure()
+    if shared is None or not shared.seen:
+        if flicker is None:
+            return NoiseStructure(shared)
+        seen = str(flicker)
+    else:
+        seen = seen_correlations(shared.neighbors, shared.frames)
     why = Missing(f"{seen}; without two dark frames at one exposure time this cannot be corrected")
     return NoiseStructure(SharedNoise(None, None, why))
 

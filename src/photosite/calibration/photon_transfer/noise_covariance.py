@@ -179,6 +179,9 @@ A filter gives 1, crosstalk 0.
 FAR_APART = 3.0
 """Standard uncertainties by which that share must be apart from the limit."""
 
+SUSPECTED = 2.0
+"""Standard uncertainties of the mean correlation with the next pixels above which it widens the gain's uncertainty."""
+
 LARGEST_IN_DOUBT = 0.1
 """Correction of photon transfer up to which it is made in doubt about the cause."""
 
@@ -547,6 +550,11 @@ class SharedNoise:
     charge: tuple[SharedCharge, ...] | Missing
     doubt: str = ""
 
+    @property
+    def seen(self) -> bool:
+        """Whether a correlation is seen beyond chance; else it is suspected, and widens the uncertainty of the gain."""
+        return self.neighbors is not None or self.frames is not None or isinstance(self.charge, Missing)
+
     def summed_covariances(
         self, channels: Sequence[LightLevels], indices: Sequence[int]
     ) -> tuple[list[LightLevels], Value]:
@@ -593,6 +601,9 @@ class SharedNoise:
 def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance]) -> SharedNoise | None:
     """Return how shot noise is correlated between pixels and between frames; None where it is not, within chance.
 
+    A correlation with the next pixels that is not seen, but suspected, is the relative uncertainty of a correction that
+    is not made: photon transfer would be wrong by so much if it were real.
+
     Parameters
     ----------
     light, dark
@@ -602,12 +613,17 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
     if any(entry.variance <= 0.0 for entry in shot):
         return None
     scores = np.abs([entry.scores() for entry in shot])
-    limit = NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / scores.size)
-    if scores.max() < limit:
-        return None
+    limit = NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / (scores.size + 1))
+    of_next = _correlation_with_next(shot)
+    of_channels = abs(of_next.value) / of_next.standard_uncertainty
+    if max(scores.max(), of_channels) < limit:
+        if of_channels < SUSPECTED:
+            return None
+        suspected = SharedCharge(Uncertain.of(1.0, abs(of_next.value)), np.empty(0))
+        return SharedNoise(None, None, (suspected,) * len(shot))
     of_neighbors, of_frames = np.split(scores, [2 + len(shot[0].of_neighbors)], axis=1)
     neighbors = frames = None
-    if of_neighbors.max() >= limit:
+    if max(of_neighbors.max(), of_channels) >= limit:
         across, down = (
             float(np.mean([entry.covariance[place] / entry.variance for entry in shot]))
             for place in ((REACH, REACH + 1), (REACH + 1, REACH))
@@ -626,6 +642,16 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
         why = f"{seen_correlations(neighbors, frames)}, {doubt}, which would change the gain by {100.0 * largest:.2g} %"
         return SharedNoise(neighbors, frames, Missing(why))
     return SharedNoise(neighbors, frames, tuple(entry.in_doubt() for entry in charge), doubt)
+
+
+def _correlation_with_next(shot: Sequence[NoiseCovariance]) -> Uncertain:
+    """Return the correlation with the four next pixels, summed; the weighted mean over the channels."""
+    values = np.array([entry.covariance[_NEXT].sum() / entry.variance for entry in shot])
+    spread = np.array([entry.next_uncertainty / entry.variance for entry in shot])
+    weights = spread**-2 / np.sum(spread**-2)
+    # Pixels of two channels that are neighbors count in both.
+    twice = 2.0 if len(shot) > 1 else 1.0
+    return Uncertain.of(float(weights @ values), math.sqrt(twice * float(np.sum((weights * spread) ** 2))))
 
 
 def _shared_charge(shot: NoiseCovariance, neighbors: bool, frames: bool) -> SharedCharge:
