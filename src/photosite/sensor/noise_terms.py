@@ -108,7 +108,7 @@ class NoiseTerms:
         if (curve := self._effects.response_curve) is None:
             return None
         signal, step = curve.nodes(self.sensor.pixel.well_capacity_e.value)
-        return np.arange(signal.size) * step, np.gradient(signal, step)
+        return np.arange(signal.size, dtype=np.float64) * step, np.asarray(np.gradient(signal, step))
 
     def slope(self, signal_e: ArrayLike) -> Array:
         """Return the slope of the response curve over that at a small signal."""

@@ -96,8 +96,8 @@ class Output(Section):
         )
         # The first saved number may begin below the black level; it counts as the second.
         count[0] = max(count[:2])
-        shared = count[place]
-        return shared[np.clip(np.rint(dn) - first, 0, len(shared) - 1).astype(np.intp)].astype(np.float64)
+        at = np.clip(np.rint(dn) - first, 0, len(place) - 1).astype(np.intp)
+        return np.asarray(count[place[at]], np.float64)
 
     def _highest(self, white_level: int) -> int:
         return white_level if self.rescaled else white_level >> self.dropped_bits
