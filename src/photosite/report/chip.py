@@ -152,12 +152,12 @@ def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
 
 
 _LINE_NOISE = {
-    "row_noise_e": "noise\nof rows",
-    "column_noise_e": "noise\nof columns",
-    "row_offset_e": "offsets\nof rows",
-    "column_offset_e": "offsets\nof columns",
+    "row_noise_e": "noise of rows",
+    "column_noise_e": "noise of columns",
+    "row_offset_e": "offsets of rows",
+    "column_offset_e": "offsets of columns",
 }
-_LINE_GAIN = {"column_gain_percent": "gains\nof columns"}
+_LINE_GAIN = {"column_gain_percent": "gains of columns"}
 
 
 def line_blocks(calibration: Calibration) -> tuple[Block, ...]:

@@ -39,9 +39,9 @@ def test_lines_without_an_estimate_are_left_out_and_negative_ones_are_hollow_at_
     }
     axes = line_pattern_figure(noise, {"missing": Estimate(reason="no flat fields")}).axes
     assert len(axes) == 1
-    assert points(axes[0]) == {0.0: 2.0, 1.0: 0.0}
+    assert points(axes[0]) == {0.0: 1.0, 2.0: 0.0}
     hollow = [line for line in axes[0].lines if line.get_markerfacecolor() == "white"]
-    assert [list(line.get_data()[0]) for line in hollow] == [[1.0]]
+    assert [list(line.get_data()[1]) for line in hollow] == [[1.0]]
 
 
 def test_the_response_curve_has_its_band():

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from photosite.report.style import BLACK, BLUE, WIDTH_IN, styled
 from photosite.sensor.effects.readout_channels import ReadoutChannels
@@ -43,19 +44,26 @@ def _shifted(entry: Measured, usual: float, scale: float) -> tuple[float, float,
 
 @styled()
 def line_pattern_figure(noise_e: Mapping[str, Estimate], gains_percent: Mapping[str, Estimate]) -> Figure:
-    """Draw standard deviations of rows and columns with 95 % intervals: electrons at the left, gains at the right.
+    """Draw standard deviations of rows and columns with 95 % intervals: electrons at the top, gains below.
 
     Estimates by label, those without a value left out. A hollow point at 0 is a negative estimate of a variance; the
     interval then ends at its upper limit.
     """
     panels = {"standard deviation (e⁻)": _intervals(noise_e), "standard deviation (%)": _intervals(gains_percent)}
     known = {label: entries for label, entries in panels.items() if entries}
-    figure = Figure(figsize=(WIDTH_IN, 3.4))
-    widths = [len(entries) for entries in known.values()]
-    row = figure.subplots(1, len(known), squeeze=False, width_ratios=[max(width, 2) for width in widths])[0]
-    for axes, (label, entries) in zip(row, known.items(), strict=True):
-        _draw_intervals(axes, entries, label)
-        axes.set_ylim(0.0, 1.06 * max(high for _, _, high in entries.values()))
+    heights = [1.0 + len(entries) for entries in known.values()]
+    figure = Figure(figsize=(WIDTH_IN, 0.32 * sum(heights) + 0.4 * len(heights)))
+    column = figure.subplots(len(known), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, (label, entries) in zip(column, known.items(), strict=True):
+        values, low, high = np.array(list(entries.values())).T
+        places = np.arange(len(entries), dtype=np.float64)
+        axes.hlines(places, low, high, color=BLUE, linewidth=1.4)
+        _draw_points(axes, values, places, values != 0.0)
+        axes.set_yticks(places, list(entries))
+        axes.set_ylim(len(entries) - 0.4, -0.6)
+        axes.set_xlim(0.0, 1.06 * max(high))
+        axes.set_xlabel(label)
+        axes.grid(visible=False, axis="y")
     return figure
 
 
@@ -65,7 +73,8 @@ def _intervals(estimates: Mapping[str, Estimate]) -> dict[str, tuple[float, floa
     for label, entry in estimates.items():
         if entry.value is not None and entry.interval_95 is not None:
             low, high = entry.interval_95
-            found[label] = (max(entry.value, 0.0), max(low, 0.0), high)
+            top = high if entry.upper_limit_95 is None else entry.upper_limit_95
+            found[label] = (max(entry.value, 0.0), max(low, 0.0), top)
     return found
 
 
@@ -74,12 +83,15 @@ def _draw_intervals(axes: Axes, entries: Mapping[str, tuple[float, float, float]
     values, low, high = np.array(list(entries.values())).T
     places = np.arange(len(entries), dtype=np.float64)
     axes.vlines(places, low, high, color=BLUE, linewidth=1.4)
-    for filled in (True, False):
-        which = (values != 0.0) == filled
-        if which.any():
-            fill = BLUE if filled else "white"
-            axes.plot(places[which], values[which], "o", color=BLUE, markerfacecolor=fill, zorder=3, clip_on=False)
+    _draw_points(axes, places, values, np.ones(len(values), bool))
     axes.set_xticks(places, list(entries))
     axes.set_xlim(-0.6, len(entries) - 0.4)
     axes.set_ylabel(label)
     axes.grid(visible=False, axis="x")
+
+
+def _draw_points(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], filled: NDArray[np.bool_]) -> None:
+    """Draw points, hollow where they are not filled."""
+    for fill, which in ((BLUE, filled), ("white", ~filled)):
+        if which.any():
+            axes.plot(x[which], y[which], "o", color=BLUE, markerfacecolor=fill, zorder=3, clip_on=False)
