@@ -120,6 +120,7 @@ def test_companded_frame(tmp_path: Path) -> None:
     sensor = SENSOR.with_(combination={**SPLIT["combination"], "companding": table})
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
     ramp = np.geomspace(1, 2e6, 120, dtype=np.float32) * np.ones((100, 1), np.float32)
+    camera_of_linear = ps.Camera(camera.optics, SENSOR)
     raw, linear = camera.expose(ramp, 0.01, seed=1), digital_numbers(SENSOR, ramp, 0.01, seed=1)
     assert (raw.dn.dtype, raw.bits, raw.black_level_dn) == (np.uint16, 12, 8)
     companding = Companding(**table)
@@ -127,6 +128,19 @@ def test_companded_frame(tmp_path: Path) -> None:
     assert (np.abs(error) <= companding.step_dn(linear) / 2 + 1e-6).all()
     raw.save(tmp_path / "a.dng")
     assert (ps.read_raw(tmp_path / "a.dng").dn == raw.dn).all()
+    # Developed as the linear frame of the same exposure
+    pictures = [ps.develop(one) for one in (raw, camera_of_linear.expose(ramp, 0.01, seed=1))]
+    assert np.abs(pictures[0] - pictures[1]).max() < 0.02
+
+
+def test_automatic_exposure_reaches_the_last_capture() -> None:
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), SENSOR)
+    rate = np.full((100, 120), 1e5, np.float32)
+    exposure_s = camera.auto_exposure_s(rate)
+    exposed, saturated = (
+        camera.expose(mean, exposure_s, seed=1).dn.mean() - 16 for mean in (rate * np.float32(exposure_s), rate * 1e3)
+    )
+    assert 0.7 < exposed / saturated < 0.85
 
 
 def test_files_of_more_than_16_bits(tmp_path: Path) -> None:

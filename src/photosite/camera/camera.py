@@ -21,13 +21,14 @@ from photosite.color.colorimetry import xyz
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, integration_weights, photons_from_energy
 from photosite.errors import InputError
+from photosite.frames.companding import COMPANDING, companding_text
 from photosite.frames.raw_frame import OPTICAL_BLACK, RawFrame, neutral_text
 from photosite.optics.lens import Optics
 from photosite.scene.charts import macbeth_reflectance
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
-from photosite.sensor.capture_readout import combined
+from photosite.sensor.capture_readout import combined, largest_light_e
 from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.device import Device
 from photosite.sensor.model import Sensor
@@ -393,6 +394,8 @@ class Camera(Shown):
             white_level_dn = float((1 << bits) - 1)
         name, serial = self.sensor.name, self.sensor.serial
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
+        if several is not None and (table := several.combination.companding) is not None:
+            metadata[COMPANDING] = companding_text(table.linear_dn, table.companded_dn)
         if self.sensor.gain_setting is not None:
             metadata["gain_setting"] = self.sensor.gain_setting
             if self.sensor.gain_setting_is_iso:
@@ -429,7 +432,8 @@ class Camera(Shown):
     def auto_exposure_s(self, electrons_per_s: NDArray[np.float32]) -> float:
         """Return the exposure time at which the bright parts of a scene stay just below saturation.
 
-        The 99.5th percentile of the pixels then has 80 % of the sensor's saturation capacity, dark current included.
+        The 99.5th percentile of the pixels then has 80 % of the sensor's saturation capacity, dark current included;
+        of the light at which the combined frame saturates, for a sensor with several captures.
         Rounded down to two digits, below 0.1 s of its reciprocal: 1/33.
 
         Parameters
@@ -454,7 +458,9 @@ class Camera(Shown):
         if not bright > 0:
             raise InputError("the scene sends no light to the sensor", hint="Pass {exposure_s}", arguments=_ONE_SECOND)
         dark = self.sensor.electrons(self.sensor.noise.dark_voltage_mv_per_s.value)
-        exposure_s = _AUTO_EXPOSURE_LEVEL * self.sensor.saturation_capacity_e / (bright + dark)
+        several = self.sensor.captures is not None
+        capacity_e = largest_light_e(self.sensor) if several else self.sensor.saturation_capacity_e
+        exposure_s = _AUTO_EXPOSURE_LEVEL * capacity_e / (bright + dark)
         if exposure_s < 0.1:
             return 1.0 / _two_digits(1.0 / exposure_s, math.ceil)
         return _two_digits(exposure_s, math.floor)

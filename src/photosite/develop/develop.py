@@ -17,6 +17,7 @@ from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, adaptation
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
+from photosite.frames.companding import decompanded
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import plane_names
 
@@ -51,10 +52,10 @@ def develop(
 ) -> NDArray[np.float32]:
     """Develop a raw frame into a display picture.
 
-    Steps: scale black level to 0 and white level to 1, demosaic, white balance, color matrix to linear sRGB, exposure,
-    sRGB encoding. A monochrome frame becomes gray, without the steps for color. So does a frame with other channels
-    than R, G and B and without a matrix, such as one with polarizers: its balanced channels are averaged. Stacked
-    channels need no demosaic; the picture has a column for each pixel.
+    Steps: undo the companding that the frame states, scale black level to 0 and white level to 1, demosaic, white
+    balance, color matrix to linear sRGB, exposure, sRGB encoding. A monochrome frame becomes gray, without the steps
+    for color. So does a frame with other channels than R, G and B and without a matrix, such as one with polarizers:
+    its balanced channels are averaged. Stacked channels need no demosaic; the picture has a column for each pixel.
 
     Parameters
     ----------
@@ -104,6 +105,7 @@ def develop(
     ((8, 8, 3), 1.0, 1.0)
     """
     _check_exposure(exposure)
+    raw = decompanded(raw)
     planes = _normalised_planes(raw, demosaic)
     if planes.shape[2] == 1:
         if not isinstance(white_balance, str) or color_matrix is not None:

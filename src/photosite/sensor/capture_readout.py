@@ -164,6 +164,28 @@ def capture_scale(sensor: Sensor, name: str) -> CaptureScale:
     return CaptureScale(gain * captures.light(name), min(gain * well_e, head_room_dn))
 
 
+def largest_light_e(sensor: Sensor) -> float:
+    """Return the light at which the combined frame saturates, in electrons of the sensor's pixel.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> parts = [{"name": "long"}, {"name": "short", "relative_exposure": 0.0625}]
+    >>> sensor = ps.load_sensor("nikon-d200").with_(captures={"parts": parts, "combination": {"dn_per_e": 1}})
+    >>> round(largest_light_e(sensor) / sensor.saturation_capacity_e, 6)
+    16.0
+    """
+    captures, lights = captures_of(sensor), []
+    for part in captures.parts:
+        scale, before_e = capture_scale(sensor, part.name), 0.0
+        if part.charge == "overflow":
+            before_e = _well_e(part_sensor(sensor, str(part.charge_of))) / captures.light(part.name)
+        lights.append(scale.saturation_dn / scale.dn_per_light_e + before_e)
+    rule = captures.combination
+    of_output = ((1 << rule.bits) - 1 - rule.black_level_dn.value) / rule.dn_per_e.value
+    return min(max(lights), of_output)
+
+
 def combined(sensor: Sensor, frames: Mapping[str, NDArray[Any]]) -> CombinedNumbers:
     """Return the frame that a sensor outputs from its captures.
 
