@@ -8,11 +8,13 @@ from functools import partial
 import numpy as np
 import pytest
 
+import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.checks.dark_exposures import find_wrong_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource, frame_set_from_arrays
+from photosite.sensor.readout import digital_numbers
 from photosite.studies.plain_camera import Effect, PlainCamera
 from photosite.studies.protocol import ShootingProtocol, Step
 
@@ -105,3 +107,23 @@ def test_moving_black_levels_and_clean_frames_are_left_alone(sets: int) -> None:
         for groups in (clean, tuple(shifted(group, int(rng.integers(0, 10))) for group in clean)):
             with FrameReader(replace(frames, groups=groups)) as reader:
                 assert find_wrong_exposure(reduce_frames(reader).darks) is None
+
+
+def test_hot_pixels_that_saturate_are_not_taken_for_a_shorter_exposure() -> None:
+    sensor = ps.load_sensor("sony-imx174").with_(
+        rows=96,
+        cols=120,
+        black_level_dn=100,
+        well_capacity_e=10500,
+        dark_current_e_per_s=15,
+        hot_pixels={"fraction": 0.005, "median_e_per_s": 300, "log_spread": 0.8},
+    )
+    dark = np.zeros((96, 120), np.float32)
+    times_s = (0.01, 1.0, 3.0, 10.0, 30.0)
+    frames = [
+        ("dark", t, digital_numbers(sensor, dark, t, seed=1, frame=100 * k + n))
+        for k, t in enumerate(times_s)
+        for n in range(20)
+    ]
+    calibration = calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor.with_(hot_pixels=None)))
+    assert not calibration.rejected

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
@@ -25,6 +26,12 @@ FAR = 10.0
 NOISE_FAR, NOISE_NEAR = 4.0, 4.0
 """Deviation of its variance, in standard uncertainties: from the line at the stated exposure time, at least, and at the
 exposure time that explains the mean, at most."""
+
+
+SATURATED = 0.95
+"""Variance over the pixels, relative to that at the shown exposure time, below which hot pixels saturate."""
+
+_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,17 @@ class WrongExposure:
         )
 
 
+def _saturates(exposure_s: _Array, spatial: _Array, index: int, shown_s: float) -> bool:
+    """Return whether a group has less pattern than its mean shows: hot pixels that saturate lower both.
+
+    The variance over the pixels rises with the square of the exposure time.
+    """
+    others = np.arange(len(exposure_s)) != index
+    rise, constant = np.polyfit(exposure_s[others] ** 2, spatial[others], 1)
+    expected = constant + rise * shown_s**2
+    return shown_s < exposure_s[index] and bool(spatial[index] < SATURATED * expected)
+
+
 def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | None:
     """Return the dark group whose exposure time is wrong; None where none is, or the frames do not tell which."""
     places = [i for i, entry in enumerate(darks) if entry.frames > 1]
@@ -60,6 +78,7 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
     if len(np.unique(exposure_s)) < LEAST_EXPOSURES:
         return None
     mean, variance = (np.array([getattr(level, name) for level in levels]) for name in ("mean", "variance"))
+    spatial = np.array([level.spatial_variance for level in levels])
     u2_mean = np.array([level.mean_variance + level.rounding_mean**2 for level in levels])
     u2_variance = np.array([level.variance_uncertainty**2 + level.rounding_variance**2 for level in levels])
     design = np.vander(exposure_s, 2, increasing=True)
@@ -83,6 +102,8 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
             / np.sqrt(u2_variance[i] + noise.extra_variance + t @ noise.covariance @ t)
             for t in (at, shown)
         )
+        if _saturates(exposure_s, spatial, i, float(shown[1])):
+            continue
         if shown[1] > 0.0 and stated_off > NOISE_FAR and shown_off < NOISE_NEAR:
             found[far] = WrongExposure(places[i], float(exposure_s[i]), float(shown[1]))
     return found[max(found)] if found else None
