@@ -56,6 +56,8 @@ def test_the_sensor_file_is_completed(photosite: Any, darks: Path, tmp_path: Pat
 
 
 def test_stated_temperatures(photosite: Any, darks: Path, tmp_path: Path) -> None:
+    # The frames state three temperatures themselves.
+    assert photosite("temperature", darks / "darks", "--at", "25").status == 2
     for celsius in (15, 35):
         (tmp_path / str(celsius)).mkdir()
         for frame in (darks / "darks").glob(f"*_{celsius}C_*"):

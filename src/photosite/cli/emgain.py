@@ -58,6 +58,8 @@ def command(
     from photosite.sensor.effects.em_gain import EmGain
     from photosite.values.uncertain import Measured
 
+    if unity.resolve() == multiplied.resolve():
+        raise click.UsageError(f"UNITY and MULTIPLIED must be two measurements, got {unity} twice")
     held = click.get_current_context().with_resource(held_warnings())
     sets = [open_frames(path, **reading) for path in (unity, multiplied)]
     sensor = options.sensor_or(sets[0].sensor, sensor_name)

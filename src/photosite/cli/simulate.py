@@ -157,7 +157,7 @@ def command(
     \b
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
     Example: photosite simulate --exposure auto --frames 8 --clean clean.tif -o noisy.tif
-    Example: photosite simulate --flicker 100Hz:0.3 --line-time 15 --exposure 1/500 --fps 24 --frames 8 -o clip.dng
+    Example: photosite simulate --flicker 100Hz:0.3 --line-time 15 --luminance 2000 --exposure 1/500 -o bands.dng
     """
     from photosite.files.writing import date_of_files
     from photosite.frames.io.clean_mosaic import write_clean_mosaic

@@ -61,7 +61,7 @@ def command(
     """
     from photosite.calibration.calibrate import calibrate
     from photosite.calibration.dark_temperature import dark_temperature
-    from photosite.frames.frame_set import TEMPERATURE_VARIED, split_by_temperature
+    from photosite.frames.frame_set import STEADY_TEMPERATURE_C, TEMPERATURE_VARIED, split_by_temperature
     from photosite.frames.open import open_frames
 
     held = click.get_current_context().with_resource(held_warnings())
@@ -72,6 +72,14 @@ def command(
     sets = [open_frames(path, **reading) for path in paths]
     if temperature_c is None:
         sets = [part for frames in sets for part in split_by_temperature(frames)]
+    else:
+        for path, frames in zip(paths, sets, strict=True):
+            stated = [c for group in frames.groups for c in group.temperatures_c or () if c is not None]
+            if stated and max(stated) - min(stated) >= STEADY_TEMPERATURE_C:
+                spread = f"{min(stated):g} to {max(stated):g} deg C"
+                raise click.UsageError(f"{path}: the frames state temperatures from {spread}; leave out --at")
+    if len(sets) < 2:
+        raise click.UsageError("dark frames of two temperatures or more are needed, got one; name further paths")
     sensor = options.sensor_or(None, sensor_name)
     say_if_compiling()
     calibrations = [calibrate(frames, sensor, progress=Stages()) for frames in sets]
