@@ -123,7 +123,11 @@ def test_lines_have_the_stated_spreads() -> None:
     ("effects", "what", "where"),
     [
         ({"response_curve": {"polynomial_percent": [-200.0]}}, "the curve", "effects.response_curve"),
-        ({"response_curve": {"charge_e": [0, 5], "deviation_percent": [1, 2]}}, "charge_e", "effects.response_curve"),
+        (
+            {"response_curve": {"charge_e": [0, 5], "deviation_percent": [1, 2]}},
+            "deviation_percent[0]",
+            "effects.response_curve",
+        ),
         (
             {"response_curve": {"polynomial_percent": [-1.0]}, "em_gain": {"gain": 100}},
             "response_curve and em_gain",

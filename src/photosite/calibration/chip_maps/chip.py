@@ -31,6 +31,7 @@ from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.values.estimate import Estimate
 
 CLIPPED_DARK = 1e-3
 """Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""
@@ -40,6 +41,9 @@ MOST_SUSPECTS = 4096
 
 _SUSPECT = 1e-3
 """Probability that an ordinary pixel's variance makes it a suspect."""
+
+_FEW_BLINKING = 3
+"""Blinking pixels that are not chance, so that there are fainter ones."""
 
 _NOISY_PIXEL = 1.3
 """Deviate of the read noise of a noisy but ordinary pixel: one in ten has more."""
@@ -333,6 +337,12 @@ def _with_distribution(
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
     frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
     share, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
+    if share.interval_95 is not None:
+        unfound = max(share.interval_95[1] - 1.0 + float(steady.mean()), 0.0) / float(steady.mean())
+        spread = read_noise_log_spread(dark.variance[steady], dark.freedom, shared_dn2, min(unfound, 0.5))
+    elif len(blinking) >= _FEW_BLINKING and spread.value is not None:
+        why = f"{len(blinking)} pixels blink, and the number of those too faint to be found is unknown"
+        spread = Estimate(reason=why, method=spread.method)
     return replace(temporal, read_noise_log_spread=spread, blinking_fraction=share, blinking_amplitude_dn=amplitude)
 
 

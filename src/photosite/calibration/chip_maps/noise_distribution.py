@@ -38,7 +38,9 @@ _BLINKING_METHOD = (
 )
 
 
-def read_noise_log_spread(variance: NDArray[np.floating], freedom: int, shared_dn2: float) -> Estimate:
+def read_noise_log_spread(
+    variance: NDArray[np.floating], freedom: int, shared_dn2: float, blinking_share: float = 0.0
+) -> Estimate:
     """Estimate the standard deviation of the logarithm of the pixels' read noise.
 
     The temporal variance of a pixel is its read noise squared plus a part that all pixels share, times chi-square over
@@ -50,6 +52,9 @@ def read_noise_log_spread(variance: NDArray[np.floating], freedom: int, shared_d
         (n,) temporal variances of the pixels, DN^2, and their degrees of freedom.
     shared_dn2
         Variance of rounding, dark current, and rows and columns.
+    blinking_share
+        Share of these pixels that may blink without being found. Their variances are between those of ordinary pixels,
+        or all above: the estimate is the mean of both cases, and its uncertainty covers both.
 
     Examples
     --------
@@ -59,10 +64,27 @@ def read_noise_log_spread(variance: NDArray[np.floating], freedom: int, shared_d
     >>> round(found.value, 2), found.standard_uncertainty < 0.01
     (0.2, True)
     """
+    as_others = _log_spread(variance, freedom, shared_dn2, 1.0)
+    if blinking_share == 0.0 or as_others.interval_95 is None:
+        return as_others
+    above = _log_spread(variance, freedom, shared_dn2, 1.0 - blinking_share)
+    if above.interval_95 is None:
+        return above
+    (value, u), (other, of_other) = (
+        (each.value or 0.0, each.standard_uncertainty or 0.0) for each in (as_others, above)
+    )
+    apart = (value - other) / math.sqrt(12.0)
+    ends = min(as_others.interval_95[0], above.interval_95[0]), max(as_others.interval_95[1], above.interval_95[1])
+    limit = as_others.upper_limit_95 if above.upper_limit_95 is not None else None
+    return Estimate(0.5 * (value + other), math.hypot(max(u, of_other), apart), None, limit, _SPREAD_METHOD, ends)
+
+
+def _log_spread(variance: NDArray[np.floating], freedom: int, shared_dn2: float, ordinary: float) -> Estimate:
+    """Estimate the spread from the pixels of the lowest variances, of a share that is ordinary."""
     from scipy.optimize import brentq
     from scipy.special import gammainc
 
-    low, middle, high = np.quantile(variance, [0.25, 0.5, 0.75])
+    low, middle, high = np.quantile(variance, [0.25 * ordinary, 0.5 * ordinary, 0.75 * ordinary])
     if middle - shared_dn2 < LEAST_VARIANCE_DN2 or low <= 0.0:
         reason = f"the temporal variance of most pixels, {middle:.3g} DN², is that of rounding and dark current"
         return Estimate(reason=reason, method=_SPREAD_METHOD)
