@@ -71,6 +71,7 @@ _MODULE_OF = {
 }
 _MODULES = {
     "charts": "photosite.scene.charts",
+    "data": "photosite.data",
     "illuminants": "photosite.color.illuminants",
     "lights": "photosite.scene.lights",
     "pictures": "photosite.scene.pictures",
@@ -80,6 +81,7 @@ _MODULES = {
 __all__ = [*_MODULE_OF, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
+    from photosite import data as data
     from photosite.calibration.calibrate import calibrate as calibrate
     from photosite.calibration.captures import calibrate_captures as calibrate_captures
     from photosite.calibration.combined import calibrate_combined as calibrate_combined

@@ -31,10 +31,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "calibration": VALUES | {"color", "engine", "sensor", "frames"},
     "metrics": VALUES | {"color", "engine", "sensor", "frames"},
     "develop": VALUES | {"color", "engine", "sensor", "frames"},
+    "data": STAGES,
     "validation": STAGES | {"calibration", "metrics", "develop"},
     "report": RESULTS,
-    "studies": STAGES | {"calibration", "metrics", "develop", "validation", "report"},
-    "cli": STAGES | {"calibration", "metrics", "develop", "validation", "report", "studies", ""},
+    "studies": STAGES | {"data", "calibration", "metrics", "develop", "validation", "report"},
+    "cli": STAGES | {"data", "calibration", "metrics", "develop", "validation", "report", "studies", ""},
     "__main__": {"cli"},
 }
 """What each folder may import, besides itself; "" is the package's lazy public names."""

@@ -8,8 +8,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import lru_cache
+from contextlib import contextmanager, suppress
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -36,24 +36,57 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
     """Return a decorator that compiles a function at its first call and caches the result on disk.
 
     Floating point stays strict (no fast-math): the same input gives the same bits whatever the vector width.
-    `parallel` runs `numba.prange` loops on several threads, `inline` inlines the function into its callers.
+    `parallel` runs `numba.prange` loops on several threads, in a forked process on one (`_Forked`), with equal results.
+    `inline` inlines the function into its callers.
     """
 
     def decorate(function: F) -> F:
-        options: dict[str, Any] = {"cache": True, "fastmath": False, "nogil": True, "error_model": "numpy"}
-        if parallel:
-            options["parallel"] = True
-        if inline:
-            options["inline"] = "always"
-        # numba reads this setting when it decorates; restore it for other users of numba in this process.
-        settings: Any = numba.config
-        before, settings.CACHE_DIR = settings.CACHE_DIR, str(kernel_cache())
-        try:
-            return cast(F, numba.njit(**options)(function))
-        finally:
-            settings.CACHE_DIR = before
+        if not parallel:
+            return _dispatcher(function, kernel_cache(), **({"inline": "always"} if inline else {}))
+        threaded = _dispatcher(function, kernel_cache(), parallel=True)
+        single: list[F] = []
+
+        @wraps(function)
+        def run(*arguments: Any) -> Any:
+            if not _forked.without_threads:
+                return threaded(*arguments)
+            if not single:  # numba's cache does not tell it from the other one
+                single.append(_dispatcher(function, kernel_cache() / "single"))
+            return single[0](*arguments)
+
+        return cast(F, run)
 
     return decorate
+
+
+def _dispatcher(function: F, folder: Path, **options: Any) -> F:
+    # numba reads this setting when it decorates; restore it for other users of numba in this process.
+    settings: Any = numba.config
+    before, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
+    try:
+        kernel = numba.njit(cache=True, fastmath=False, nogil=True, error_model="numpy", **options)(function)
+    finally:
+        settings.CACHE_DIR = before
+    return cast(F, kernel)
+
+
+class _Forked:
+    """Whether this process was forked from one whose kernels had started threads, which do not exist here.
+
+    GNU OpenMP, which numba uses where it finds it, ends such a process at the first parallel loop.
+    """
+
+    without_threads = False
+
+    def note(self) -> None:
+        """Look, in a child process, what the parent had done."""
+        with suppress(ValueError):  # no layer is chosen before the first parallel loop
+            self.without_threads = bool(numba.threading_layer())
+
+
+_forked = _Forked()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked.note)
 
 
 @lru_cache(maxsize=1)
@@ -92,6 +125,9 @@ def threads_for(items: int) -> Iterator[None]:
 
     Starting a thread takes longer than a small frame, and much longer if other processes use the cores.
     """
+    if _forked.without_threads:
+        yield
+        return
     before = numba.get_num_threads()
     numba.set_num_threads(max(1, min(before, items // ITEMS_PER_THREAD)))
     try:

@@ -37,6 +37,8 @@ LINE_PATTERN = np.uint32(13)
 """Words 0 and 1: the fixed offsets of a row and of a column. Word 2: the gain of a column."""
 MULTIPLICATION = np.uint32(16)
 """Words 0 and 1: a trial of the gamma number of a multiplied charge. Words 2 and 3: clock-induced charge."""
+DATA = np.uint32(32)
+"""The choices for an item of a dataset, whose number is the first two words of the counter."""
 CAPTURES = np.uint32(64)
 """Words 0 and 1: the key of a further capture of the same exposure, whose number is the first word of the counter."""
 

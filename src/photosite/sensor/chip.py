@@ -61,8 +61,8 @@ class Chip(Shown):
     dark_rate_e_per_s: NDArray[np.float32]
 
 
-def draw_chip(sensor: Sensor) -> Chip:
-    """Return the chip that is drawn from a sensor's serial number.
+def draw_chip(sensor: Sensor, part: tuple[slice, slice] = (slice(None), slice(None))) -> Chip:
+    """Return the chip that is drawn from a sensor's serial number, or a rectangle of it.
 
     PRNU and DSNU are normal. Dark current is log-normal with the sensor's mean and relative spread, so that it stays
     positive. The pattern depends on the serial alone; the sensor's spreads scale it.
@@ -81,11 +81,12 @@ def draw_chip(sensor: Sensor) -> Chip:
         sensor.electrons(noise.dsnu_mv.value),
     )
     prnu, dsnu = (
-        _deviates(sensor.serial, array.rows, array.cols, word) if spread else np.zeros((1, 1), np.int16)
+        _deviates(sensor.serial, array.rows, array.cols, word)[part] if spread else np.zeros((1, 1), np.int16)
         for word, spread in enumerate(spreads)
     )
     dark_spread = noise.dcnu_percent.value / 100 if noise.dark_voltage_mv_per_s.value else 0.0
     relative = _relative_dark_rate(sensor.serial, array.rows, array.cols, dark_spread)
+    relative = relative if relative.shape == (1, 1) else relative[part]
     rate = relative * np.float32(sensor.electrons(noise.dark_voltage_mv_per_s.value))
     return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_STEP), Pattern(dsnu, spreads[_DSNU] * DEVIATE_STEP), rate)
 

@@ -20,11 +20,11 @@ def drawn_frame(
     sensor: Sensor, photo_e: NDArray[np.float32], part: Part, exposure: Exposure, device: Device
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a sensor; `photo_e` is that of the rectangle."""
-    chip = draw_chip(sensor)
+    chip = draw_chip(sensor, part)
     maps = DrawnMaps(
-        within(chip.prnu.deviates, part),
-        within(chip.offset_e.deviates, part),
-        within(chip.dark_rate_e_per_s, part),
+        read_only(chip.prnu.deviates),
+        read_only(chip.offset_e.deviates),
+        read_only(chip.dark_rate_e_per_s),
         *line_noise(line_noise_dn(sensor), part, exposure),
     )
     read_noise_e = sensor.electrons(sensor.noise.pixel_noise_mv)

@@ -25,6 +25,7 @@ from photosite.sensor.device import Device
 from photosite.sensor.drawn_readout import drawn_frame, line_noise
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
+from photosite.sensor.own_noise import OwnNoise, check_noisier, drawn_maps, missing_light, with_missing_noise
 from photosite.sensor.staged_readout import staged_frame
 from photosite.values.validated import check_choice
 
@@ -42,6 +43,7 @@ def digital_numbers(
     region: Rectangle | None = None,
     device: Device = "cpu",
     temperature_c: float | None = None,
+    own_noise: OwnNoise | None = None,
 ) -> CombinedNumbers:
     """Return one frame of a sensor, or a rectangle of it, (rows, cols) uint16.
 
@@ -54,7 +56,8 @@ def digital_numbers(
     Parameters
     ----------
     mean_electrons
-        (rows, cols) float32 electrons from light, not negative.
+        (rows, cols) float32 electrons from light, not negative; of the whole chip, or, for a sensor without effects and
+        captures, of the region.
     exposure_s
         Exposure time, for the dark current.
     seed
@@ -67,6 +70,9 @@ def digital_numbers(
         "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`).
     temperature_c
         Temperature of the sensor, for the dark current; default that of the description.
+    own_noise
+        Noise that the electrons have, if they were measured; only the missing noise is added, and electrons may be
+        negative. None: they are exact means.
 
     Raises
     ------
@@ -74,7 +80,7 @@ def digital_numbers(
         If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region is out of range, the
         device is unknown or missing, measured maps have another size or are requested on a GPU, or the well capacity is
         below half a digital number, or the sensor does not state what a temperature needs
-        (`Sensor.dark_current_ratio`).
+        (`Sensor.dark_current_ratio`), or the electrons have noise that the sensor does not have.
     FileError
         If a file of measured maps is missing, or is not the file that the sensor file names by its hash.
 
@@ -86,21 +92,29 @@ def digital_numbers(
     (2, 2)
     """
     check_choice("device", device, Device)
-    photo_e, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
+    light_e = mean_electrons
+    if own_noise is not None:
+        check_noisier(sensor, own_noise)
+        light_e = missing_light(mean_electrons, own_noise)
+    photo_e, part, exposure = _checked(sensor, light_e, exposure_s, seed, frame, region)
     sensor, measured = _at_temperature(sensor, temperature_c)
     if sensor.captures is not None:
         return combined(sensor, capture_numbers(sensor, measured, mean_electrons, part, exposure, device))
     if sensor.effects is not None:
         return staged_frame(sensor, measured, mean_electrons, part, exposure, device)
-    if measured is None:
+    if measured is None and own_noise is None:
         return drawn_frame(sensor, photo_e, part, exposure, device)
     if device != "cpu":
         hint = "Use with_(maps=None) to simulate a drawn chip on the GPU"
-        raise InputError("device", value=device, expected="'cpu' for a measured chip", hint=hint)
-    maps = _measured_maps(measured, sensor, part, exposure)
+        expected = "'cpu' for a measured chip and for light with noise"
+        raise InputError("device", value=device, expected=expected, hint=hint)
+    maps = drawn_maps(sensor, part, exposure) if measured is None else _measured_maps(measured, sensor, part, exposure)
+    if own_noise is not None:
+        electrons = mean_electrons if mean_electrons.shape == photo_e.shape else mean_electrons[part]
+        maps, exposure = with_missing_noise(maps, exposure, electrons, own_noise)
     with threads_for(photo_e.size):
         out = expose_measured(photo_e, maps, exposure)
-    if len(measured.blinking):
+    if measured is not None and len(measured.blinking):
         expose_blinking(
             out,
             _blinking_within(measured.blinking, (part[0].start, part[1].start), photo_e.shape),
@@ -155,8 +169,14 @@ def _checked(
 ) -> tuple[NDArray[np.float32], tuple[slice, slice], Exposure]:
     """Return the light and the place of a rectangle, and what its pixels share; see `digital_numbers` for errors."""
     rows, cols = sensor.array.rows, sensor.array.cols
-    if mean_electrons.shape != (rows, cols):
-        raise InputError("mean_electrons", value=mean_electrons.shape, expected=f"of shape ({rows}, {cols})")
+    r0, r1, c0, c1 = region or (0, rows, 0, cols)
+    if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
+        expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
+        raise InputError("region", value=region, expected=expected)
+    part = slice(r0, r1), slice(c0, c1)
+    shape, plain = mean_electrons.shape, sensor.effects is None and sensor.captures is None
+    if shape != (rows, cols) and not (plain and shape == (r1 - r0, c1 - c0)):
+        raise InputError("mean_electrons", value=shape, expected=f"of shape ({rows}, {cols})")
     # Two reductions instead of a mask, which would need the memory of a second frame.
     lowest, highest = float(mean_electrons.min()), float(mean_electrons.max())
     if not (lowest >= 0 and highest < np.inf):
@@ -165,13 +185,8 @@ def _checked(
         whole = isinstance(number, Integral) and not isinstance(number, bool)
         if not (whole and 0 <= number < 1 << bits):
             raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
-    r0, r1, c0, c1 = region or (0, rows, 0, cols)
-    if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
-        expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
-        raise InputError("region", value=region, expected=expected)
     _check_full_well(sensor)
-    part = slice(r0, r1), slice(c0, c1)
-    photo_e = read_only(np.asarray(mean_electrons[part], np.float32))
+    photo_e = read_only(np.asarray(mean_electrons[part] if shape == (rows, cols) else mean_electrons, np.float32))
     exposure = Exposure(
         float(exposure_s),
         float(sensor.pixel.well_capacity_e.value),
