@@ -4,6 +4,7 @@ from photosite.data.dataset import PairDataset as PairDataset
 from photosite.data.light import Electrons as Electrons
 from photosite.data.light import RawFrames as RawFrames
 from photosite.data.pair import Pair as Pair
+from photosite.data.scenes import Scenes as Scenes
 from photosite.sensor.own_noise import OwnNoise as OwnNoise
 
-__all__ = ["Electrons", "OwnNoise", "Pair", "PairDataset", "RawFrames"]
+__all__ = ["Electrons", "OwnNoise", "Pair", "PairDataset", "RawFrames", "Scenes"]

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.data.digest import described
 from photosite.data.light import Light, Source
 from photosite.data.pair import Pair
 from photosite.data.patch import Patch, between, chances, first_of, flip_offset
@@ -182,7 +183,7 @@ class PairDataset(Shown):
             (self.flips and u[3] < 0.5, self.flips and u[4] < 0.5),
             between(*_range("light", self.light), u[5]),
             between(*_range("exposure_s", self.exposure_s), u[6]),
-            u[7],
+            (u[7], u[10]),
         )
         seen = self.source.light(image, patch)
         array = sensor.array
@@ -251,8 +252,8 @@ class PairDataset(Shown):
         names = (entry.name for entry in fields(self) if entry.name not in ("source", "sensors"))
         settings = {name: getattr(self, name) for name in names} | {"crop": self.shape}
         return {
-            "settings": {name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()},
-            "sensors": [sensor.model_dump(mode="json") for sensor in self._sensors],
+            "settings": described(settings),
+            "sensors": described(self._sensors),
             "source": self.source.describe(),
         }
 

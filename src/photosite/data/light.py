@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.data.digest import described, described_files
 from photosite.data.kept import Kept
 from photosite.data.patch import Patch
 from photosite.errors import FileError, InputError, message_of
@@ -19,7 +18,7 @@ from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import NoiseProfile
-from photosite.sensor.own_noise import OwnNoise
+from photosite.sensor.own_noise import OwnNoise, check_noisier, largest_light
 from photosite.values.cfa import channel_names, tile_text
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
@@ -150,7 +149,7 @@ class Electrons(Shown):
 
     def describe(self) -> dict[str, Any]:
         """Return names and SHA-256 of the images."""
-        return {"kind": "electrons", "own_noise": repr(self.own_noise), "images": contents(self.images)}
+        return {"kind": "electrons", "own_noise": described(self.own_noise), "images": described_files(self.images)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,15 +267,12 @@ class RawFrames(Shown):
 
     def describe(self) -> dict[str, Any]:
         """Return names and SHA-256 of the frames."""
-        sensor = None if self.sensor is None else self.sensor.model_dump_json()
-        images = contents([frame.dn if isinstance(frame, RawFrame) else frame for frame in self.frames])
-        return {"kind": "raw frames", "sensor": sensor, "averaged": self.averaged, "images": images}
+        settings = {"sensor": described(self.sensor), "averaged": self.averaged}
+        return {"kind": "raw frames", **settings, "images": described_files(self.frames)}
 
 
 def check_light(sensor: Sensor, own: OwnNoise | None, light: float) -> None:
     """Raise `InputError` if measured light times a factor has more noise than a sensor."""
-    from photosite.sensor.own_noise import check_noisier, largest_light
-
     if own is None:
         return
     check_noisier(sensor, own.scaled(0.0))
@@ -310,19 +306,4 @@ def listed(name: str, values: Any) -> tuple[Any, ...]:
     """Return a sequence as a tuple; raise `InputError` if it is empty or a single value."""
     if isinstance(values, str | PathLike | RawFrame | np.ndarray) or not (found := tuple(values)):
         raise InputError(name, value=type(values).__name__, expected="a list with at least one entry")
-    return found
-
-
-def contents(images: Sequence[Any]) -> list[dict[str, str]]:
-    """Return name and SHA-256 of files and arrays."""
-    found = []
-    for number, image in enumerate(images):
-        if isinstance(image, str | PathLike):
-            name, path = str(image), Path(image)
-            with path.open("rb") as stream:
-                digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        else:
-            name, array = f"array {number}", np.ascontiguousarray(image)
-            digest = hashlib.sha256(f"{array.dtype} {array.shape}".encode() + array.tobytes()).hexdigest()
-        found.append({"name": name, "sha256": digest})
     return found

@@ -78,8 +78,8 @@ class Patch(Shown):
         Whether rows and columns are reversed.
     light, exposure_s
         Factor on the light, and exposure time.
-    choice
-        A chance for what else a source chooses.
+    choices
+        Two chances for what else a source chooses.
     """
 
     shape: tuple[int, int]
@@ -88,7 +88,7 @@ class Patch(Shown):
     flips: tuple[bool, bool]
     light: float
     exposure_s: float
-    choice: float
+    choices: tuple[float, float]
 
     def corner(self, size: tuple[int, int]) -> tuple[int, int]:
         """Return the first row and column in a mosaic of a size, whose tile begins at its first pixel."""

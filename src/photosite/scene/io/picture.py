@@ -26,6 +26,8 @@ ORIENTATION = 0x0112
 TRANSPARENT = "is transparent in places"
 FLATTEN = "Flatten the picture to red, green and blue"
 
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of the display pictures that `read_codes` reads."""
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _ALWAYS_READ_PIXELS = 100_000_000
 """Pictures up to this size are read from a file however small."""
@@ -49,11 +51,15 @@ _TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
 
 def read(path: Path, options: ReadOptions) -> Scene:
     """Read a PNG or JPEG file as a flat print of its colors, under the options' illuminant."""
+    return scene_of_picture(path, *read_codes(path), options)
+
+
+def read_codes(path: Path) -> tuple[NDArray[Any], RgbSpace]:
+    """Read the upright (rows, cols, 3) codes of a PNG or JPEG file, and their color space."""
     with _opened(path, "a PNG or JPEG picture") as picture:
         codes = _png_codes(path, picture) if picture.format == "PNG" else _jpeg_codes(path, picture)
         space = space_of_picture(path, picture)
-        codes = turned(codes, exif_of(picture).get(ORIENTATION))
-    return scene_of_picture(path, codes, space, options)
+        return turned(codes, exif_of(picture).get(ORIENTATION)), space
 
 
 def turned(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
