@@ -113,6 +113,7 @@ def measured():
     sensor = SENSOR.with_(
         read_noise_spread={"log_spread": 0.25},
         telegraph_noise={"fraction": 0.02, "amplitude_e": 100},
+        black_level_drift={"standard_deviation_e": 8, "octaves": 1},
         hot_pixels={"fraction": 0.005, "median_e_per_s": 150, "log_spread": 0.5},
         pixel_defects={"dead_fraction": 0.001, "stuck_fraction": 0.0005, "dead_columns": 1, "clusters": 1},
     )
@@ -129,8 +130,10 @@ def measured():
 
 
 def test_distribution_of_the_noise_is_measured(measured):
-    sensor, _, _, temporal = measured
+    """With a drift of the black level as large as the read noise, which belongs to no pixel."""
+    sensor, _, chip, temporal = measured
     gain = sensor.system_gain_dn_per_e
+    assert np.median(chip.read_noise_dn) / gain == pytest.approx(6.0 * np.exp(-(0.25**2)), rel=0.04)
     assert covers(temporal.read_noise_log_spread, 0.25)
     assert covers(temporal.blinking_fraction, 0.02)
     assert covers(temporal.blinking_amplitude_dn, 100 * gain)

@@ -132,11 +132,12 @@ def test_residuals_match_numpy():
     frames[0, 5, 7] = 60_000  # beyond the last bin
     total = frames.sum(axis=0, dtype=np.uint32)
     rows, columns = rng.normal(0, 1, (6, 37)), rng.normal(0, 1, (6, 21))
-    fourth, histogram = np.zeros((37, 21), np.float32), np.zeros((5, 100), np.int64)
+    (second, fourth), histogram = np.zeros((2, 37, 21), np.float32), np.zeros((5, 100), np.int64)
     for frame, row, column in zip(frames, rows, columns, strict=True):
-        add_residuals(frame, total, 6, row, column, 2.5, fourth, histogram)
+        add_residuals(frame, total, 6, 3.0, row, column, 2.5, second, fourth, histogram)
 
-    residual = frames - total / 6
+    residual = frames - total / 6 - 3.0
+    np.testing.assert_allclose(second, (residual**2).sum(axis=0), rtol=1e-5)
     np.testing.assert_allclose(fourth, (residual**4).sum(axis=0), rtol=1e-5)
     shifted = residual - rows[:, :, None] - columns[:, None, :]
     edges = (np.arange(101) - 50) / 2.5

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from photosite.values.estimate import (
+    Estimate,
     signed_root,
     standard_deviation,
     standard_deviation_interval_95,
@@ -72,7 +73,10 @@ def test_interval_never_lies_below_zero(variance):
     low, high = standard_deviation_interval_95(known)
     limit = upper_limit_95(known)
     assert (low > 0.0) == (variance > 1.645)
-    assert low <= signed_root(variance) <= high
+    assert low <= max(signed_root(variance), 0.0) <= high
+    found = Estimate.of_variance(known, "", Uncertain(2.0))
+    assert found.interval_95 == pytest.approx((2.0 * low, 2.0 * high))
+    assert found.upper_limit_95 == (None if limit is None else found.interval_95[1])
     if limit is None and variance < 0.0:
         assert high == 0.0
     else:

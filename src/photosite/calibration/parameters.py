@@ -11,7 +11,7 @@ from photosite.calibration.photon_transfer.linearity import linearity_estimates
 from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.noise_terms import QUANTISATION_DN2
-from photosite.values.estimate import Estimate, standard_deviation, standard_deviation_interval_95, upper_limit_95
+from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
@@ -190,13 +190,7 @@ def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
     """Return the estimate of a standard deviation, multiplied by a scale."""
     if isinstance(variance, Missing) or isinstance(scale, Missing):
         return Estimate.of(variance if isinstance(variance, Missing) else scale, method)
-    limit = upper_limit_95(variance)
-    return Estimate.of(
-        standard_deviation(variance) * scale,
-        method,
-        None if limit is None else limit * scale.value,
-        standard_deviation_interval_95(variance * scale * scale),
-    )
+    return Estimate.of_variance(variance, method, scale)
 
 
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
@@ -303,8 +297,9 @@ def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
         return result
     if m.dark_variance.value >= (least := least_dark_variance(m)):
         return result
-    limit = math.sqrt(least - QUANTISATION_DN2) * per_e.value
-    return replace(result, upper_limit_95=max(limit, result.upper_limit_95 or 0.0))
+    assert result.interval_95
+    limit = max(math.sqrt(least - QUANTISATION_DN2) * per_e.value, result.interval_95[1])
+    return replace(result, upper_limit_95=limit)
 
 
 def _clipping_note(m: Measurements) -> str:

@@ -305,19 +305,22 @@ def add_residuals(
     frame: NDArray[Any],
     total: NDArray[Any],
     count: int,
+    shift: float,
     row_shift: F64,
     column_shift: F64,
     bins_per_dn: float,
+    second: F32,
     fourth: F32,
     histogram: I64,
 ) -> None:
-    """Add the residuals of one frame, its digital numbers minus the mean of each pixel over the stack.
+    """Add the residuals of one frame: its digital numbers less its shift and the mean of each pixel over the stack.
 
     - `frame`: (rows, cols) uint8 or uint16.
     - `total`, `count`: (rows, cols) sum over the stack that the frame belongs to, and the number of frames in it.
-    - `row_shift`, `column_shift`: (rows,), (cols,) offset of each line in this frame, for the histogram only.
+    - `shift`: Offset of the whole frame.
+    - `row_shift`, `column_shift`: (rows,), (cols,) offset of each line beyond that, for the histogram only.
     - `bins_per_dn`: Bins of the histogram per digital number.
-    - `fourth`: (rows, cols) sum of the fourth powers of the residuals; updated in place.
+    - `second`, `fourth`: (rows, cols) sums of the second and fourth powers of the residuals; updated in place.
     - `histogram`: (blocks, bins) residuals by block of rows: the rows are divided evenly into as many blocks as it has
       rows. Updated in place. The center of the bins is 0; the first and the last bin also count what lies beyond them.
     """
@@ -329,8 +332,9 @@ def add_residuals(
         counts = histogram[block]
         for r in range(block * rows // blocks, (block + 1) * rows // blocks):
             for c in range(cols):
-                d = float(frame[r, c]) - float(total[r, c]) * inverse
+                d = float(frame[r, c]) - float(total[r, c]) * inverse - shift
                 square = d * d
+                second[r, c] += np.float32(square)
                 fourth[r, c] += np.float32(square * square)
                 place = (d - row_shift[r] - column_shift[c]) * bins_per_dn + middle
                 counts[int(min(max(place, 0.0), bins - 1.0))] += 1

@@ -172,8 +172,9 @@ _READING = (
     "Hollow points lie outside the linear range and were not. Each color channel has its own color, marker and line "
     "style.",
     "A standard deviation is the root of a variance, and a small variance is the difference of two larger ones, which "
-    "chance can make negative. The report then states an upper limit, < 0.16 for example, below which the true value "
-    "lies with 95 % probability; the signed root of the variance is in the JSON output.",
+    "chance can make negative. Where it is not distinguishable from zero, the report states an upper limit, for example "
+    "< 0.16: the 95 % interval of the standard deviation is then 0 to 0.16. The value in the JSON output is the signed "
+    "root of the variance, for averages over measurements.",
 )
 
 _TERMS = (

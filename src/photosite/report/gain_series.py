@@ -101,12 +101,7 @@ def modes_table(series: GainSeries) -> Table:
         free = mode.degrees_of_freedom
         fit = "" if free is None or mode.chi_square is None else f"{format_number(mode.chi_square, 3)} / {free}"
         parts = (mode.pre_amplifier_noise_e, mode.post_amplifier_noise_dn)
-        texts = [
-            format_estimate(part)
-            + (f" (< {format_number(limit, 2)})" if (limit := part.upper_limit_95) and (part.value or 0) >= 0 else "")
-            + (f": {part.reason}" if part.reason else "")
-            for part in parts
-        ]
+        texts = [format_estimate(part) + (f": {part.reason}" if part.reason else "") for part in parts]
         rows.append((f"{mode.settings[0]:g} to {mode.settings[-1]:g}", *texts, fit, f"{mode.scatter_percent:.2g}"))
     numbers = map(numeric, ("Before (e⁻)", "After (DN)", "χ² / degrees of freedom", "Scatter (%)"))
     caption = "Noise before and after the amplifier; scatter of the variance beyond sampling"

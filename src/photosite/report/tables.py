@@ -49,7 +49,7 @@ def _label_and_unit(name: str) -> tuple[str, str]:
 
 
 def format_estimate(entry: Estimate) -> str:
-    """Format value and standard uncertainty, an upper limit where a variance came out negative, or "not estimated".
+    """Format value and standard uncertainty, the upper limit of one within chance of 0, or "not estimated".
 
     Examples
     --------
@@ -60,28 +60,31 @@ def format_estimate(entry: Estimate) -> str:
     """
     if entry.value is None or entry.standard_uncertainty is None:
         return "not estimated"
-    if entry.value < 0 and entry.upper_limit_95 is not None:
+    if entry.upper_limit_95 is not None:
         return f"< {format_number(entry.upper_limit_95, 2)}"
+    if entry.value < 0 and entry.interval_95 == (0.0, 0.0):
+        return "negative variance"
     return format_uncertain(entry.value, entry.standard_uncertainty)
 
 
 def interval_text(entry: Estimate) -> str:
-    """Format the 95 % interval, with the upper limit of a value not distinguishable from zero; "" without a value.
+    """Format the 95 % interval; "" without a value.
 
     Examples
     --------
     >>> interval_text(Estimate(0.5218, 0.0034)).split()
     ['0.5151', 'to', '0.5285']
+    >>> interval_text(Estimate(-0.12, 0.05, upper_limit_95=0.16)).split()
+    ['0', 'to', '0.16']
     """
     interval = entry.interval_95
-    if interval is None or entry.standard_uncertainty is None:
+    if interval is None or entry.standard_uncertainty is None or (interval == (0.0, 0.0) and (entry.value or 0.0) < 0):
         return ""
-    if (entry.value or 0.0) < 0 and entry.upper_limit_95 is not None:
-        return "upper limit, 95 %"
-    text = format_interval(*interval, entry.standard_uncertainty).replace(" ", "\u00a0")  # on one line
     if entry.upper_limit_95 is not None:
-        text += f"; upper limit {format_number(entry.upper_limit_95, 3)}"
-    return text
+        text = f"0 to {format_number(entry.upper_limit_95, 2)}"
+    else:
+        text = format_interval(*interval, entry.standard_uncertainty)
+    return text.replace(" ", "\u00a0")  # on one line
 
 
 def channel_table(channels: Mapping[str, Parameters]) -> Table:

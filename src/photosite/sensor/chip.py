@@ -229,8 +229,8 @@ class MeasuredChip(Shown):
         Dark level at an exposure of 0 minus the black level, and its standard uncertainty. With dark frames of one
         exposure time, the level at `reference_exposure_s`.
     read_noise_dn
-        Temporal standard deviation without rounding and shot noise of the dark current. A negative variance estimate -v
-        is stored as -sqrt(v).
+        Temporal standard deviation without rounding, shot noise of the dark current and shifts of whole frames. A
+        negative variance estimate -v is stored as -sqrt(v).
     read_noise_freedom
         Degrees of freedom of each pixel's temporal variance.
     dark_rate_dn_per_s, dark_rate_uncertainty_dn_per_s

@@ -18,6 +18,11 @@ def signed_root(x: float) -> float:
     return math.copysign(math.sqrt(abs(x)), x)
 
 
+def signed_square(x: float) -> float:
+    """Return x |x|, the inverse of `signed_root`."""
+    return x * abs(x)
+
+
 NOISY = 25.0
 """Ratio of a variance to its uncertainty below which the bias of the root is corrected."""
 
@@ -55,12 +60,13 @@ def standard_deviation(variance: Uncertain) -> Uncertain:
 
 
 def standard_deviation_interval_95(variance: Uncertain) -> tuple[float, float]:
-    """Return the 95 % interval of `standard_deviation`: the signed roots of the ends of an interval of the variance.
+    """Return the 95 % interval of `standard_deviation`, from 0 on: the roots of the ends of one of the variance.
 
     A symmetric interval would lie below zero for one in 40 sensors without any spread. Where the estimate is negative,
     this interval therefore reaches up to `upper_limit_95`, and misses a small true variance from above in fewer than
     2.5 % of cases. The lower end is raised to compensate: a true variance of 0 is excluded in 5 %. The coverage is 95 %
-    for every true variance. Far from zero the interval is that of the variance.
+    for every true variance. Far from zero the interval is that of the variance. A variance so far below zero that no
+    true one explains it has the interval from 0 to 0.
 
     References
     ----------
@@ -75,9 +81,9 @@ def standard_deviation_interval_95(variance: Uncertain) -> tuple[float, float]:
     >>> round(low, 1), round(high, 1)
     (0.0, 1.9)
     """
-    low, high = _positive_interval(variance.value, *variance.interval_95)
+    low, high = (math.sqrt(max(end, 0.0)) for end in _positive_interval(variance.value, *variance.interval_95))
     limit = upper_limit_95(variance) if variance.value < 0.0 else None
-    return signed_root(low), signed_root(high) if limit is None else max(signed_root(high), limit)
+    return low, high if limit is None else max(high, limit)
 
 
 def _positive_interval(value: float, low: float, high: float) -> tuple[float, float]:
@@ -162,8 +168,9 @@ class Estimate(Shown):
     reason
         Why there is no value.
     upper_limit_95
-        95 % upper limit, given where the variance behind the value is not distinguishable from zero. A negative
-        variance difference is kept: the value is then -sqrt(-variance).
+        Upper end of the interval, given where the variance behind the value is not distinguishable from zero; the
+        interval then begins at 0. The value is kept for averages over measurements: it is -sqrt(-variance) for a
+        negative variance difference.
     method
         How the parameter was estimated, with the clause of the standard where there is one.
     interval_95
@@ -186,7 +193,9 @@ class Estimate(Shown):
     parts: Mapping[Source, float] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.interval_95 is None and self.value is not None and self.standard_uncertainty is not None:
+        if self.upper_limit_95 is not None and self.value is not None:
+            object.__setattr__(self, "interval_95", (0.0, self.upper_limit_95))
+        elif self.interval_95 is None and self.value is not None and self.standard_uncertainty is not None:
             half = COVERAGE_95 * self.standard_uncertainty
             object.__setattr__(self, "interval_95", (self.value - half, self.value + half))
 
@@ -201,10 +210,19 @@ class Estimate(Shown):
         return cls(value.value, value.standard_uncertainty, None, upper_limit_95, method, interval_95, value.parts)
 
     @classmethod
-    def of_variance(cls, variance: Uncertain, method: str) -> Estimate:
-        """Return the estimate of the standard deviation of an estimated variance."""
-        interval = standard_deviation_interval_95(variance)
-        return cls.of(standard_deviation(variance), method, upper_limit_95(variance), interval)
+    def of_variance(cls, variance: Uncertain, method: str, scale: Uncertain | None = None) -> Estimate:
+        """Return the estimate of the standard deviation of an estimated variance, multiplied by a scale.
+
+        Examples
+        --------
+        >>> found = Estimate.of_variance(Uncertain.of(-0.25, 0.5), "")
+        >>> found.value, found.interval_95[0], found.upper_limit_95 == found.interval_95[1]
+        (-0.5, 0.0, True)
+        """
+        scale = Uncertain(1.0) if scale is None else scale
+        interval = standard_deviation_interval_95(variance * scale * scale)
+        limit = None if upper_limit_95(variance) is None else interval[1]
+        return cls.of(standard_deviation(variance) * scale, method, limit, interval)
 
     @property
     def uncertain(self) -> Value:

@@ -31,7 +31,7 @@ from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_terms import QUANTISATION_DN2
-from photosite.values.estimate import Estimate
+from photosite.values.estimate import Estimate, signed_square
 
 CLIPPED_DARK = 1e-3
 """Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""
@@ -130,6 +130,10 @@ class _DarkMaps:
         np.sqrt(variance, out=variance)
         return variance
 
+    def with_variance(self, variance: FloatMap) -> _DarkMaps:
+        """Return these maps with another temporal variance of each pixel."""
+        return replace(self, variance=variance, spreads=_spreads(variance, self.tile, self.stack))
+
     def maps(self, level: FloatMap, shot: FloatMap | None) -> dict[str, FloatMap]:
         """Return offset, read noise and dark rate; `level`, the mean reference dark above black, becomes the offset."""
         noise = self.moderated_variance()
@@ -196,7 +200,8 @@ def measure_chip(
         suspects = dark.suspects()
         look = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
     del reader  # its sums need as much memory as three maps
-    temporal = measure_temporal_noise(dark.stack, look, dark.variance, dark.mean, dark.tile)
+    dark = dark.with_variance(look.variance)
+    temporal = measure_temporal_noise(dark.stack, look, dark.mean, dark.tile)
     return _chip(calibration, dark, response, suspects, look, temporal)
 
 
@@ -229,13 +234,16 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
         stack = _mean_and_variance(reader.sums(planned[reference]))
     mean, variance = stack
     chosen = groups[reference]
-    spreads = [
-        noise_spread(defects.channel_values(variance, reader.tile, k), chosen.frames - 1)
-        for k in range(len(chosen.levels))
-    ]
+    spreads = _spreads(variance, reader.tile, chosen)
     rate = None if slopes is None else slopes.slopes.astype(np.float32)
     weights = np.zeros(len(planned)) if coefficients is None else coefficients
     return _DarkMaps(groups, reference, mean, variance, spreads, rate, weights)
+
+
+def _spreads(variance: FloatMap, tile: NDArray[np.int64], stack: GroupStatistics) -> list[NoiseSpread]:
+    """Return the distribution of the pixels' temporal variances in each channel."""
+    channels = range(len(stack.levels))
+    return [noise_spread(defects.channel_values(variance, tile, k), stack.frames - 1) for k in channels]
 
 
 def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
@@ -319,7 +327,7 @@ def _chip(
         defects=found,
         blinking=blinking,
     )
-    shared_dn2 = QUANTISATION_DN2 + chip.row_noise_dn**2 + chip.column_noise_dn**2
+    shared_dn2 = QUANTISATION_DN2 + signed_square(chip.row_noise_dn) + signed_square(chip.column_noise_dn)
     shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
     return chip, _with_distribution(replace(temporal, traces=traces), dark, look, blinking, shared_dn2)
 

@@ -51,7 +51,7 @@ def read_noise_log_spread(
     variance, freedom
         (n,) temporal variances of the pixels, DN^2, and their degrees of freedom.
     shared_dn2
-        Variance of rounding, dark current, and rows and columns.
+        Variance of rounding, dark current, rows and columns.
     blinking_share
         Share of these pixels that may blink without being found. Their variances are between those of ordinary pixels,
         or all above: the estimate is the mean of both cases, and its uncertainty covers both.
@@ -75,7 +75,7 @@ def read_noise_log_spread(
     )
     apart = (value - other) / math.sqrt(12.0)
     ends = min(as_others.interval_95[0], above.interval_95[0]), max(as_others.interval_95[1], above.interval_95[1])
-    limit = as_others.upper_limit_95 if above.upper_limit_95 is not None else None
+    limit = ends[1] if as_others.upper_limit_95 is not None and above.upper_limit_95 is not None else None
     return Estimate(0.5 * (value + other), math.hypot(max(u, of_other), apart), None, limit, _SPREAD_METHOD, ends)
 
 
@@ -129,7 +129,7 @@ def _log_spread(variance: NDArray[np.floating], freedom: int, shared_dn2: float,
     terms = 3.0 / 16.0 * sum(1.0 / one**2 for one in density) - 2.0 / 16.0 / (density[0] * density[1])
     u = math.sqrt(terms / variance.size)
     ends = spread_of(measured - COVERAGE_95 * u), spread_of(measured + COVERAGE_95 * u)
-    limit = spread_of(measured + 1.645 * u) if measured - 1.645 * u <= narrowest else None
+    limit = ends[1] if measured - 1.645 * u <= narrowest else None
     return Estimate(value, (ends[1] - ends[0]) / (2.0 * COVERAGE_95), None, limit, _SPREAD_METHOD, ends)
 
 

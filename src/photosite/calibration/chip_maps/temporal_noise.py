@@ -125,8 +125,9 @@ class StackResiduals:
     ----------
     lines
         Row and column sums of the frames, by site of the tile.
-    fourth
-        (rows, cols) float32 sum of the fourth powers of the residuals, DN^4.
+    variance, fourth
+        (rows, cols) float32 temporal variance of each pixel, DN^2, and sum of the fourth powers of its residuals, DN^4,
+        without shifts of whole frames.
     histogram, bin_dn
         (blocks, bins) residuals by block of rows, and the width of a bin. Shifts of frames, rows and columns are
         removed, and the residuals are scaled by sqrt(n / (n - 1)) to the standard deviation of the noise.
@@ -135,6 +136,7 @@ class StackResiduals:
     """
 
     lines: LineSums
+    variance: NDArray[np.float32]
     fourth: NDArray[np.float32]
     histogram: NDArray[np.int64]
     bin_dn: float
@@ -166,23 +168,25 @@ def read_residuals(
     bin_dn = sigma_dn / _BINS_PER_SIGMA
     # Each residual lacks 1 / n of the noise variance, because the mean contains the frame.
     bins_per_dn = float(np.sqrt(n / max(n - 1, 1))) / bin_dn
-    fourth = np.zeros((rows, cols), np.float32)
+    second, fourth = np.zeros((rows, cols), np.float32), np.zeros((rows, cols), np.float32)
     histogram = np.zeros((BLOCKS, BINS), np.int64)
     by_row, by_column, series = [], [], []
     for dn in frames:
         frame = read_only(dn)
         row_sums, column_sums = (sums[0] for sums in line_sums([frame], tile))
         shift = float(row_sums.sum(dtype=np.float64)) / (rows * cols) - level
-        row_shift = row_sums.sum(axis=1, dtype=np.float64) / cols - row_level
+        row_shift = row_sums.sum(axis=1, dtype=np.float64) / cols - row_level - shift
         column_shift = column_sums.sum(axis=0, dtype=np.float64) / rows - column_level - shift
         with threads_for(frame.size):
-            add_residuals(frame, mean.sum, n, row_shift, column_shift, bins_per_dn, fourth, histogram)
+            add_residuals(frame, mean.sum, n, shift, row_shift, column_shift, bins_per_dn, second, fourth, histogram)
         by_row.append(row_sums)
         by_column.append(column_sums)
         series.append(frame[place].astype(np.float32) - np.float32(shift))
     if len(series) != n:
         raise ValueError(f"expected the {n} frames of the mean, got {len(series)}")
-    return StackResiduals((np.stack(by_row), np.stack(by_column)), fourth, histogram, bin_dn, np.stack(series, axis=1))
+    second /= np.float32(n - 1 if n > 1 else np.nan)
+    lines = np.stack(by_row), np.stack(by_column)
+    return StackResiduals(lines, second, fourth, histogram, bin_dn, np.stack(series, axis=1))
 
 
 @dataclass(frozen=True)
@@ -267,14 +271,12 @@ class TemporalNoise(Shown):
 def measure_temporal_noise(
     stack: GroupStatistics,
     look: StackResiduals,
-    variance: NDArray[np.float32],
     mean: MeanFrame,
     tile: NDArray[np.int64],
 ) -> TemporalNoise:
     """Measure the temporal noise of a stack of dark frames.
 
-    `look` holds the residuals from the second reading of the stack, and `variance` (rows, cols) the temporal variance
-    of each pixel.
+    `look` holds the residuals from the second reading of the stack.
     """
     parts = pool_temporal(
         temporal_parts(stack.levels, look.lines, tile), [float(level.pixels) for level in stack.levels]
@@ -290,7 +292,7 @@ def measure_temporal_noise(
         row_noise_dn=Estimate.of_variance(parts.row, method),
         column_noise_dn=Estimate.of_variance(parts.column, method),
         frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),
-        shape=measure_noise_shape(variance, look.fourth, stack.frames, look.histogram, look.bin_dn),
+        shape=measure_noise_shape(look.variance, look.fourth, stack.frames, look.histogram, look.bin_dn),
         bands=_bands(look, mean, tile),
         residual_dn=np.asarray((np.arange(bins) + 0.5 - bins / 2) * look.bin_dn, np.float64),
         residual_count=histogram,

@@ -24,7 +24,7 @@ from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import NoiseProfile
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.sensor.quantity import Covariance
-from photosite.values.estimate import Estimate, standard_deviation
+from photosite.values.estimate import Estimate
 from photosite.values.region import Border
 from photosite.values.uncertain import JointCovariance, Measured, Uncertain, Value
 
@@ -55,7 +55,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     A base that is a preset does not give its name: the sensor is named after the folder or file of the frames.
     Parameters that could not be estimated keep their value. A negative estimate of a noise or nonuniformity is written
     as 0 with its uncertainty, because a sensor file cannot hold a negative one, and so is noise of rows or columns
-    within chance; the source states the estimate.
+    within chance; the source states the estimate or its upper limit.
 
     Raises
     ------
@@ -78,8 +78,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         if estimate.value is not None:
             changes[field] = estimate.measured(source)
             if estimate.value < 0.0 or (field in _EFFECTS and not estimate.beyond_chance):
-                note = f"{source}; the estimate is {estimate.value:.3g}, not distinguishable from 0"
-                changes[field] = Measured(0.0, changes[field].standard_uncertainty, note)
+                changes[field] = Measured(0.0, changes[field].standard_uncertainty, f"{source}; {_within(estimate)}")
             uncertain[field] = estimate.uncertain
     changes["line_pattern"] = lines = _line_pattern(calibration, source)
     _take_off_hot_pixels(calibration, changes, source)
@@ -136,6 +135,15 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     )
 
 
+def _within(estimate: Estimate) -> str:
+    """Return how a noise or nonuniformity that the file states as 0 was estimated."""
+    if (limit := estimate.upper_limit_95) is not None:
+        return f"not distinguishable from 0, 95 % upper limit {limit:.3g}"
+    if (estimate.value or 0.0) < 0.0:
+        return "the variance is negative"
+    return f"the estimate, {estimate.value:.3g}, is within chance of 0"
+
+
 def _border_of(calibration: Calibration) -> Border:
     """Return the border that the base states around the calibrated pixels; none for maps, which are of these alone."""
     base = calibration.base
@@ -180,11 +188,11 @@ def _take_off_lines(effects: Effects, drift_e: float, changes: dict[str, Any]) -
         if name in changes and variance > 0.0:
             whole = changes[name]
             left = Uncertain.of(whole.value**2 - variance, 2.0 * whole.value * whole.standard_uncertainty)
-            rest = standard_deviation(left)
+            rest = Estimate.of_variance(left, "")
             note = f"{whole.source}; without rows, columns, readout channels and drift"
-            if rest.value < 0.0:
-                note += f", the estimate is {rest.value:.3g}, not distinguishable from 0"
-            changes[name] = Measured(max(rest.value, 0.0), rest.standard_uncertainty, note)
+            if (rest.value or 0.0) < 0.0:
+                note += f": {_within(rest)}"
+            changes[name] = Measured(max(rest.value or 0.0, 0.0), rest.standard_uncertainty or 0.0, note)
 
 
 def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], source: str) -> None:

@@ -72,9 +72,7 @@ def _intervals(estimates: Mapping[str, Estimate]) -> dict[str, tuple[float, floa
     found = {}
     for label, entry in estimates.items():
         if entry.value is not None and entry.interval_95 is not None:
-            low, high = entry.interval_95
-            top = high if entry.upper_limit_95 is None else entry.upper_limit_95
-            found[label] = (max(entry.value, 0.0), max(low, 0.0), top)
+            found[label] = (max(entry.value, 0.0), *entry.interval_95)
     return found
 
 
