@@ -172,7 +172,7 @@ _READING = (
     "Hollow points lie outside the linear range and were not. Each color channel has its own color, marker and line "
     "style.",
     "A standard deviation is the root of a variance, and a small variance is the difference of two larger ones, which "
-    "chance can make negative. Where it is not distinguishable from zero, the report states an upper limit, for example "
+    "chance can make negative. Where it is not distinguishable from zero, the report states an upper limit, such as "
     "< 0.16: the 95 % interval of the standard deviation is then 0 to 0.16. The value in the JSON output is the signed "
     "root of the variance, for averages over measurements.",
 )
@@ -184,7 +184,8 @@ _TERMS = (
     (
         "System gain K",
         "Digital numbers per electron. The number of electrons follows from their shot noise: K is the slope of the "
-        "temporal variance against the signal (photon transfer).",
+        "temporal variance against the signal (photon transfer). Where the response bends, it is the slope at small "
+        "signal; the data sheet then states that of a straight line, as the standard defines it.",
     ),
     (
         "Quantum efficiency η",
@@ -239,6 +240,11 @@ def curve_blocks(calibration: Calibration, kinds: tuple[str, ...] = tuple(_CURVE
         if any(len(curve.x) > 1 for curve in curves.values()):
             title = next(iter(curves.values())).title
             figure = curve_figure(curves, residuals)
+            if kind == "photon_transfer" and calibration.response_curve:
+                caption += (
+                    " The response bends: this is the standard's straight line, and its slope is not the gain at small "
+                    "signal, from which all tables but the data sheet follow."
+                )
             blocks.append(figure_block(figure, f"{title}: points and fitted lines with 95 % bands", caption))
     return tuple(blocks)
 

@@ -22,7 +22,7 @@ from photosite.report.page import (
     numeric,
     sentence,
 )
-from photosite.report.style import new_figure, styled
+from photosite.report.style import legend_above, new_figure, styled
 from photosite.report.tables import format_estimate
 from photosite.values.estimate import Estimate
 
@@ -91,7 +91,7 @@ def combined_page(found: CombinedCalibration) -> Page:
 def _figure(draw: Callable[[Axes], None]) -> Figure:
     figure, axes = new_figure(height_in=4.4)
     draw(axes)
-    axes.legend()
+    legend_above(figure)
     return figure
 
 

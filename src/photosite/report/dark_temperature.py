@@ -21,7 +21,7 @@ from photosite.report.page import (
     sentence,
 )
 from photosite.report.plots import plot_dark_temperature
-from photosite.report.style import new_figure, styled
+from photosite.report.style import legend_above, new_figure, styled
 from photosite.report.tables import format_estimate, interval_text
 
 _FOOTER = "Values are estimate ± standard uncertainty (GUM); error bars and bands in figures are 95 % intervals."
@@ -56,7 +56,7 @@ def dark_temperature_figure(found: DarkTemperature) -> Figure:
     """Draw the dark current against the temperature."""
     figure, axes = new_figure(3.6)
     plot_dark_temperature(found, axes)
-    axes.legend(loc="upper left")
+    legend_above(figure)
     return figure
 
 

@@ -12,7 +12,7 @@ from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_number, format_time
-from photosite.report.page import Block, Heading, Table, columns, numeric
+from photosite.report.page import Block, Heading, Paragraph, Table, columns, numeric
 from photosite.report.tables import format_estimate, interval_text
 from photosite.values.cfa import tile_text
 
@@ -74,7 +74,15 @@ def data_sheet_blocks(calibration: Calibration) -> tuple[Block, ...]:
     ----------
     EMVA 1288 R4.0 Linear, summary sheet of an operating point.
     """
-    return _sensor_table(calibration), _operating_table(calibration), _parameter_table(calibration)
+    tables = _sensor_table(calibration), _operating_table(calibration), _parameter_table(calibration)
+    if not calibration.response_curve:
+        return tables
+    gain = format_estimate(calibration.system_gain_dn_per_e)
+    text = (
+        "The response bends. The table of EMVA 1288 follows straight lines, as the standard defines them. The gain at "
+        f"small signal is {gain} DN/e⁻: all other tables and the sensor file follow from it and the response curve."
+    )
+    return *tables, Paragraph(text)
 
 
 def _sensor_table(calibration: Calibration) -> Table:
@@ -163,7 +171,8 @@ def _row(calibration: Calibration, name: str, symbol: str) -> tuple[str, ...] | 
     if entry.value is None:
         return None
     others = _OTHER_UNITS[name](calibration, entry.value) if name in _OTHER_UNITS else ""
-    return shown.label, symbol, format_estimate(entry), shown.unit, interval_text(entry), others
+    straight = ", straight line" if calibration.response_curve and name == "system_gain_dn_per_e" else ""
+    return shown.label + straight, symbol, format_estimate(entry), shown.unit, interval_text(entry), others
 
 
 def _levels(calibration: Calibration, decibel: float) -> str:

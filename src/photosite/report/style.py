@@ -16,6 +16,7 @@ from typing import Any, Literal
 import matplotlib
 import matplotlib.style
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -113,6 +114,14 @@ def new_figure(height_in: float = 4.5) -> tuple[Figure, Axes]:
     """Return a figure of the usual width with one pair of axes."""
     figure = Figure(figsize=(WIDTH_IN, height_in))
     return figure, figure.add_subplot()
+
+
+def legend_above(figure: Figure, handles: Sequence[Artist] | None = None, columns: int = 4) -> None:
+    """Draw the legend above the axes, where it covers no data; by default of all labeled artists."""
+    if handles is None:
+        handles = [handle for axes in figure.axes for handle in axes.get_legend_handles_labels()[0]]
+    labels = [str(handle.get_label()) for handle in handles]
+    figure.legend(handles, labels, loc="outside upper right", ncols=min(len(handles), columns))
 
 
 def two_panels(height_in: float = 5.4, upper_share: float = 1.0) -> tuple[Figure, Axes, Axes]:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from photosite.calibration.charge_transfer import TransferLoss
 from photosite.calibration.em_gain import EmGainResult
 from photosite.calibration.result import Calibration
-from photosite.report.style import BAND, BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, label_log_ticks, styled
+from photosite.report.style import BAND, BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, label_log_ticks, legend_above, styled
 from photosite.values.uncertain import COVERAGE_95
 
 
@@ -31,7 +31,7 @@ def transfer_figure(found: TransferLoss) -> Figure:
         axes.axhline(0.0, color=BLACK, linewidth=0.8)
     left.set(xlabel="signal of the last illuminated line (DN)", ylabel="charge behind it (DN)")
     right.set(xlabel="line behind the last illuminated one", ylabel="charge over the signal (%)")
-    left.legend()
+    legend_above(figure)
     return figure
 
 

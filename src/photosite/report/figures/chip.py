@@ -34,6 +34,7 @@ from photosite.report.style import (
     WIDTH_IN,
     channel_style,
     label_log_ticks,
+    legend_above,
     new_figure,
     styled,
     thinned,
@@ -78,7 +79,7 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     axes.set_xlim(-reach, reach)
     axes.set_xlabel("deviation from the pixel's mean (DN)")
     axes.set_ylabel("density (1/DN)")
-    axes.legend(loc="lower center")
+    legend_above(figure)
     return figure
 
 
@@ -109,11 +110,11 @@ def blooming_figure(found: BloomingResult) -> Figure:
     axes.errorbar(found.overflow_dn, found.column_dn, bars, fmt="o", color=BLUE, elinewidth=0.9, label="hot pixels")
     if found.kept.value is not None and found.kept.interval_95 is not None:
         x = np.array([0.0, float(found.overflow_dn.max())])
-        axes.plot(x, found.kept.value * x, color=BLUE, label=f"share {found.kept.value:.3g}")
+        axes.plot(x, found.kept.value * x, color=BLUE, label="share that reaches the column, with 95 % band")
         low, high = found.kept.interval_95
         axes.fill_between(x, low * x, high * x, color=BLUE, alpha=BAND, linewidth=0)
     axes.set(xlabel="overflow (DN)", ylabel="charge beside it in the column (DN)")
-    axes.legend(loc="upper left")
+    legend_above(figure)
     return figure
 
 
@@ -132,7 +133,7 @@ def dark_distribution_figure(found: DarkDistribution) -> Figure:
     axes.set(xscale="log", yscale="log", xlabel="dark current above the median (DN/s)", ylabel="pixels")
     axes.set_ylim(0.5, 2.0 * max(float(found.count.max()), 1.0))
     label_log_ticks(axes.xaxis)
-    axes.legend()
+    legend_above(figure)
     return figure
 
 

@@ -26,6 +26,7 @@ from photosite.report.style import (
     draw_band,
     draw_points,
     label_log_ticks,
+    legend_above,
     new_figure,
     styled,
     two_panels,
@@ -87,7 +88,7 @@ def draw_curves(axes: Axes, curves: Mapping[str, Curve]) -> list[Line2D]:
 def _with_legend(figure: Figure, handles: list[Line2D]) -> Figure:
     """Return a figure of two panels with a legend above them and aligned labels."""
     if handles:
-        figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+        legend_above(figure, handles, columns=len(handles))
     figure.align_ylabels(figure.axes)
     return figure
 
@@ -174,7 +175,7 @@ def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[floa
     beside = axes.secondary_yaxis("right", functions=(_decibel, _ratio))
     beside.set_yscale("linear")
     beside.set_ylabel("signal-to-noise ratio (dB)")
-    axes.legend(handles=_snr_legend(curves, bool(patterns)), loc="upper left")
+    legend_above(figure, _snr_legend(curves, bool(patterns)), columns=3)
     return figure
 
 
@@ -294,5 +295,5 @@ def response_curve_figure(curves: Mapping[str, ResponseCurve]) -> Figure:
             axes.plot(x[off], of_light[off, 0], marker, color=color, markerfacecolor="white", markersize=4.0)
     axes.axhline(0.0, color=BLACK, linewidth=0.8)
     axes.set(xlabel="signal (DN)", ylabel="deviation from a straight response (%)")
-    axes.legend(handles=channel_handles(list(curves), "measured, with 95 % band", hollow))
+    legend_above(figure, channel_handles(list(curves), "measured, with 95 % band", hollow))
     return figure
