@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from os import PathLike
 from typing import Literal
 
@@ -127,11 +127,7 @@ class DiffractionLimited(Plotted):
 
     def point_spread(self, distance_m: float) -> RadialPsf:
         """Return the Airy pattern at the working f-number."""
-        return RadialPsf(
-            otf=partial(self.otf, distance_m=distance_m),
-            cutoff_per_m=partial(self.cutoff_per_m, distance_m=distance_m),
-            reach_m=partial(self._reach_m, distance_m=distance_m),
-        )
+        return _airy_pattern(self, distance_m)
 
     def _reach_m(self, wavelength_nm: float, distance_m: float) -> float:
         return AIRY_REACH_PERIODS / self.cutoff_per_m(wavelength_nm, distance_m)
@@ -150,3 +146,13 @@ class DiffractionLimited(Plotted):
         from photosite.optics.io.optics_file import write_optics
 
         write_optics(self, path, provenance)
+
+
+# Kept, because the transfers of a scene are cached with the spread.
+@lru_cache(maxsize=4)
+def _airy_pattern(lens: DiffractionLimited, distance_m: float) -> RadialPsf:
+    return RadialPsf(
+        otf=partial(lens.otf, distance_m=distance_m),
+        cutoff_per_m=partial(lens.cutoff_per_m, distance_m=distance_m),
+        reach_m=partial(lens._reach_m, distance_m=distance_m),
+    )

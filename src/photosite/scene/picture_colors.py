@@ -205,6 +205,9 @@ def srgb_weights(
     check_choice("out_of_gamut", out_of_gamut, OutOfGamut)
     bounded = bool(np.isfinite(highest))
     to_linear = _to_linear_srgb(codes.dtype, space, linear)
+    if np.issubdtype(codes.dtype, np.integer) and space.lower() == "srgb":  # all values are within 0 and 1
+        table = to_linear(np.arange(np.iinfo(codes.dtype).max + 1, dtype=codes.dtype)).astype(np.float32)
+        return np.ascontiguousarray(table[np.moveaxis(codes, 2, 0)])
     weights = np.empty((3, *codes.shape[:2]), np.float32)
     brightest = 1.0 if bounded else float(codes.max())
     step, outside = max(1, _BLOCK // codes[0].size), 0

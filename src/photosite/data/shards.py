@@ -1,0 +1,351 @@
+"""Shards: a dataset in files of a folder, written by any number of processes, resumed after an interruption.
+
+A shard appears whole or not at all, and its bytes depend on the dataset alone. A folder without `manifest.json` is
+incomplete: the same call writes the shards that are missing.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import multiprocessing
+import os
+import tarfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from multiprocessing import connection
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from photosite.data.card import card_text
+from photosite.data.dataset import PairDataset
+from photosite.data.digest import sha256_of
+from photosite.data.pair import Pair
+from photosite.errors import FileError, InputError, message_of
+from photosite.files.hdf5 import open_hdf5
+from photosite.files.writing import FolderLock, atomic_path
+from photosite.values.shown import Shown
+from photosite.values.validated import check_choice
+
+ShardFormat = Literal["hdf5", "webdataset"]
+Report = Callable[[int, int], object]
+
+MANIFEST, PLAN, CARD = "manifest.json", "plan.json", "CARD.md"
+FORMAT_NAME, FORMAT_VERSION = "photosite-pairs", 1
+_SUFFIX = {"hdf5": ".h5", "webdataset": ".tar"}
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the shards of a folder depend on."""
+
+    dataset: PairDataset
+    folder: Path
+    form: ShardFormat
+    pairs_per_shard: int
+
+    @property
+    def count(self) -> int:
+        return -(-len(self.dataset) // self.pairs_per_shard)
+
+    def path(self, shard: int) -> Path:
+        return self.folder / f"shard-{shard:06d}{_SUFFIX[self.form]}"
+
+    def indices(self, shard: int) -> range:
+        first = shard * self.pairs_per_shard
+        return range(first, min(first + self.pairs_per_shard, len(self.dataset)))
+
+    def write(self, shard: int) -> int:
+        """Write a shard, and return its number."""
+        pairs = (self.dataset[index] for index in self.indices(shard))
+        with atomic_path(self.path(shard)) as temporary:
+            (_write_hdf5 if self.form == "hdf5" else _write_tar)(temporary, pairs, len(self.indices(shard)))
+        return shard
+
+    @cached_property
+    def description(self) -> dict[str, Any]:
+        """All that the bytes of the shards depend on, as JSON holds it."""
+        found = {
+            "format": FORMAT_NAME,
+            "version": FORMAT_VERSION,
+            "photosite": version("photosite"),
+            "shard_format": self.form,
+            "pairs": len(self.dataset),
+            "pairs_per_shard": self.pairs_per_shard,
+            "dataset": self.dataset.describe(),
+        }
+        plain: dict[str, Any] = json.loads(json.dumps(found))
+        return plain
+
+
+def write_shards(
+    dataset: PairDataset,
+    folder: str | PathLike[str],
+    *,
+    shard_format: ShardFormat = "hdf5",
+    pairs_per_shard: int = 64,
+    workers: int = 1,
+    licence: str = "",
+    report: Report | None = None,
+) -> Path:
+    """Write a dataset to a folder of shards, with a manifest and a data card; return the manifest's path.
+
+    A call with the same dataset goes on where another was interrupted, by whatever: shards that exist are kept. The
+    files are the same as without interruption, and for any number of workers.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    folder
+        The folder; it is made if it is missing, and must otherwise be empty or begun by such a call.
+    shard_format
+        "hdf5": `clean` and `noisy` (pairs, rows, cols), and the metadata as JSON, a text for each pair. "webdataset":
+        tar files with `INDEX.clean.npy`, `INDEX.noisy.npy` and `INDEX.json` for each pair.
+    pairs_per_shard
+        Pairs in a file; the last may have fewer.
+    workers
+        Processes that write. With more than one, scripts need `if __name__ == "__main__":`.
+    licence
+        Licence of the inputs, for the card and the manifest; empty: not stated.
+    report
+        Called with the shards done, and of how many.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid.
+    FileError
+        If the folder holds something else, such as another dataset, another process writes to it, or it cannot be
+        written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import photosite as ps
+    >>> light = ps.data.Electrons([np.full((8, 8), 100.0)])
+    >>> pairs = ps.data.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     manifest = write_shards(pairs, folder, pairs_per_shard=2)
+    ...     sorted(path.name for path in manifest.parent.iterdir())
+    ['CARD.md', 'manifest.json', 'plan.json', 'shard-000000.h5', 'shard-000001.h5', 'shard-000002.h5']
+    """
+    check_choice("shard_format", shard_format, ShardFormat)
+    for name, value in (("pairs_per_shard", pairs_per_shard), ("workers", workers)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise InputError(name, value=value, expected="1 or more")
+    plan = _Plan(dataset, Path(folder), shard_format, pairs_per_shard)
+    try:
+        plan.folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise FileError(folder, f"cannot be made: {message_of(error)}") from None
+    lock = FolderLock(plan.folder)
+    try:
+        _begin(plan)
+        missing = [shard for shard in range(plan.count) if not plan.path(shard).exists()]
+        for done in _written(plan, missing, min(workers, len(missing) or 1)):
+            if report is not None:
+                report(plan.count - len(missing) + done, plan.count)
+        return _finish(plan, licence)
+    finally:
+        lock.release()
+
+
+def _begin(plan: _Plan) -> None:
+    """Check that a folder is empty or holds the beginning of the same dataset; remove what a killed process left."""
+    path = plan.folder / PLAN
+    known = {PLAN, MANIFEST, CARD}
+    for entry in plan.folder.iterdir():
+        if entry.name.startswith((".shard-", ".plan-", ".manifest-", ".CARD-")):
+            entry.unlink()
+        elif entry.name not in known and not entry.name.startswith((".lock", "shard-")):
+            raise FileError(
+                plan.folder, f"holds '{entry.name}', which is no part of a dataset", hint="Use another folder"
+            )
+    if path.exists():
+        if read_json(path) != plan.description:
+            hint = "Use another folder, or the settings and inputs that it was begun with"
+            raise FileError(plan.folder, "holds another dataset, or one of other settings", hint=hint)
+        return
+    if any(entry.name.startswith("shard-") for entry in plan.folder.iterdir()):
+        raise FileError(plan.folder, f"holds shards without {PLAN}", hint="Use another folder")
+    _write_json(path, plan.description)
+
+
+def _written(plan: _Plan, shards: list[int], workers: int) -> Iterator[int]:
+    """Write shards, and yield how many are written after each."""
+    if workers == 1:
+        for done, shard in enumerate(shards, 1):
+            plan.write(shard)
+            yield done
+        return
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, spawn, initializer=_keep, initargs=(plan,)) as pool:
+        futures = [pool.submit(_write_one, shard) for shard in shards]
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()
+                yield done
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+_kept: list[_Plan] = []
+"""The plan of a worker process, sent once."""
+
+
+def _keep(plan: _Plan) -> None:
+    _kept[:] = [plan]
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    """End this process when its parent was killed, which cannot tell it so."""
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+def _write_one(shard: int) -> int:
+    return _kept[0].write(shard)
+
+
+def _finish(plan: _Plan, licence: str) -> Path:
+    shards = []
+    for shard in range(plan.count):
+        path, indices = plan.path(shard), plan.indices(shard)
+        entry = {"file": path.name, "first": indices.start, "pairs": len(indices)}
+        shards.append({**entry, "bytes": path.stat().st_size, "sha256": sha256_of(path)})
+    manifest = {**plan.description, "licence_of_inputs": licence or "not stated", "shards": shards}
+    with atomic_path(plan.folder / CARD) as temporary:
+        temporary.write_text(card_text(manifest, plan.dataset), encoding="utf-8")
+    _write_json(plan.folder / MANIFEST, manifest)
+    return plan.folder / MANIFEST
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read: {message_of(error)}") from None
+    if not isinstance(found, dict):
+        raise FileError(path, "is no JSON object")
+    return found
+
+
+def _write_hdf5(path: Path, pairs: Iterator[Pair], count: int) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for number, pair in enumerate(pairs):
+            if number == 0:
+                shape = pair.clean.shape
+                clean = file.create_dataset("clean", (count, *shape), pair.clean.dtype, chunks=(1, *shape))
+                noisy = file.create_dataset("noisy", (count, *shape), pair.noisy.dtype, chunks=(1, *shape))
+                texts = []
+            clean[number], noisy[number] = pair.clean, pair.noisy
+            texts.append(json.dumps(pair.metadata).encode())
+        # Texts of one length need no heap.
+        file.create_dataset("metadata", data=np.array(texts, dtype=f"S{max(map(len, texts))}"))
+
+
+def _write_tar(path: Path, pairs: Iterator[Pair], count: int) -> None:
+    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+        for pair in pairs:
+            name = f"{pair.metadata['index']:010d}"
+            _add(tar, f"{name}.clean.npy", _npy(pair.clean))
+            _add(tar, f"{name}.noisy.npy", _npy(pair.noisy))
+            _add(tar, f"{name}.json", json.dumps(pair.metadata).encode())
+
+
+def _npy(array: np.ndarray[Any, Any]) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=False)
+    return stream.getvalue()
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
+    entry = tarfile.TarInfo(name)  # without the time, so that equal shards have equal bytes
+    entry.size = len(content)
+    tar.addfile(entry, io.BytesIO(content))
+
+
+@dataclass(frozen=True, eq=False)
+class ShardDataset(Shown):
+    """The pairs in a folder of `write_shards`, as a map-style dataset.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Raises
+    ------
+    FileError
+        If the folder has no manifest, because it is incomplete or something else, or a shard is missing or damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import photosite as ps
+    >>> light = ps.data.Electrons([np.full((8, 8), 100.0)])
+    >>> pairs = ps.data.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = write_shards(pairs, folder, pairs_per_shard=2)
+    ...     stored = ShardDataset(folder)
+    ...     len(stored), bool((stored[4].noisy == pairs[4].noisy).all()), stored[4].metadata == pairs[4].metadata
+    (5, True, True)
+    """
+
+    folder: str | PathLike[str]
+
+    def __post_init__(self) -> None:
+        path = Path(self.folder) / MANIFEST
+        if not path.exists():
+            hint = "Complete the dataset by the call that began it"
+            raise FileError(self.folder, f"has no {MANIFEST}", hint=hint)
+        manifest = read_json(path)
+        if manifest.get("format") != FORMAT_NAME or manifest.get("version") != FORMAT_VERSION:
+            raise FileError(path, "is no manifest of this version of a dataset")
+        object.__setattr__(self, "manifest", manifest)
+
+    def __len__(self) -> int:
+        return int(self.manifest["pairs"])  # type: ignore[attr-defined]  # set in __post_init__
+
+    def __getitem__(self, index: int) -> Pair:
+        """Return an item; raise `IndexError` beyond the last."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"item {index} of {len(self)}")
+        manifest: dict[str, Any] = self.manifest  # type: ignore[attr-defined]  # set in __post_init__
+        shard, place = divmod(int(index) % len(self), manifest["pairs_per_shard"])
+        path = Path(self.folder) / manifest["shards"][shard]["file"]
+        if manifest["shard_format"] == "hdf5":
+            with open_hdf5(path) as found:
+                clean, noisy = found.datasets["clean"][place], found.datasets["noisy"][place]
+                return Pair(clean, noisy, json.loads(bytes(found.datasets["metadata"][place])))
+        try:
+            with tarfile.open(path) as tar:
+                name = f"{int(index) % len(self):010d}"
+                parts = {kind: tar.extractfile(f"{name}.{kind}") for kind in ("clean.npy", "noisy.npy", "json")}
+                content = {kind: b"" if part is None else part.read() for kind, part in parts.items()}
+            clean, noisy = (
+                np.load(io.BytesIO(content[f"{kind}.npy"]), allow_pickle=False) for kind in ("clean", "noisy")
+            )
+            return Pair(clean, noisy, json.loads(content["json"]))
+        except (OSError, KeyError, ValueError, tarfile.TarError) as error:
+            raise FileError(path, f"cannot be read: {message_of(error)}") from None

@@ -1,0 +1,175 @@
+"""Shards appear whole or not at all; an interrupted folder is completed to the same bytes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.data import Electrons, PairDataset, Scenes, ShardDataset, write_shards
+from photosite.errors import FileError, InputError
+
+RAMP = np.linspace(0, 3000, 64 * 64, dtype=np.float32).reshape(64, 64)
+SENSOR = ps.load_sensor("vendor-2.2um").with_(rows=64, cols=64)
+
+
+def dataset(**settings: Any) -> PairDataset:
+    return PairDataset(Electrons([RAMP]), SENSOR, **{"crop": (16, 32), "crops": 5, "draws": 2} | settings)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@pytest.mark.parametrize("shard_format", ["hdf5", "webdataset"])
+def test_shards_hold_the_pairs(shard_format: Any, tmp_path: Path) -> None:
+    pairs, seen = dataset(), []
+    manifest = write_shards(
+        pairs, tmp_path, shard_format=shard_format, pairs_per_shard=4, report=lambda *done: seen.append(done)
+    )
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    stored = ShardDataset(tmp_path)
+    assert len(stored) == 10
+    for one, other in zip(stored, pairs, strict=True):
+        assert (one.clean == other.clean).all()
+        assert (one.noisy == other.noisy).all()
+        assert one.noisy.dtype == other.noisy.dtype
+        assert one.metadata == other.metadata
+    listed = json.loads(manifest.read_text())["shards"]
+    assert [entry["pairs"] for entry in listed] == [4, 4, 2]
+    if shard_format == "webdataset":
+        with tarfile.open(tmp_path / "shard-000002.tar") as tar:
+            assert tar.getnames()[:3] == ["0000000008.clean.npy", "0000000008.noisy.npy", "0000000008.json"]
+
+
+def test_a_broken_off_folder_is_completed_to_the_same_bytes(tmp_path: Path) -> None:
+    whole, part = tmp_path / "whole", tmp_path / "part"
+    write_shards(dataset(), whole, pairs_per_shard=2)
+
+    def stop(done: int, count: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_shards(dataset(), part, pairs_per_shard=2, report=stop)
+    with pytest.raises(FileError):
+        ShardDataset(part)
+    (part / ".shard-000002-left.h5").write_bytes(b"half")
+    first = (part / "shard-000000.h5").stat().st_mtime_ns
+    write_shards(dataset(), part, pairs_per_shard=2)
+    assert contents(part) == contents(whole)
+    assert (part / "shard-000000.h5").stat().st_mtime_ns == first
+
+
+_SCRIPT = """
+import sys
+from test_shards_script import big
+from photosite.data import write_shards
+if __name__ == "__main__":
+    write_shards(big(), sys.argv[1], pairs_per_shard=2, workers=2)
+"""
+_MODULE = """
+import numpy as np
+import photosite as ps
+from photosite.data import Electrons, PairDataset
+def big():
+    sensor = ps.load_sensor("vendor-2.2um").with_(rows=256, cols=256)
+    return PairDataset(Electrons([np.full((256, 256), 500.0)]), sensor, draws=200)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_writer_leaves_whole_shards_and_is_resumed(tmp_path: Path) -> None:
+    (tmp_path / "test_shards_script.py").write_text(_MODULE)
+    (tmp_path / "write.py").write_text(_SCRIPT)
+    folder = tmp_path / "pairs"
+    process = subprocess.Popen([sys.executable, str(tmp_path / "write.py"), str(folder)], start_new_session=True)
+    while len(list(folder.glob("shard-*"))) < 5:
+        time.sleep(0.01)
+        assert process.poll() is None
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    deadline = time.monotonic() + 20
+    while _members(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not _members(process.pid), "the workers outlive their killed parent"
+    left = len(list(folder.glob("shard-*")))
+    assert 5 <= left < 100
+    subprocess.run([sys.executable, str(tmp_path / "write.py"), str(folder)], check=True)
+    again = tmp_path / "again"
+    subprocess.run([sys.executable, str(tmp_path / "write.py"), str(again)], check=True)
+    assert contents(folder) == contents(again)
+    assert len(ShardDataset(folder)) == 200
+
+
+def _members(group: int) -> list[int]:
+    """Processes of a group that still run."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+            except OSError:
+                continue
+            if int(fields[2]) == group and fields[0] != "Z":
+                found.append(int(entry.name))
+    return found
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    write_shards(dataset(), tmp_path / "a", pairs_per_shard=5)
+    before = contents(tmp_path / "a")
+    for other, settings in ((dataset(seed=2), {}), (dataset(), {"shard_format": "webdataset"})):
+        with pytest.raises(FileError) as caught:
+            write_shards(other, tmp_path / "a", pairs_per_shard=5, **settings)
+        assert caught.value.what == "holds another dataset, or one of other settings"
+    assert contents(tmp_path / "a") == before
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "photo.jpg").write_bytes(b"")
+    with pytest.raises(FileError) as caught:
+        write_shards(dataset(), tmp_path / "b")
+    assert caught.value.what.startswith("holds 'photo.jpg'")
+    with pytest.raises(InputError) as wrong:
+        write_shards(dataset(), tmp_path / "c", pairs_per_shard=0)
+    assert wrong.value.what == "pairs_per_shard"
+
+
+def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:
+    lens = ps.DiffractionLimited(f_number=2.8, focal_length_mm=4)
+    pairs = PairDataset(
+        Scenes(["macbeth"], lens, illuminants=("A", "D65")), SENSOR, crop=(16, 16), exposure_s=(0.01, 0.1), light=0.5
+    )
+    write_shards(pairs, tmp_path / "scenes", licence="CC0 1.0")
+    card = (tmp_path / "scenes" / "CARD.md").read_text()
+    for text in (
+        "1 pairs of 16 x 16",
+        "| Vendor 2.2 um |",
+        "0.01 to 0.1 s",
+        "Illuminants: A, D65",
+        "CC0 1.0",
+        "- macbeth",
+    ):
+        assert text in card
+    write_shards(dataset(), tmp_path / "other")
+    assert "Licence: not stated" in (tmp_path / "other" / "CARD.md").read_text()
+
+
+def test_a_damaged_shard_is_an_error(tmp_path: Path) -> None:
+    for shard_format in ("hdf5", "webdataset"):
+        folder = tmp_path / shard_format
+        write_shards(dataset(), folder, shard_format=shard_format)  # type: ignore[arg-type]
+        shard = next(folder.glob("shard-*"))
+        shard.write_bytes(shard.read_bytes()[:3000])
+        with pytest.raises(FileError) as caught:
+            ShardDataset(folder)[9]
+        assert os.path.basename(caught.value.path) == shard.name
