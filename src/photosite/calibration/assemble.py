@@ -206,6 +206,8 @@ def _warnings(
     yield from reduction.frames.notes
     if dark.clipped is not None:
         yield dark.clipped.warning(names)
+    if dark.cut is not None:
+        yield from dark.cut.warnings()
     if dark.noise_unknown:
         yield _incomplete_warning(dark, reduction.lights, light.gain)
     yield from _dark_exposure_warnings(dark)

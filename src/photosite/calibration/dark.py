@@ -17,6 +17,7 @@ from photosite.calibration.clipped_blacks.clipped_darks import (
     DarkEstimates,
     correct_clipped_darks,
 )
+from photosite.calibration.clipped_blacks.cut_tail import measure_cut_tail
 from photosite.calibration.dark_result import DarkResult, GroupMean, SlopeMap, dark_exposure
 from photosite.calibration.incomplete_darks import of_single_frames, unknown_darks
 from photosite.calibration.measurements import Measurements, mean_for_sensor
@@ -47,7 +48,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     """Analyze the dark frames.
 
     Some frames of the reference group are read again, for the sums of their rows and columns and, where it is clipped
-    at 0, for its zeros.
+    at 0, for its zeros and its tails.
     """
     group, mean_frame = reduction.reference_group, reduction.reference_mean
     if group is None or mean_frame is None:
@@ -56,6 +57,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         return of_single_frames(reduction, group, mean_frame)
     clipped = correct_clipped_darks(reduction, group, reader)
     groups = reduction.darks if clipped is None else clipped.groups
+    cut = None if clipped is not None else measure_cut_tail(reduction, group, mean_frame, reader)
     change = black_level_change(groups)
     scatter = dark_lines(groups, None, change).variance.scatter
     mean = GroupMean.of(reader, group, mean_frame, scatter)
@@ -86,6 +88,8 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         )
         if clipped is None:
             measured = replace(measured, **_line_variances(mean, [k]))
+        if cut is not None:
+            measured = _restored(measured, cut.variance[k])
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is not None:
@@ -96,6 +100,8 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
     if clipped is None:
         together = replace(together, **_line_variances(mean, range(len(mean.noise))))
+        if cut is not None:
+            together = _restored(together, cut.together)
     else:
         spread: Value = NO_PIXEL_SLOPES
         if slopes is not None:
@@ -113,7 +119,14 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         slopes=slopes,
         slope_sampling=pooled.mean.sampling,
         clipped=clipped,
+        cut=cut,
     )
+
+
+def _restored(measured: Measurements, cut: Uncertain) -> Measurements:
+    """Return the measurements with the variance that was cut off at 0, the same in all dark frames."""
+    read, dark = (derive(lambda v: v + cut, value) for value in (measured.read_variance, measured.dark_variance))
+    return replace(measured, read_variance=read, dark_variance=dark)
 
 
 def _with_line_noise(

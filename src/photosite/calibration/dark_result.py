@@ -14,6 +14,7 @@ from photosite.calibration.checks.black_level import STEADY, BlackLevelChange, C
 from photosite.calibration.clipped_blacks.clipped_darks import (
     ClippedDarks,
 )
+from photosite.calibration.clipped_blacks.cut_tail import CutTail
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
@@ -176,6 +177,8 @@ class DarkResult:
         Standard uncertainty of the dark slope of all pixels together from sampling alone.
     clipped
         Censored fit; None where no dark frames are clipped at 0.
+    cut
+        Noise that is cut off where only a few noisy pixels reach 0.
     """
 
     groups: tuple[GroupStatistics, ...]
@@ -189,6 +192,7 @@ class DarkResult:
     slopes: tuple[SlopeSpread, ...] | None = None
     slope_sampling: float = math.inf
     clipped: ClippedDarks | None = None
+    cut: CutTail | None = None
 
     @property
     def reference_exposure_s(self) -> float:

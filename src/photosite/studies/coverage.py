@@ -705,8 +705,9 @@ CONDITIONS: dict[str, Condition] = {
             12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, disturbed=disturbed_lab.bend,
         ),
         Condition(
-            "curve-mono-12", "response bent by 1 to 3 % at the well capacity, of either sign, third power", "mono",
-            12, *_MONO, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend_percent=(1.0, 3.0),
+            "curve-mono-12", "response bent by 1 to 3 % at the well capacity, of either sign, third power; 144 x 192 "
+            "pixels", "mono",
+            12, 144, 192, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, bend_percent=(1.0, 3.0),
         ),
         Condition(
             "curve-level-mono-12", "the same at saturation, and light of one level 4 % off the stated one; 144 x 192 "

@@ -114,6 +114,13 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         tile = [name for row in sensor.array.cfa for name in row]
         shares = [len(channel_sites(sensor.array.cfa, name)) / len(tile) for name in sensor.channel_names]
         mean = float(np.dot(efficiencies, shares))
+        if coupling is not None:
+            signal = np.array(
+                [[efficiencies[sensor.channel_names.index(name)] for name in row] for row in sensor.array.cfa]
+            )
+            averaged = _averaged(coupling.kernel(), signal)
+            prnu = math.hypot(averaged * noise.prnu_percent.value, of_lines)
+            truth |= {"prnu_percent": prnu, "prnu1288_percent": prnu}
         truth |= {
             "quantum_efficiency_percent": 100 * mean,
             "responsivity_dn_per_photon": gain * mean,
@@ -121,6 +128,18 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
             "saturation_capacity_photons": capacity_e / max(efficiencies),
         }
     return truth
+
+
+def _averaged(kernel: NDArray[np.float64], signal: NDArray[np.float64]) -> float:
+    """Return PRNU after a 3 x 3 kernel over that before it, the root mean square over the pixels of a tile.
+
+    `signal` is the mean signal of the tile's pixels before the kernel. A pixel receives signal and pattern of neighbors
+    of other colors.
+    """
+    shifts = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]
+    near = np.array([np.roll(signal, shift, axis=(0, 1)) for shift in shifts])
+    shares = kernel.ravel()[:, None, None] * near
+    return float(np.sqrt(np.mean((shares**2).sum(axis=0) / shares.sum(axis=0) ** 2)))
 
 
 def _channels(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

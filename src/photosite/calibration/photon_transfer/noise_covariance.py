@@ -560,16 +560,24 @@ class SharedNoise:
     ) -> tuple[list[LightLevels], Value]:
         """Return the levels of some channels with summed covariances in place of the variances, and 1 +- their error.
 
-        The second is missing where the covariances are not the sensor's. The channels share pixel pairs, so the
-        relative uncertainties of their factors count as one.
+        The second is missing where the covariances are not the sensor's. The channels share pixel pairs, so the error
+        of their factors counts as one, the weighted mean. The covariances of the levels contain the errors as if they
+        were independent, which weights the channels; 1 +- the error has the rest.
         """
         if isinstance(self.charge, Missing):
             return list(channels), self.charge
         charge = [self.charge[index] for index in indices]
+        relative = np.array([entry.factor.relative for entry in charge])
+        several = len(charge) > 1 and bool(relative.all())
         scaled = [
-            levels.with_variances(entry.factors(levels.frames)) for levels, entry in zip(channels, charge, strict=True)
+            levels.with_variances(entry.factors(levels.frames), entry.factor.relative if several else 0.0)
+            for levels, entry in zip(channels, charge, strict=True)
         ]
-        return scaled, Uncertain.of(1.0, float(np.mean([entry.factor.relative for entry in charge])))
+        if not several:
+            return scaled, Uncertain.of(1.0, float(relative.mean()))
+        independent = 1.0 / float(np.sum(relative**-2.0))
+        together = independent * float(np.sum(1.0 / relative))
+        return scaled, Uncertain.of(1.0, math.sqrt(together**2 - independent))
 
     def means(self, levels: LightLevels, index: int) -> LightLevels:
         """Return the levels of a channel with the noise of their means, which contain all covariances."""

@@ -102,12 +102,16 @@ class LightLevels:
             changed[name] = changed[name][:, places]
         return replace(self, **changed)
 
-    def with_variances(self, factors: Array) -> LightLevels:
-        """Return the levels with their temporal variances multiplied by (m,) factors."""
+    def with_variances(self, factors: Array, relative: float = 0.0) -> LightLevels:
+        """Return the levels with their temporal variances multiplied by (m,) factors.
+
+        All factors have one relative error, of this standard uncertainty.
+        """
+        shot = factors * self.shot
         return replace(
             self,
-            shot=factors * self.shot,
-            shot_covariance=np.outer(factors, factors) * self.shot_covariance,
+            shot=shot,
+            shot_covariance=np.outer(factors, factors) * self.shot_covariance + relative**2 * np.outer(shot, shot),
             noise=factors * self.noise,
             noise_uncertainty=factors * self.noise_uncertainty,
             dark_share=factors[:, None] * self.dark_share,
