@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.chip_maps import pixel_noise
 from photosite.calibration.chip_maps.chip import measure_chip
-from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_log_spread
+from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_distribution
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.chip import Blinking, DefectKind
 from photosite.sensor.chip_effects import dead_pixels, stuck_pixels
@@ -48,20 +50,22 @@ def covers(entry: Estimate, truth: float) -> bool:
 def test_intervals_of_the_spread_cover():
     """100 chips, four binomial sigma; and 60 without a spread: 5 % of them have no upper limit."""
     rng = np.random.default_rng(7)
-    inside, limited = 0, 0
+    inside, limited = np.zeros(2, int), 0
     for _ in range(100):
         spread, frames = rng.uniform(0.03, 0.4), int(rng.integers(12, 40))
-        found = read_noise_log_spread(variances(rng, spread, rng.uniform(1.2, 4), frames, 9000), frames - 1, 1 / 12)
+        found = read_noise_distribution(variances(rng, spread, rng.uniform(1.2, 4), frames, 9000), frames - 1, 1 / 12)[
+            0
+        ]
         inside += covers(found, spread)
-    assert inside >= 87
+    assert (inside >= 87).all(), inside
     for _ in range(60):
-        found = read_noise_log_spread(variances(rng, 0.0, 2.0, 24, 9000), 23, 1 / 12)
+        found = read_noise_distribution(variances(rng, 0.0, 2.0, 24, 9000), 23, 1 / 12)[0]
         limited += found.upper_limit_95 is not None
     assert limited >= 51
 
 
 def test_quiet_pixels_have_no_spread():
-    found = read_noise_log_spread(variances(np.random.default_rng(1), 0.2, 0.4, 20, 2000), 19, 1 / 12)
+    found = read_noise_distribution(variances(np.random.default_rng(1), 0.2, 0.4, 20, 2000), 19, 1 / 12)[0]
     assert found.value is None
 
 
@@ -137,6 +141,23 @@ def test_distribution_of_the_noise_is_measured(measured):
     assert covers(temporal.read_noise_log_spread, 0.25)
     assert covers(temporal.blinking_fraction, 0.02)
     assert covers(temporal.blinking_amplitude_dn, 100 * gain)
+
+
+def test_distribution_of_the_noise_is_in_the_sensor_file(measured):
+    """The read noise is that without telegraph noise."""
+    sensor, calibration, chip, temporal = measured
+    found = replace(calibration, base=sensor.with_(effects=None), chip=chip, temporal=temporal).sensor
+    telegraph, spread = found.effects.telegraph_noise, found.effects.read_noise_spread
+    assert telegraph.fraction == temporal.blinking_fraction.value
+    assert telegraph.amplitude_e * calibration.system_gain_dn_per_e.value == pytest.approx(
+        temporal.blinking_amplitude_dn.value
+    )
+    assert spread.log_spread == temporal.read_noise_log_spread.value
+    read = found.noise.read_noise_mv
+    assert abs(read.value - sensor.noise.read_noise_mv.value) < 3 * read.standard_uncertainty < 0.1 * read.value
+    assert calibration.read_noise_mv.value > 1.2 * read.value
+    assumed = replace(calibration, base=sensor).sensor.noise.read_noise_mv.value
+    assert assumed == pytest.approx(sensor.noise.read_noise_mv.value, rel=0.15)
 
 
 def test_drawn_defects_are_found(measured):

@@ -301,6 +301,7 @@ def _chip(calibration: Calibration) -> list[str]:
         ("column noise", "DN", temporal.column_noise_dn),
         ("frame noise", "DN", temporal.frame_noise_dn),
         ("read noise, log spread", "", temporal.read_noise_log_spread),
+        ("read noise, steady pixels", "DN", temporal.steady_noise_dn),
         ("blinking pixels, share", "", temporal.blinking_fraction),
         ("  mean amplitude", "DN", temporal.blinking_amplitude_dn),
         ("excess kurtosis", "", temporal.shape.excess_kurtosis),

@@ -55,6 +55,7 @@ _NOISE = {
 
 _DISTRIBUTION = {
     "read_noise_log_spread": ("Spread of the read noise over the pixels, standard deviation of its logarithm", "1"),
+    "steady_noise_dn": ("Read noise of the pixels that do not blink, root mean square", "DN"),
     "blinking_fraction": ("Share of the pixels that blink (telegraph noise), small amplitudes included", "1"),
     "blinking_amplitude_dn": ("Mean distance of their levels", "DN"),
 }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import defects, pixel_noise
-from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_log_spread
+from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_distribution
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
 from photosite.calibration.chip_maps.temporal_noise import (
@@ -338,7 +338,7 @@ def _with_distribution(
     """Return the temporal noise with its distribution over the pixels."""
     steady = np.ones(dark.variance.shape, np.bool_)
     steady[blinking.row, blinking.col] = False
-    spread = read_noise_log_spread(dark.variance[steady], dark.freedom, shared_dn2)
+    spread, steady_dn = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2)
     median = float(np.median(dark.variance))
     noise_dn = math.sqrt(median) * math.exp(_NOISY_PIXEL * (spread.value or 0.0))
     _, ratio = dark.noisier(_SUSPECT)
@@ -347,11 +347,18 @@ def _with_distribution(
     share, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
     if share.interval_95 is not None:
         unfound = max(share.interval_95[1] - 1.0 + float(steady.mean()), 0.0) / float(steady.mean())
-        spread = read_noise_log_spread(dark.variance[steady], dark.freedom, shared_dn2, min(unfound, 0.5))
+        found = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2, min(unfound, 0.5))
+        spread, steady_dn = found
     elif len(blinking) >= _FEW_BLINKING and spread.value is not None:
         why = f"{len(blinking)} pixels blink, and the number of those too faint to be found is unknown"
-        spread = Estimate(reason=why, method=spread.method)
-    return replace(temporal, read_noise_log_spread=spread, blinking_fraction=share, blinking_amplitude_dn=amplitude)
+        spread, steady_dn = (Estimate(reason=why, method=entry.method) for entry in (spread, steady_dn))
+    return replace(
+        temporal,
+        read_noise_log_spread=spread,
+        steady_noise_dn=steady_dn,
+        blinking_fraction=share,
+        blinking_amplitude_dn=amplitude,
+    )
 
 
 def _defects(dark: _DarkMaps, blinking: Blinking, distance: NDArray[np.float64], maps: dict[str, FloatMap]) -> Defects:

@@ -32,16 +32,20 @@ _SPREAD_METHOD = (
     "interquartile range of the pixels' log temporal variances against that of a log-normal read noise, without "
     "blinking pixels"
 )
+_STEADY_METHOD = (
+    "root mean square of a log-normal read noise with the median of the pixels' temporal variances, without blinking "
+    "pixels, rows, columns and whole frames"
+)
 _BLINKING_METHOD = (
     "blinking pixels with {:.3g} DN or more that are in the upper level in {:.0%} to {:.0%} of the frames; amplitudes "
     "taken as exponential, shares of time as uniform"
 )
 
 
-def read_noise_log_spread(
+def read_noise_distribution(
     variance: NDArray[np.floating], freedom: int, shared_dn2: float, blinking_share: float = 0.0
-) -> Estimate:
-    """Estimate the standard deviation of the logarithm of the pixels' read noise.
+) -> tuple[Estimate, Estimate]:
+    """Estimate the distribution of the read noise over the pixels, which is taken as log-normal.
 
     The temporal variance of a pixel is its read noise squared plus a part that all pixels share, times chi-square over
     its degrees of freedom. Quartiles do not notice few pixels with another noise.
@@ -56,38 +60,51 @@ def read_noise_log_spread(
         Share of these pixels that may blink without being found. Their variances are between those of ordinary pixels,
         or all above: the estimate is the mean of both cases, and its uncertainty covers both.
 
+    Returns
+    -------
+    Estimate, Estimate
+        Standard deviation of its natural logarithm; its root mean square, DN.
+
     Examples
     --------
     >>> rng = np.random.default_rng(1)
     >>> sigma = 5 * np.exp(0.2 * rng.standard_normal(20_000))
-    >>> found = read_noise_log_spread(rng.normal(0, sigma, (16, 20_000)).var(axis=0, ddof=1), 15, 0.0)
-    >>> round(found.value, 2), found.standard_uncertainty < 0.01
-    (0.2, True)
+    >>> spread, noise_dn = read_noise_distribution(rng.normal(0, sigma, (16, 20_000)).var(axis=0, ddof=1), 15, 0.0)
+    >>> round(spread.value, 2), spread.standard_uncertainty < 0.01, round(noise_dn.value, 1)
+    (0.2, True, 5.2)
     """
-    as_others = _log_spread(variance, freedom, shared_dn2, 1.0)
-    if blinking_share == 0.0 or as_others.interval_95 is None:
+    as_others = _log_normal(variance, freedom, shared_dn2, 1.0)
+    if blinking_share == 0.0 or as_others[0].interval_95 is None:
         return as_others
-    above = _log_spread(variance, freedom, shared_dn2, 1.0 - blinking_share)
-    if above.interval_95 is None:
+    above = _log_normal(variance, freedom, shared_dn2, 1.0 - blinking_share)
+    if above[0].interval_95 is None:
         return above
-    (value, u), (other, of_other) = (
-        (each.value or 0.0, each.standard_uncertainty or 0.0) for each in (as_others, above)
-    )
-    apart = (value - other) / math.sqrt(12.0)
-    ends = min(as_others.interval_95[0], above.interval_95[0]), max(as_others.interval_95[1], above.interval_95[1])
-    limit = ends[1] if as_others.upper_limit_95 is not None and above.upper_limit_95 is not None else None
-    return Estimate(0.5 * (value + other), math.hypot(max(u, of_other), apart), None, limit, _SPREAD_METHOD, ends)
+    return _between(as_others[0], above[0]), _between(as_others[1], above[1])
 
 
-def _log_spread(variance: NDArray[np.floating], freedom: int, shared_dn2: float, ordinary: float) -> Estimate:
-    """Estimate the spread from the pixels of the lowest variances, of a share that is ordinary."""
+def _between(one: Estimate, other: Estimate) -> Estimate:
+    """Return the mean of two estimates of which either may be right, with an uncertainty and an interval of both."""
+    assert one.interval_95 is not None
+    assert other.interval_95 is not None
+    first, second = one.value or 0.0, other.value or 0.0
+    widest = max(one.standard_uncertainty or 0.0, other.standard_uncertainty or 0.0)
+    ends = min(one.interval_95[0], other.interval_95[0]), max(one.interval_95[1], other.interval_95[1])
+    limit = ends[1] if one.upper_limit_95 is not None and other.upper_limit_95 is not None else None
+    u = math.hypot(widest, (first - second) / math.sqrt(12.0))
+    return Estimate(0.5 * (first + second), u, None, limit, one.method, ends)
+
+
+def _log_normal(
+    variance: NDArray[np.floating], freedom: int, shared_dn2: float, ordinary: float
+) -> tuple[Estimate, Estimate]:
+    """Estimate spread and root mean square from the pixels of the lowest variances, of a share that is ordinary."""
     from scipy.optimize import brentq
     from scipy.special import gammainc
 
     low, middle, high = np.quantile(variance, [0.25 * ordinary, 0.5 * ordinary, 0.75 * ordinary])
     if middle - shared_dn2 < LEAST_VARIANCE_DN2 or low <= 0.0:
         reason = f"the temporal variance of most pixels, {middle:.3g} DN², is that of rounding and dark current"
-        return Estimate(reason=reason, method=_SPREAD_METHOD)
+        return Estimate(reason=reason, method=_SPREAD_METHOD), Estimate(reason=reason, method=_STEADY_METHOD)
 
     def below(x: float, log_median: float, spread: float) -> float:
         """Return the share of log variances below x."""
@@ -130,7 +147,16 @@ def _log_spread(variance: NDArray[np.floating], freedom: int, shared_dn2: float,
     u = math.sqrt(terms / variance.size)
     ends = spread_of(measured - COVERAGE_95 * u), spread_of(measured + COVERAGE_95 * u)
     limit = ends[1] if measured - 1.645 * u <= narrowest else None
-    return Estimate(value, (ends[1] - ends[0]) / (2.0 * COVERAGE_95), None, limit, _SPREAD_METHOD, ends)
+    of_spread = (ends[1] - ends[0]) / (2.0 * COVERAGE_95)
+    at = math.log(middle)
+    slope = (below(at + step, log_median, value) - below(at - step, log_median, value)) / (2.0 * step)
+    of_median = 0.5 / (slope * math.sqrt(variance.size)) * middle / (middle - shared_dn2)
+    noise_dn = math.exp(0.5 * log_median + value**2)
+    u = noise_dn * math.hypot(0.5 * of_median, 2.0 * value * of_spread)
+    return (
+        Estimate(value, of_spread, None, limit, _SPREAD_METHOD, ends),
+        Estimate(noise_dn, u, method=_STEADY_METHOD),
+    )
 
 
 def blinking_distribution(

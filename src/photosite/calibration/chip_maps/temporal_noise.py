@@ -209,7 +209,7 @@ class Trace:
 
 
 _NOT_MEASURED = Estimate(reason="not measured")
-DISTRIBUTION = ("read_noise_log_spread", "blinking_fraction", "blinking_amplitude_dn")
+DISTRIBUTION = ("read_noise_log_spread", "steady_noise_dn", "blinking_fraction", "blinking_amplitude_dn")
 """Fields of `TemporalNoise` for the distribution of the noise over the pixels."""
 
 
@@ -228,6 +228,8 @@ class TemporalNoise(Shown):
         Deviation of the noise from a normal distribution.
     read_noise_log_spread
         Standard deviation over the pixels of the natural logarithm of their read noise.
+    steady_noise_dn
+        Root mean square of the read noise of the pixels that do not blink, without noise of rows, columns and frames.
     blinking_fraction, blinking_amplitude_dn
         Share of the pixels with random telegraph noise, and the mean distance of their levels, including those whose
         amplitude is too small to be found one by one (`noise_distribution`).
@@ -253,6 +255,7 @@ class TemporalNoise(Shown):
     residual_count: NDArray[np.int64]
     traces: tuple[Trace, ...] = ()
     read_noise_log_spread: Estimate = _NOT_MEASURED
+    steady_noise_dn: Estimate = _NOT_MEASURED
     blinking_fraction: Estimate = _NOT_MEASURED
     blinking_amplitude_dn: Estimate = _NOT_MEASURED
 

@@ -17,7 +17,9 @@ from photosite.errors import CalibrationError
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.model import Effects
+from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.response_curve import ResponseCurve
+from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import maps_path
 from photosite.sensor.model import Sensor
@@ -86,14 +88,13 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         changes["blooming"] = blooming
     if isinstance(calibration.converter, ConverterCodes):
         changes["converter_error"] = calibration.converter.section()
-    drift_e = 0.0
-    if (series := calibration.black_level_drift) is not None:
-        changes["black_level_drift"] = drift = series.section()
-        drift_e = 0.0 if drift is None else series.drift_e.value or 0.0
+    if calibration.black_level_drift is not None:
+        changes["black_level_drift"] = calibration.black_level_drift.section()
     if (glow := calibration.glow) is not None and not glow.unclear:
         changes["glow"] = glow.section()
         _take_off_glow(changes["glow"], (calibration.rows, calibration.cols), changes)
-    _take_off_lines(Effects(readout_channels=calibration.readout_channels, line_pattern=lines), drift_e, changes)
+    _take_off_lines(Effects(readout_channels=calibration.readout_channels, line_pattern=lines), changes)
+    _take_off_telegraph_noise(calibration, changes)
     well = well_capacity(calibration)
     if well.value is not None:
         changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
@@ -172,27 +173,62 @@ def _line_pattern(calibration: Calibration, source: str) -> LinePattern | None:
     return LinePattern(**found) if any(part.value for part in found.values()) else None
 
 
-def _take_off_lines(effects: Effects, drift_e: float, changes: dict[str, Any]) -> None:
-    """Subtract the variances of lines, readout channels and drift from the noises that contain them.
-
-    The file states both. `drift_e` is the drift over the frames of the read noise.
-    """
+def _take_off_lines(effects: Effects, changes: dict[str, Any]) -> None:
+    """Subtract the variances of lines and readout channels, which the file states, from the patterns with them."""
     offset_e2, gain = effects.line_variances
     square_mv = (1e-3 * changes[CONVERSION].value) ** 2
     taken = {"prnu_percent": 1e4 * gain, "dcnu_percent": 1e4 * gain, "dsnu_mv": square_mv * offset_e2}
-    if drift_e and "read_noise_mv" in changes:
-        lines = sum(changes[name].value ** 2 for name in ("row_noise_mv", "column_noise_mv") if name in changes)
-        most = max(changes["read_noise_mv"].value ** 2 - lines, 0.0)
-        taken["read_noise_mv"] = min(square_mv * drift_e**2, most)
     for name, variance in taken.items():
         if name in changes and variance > 0.0:
             whole = changes[name]
             left = Uncertain.of(whole.value**2 - variance, 2.0 * whole.value * whole.standard_uncertainty)
             rest = Estimate.of_variance(left, "")
-            note = f"{whole.source}; without rows, columns, readout channels and drift"
+            note = f"{whole.source}; without rows, columns and readout channels"
             if (rest.value or 0.0) < 0.0:
                 note += f": {_within(rest)}"
             changes[name] = Measured(max(rest.value or 0.0, 0.0), rest.standard_uncertainty or 0.0, note)
+
+
+def _take_off_telegraph_noise(calibration: Calibration, changes: dict[str, Any]) -> None:
+    """State the spread of the read noise and blinking pixels; the read noise is then that of the other pixels.
+
+    Without maps that give them, those of the base stay.
+    """
+    temporal, gain = calibration.temporal, calibration.system_gain_dn_per_e.value
+    if gain is None or "read_noise_mv" not in changes:
+        return
+    whole, mv_per_e = changes["read_noise_mv"], 1e-3 * changes[CONVERSION].value
+    lines_mv2 = sum(changes[name].value ** 2 for name in _EFFECTS if name in changes)
+    if temporal is not None and (spread := temporal.read_noise_log_spread).value is not None:
+        seen = spread.upper_limit_95 is None
+        changes["read_noise_spread"] = ReadNoiseSpread(log_spread=spread.value) if seen else None
+    names = "blinking_fraction", "blinking_amplitude_dn", "steady_noise_dn"
+    share, amplitude, steady = (None if temporal is None else _plain(getattr(temporal, name)) for name in names)
+    if share and amplitude and steady:
+        changes["telegraph_noise"] = TelegraphNoise(fraction=min(share.value, 1.0), amplitude_e=amplitude.value / gain)
+        read_mv = steady * (mv_per_e / gain)
+        rest = (read_mv * read_mv + lines_mv2).sqrt()
+        note = (
+            f"of pixels without telegraph noise: share {share.value:.3g} ± {share.standard_uncertainty:.2g}, "
+            f"mean amplitude {amplitude.value:.3g} ± {amplitude.standard_uncertainty:.2g} DN"
+        )
+    elif calibration.base and calibration.base.effects and (assumed := calibration.base.effects.telegraph_noise):
+        taken = mv_per_e**2 * assumed.variance_e2
+        if taken > whole.value**2 - lines_mv2:
+            changes["telegraph_noise"] = None  # the frames have less
+            return
+        rest = Uncertain.of(whole.value**2 - taken, 2.0 * whole.value * whole.standard_uncertainty).sqrt()
+        note = "without the telegraph noise stated before"
+    else:
+        return
+    changes["read_noise_mv"] = Measured(rest.value, rest.standard_uncertainty, f"{whole.source}, {note}")
+
+
+def _plain(estimate: Estimate) -> Uncertain | None:
+    """Return a positive value with its standard uncertainty; None without one."""
+    if estimate.value is None or estimate.standard_uncertainty is None or estimate.value <= 0.0:
+        return None
+    return Uncertain.of(estimate.value, estimate.standard_uncertainty)
 
 
 def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], source: str) -> None:
