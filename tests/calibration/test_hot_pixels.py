@@ -80,19 +80,23 @@ def test_another_tail_has_a_reason() -> None:
 
 
 def test_from_frames(tmp_path: Path) -> None:
-    """Frames of a chip, saturated hot pixels among them: the sensor file has tail and body apart, the report both."""
+    """Hot pixels, of which some saturate, on a glow: the sensor file has tail, body and glow apart, the report both.
+
+    The glow of 500 e-/s at the corner is as large as that of many hot pixels, and makes no pixel a defect.
+    """
     hot = {"fraction": 0.01, "median_e_per_s": 1000.0, "log_spread": 1.2}
     mono = {"cfa": "mono", "channels": {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}}
     sensor = ps.load_sensor("nikon-d200").with_(
-        **mono, rows=100, cols=120, black_level_dn=100, dark_current_e_per_s=30, dcnu_percent=20, hot_pixels=hot
-    )
+        **mono, rows=100, cols=120, black_level_dn=100, dark_current_e_per_s=30, dcnu_percent=20, hot_pixels=hot,
+        glow={"places": ["top_left"], "peak_e_per_s": 500, "decay_pixels": 12},
+    )  # fmt: skip
     steps = [("dark", t, 0) for t in (0.01, 5.0) for _ in range(6)]
     steps += [("light", 0.01 * n, 3000 * n) for n in range(1, 6) for _ in range(2)]
     frames = [
         (kind, t, digital_numbers(sensor, np.full((100, 120), electrons, np.float32), t, seed=2, frame=n))
         for n, (kind, t, electrons) in enumerate(steps)
     ]
-    base = sensor.with_(hot_pixels=None, dcnu_percent=0, dark_current_e_per_s=0)
+    base = sensor.with_(hot_pixels=None, glow=None, dcnu_percent=0, dark_current_e_per_s=0)
     calibration = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=base), maps=True)
     assert max(dn.max() for kind, _, dn in frames if kind == "dark") == 4095
     measured = calibration.sensor
@@ -105,6 +109,8 @@ def test_from_frames(tmp_path: Path) -> None:
     noise = measured.noise
     assert noise.dcnu_percent.value == pytest.approx(20, abs=1)
     assert sensor.electrons(noise.dark_voltage_mv_per_s.value) == pytest.approx(30, rel=0.05)
+    assert measured.effects.glow.peak_e_per_s == pytest.approx(500, rel=0.1)
+    assert calibration.chip.defects.counts()["hot"] < 144
     assert calibration.dcnu_percent.value > 100
     assert calibration.to_dict()["dark_distribution"]["above"] > 50
     calibration.report(tmp_path / "report.html")

@@ -145,5 +145,6 @@ def _dark_distribution(frames: FrameSet, chip: MeasuredChip, calibration: Calibr
     top = (1 << frames.bits) - 1.0
     if calibration.saturation_dn.value is not None:
         top = min(top, calibration.saturation_dn.value)
+    rate = rate if calibration.glow is None else calibration.glow.without(rate)
     longest_s = max(group.exposure_s for group in frames.of_kind("dark"))
     return dark_distribution(rate, uncertainty, NEARLY_SATURATED * (top - chip.black_level_dn) / longest_s)

@@ -77,6 +77,13 @@ class GlowMap(Shown):
             return None
         return Glow(places=self.places, peak_e_per_s=self.peak_e_per_s.value, decay_pixels=self.decay_pixels.value)
 
+    def without(self, rate_dn_per_s: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a (rows, cols) map of the dark current, DN/s, without the glow, if its size is known."""
+        if not self.places or self.peak_dn_per_s.value is None or self.decay_pixels.value is None:
+            return rate_dn_per_s
+        glow = Glow(places=self.places, peak_e_per_s=self.peak_dn_per_s.value, decay_pixels=self.decay_pixels.value)
+        return rate_dn_per_s - glow.map(*rate_dn_per_s.shape).astype(np.float32)
+
     def to_dict(self) -> dict[str, Any]:
         """Return places and estimates."""
         names = "peak_dn_per_s", "peak_e_per_s", "decay_pixels"

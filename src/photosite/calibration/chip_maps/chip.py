@@ -21,6 +21,7 @@ from photosite.calibration.chip_maps.temporal_noise import (
     measure_temporal_noise,
     read_residuals,
 )
+from photosite.calibration.glow import GlowMap
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level, reference_dark
 from photosite.calibration.reduction.reduce import dark_slope_coefficients, read_group
@@ -313,7 +314,7 @@ def _chip(
     short = too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None
     known = {name: values for name, values in maps.items() if name not in of_rate}
     # The response above uses the same times and levels, and stays valid; so do hot pixels, relative to the others.
-    found = _defects(dark, blinking, distance, known if short else maps)
+    found = _defects(dark, blinking, distance, known if short else maps, calibration.glow)
     if withheld:
         maps = known
     chip = MeasuredChip(
@@ -361,14 +362,21 @@ def _with_distribution(
     )
 
 
-def _defects(dark: _DarkMaps, blinking: Blinking, distance: NDArray[np.float64], maps: dict[str, FloatMap]) -> Defects:
+def _defects(
+    dark: _DarkMaps,
+    blinking: Blinking,
+    distance: NDArray[np.float64],
+    maps: dict[str, FloatMap],
+    glow: GlowMap | None,
+) -> Defects:
     """Return the defects of all kinds; `distance` is that of the blinking pixels' levels in units of their noise."""
     far, shape = defects.FAR_SIGMA, dark.variance.shape
     off = defects.deviations(maps["offset_dn"], maps["offset_uncertainty_dn"], dark.tile)
     found = [defects.listed(DefectKind.OFFSET, np.abs(off) > far, maps["offset_dn"], off)]
     if "dark_rate_dn_per_s" in maps:
         rate = maps["dark_rate_dn_per_s"]
-        off = defects.deviations(rate, maps["dark_rate_uncertainty_dn_per_s"], dark.tile)
+        flat = rate if glow is None else glow.without(rate)
+        off = defects.deviations(flat, maps["dark_rate_uncertainty_dn_per_s"], dark.tile)
         found.append(defects.listed(DefectKind.HOT, off > far, rate, off))
     if "prnu" in maps:
         relative = 1.0 + maps["prnu"]

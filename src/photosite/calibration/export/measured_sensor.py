@@ -83,7 +83,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
                 changes[field] = Measured(0.0, changes[field].standard_uncertainty, f"{source}; {_within(estimate)}")
             uncertain[field] = estimate.uncertain
     changes["line_pattern"] = lines = _line_pattern(calibration, source)
-    _take_off_hot_pixels(calibration, changes, source)
+    hot = _take_off_hot_pixels(calibration, changes, source)
     if calibration.blooming is not None and (blooming := calibration.blooming.section(source)) is not None:
         changes["blooming"] = blooming
     if isinstance(calibration.converter, ConverterCodes):
@@ -92,7 +92,8 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         changes["black_level_drift"] = calibration.black_level_drift.section()
     if (glow := calibration.glow) is not None and not glow.unclear:
         changes["glow"] = glow.section()
-        _take_off_glow(changes["glow"], (calibration.rows, calibration.cols), changes)
+        if not hot:  # whose dark current is that without glow
+            _take_off_glow(changes["glow"], (calibration.rows, calibration.cols), changes)
     _take_off_lines(Effects(readout_channels=calibration.readout_channels, line_pattern=lines), changes)
     _take_off_telegraph_noise(calibration, changes)
     well = well_capacity(calibration)
@@ -231,16 +232,16 @@ def _plain(estimate: Estimate) -> Uncertain | None:
     return Uncertain.of(estimate.value, estimate.standard_uncertainty)
 
 
-def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], source: str) -> None:
-    """State hot pixels apart from mean and spread of the dark current, which contain them."""
+def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], source: str) -> bool:
+    """State hot pixels apart from mean and spread of the dark current; return whether there are any."""
     found, current = calibration.dark_distribution, calibration.dark_current_dn_per_s
     if found is None or current.value is None or "dark_voltage_mv_per_s" not in changes:
-        return
+        return False
     section = found.section(calibration.system_gain_dn_per_e.uncertain, source)
     mean, dcnu = found.mean_dn_per_s, found.dcnu_percent
     if section is None or mean.value is None or mean.value <= 0.0:
-        return
-    note = f"{source}, without hot pixels"
+        return False
+    note = f"{source}, without hot pixels and glow"
     whole, share = changes["dark_voltage_mv_per_s"], mean.value / current.value
     spread = math.hypot(
         share * whole.standard_uncertainty, whole.value * (mean.standard_uncertainty or 0.0) / current.value
@@ -248,6 +249,7 @@ def _take_off_hot_pixels(calibration: Calibration, changes: dict[str, Any], sour
     changes |= {"hot_pixels": section, "dark_voltage_mv_per_s": Measured(share * whole.value, spread, note)}
     if dcnu.value is not None:
         changes["dcnu_percent"] = Measured(max(dcnu.value, 0.0), dcnu.standard_uncertainty or 0.0, note)
+    return True
 
 
 def _take_off_glow(glow: Glow | None, shape: tuple[int, int], changes: dict[str, Any]) -> None:
