@@ -182,6 +182,17 @@ def test_an_unsteady_lamp_gives_a_warning_and_does_not_count_as_noise():
     np.testing.assert_allclose(curves[1].y, curves[0].y, rtol=1e-9)
 
 
+def test_a_drifting_black_level_is_not_taken_for_an_unsteady_lamp():
+    rng = np.random.default_rng(5)
+    listed = []
+    for kind, t, level in (("dark", 0.01, 0), ("dark", 0.02, 0), ("light", 0.01, 30), ("light", 0.02, 60)):
+        for _ in range(6):
+            listed.append((kind, t, 64 + level + rng.normal(0, 3) + rng.normal(0, 2, (24, 32))))
+    frames = frame_set_from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in listed], bits=12)
+    unsteady = [text.split(":")[0] for text in calibrate(frames).warnings if "unsteady" in text]
+    assert unsteady == ["the black level was unsteady"]
+
+
 def small_chip(seed, ripple=0.0):
     """64 pixels of noise 15 DN: the mean of a frame scatters by 1.9 DN, a fifteenth of the weakest signal of 28 DN."""
     rng = np.random.default_rng([seed, 7])

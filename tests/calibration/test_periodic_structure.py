@@ -73,6 +73,18 @@ def test_the_gain_of_readout_channels_has_its_uncertainty(axis):
     assert 0.65 < np.sqrt(np.mean(np.square(scores))) < 1.35
 
 
+def test_gains_of_lines_need_a_mosaic_that_tells_them():
+    """In a Bayer mosaic the two greens differ in row and column; in a Quad Bayer one, every color is in both."""
+    values = tiled(flat(np.random.default_rng(11), shape=(144, 192)), [[1.004, 0.996]])
+    bayer = found(values, np.array([[0, 1], [1, 2]]))
+    assert (bayer.told, bayer.by_lines) == ((), "")
+    assert not bayer.of_mosaic()
+    quad = found(values, np.kron(np.array([[0, 1], [1, 2]]), np.ones((2, 2), np.int64)))
+    assert quad.by_lines == "columns"
+    assert quad.uncertainty < 0.001
+    np.testing.assert_allclose(quad.of_channels, [[1.004, 0.996]], atol=6 * quad.uncertainty)
+
+
 def test_small_differences_of_a_clean_chip_are_found():
     rng = np.random.default_rng(3)
     shape, sizes = (192, 240), rng.uniform(0.0035, 0.0045, 20)

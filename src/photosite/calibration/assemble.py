@@ -238,8 +238,10 @@ def _warnings(
     yield from (str(found) for found in (patterns.structure, patterns.dark_structure) if found is not None)
     yield from map(str, patterns.taps)
     yield from map(str, patterns.far)
-    of_taps = sum(float(np.var(taps.level)) for taps in patterns.taps if not taps.dark)
-    if is_large(derive(lambda shading: shading - of_taps, together.shading_variance), together.response_variance):
+    named = sum(float(np.var(taps.level)) for taps in patterns.taps if not taps.dark)
+    if patterns.structure is not None:
+        named += float(patterns.structure.relative.var())
+    if is_large(derive(lambda shading: shading - named, together.shading_variance), together.response_variance):
         yield _shading_warning(estimates)
     yield from response_warnings(names, channels)
     for name, value in (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)):

@@ -298,11 +298,13 @@ def _rate_per_level(groups: Sequence[GroupStatistics]) -> float:
 def _unsteady_light(darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]) -> Iterator[str]:
     rate = _rate_per_level(lights)
     drifting: list[tuple[float, str]] = []
+    # What may be the black level's: a standard deviation of few frames varies by a factor of 2.
+    black_shift = 2.0 * max((level.frame_shift for dark in darks for level in dark.levels if level.repeated), default=0)
     for group in lights:
         blacks = [dark.mean for dark in darks[0].levels] if darks else [0.0] * len(group.levels)
         for level, black in zip(group.levels, blacks, strict=True):
             signal = level.mean - black
-            large = level.repeated and signal > 0 and level.frame_shift > LAMP_DRIFT * signal
+            large = level.repeated and signal > 0 and level.frame_shift > max(LAMP_DRIFT * signal, black_shift)
             if large and level.shifts_beyond_chance(rate):
                 drifting.append((level.frame_shift / signal, group.label))
     if drifting:
@@ -315,14 +317,17 @@ def _unsteady_light(darks: Sequence[GroupStatistics], lights: Sequence[GroupStat
 
 def _unsteady_black(names: Sequence[str], darks: Sequence[GroupStatistics]) -> Iterator[str]:
     rate = _rate_per_level(darks)
-    for group in darks:
-        for name, level in zip(names, group.levels, strict=True):
-            large = level.repeated and level.frame_shift > math.sqrt(level.variance)
-            if large and level.shifts_beyond_chance(rate):
-                yield (
-                    f"the black level was unsteady: {group.label} (channel {name}) shift by {level.frame_shift:.2g} DN "
-                    f"from frame to frame, more than their noise"
-                )
+    found = [
+        (level.frame_shift, f"{group.label} (channel {name})")
+        for group in darks
+        for name, level in zip(names, group.levels, strict=True)
+        if level.repeated and level.frame_shift > math.sqrt(level.variance) and level.shifts_beyond_chance(rate)
+    ]
+    if found:
+        worst, label = max(found)
+        yield (
+            f"the black level was unsteady: {label} shift by {worst:.2g} DN from frame to frame, more than their noise"
+        )
 
 
 def _stated_levels(

@@ -70,12 +70,17 @@ class PeriodicStructure:
         Standard uncertainty of one row or column, where only these differ.
     dark
         Whether the frames are dark frames.
+    told
+        Which of columns and rows the mosaic tells apart: those in which every channel has as many pixels in each place
+        of the period. In a Bayer mosaic neither: red lies in every second column and row only, and the two greens
+        differ in both.
     """
 
     relative: NDArray[np.float64]
     chance: float
     uncertainty: float = 0.0
     dark: bool = False
+    told: tuple[str, ...] = ("columns", "rows")
 
     @property
     def period(self) -> int:
@@ -91,6 +96,8 @@ class PeriodicStructure:
     def by_lines(self) -> str:
         """Return "rows" or "columns" where only these differ, as readout channels do; "" otherwise."""
         for name, axis in (("columns", 0), ("rows", 1)):
+            if name not in self.told:
+                continue
             means = self.relative.mean(axis=axis, keepdims=True)
             if np.abs(self.relative - means).max() < max(0.1 * self.difference, self.chance):
                 return name
@@ -114,6 +121,12 @@ class PeriodicStructure:
                 f"difference"
             )
         percent = f"{100.0 * self.difference:.2g} %"
+        if not self.of_mosaic() and not self.told:
+            return (
+                f"the pixels of one color differ by {percent} in the flat fields, with a period of {self.period} "
+                f"pixels, as with readout channels of alternating rows or columns, or with light from neighbors of "
+                f"other colors: this mosaic does not tell which; PRNU includes this difference"
+            )
         if not self.of_mosaic():
             filters = " or a striped color filter array that is not stated" * (self.difference > MOSAIC_SHARE)
             return (
@@ -125,7 +138,7 @@ class PeriodicStructure:
         return (
             f"the flat fields repeat every {self.period} {self.by_lines or 'rows and columns'}, by {percent} of the "
             f"signal, within what is stated as one channel, as with a color filter array that is not stated or has "
-            f"another phase{likely}"
+            f"another phase{likely}{'' if self.told else '; or with readout channels of very different gain'}"
         )
 
     def tiles(self) -> tuple[str, ...]:
@@ -275,13 +288,23 @@ def _periodic(signal: NDArray[np.float64], tile: NDArray[np.int64], *, dark: boo
     for period in PERIODS:
         folded = _fold(relative, period)[0]
         rest = relative - np.tile(folded, (CELL // period, CELL // period))
-        found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark)
+        found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark, told=_told(labels, period))
         limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
             if found.difference <= (least if dark else READOUT_SHARE):
                 return None
             return _with_lines(found, cells, labels, ramp)
     return None
+
+
+def _told(labels: NDArray[np.int64], period: int) -> tuple[str, ...]:
+    """Return which of columns and rows have as many pixels of every channel in each place of the period."""
+    found = []
+    for axis, name in enumerate(("columns", "rows")):
+        channels = [(labels == k).sum(axis=axis) for k in np.unique(labels)]
+        if all(np.ptp(counts.reshape(-1, period).sum(axis=0)) == 0 for counts in channels):
+            found.append(name)
+    return tuple(found)
 
 
 def _places(
