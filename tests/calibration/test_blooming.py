@@ -78,6 +78,7 @@ def test_no_blooming_is_not_seen() -> None:
     found = [measured(seed, None) for seed in range(6)]
     assert sum(one.seen for one in found) <= 1
     assert next(one for one in found if not one.seen).section("frames") is None
+    assert all(one.kept.interval_95 == (0.0, one.kept.upper_limit_95) for one in found if not one.seen)
     section = measured(1, {"drained": 0.6}).section("frames")
     assert section is not None
     assert section.drained.value == pytest.approx(0.6, abs=0.03)

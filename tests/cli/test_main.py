@@ -110,7 +110,13 @@ def test_interruption(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_warning_is_one_line(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    _command_that(monkeypatch, lambda: warnings.warn("two\nlines", PhotositeWarning, stacklevel=1))
+    """Also where two lines of code give it."""
+
+    def warns() -> None:
+        warnings.warn("two\nlines", PhotositeWarning, stacklevel=1)
+        warnings.warn("two\nlines", PhotositeWarning, stacklevel=1)
+
+    _command_that(monkeypatch, warns)
     shown = warnings.showwarning
     warned = photosite("simulate")
     assert (warned.status, warned.err) == (0, "photosite: warning: two lines\n")

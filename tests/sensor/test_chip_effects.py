@@ -216,6 +216,8 @@ def test_hot_pixels_follow_the_temperature_and_glow_does_not():
             "effects.pixel_defects.listed[0]",
         ),
         ({"read_noise_spread": {"quantiles": [2, 1]}}, "quantiles", "effects.read_noise_spread"),
+        ({"read_noise_spread": {}}, "'log_spread' and 'quantiles' are both missing", "effects.read_noise_spread"),
+        ({"output": {"companding": "log"}}, "companding", "effects.output"),
         ({"glow": {"places": ["middle"], "peak_e_per_s": 1, "decay_pixels": 1}}, "places[0]", "effects.glow"),
     ],
 )

@@ -110,7 +110,7 @@ def run(arguments: Sequence[str]) -> int:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("default", PhotositeWarning)
-        warnings.showwarning = partial(_show_warning, warnings.showwarning)
+        warnings.showwarning = partial(_show_warning, warnings.showwarning, set())
         try:
             status = cli.main(list(arguments), prog_name="photosite", standalone_mode=False)
         except click.exceptions.NoArgsIsHelpError as error:
@@ -153,6 +153,7 @@ _CONDITIONS = (
 
 def _show_warning(
     default: Callable[..., None],
+    shown: set[str],
     message: Warning | str,
     category: type[Warning],
     filename: str,
@@ -161,7 +162,10 @@ def _show_warning(
     line: str | None = None,
 ) -> None:
     if isinstance(message, PhotositeWarning):
-        click.echo(f"photosite: warning: {_one_line(message.format(spelling_of_current_command()))}", err=True)
+        text = _one_line(message.format(spelling_of_current_command()))
+        if text not in shown:  # Python shows a warning once for each line of code that gives it
+            shown.add(text)
+            click.echo(f"photosite: warning: {text}", err=True)
     else:
         default(message, category, filename, lineno, file, line)
 

@@ -134,9 +134,10 @@ def measure_blooming(frames: FrameSet, calibration: Calibration) -> BloomingResu
     from scipy.special import stdtr
 
     method = _METHOD.format(len(column), longest.exposure_s)
-    return BloomingResult(
-        Estimate.of(kept, method), overflow, column, float(ordinary.std()), bool(stdtr(freedom, -slope / u) < _SEEN)
-    )
+    low, high = kept.interval_95
+    limit = high if low < 0.0 < high else None
+    seen = bool(stdtr(freedom, -slope / u) < _SEEN)
+    return BloomingResult(Estimate.of(kept, method, limit), overflow, column, float(ordinary.std()), seen)
 
 
 def _mean(group: FrameGroup, used: set[int]) -> _Floats:

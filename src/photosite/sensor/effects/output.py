@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, StrictBool, model_validator
+from pydantic import Field, StrictBool, field_validator, model_validator
 
 from photosite.errors import InputError
 from photosite.sensor.quantity import NO_UNIT, about
@@ -50,6 +50,13 @@ class Output(Section):
         True,
         default=False,
     )
+
+    @field_validator("companding", mode="before")
+    @classmethod
+    def _known(cls, value: object) -> object:
+        if isinstance(value, str) and value != "square_root":
+            raise InputError("companding", value=value, expected="'square_root' or a table of numbers")
+        return value
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -39,7 +39,8 @@ class ReadNoiseSpread(Section):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.log_spread is None) == (self.quantiles is None):
-            raise InputError("either log_spread or quantiles must be given")
+            both = "missing" if self.log_spread is None else "given"
+            raise InputError(f"'log_spread' and 'quantiles' are both {both}", hint="Give one of them")
         values = np.array(self.quantiles or (0.0, 1.0))
         if len(values) < 2 or (np.diff(values) < 0.0).any() or values[-1] == 0.0:
             raise InputError(

@@ -54,7 +54,9 @@ class ResponseCurve(Section):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.charge_e is None) == (self.polynomial_percent is None):
-            raise InputError("either charge_e with deviation_percent, or polynomial_percent, must be given")
+            both = "missing" if self.charge_e is None else "given"
+            hint = "Give a table, charge_e with deviation_percent, or a polynomial"
+            raise InputError(f"'charge_e' and 'polynomial_percent' are both {both}", hint=hint)
         if self.charge_e is None:
             return self
         count = len(self.charge_e)
