@@ -737,9 +737,10 @@ CONDITIONS: dict[str, Condition] = {
             coupling_percent=(0.3, 2.0),
         ),
         Condition(
-            "uneven-mono-12", "read noise with a log-normal spread of 0.1 to 0.4, and 2 to 10 % blinking pixels",
+            "uneven-mono-12", "read noise with a log-normal spread of 0.1 to 0.4, and 2 to 10 % blinking pixels; black "
+            "level at 30 standard deviations of a dark frame without them",
             "mono", 12, *_LARGE, (0.15, 1.2), (0.8, 4.0), 1.25, FULL, photons_known=True, uneven=True,
-            maps=True,
+            maps=True, black_sigma=30.0,
         ),
         Condition(
             "flicker-mono-12", "flicker of the light: bands of 0.2 to 2 %, with a period of 10 to 40 rows", "mono",

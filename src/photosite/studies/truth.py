@@ -115,12 +115,10 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         shares = [len(channel_sites(sensor.array.cfa, name)) / len(tile) for name in sensor.channel_names]
         mean = float(np.dot(efficiencies, shares))
         if coupling is not None:
-            signal = np.array(
-                [[efficiencies[sensor.channel_names.index(name)] for name in row] for row in sensor.array.cfa]
-            )
-            averaged = _averaged(coupling.kernel(), signal)
+            signal = [[efficiencies[sensor.channel_names.index(name)] for name in row] for row in sensor.array.cfa]
+            averaged, border = _averaged(coupling.kernel(), np.array(signal), (sensor.array.rows, sensor.array.cols))
             prnu = math.hypot(averaged * noise.prnu_percent.value, of_lines)
-            truth |= {"prnu_percent": prnu, "prnu1288_percent": prnu}
+            truth |= {"prnu_percent": math.hypot(prnu, 100.0 * border), "prnu1288_percent": prnu}
         truth |= {
             "quantum_efficiency_percent": 100 * mean,
             "responsivity_dn_per_photon": gain * mean,
@@ -130,16 +128,24 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     return truth
 
 
-def _averaged(kernel: NDArray[np.float64], signal: NDArray[np.float64]) -> float:
-    """Return PRNU after a 3 x 3 kernel over that before it, the root mean square over the pixels of a tile.
+def _averaged(kernel: NDArray[np.float64], signal: NDArray[np.float64], shape: tuple[int, int]) -> tuple[float, float]:
+    """Return what a 3 x 3 kernel leaves of a PRNU of 1, and the relative spread of the mean signal at the borders.
 
-    `signal` is the mean signal of the tile's pixels before the kernel. A pixel receives signal and pattern of neighbors
-    of other colors.
+    Both are the root mean square over the pixels. `signal` is the mean signal of a tile before the kernel: a pixel
+    receives signal and pattern of neighbors of other colors. Beyond the borders the outer pixels repeat, so that the
+    outer pixels of a mosaic have neighbors of their own color.
     """
-    shifts = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]
-    near = np.array([np.roll(signal, shift, axis=(0, 1)) for shift in shifts])
-    shares = kernel.ravel()[:, None, None] * near
-    return float(np.sqrt(np.mean((shares**2).sum(axis=0) / shares.sum(axis=0) ** 2)))
+    tiles = [-(-size // step) for size, step in zip(shape, signal.shape, strict=True)]
+    padded = np.pad(np.tile(signal, tiles)[: shape[0], : shape[1]], 1, "edge")
+    mean, square = np.zeros(shape), np.zeros(shape)
+    for (row, column), share in np.ndenumerate(kernel):
+        part = share * padded[row : row + shape[0], column : column + shape[1]]
+        mean += part
+        square += part**2
+    rows, columns = signal.shape
+    sites = [mean[row::rows, column::columns] for row in range(rows) for column in range(columns)]
+    border = np.mean([(site.std() / site.mean()) ** 2 for site in sites])
+    return float(np.sqrt(np.mean(square / mean**2))), float(np.sqrt(border))
 
 
 def _channels(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -279,7 +285,7 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
         "prnu1288_row_percent": 0.0,
         "prnu1288_column_percent": truth["column_gain_percent"],
         "prnu1288_pixel_percent": _less(truth["prnu1288_percent"], of_channels, truth["column_gain_percent"]),
-        "prnu1288_unfiltered_percent": truth["prnu1288_percent"],
+        "prnu1288_unfiltered_percent": truth["prnu_percent"],
     }
     if of_channels:
         # Lines that alternate pass the high-pass filter in full, unlike lines at random.

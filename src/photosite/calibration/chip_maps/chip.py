@@ -346,9 +346,12 @@ def _with_distribution(
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
     frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
     share, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
-    if share.interval_95 is not None:
-        unfound = max(share.interval_95[1] - 1.0 + float(steady.mean()), 0.0) / float(steady.mean())
-        found = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2, min(unfound, 0.5))
+    if share.value is not None and share.interval_95 is not None:
+        ordinary = float(steady.mean())
+        unfound, most = (
+            min(max(total - 1.0 + ordinary, 0.0) / ordinary, 0.5) for total in (share.value, share.interval_95[1])
+        )
+        found = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2, (unfound, most))
         spread, steady_dn = found
     elif len(blinking) >= _FEW_BLINKING and spread.value is not None:
         why = f"{len(blinking)} pixels blink, and the number of those too faint to be found is unknown"

@@ -43,7 +43,7 @@ _BLINKING_METHOD = (
 
 
 def read_noise_distribution(
-    variance: NDArray[np.floating], freedom: int, shared_dn2: float, blinking_share: float = 0.0
+    variance: NDArray[np.floating], freedom: int, shared_dn2: float, blinking: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Estimate, Estimate]:
     """Estimate the distribution of the read noise over the pixels, which is taken as log-normal.
 
@@ -56,9 +56,10 @@ def read_noise_distribution(
         (n,) temporal variances of the pixels, DN^2, and their degrees of freedom.
     shared_dn2
         Variance of rounding, dark current, rows and columns.
-    blinking_share
-        Share of these pixels that may blink without being found. Their variances are between those of ordinary pixels,
-        or all above: the estimate is the mean of both cases, and its uncertainty covers both.
+    blinking
+        Share of these pixels that blink without being found, and its largest plausible value. Faint ones have variances
+        like those of ordinary pixels, others have larger ones: half of the share is taken as larger, and the interval
+        covers none and all of the largest share.
 
     Returns
     -------
@@ -74,24 +75,22 @@ def read_noise_distribution(
     (0.2, True, 5.2)
     """
     as_others = _log_normal(variance, freedom, shared_dn2, 1.0)
-    if blinking_share == 0.0 or as_others[0].interval_95 is None:
+    share, most = blinking
+    if most == 0.0 or as_others[0].interval_95 is None:
         return as_others
-    above = _log_normal(variance, freedom, shared_dn2, 1.0 - blinking_share)
-    if above[0].interval_95 is None:
-        return above
-    return _between(as_others[0], above[0]), _between(as_others[1], above[1])
+    half, above = (_log_normal(variance, freedom, shared_dn2, 1.0 - one) for one in (0.5 * share, most))
+    if half[0].value is None or above[0].interval_95 is None:
+        return above if half[0].value is not None else half
+    return _between(half[0], as_others[0], above[0]), _between(half[1], as_others[1], above[1])
 
 
-def _between(one: Estimate, other: Estimate) -> Estimate:
-    """Return the mean of two estimates of which either may be right, with an uncertainty and an interval of both."""
+def _between(value: Estimate, one: Estimate, other: Estimate) -> Estimate:
+    """Return an estimate with the interval of two others, of which either may be right."""
     assert one.interval_95 is not None
     assert other.interval_95 is not None
-    first, second = one.value or 0.0, other.value or 0.0
-    widest = max(one.standard_uncertainty or 0.0, other.standard_uncertainty or 0.0)
     ends = min(one.interval_95[0], other.interval_95[0]), max(one.interval_95[1], other.interval_95[1])
     limit = ends[1] if one.upper_limit_95 is not None and other.upper_limit_95 is not None else None
-    u = math.hypot(widest, (first - second) / math.sqrt(12.0))
-    return Estimate(0.5 * (first + second), u, None, limit, one.method, ends)
+    return Estimate(value.value, (ends[1] - ends[0]) / (2.0 * COVERAGE_95), None, limit, one.method, ends)
 
 
 def _log_normal(
