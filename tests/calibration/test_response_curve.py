@@ -216,7 +216,8 @@ def test_the_warning_names_the_bend_and_its_size(bent):
     (warning,) = (text for text in bent.warnings if "bends" in text)
     top = max(s for s in bent.response_curve["M"].signal_dn if s <= bent.linear_range["M"].highest_dn)
     place = list(bent.response_curve["M"].signal_dn).index(top)
-    assert f"{bent.response_curve['M'].deviation_percent[place].value:+.2g} %" in warning
+    deviation = bent.response_curve["M"].deviation_percent[place].value
+    assert f"{abs(deviation):.2g} % {'below' if deviation < 0 else 'above'}" in warning
 
 
 def test_the_standard_s_figures_stay_those_of_lines(bent):

@@ -213,7 +213,7 @@ def response_warnings(names: Sequence[str], channels: Sequence[Channel]) -> Iter
     if curve.shape is None:
         yield (
             f"the temporal variance is not in proportion to the signal, though the signal is to the light: the system "
-            f"gain at small signal is {gain:+.2g} % from the standard's straight line. Causes are noise that pixels "
+            f"gain at small signal is {_away(gain)} that of a straight line. Causes are noise that pixels "
             f"share at large signals (brighter-fatter effect), or a bend of the response that errors of the light "
             f"hide; the uncertainties of responsivity, PRNU and wells include such a bend"
         )
@@ -223,22 +223,23 @@ def response_warnings(names: Sequence[str], channels: Sequence[Channel]) -> Iter
     if by_sensor:
         responsivity = _responsivity_change(channel)
         yield (
-            f"the response bends: the signal is {100 * math.expm1(-sensor.value):+.2g} % from a straight response "
-            f"{at}. System gain{responsivity[0]} and what follows from them are those at small signal: the gain is "
-            f"{gain:+.2g} %{responsivity[1]} from the standard's straight lines, which stand under EMVA 1288"
+            f"the response bends: {at}, the signal is {_away(100 * math.expm1(-sensor.value))} a straight response. "
+            f"All parameters follow from the system gain{responsivity[0]} at small signal, the figures of EMVA 1288 "
+            f"from a straight line: the gain at small signal is {_away(gain)} that of the line{responsivity[1]}"
         )
     if by_light:
         yield (
-            f"the light is not in proportion to what is stated: the signal is {100 * math.expm1(-light.value):+.2g} % "
-            f"from it {at}, and the variances show that the sensor is not the cause (lamp, shutter, stated light). The "
-            f"system gain is not affected; the uncertainties of responsivity and quantum efficiency include it"
+            f"the light is not in proportion to what is stated: {at}, the signal is "
+            f"{_away(100 * math.expm1(-light.value))} it, and the variances show that the sensor is not the cause "
+            f"(lamp, shutter, stated light). The system gain is not affected; the uncertainties of responsivity and "
+            f"quantum efficiency include it"
         )
     if not (by_sensor or by_light):
         yield (
             f"the signals are not in proportion to the stated light, by {100 * channel.disproportion:.2g} %, and the "
             f"variances cannot tell a bend of the response from errors of the light: the uncertainty of the system "
-            f"gain covers both and is {spread / by_line:.2g} times that of a straight line, {gain:+.2g} % from it. "
-            f"Take more frames, or check lamp and shutter"
+            f"gain covers both and is {spread / by_line:.2g} times that of a straight line; the gain is {_away(gain)} "
+            f"that of the line. Take more frames, or check lamp and shutter"
         )
 
 
@@ -247,7 +248,13 @@ def _responsivity_change(channel: Channel) -> tuple[str, str]:
     at_zero, by_line = channel.responsivity(), channel.responsivity(by_line=True)
     if isinstance(at_zero, Missing) or isinstance(by_line, Missing):
         return "", ""
-    return ", responsivity", f" and the responsivity {100 * (at_zero.value / by_line.value - 1.0):+.2g} %"
+    change = 100.0 * (at_zero.value / by_line.value - 1.0)
+    return " and the responsivity", f", the responsivity {_away(change)} its own"
+
+
+def _away(percent: float) -> str:
+    """Return a deviation in words, such as "4.6 % below"."""
+    return f"{abs(percent):.2g} % {'below' if percent < 0.0 else 'above'}"
 
 
 Array = NDArray[np.float64]
