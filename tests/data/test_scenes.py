@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -88,6 +89,22 @@ def test_files_are_read_when_they_are_used(tmp_path: Path) -> None:
         assert (one.noisy == third.noisy).all()
     assert from_files.describe()["source"]["images"][0]["file"].endswith("a.png")
     assert from_files.describe() == again.describe()
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_ten_thousand_items(tmp_path: Path) -> None:
+    for number in range(20):
+        Image.fromarray(PICTURE).save(tmp_path / f"{number}.png")
+    files = sorted(tmp_path.iterdir())
+    items = dataset(*files, crop=(16, 16), crops=500, illuminants=("A", "D65"), flips=True, lens_blur=False)
+    order = np.random.default_rng(1).permutation(len(items))
+    assert len(order) == 10_000
+    used_mb = []
+    for number, index in enumerate(order):
+        _ = items[index]
+        if number % 1000 == 999:
+            used_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6)
+    assert max(used_mb) - used_mb[0] < 3.0
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,10 @@ def edge() -> SlantedEdge:
     return ps.slanted_edge_mtf(shot, channel="G")
 
 
+def pairs() -> ps.data.PairDataset:
+    return ps.data.PairDataset(ps.data.Electrons([np.full((4, 4), 100.0)]), sensor(), crop=(2, 2), draws=2)
+
+
 INSTANCES: dict[str, Callable[[], Any]] = {
     "AutoExposure": lambda: ps.AutoExposure(0.01),
     "Camera": camera,
@@ -167,6 +171,7 @@ INSTANCES: dict[str, Callable[[], Any]] = {
     "FrameSet": frames,
     "GainSeries": series,
     "NoiseBudget": lambda: ps.noise_budget(sensor(), [0.001, 0.01, 0.1, 1.0]),
+    "PairDataset": pairs,
     "PlanePsf": lambda: lens().point_spread(2.0),
     "RadialMapping": lambda: lens().mapping(2.0),
     "RadialPsf": lambda: base().point_spread(2.0),

@@ -26,7 +26,7 @@ def card_text(manifest: Mapping[str, Any], dataset: PairDataset) -> str:
         "",
         "| name | serial | gain setting | CFA | bits | black level (DN) | gain (DN/e-) | read noise (e-) | source |",
         "|---|---|---|---|---|---|---|---|---|",
-        *(_sensor_row(sensor) for sensor in dataset.sensors),  # type: ignore[union-attr]  # a tuple
+        *(_sensor_row(sensor) for sensor in dataset.all_sensors),
         "",
         "## Light and exposure",
         "",

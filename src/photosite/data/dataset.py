@@ -130,7 +130,7 @@ class PairDataset(Shown):
             raise InputError("the size of the patches is not given", hint=hint, arguments={"crop": (512, 512)})
         if len(self) > MOST_PAIRS:
             raise InputError("images x crops x draws", value=len(self), expected="at most 2^32")
-        for sensor in self._sensors:
+        for sensor in self.all_sensors:
             self._check_sensor(sensor, high)
 
     def _check_sensor(self, sensor: Sensor, light: float) -> None:
@@ -155,7 +155,8 @@ class PairDataset(Shown):
         self.source.check(sensor, light)
 
     @property
-    def _sensors(self) -> tuple[Sensor, ...]:
+    def all_sensors(self) -> tuple[Sensor, ...]:
+        """The sensors that patches get."""
         return self.sensors  # type: ignore[return-value]  # made a tuple in __post_init__
 
     @cached_property
@@ -175,7 +176,7 @@ class PairDataset(Shown):
         patch_number, draw = divmod(number, self.draws)
         image = patch_number // self.crops
         u = chances(int(self.seed), patch_number)
-        sensor = self._sensors[int(u[0] * len(self._sensors))]
+        sensor = self.all_sensors[int(u[0] * len(self.all_sensors))]
         patch = Patch(
             self.shape,
             sensor,
@@ -253,7 +254,7 @@ class PairDataset(Shown):
         settings = {name: getattr(self, name) for name in names} | {"crop": self.shape}
         return {
             "settings": described(settings),
-            "sensors": described(self._sensors),
+            "sensors": described(self.all_sensors),
             "source": self.source.describe(),
         }
 

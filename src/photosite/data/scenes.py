@@ -164,10 +164,8 @@ class Scenes(Shown):
                 return _Picture(*read_codes(Path(given)), Path(given).stem)
             return SceneRequest(str(given), self.options).scene()
 
-        kept: Kept[Any] = self._kept  # type: ignore[attr-defined]  # set in __post_init__
-        return kept.get(
-            number, read, lambda image: image.nbytes if isinstance(image, _Picture) else image.weights.nbytes
-        )
+        kept: Kept[Scene | _Picture] = self._kept  # type: ignore[attr-defined]  # set in __post_init__
+        return kept.get(number, read, _bytes_of)
 
     def _picture_basis(self, light: str | float | Spectrum) -> NDArray[np.float64]:
         grid = PICTURE_WAVELENGTH_NM

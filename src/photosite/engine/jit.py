@@ -81,7 +81,7 @@ class _Forked:
     def note(self) -> None:
         """Look, in a child process, what the parent had done."""
         with suppress(ValueError):  # no layer is chosen before the first parallel loop
-            self.without_threads = bool(numba.threading_layer())
+            self.without_threads = bool(cast(Any, numba).threading_layer())
 
 
 _forked = _Forked()

@@ -125,7 +125,7 @@ def drawn_maps(sensor: Sensor, part: Part, exposure: Exposure) -> MeasuredMaps:
 
 def missing_light(electrons: Map, own: OwnNoise) -> Map:
     """Return the electrons whose Poisson noise measured light lacks, (1 - shot) e; 0 where e is negative."""
-    return np.maximum(electrons * np.float32(1.0 - own.shot), np.float32(0.0))
+    return np.asarray(np.maximum(electrons * np.float32(1.0 - own.shot), np.float32(0.0)), np.float32)
 
 
 def with_missing_noise(
