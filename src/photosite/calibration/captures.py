@@ -271,7 +271,8 @@ class _Pair:
         highest = _USED * min(each.highest for each in ranges if each is not None)
         x, (ya, ua), (yb, ub) = _common(a, b, highest)
         if len(x) < 3:
-            return Missing(f"{len(x)} levels of light lie in the linear range of both captures; 3 are needed")
+            lack = "1 level lies" if len(x) == 1 else f"{len(x)} levels lie"
+            return Missing(f"{lack} in the linear range of both captures; 3 are needed: add light levels between")
         ratio = float((ya * yb).sum() / (ya * ya).sum())
         variance = ub**2 + (ratio * ua) ** 2
         for level, light in enumerate(x):
