@@ -70,7 +70,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",
-    "ignore_pattern": r"drawing\.py$",
+    "ignore_pattern": r"drawing\.py$|training",
     "reset_modules": (),  # drawing.py sets the style of all figures
     "backreferences_dir": "reference/examples",
     "doc_module": ("photosite",),
