@@ -26,9 +26,8 @@ def calibrated(frames):
     return ps.calibrate(frame_set_from_arrays([("dark", 0.01, frame) for frame in dn], bits=12))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_that_is_cut_off_is_estimated(seed):
-    frames = noise(np.random.default_rng([1, seed]), 0.05, 30.0)
+def test_noise_that_is_cut_off_is_estimated():
+    frames = noise(np.random.default_rng(1), 0.05, 30.0)
     true = np.sqrt(frames.var(axis=0, ddof=1).mean())
     whole, cut = calibrated(frames + 300.0), calibrated(frames + 35.0)
     assert whole.read_noise_dn.value == pytest.approx(true, rel=2e-3)
