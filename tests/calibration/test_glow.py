@@ -62,3 +62,26 @@ def test_a_glow_whose_place_is_unclear_has_no_size():
 
 def test_small_chips_have_no_map():
     assert find_glow(np.ones((20, 90)), Uncertain(0.5)) is None
+
+
+@pytest.mark.slow
+def test_intervals_cover():
+    """200 maps with glow from one place, 200 without: 90 % is 3.2 binomial sigma below 95 %."""
+    rng = np.random.default_rng(11)
+    inside, errors = [], []
+    for _ in range(200):
+        place = str(
+            rng.choice(["left", "right", "top", "bottom", "top_left", "top_right", "bottom_left", "bottom_right"])
+        )
+        glow = Glow(places=(place,), peak_e_per_s=float(rng.uniform(4, 30)), decay_pixels=float(rng.uniform(6, 16)))
+        found = find_glow(dark_map(rng, glow), Uncertain(0.5))
+        assert found.places == glow.places
+        if found.peak_e_per_s.value is None:
+            continue
+        pairs = ((found.peak_e_per_s, glow.peak_e_per_s), (found.decay_pixels, glow.decay_pixels))
+        inside.append([entry.interval_95[0] <= true <= entry.interval_95[1] for entry, true in pairs])
+        errors.append([(entry.value - true) / entry.standard_uncertainty for entry, true in pairs])
+    assert len(inside) > 195
+    assert (np.mean(inside, axis=0) > 0.9).all()
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.3
+    assert not any(find_glow(dark_map(rng), Uncertain(0.5)).places for _ in range(200))
