@@ -73,7 +73,7 @@ def test_uncertainties_units_and_reasons(measured):
             assert figure.findtext("reason") == entry.reason
             assert figure.find("standard_uncertainty") is None
         else:
-            assert float(figure.findtext("value")) == entry.value
+            assert float(figure.findtext("value")) == entry.shown_value
             assert float(figure.findtext("standard_uncertainty")) == entry.standard_uncertainty
             assert tuple(map(float, figure.findtext("interval_95").split())) == entry.interval_95
         assert figure.findtext("method") == entry.method

@@ -83,6 +83,14 @@ def test_interval_never_lies_below_zero(variance):
         assert high == pytest.approx(limit if variance < 0.0 else math.sqrt(variance + COVERAGE_95), rel=1e-6)
 
 
+def test_json_has_no_negative_standard_deviation():
+    found = Estimate.of_variance(Uncertain.of(-0.3, 0.2), "").to_dict()
+    assert (found["value"], found["signed_value"]) == (0.0, -math.sqrt(0.3))
+    assert found["interval_95"] == (0.0, found["upper_limit_95"])
+    assert "signed_value" not in Estimate.of_variance(Uncertain.of(0.3, 0.2), "").to_dict()
+    assert Estimate(-0.5, 1.0).to_dict()["value"] == -0.5  # a dark current, for example
+
+
 @pytest.mark.parametrize("true", [1e-9, 0.5, 1.5, 1.9, 2.5, 9.0])
 def test_interval_covers_true_values_of_any_size(true):
     """By inversion: the normal estimates whose interval ends at the true value enclose 95 %."""

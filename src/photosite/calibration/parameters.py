@@ -105,7 +105,7 @@ class Parameters(Tabular):
         rows = [
             (
                 name,
-                entry.value,
+                entry.shown_value,
                 entry.standard_uncertainty,
                 *(entry.interval_95 or (None, None)),
                 PARAMETER_LABELS[name].unit,

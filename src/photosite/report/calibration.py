@@ -173,8 +173,8 @@ _READING = (
     "style.",
     "A standard deviation is the root of a variance, and a small variance is the difference of two larger ones, which "
     "chance can make negative. Where it is not distinguishable from zero, the report states an upper limit, such as "
-    "< 0.16: the 95 % interval of the standard deviation is then 0 to 0.16. The value in the JSON output is the signed "
-    "root of the variance, for averages over measurements.",
+    "< 0.16: the 95 % interval of the standard deviation is then 0 to 0.16. The JSON output has the signed "
+    "root of a negative variance as signed_value, for averages over measurements.",
 )
 
 _TERMS = (

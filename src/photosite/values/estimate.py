@@ -230,6 +230,18 @@ class Estimate(Shown):
         return Missing(self.reason or "") if self.value is None else Uncertain(self.value, dict(self.parts))
 
     @property
+    def shown_value(self) -> float | None:
+        """The value for tables and files: 0 for the root of a negative variance.
+
+        Examples
+        --------
+        >>> Estimate(-0.12, 0.05, upper_limit_95=0.16).shown_value, Estimate(-0.12, 0.05).shown_value
+        (0.0, -0.12)
+        """
+        below = self.value is not None and self.value < 0.0 and self.interval_95 is not None
+        return 0.0 if below and self.interval_95 and self.interval_95[0] == 0.0 else self.value
+
+    @property
     def beyond_chance(self) -> bool:
         """Whether a standard deviation is found beyond chance: fewer than 1 in 500 without a spread are.
 
@@ -253,8 +265,13 @@ class Estimate(Shown):
         return Measured(self.value, self.standard_uncertainty, source)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return `value`, `standard_uncertainty`, and of the other fields those that are set."""
-        entry: dict[str, Any] = {"value": self.value, "standard_uncertainty": self.standard_uncertainty}
+        """Return `value`, `standard_uncertainty`, and of the other fields those that are set.
+
+        A standard deviation of a negative variance has the value 0, and the signed root as `signed_value`.
+        """
+        entry: dict[str, Any] = {"value": self.shown_value, "standard_uncertainty": self.standard_uncertainty}
+        if self.shown_value != self.value:
+            entry["signed_value"] = self.value
         for name in ("interval_95", "reason", "upper_limit_95", "method"):
             if getattr(self, name):
                 entry[name] = getattr(self, name)

@@ -141,7 +141,7 @@ def _add_parameters(section: ElementTree.Element, parameters: Parameters) -> Non
 def _add(section: ElementTree.Element, name: str, head: tuple[str, str, str], entry: Estimate, note: str = "") -> None:
     short, symbol, unit = head
     parts = {"section": section.tag, "short": short, "symbol": symbol, "unit": unit}
-    parts["value"] = str(None) if entry.value is None else repr(float(entry.value))
+    parts["value"] = str(None) if entry.value is None else repr(float(entry.shown_value or 0.0))
     if entry.value is not None and entry.standard_uncertainty is not None:
         parts["standard_uncertainty"] = repr(float(entry.standard_uncertainty))
         parts["interval_95"] = " ".join(repr(float(end)) for end in entry.interval_95 or ())
