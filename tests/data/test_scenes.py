@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,9 @@ def test_files_are_read_when_they_are_used(tmp_path: Path) -> None:
     for one, other, third in zip(from_files, in_memory, again, strict=True):
         assert (one.noisy == other.noisy).all()
         assert (one.noisy == third.noisy).all()
+    with ThreadPoolExecutor(4) as threads:
+        for pair, index in zip(threads.map(again.__getitem__, range(4)), range(4), strict=True):
+            assert (pair.noisy == in_memory[index].noisy).all()
     assert from_files.describe()["source"]["images"][0]["file"].endswith("a.png")
     assert from_files.describe() == again.describe()
 

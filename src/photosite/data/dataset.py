@@ -37,8 +37,8 @@ MOST_PAIRS = 1 << 32
 class PairDataset(Shown):
     """Pairs of clean and noisy frames; an item is a function of seed and index alone.
 
-    It has `__len__` and `__getitem__`, pickles, and works in other processes, forked or spawned: torch's DataLoader,
-    tf.data and plain loops take it as it is. Items `draws` i to `draws` (i + 1) - 1 share a patch, its light and
+    It has `__len__` and `__getitem__`, pickles, and works in other processes, forked or spawned: torch's DataLoader
+    and plain loops take it as it is. Items `draws` i to `draws` (i + 1) - 1 share a patch, its light and
     sensor. Their noise is independent: item i has frame i of the seed. Images follow one another.
 
     Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from threading import Lock
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
@@ -24,6 +25,7 @@ class Kept(Generic[T]):
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
         self._most_bytes = most_bytes
         self._values: dict[Hashable, tuple[T, int]] = {}
+        self._lock = Lock()
 
     @property
     def names(self) -> list[Hashable]:
@@ -32,14 +34,16 @@ class Kept(Generic[T]):
 
     def get(self, name: Hashable, make: Callable[[], T], bytes_of: Callable[[T], int]) -> T:
         """Return a value, made if it is not kept."""
-        found = self._values.pop(name, None)
-        if found is None:
+        with self._lock:
+            found = self._values.pop(name, None)
+        if found is None:  # two threads may make the same value
             value = make()
             found = value, bytes_of(value)
-        self._values[name] = found
-        while len(self._values) > 1 and sum(size for _, size in self._values.values()) > self._most_bytes:
-            del self._values[next(iter(self._values))]
+        with self._lock:
+            self._values[name] = found
+            while len(self._values) > 1 and sum(size for _, size in self._values.values()) > self._most_bytes:
+                del self._values[next(iter(self._values))]
         return found[0]
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"_most_bytes": self._most_bytes, "_values": {}}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._most_bytes,)
