@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+import photosite as ps
 from photosite.calibration.spatial.periodic_structure import MOSAIC_SHARE, periodic_offsets, periodic_structure
+from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.sensor.readout import digital_numbers
 from photosite.values.cfa import NAMED, shifted
 
 MONO = np.zeros((1, 1), np.int64)
@@ -83,6 +86,21 @@ def test_gains_of_lines_need_a_mosaic_that_tells_them():
     assert quad.by_lines == "columns"
     assert quad.uncertainty < 0.001
     np.testing.assert_allclose(quad.of_channels, [[1.004, 0.996]], atol=6 * quad.uncertainty)
+
+
+def test_greens_that_differ_are_named_where_green_saturates_first():
+    """The brightest level of red and blue shows green saturated, and no difference."""
+    sensor = ps.load_sensor("nikon-d200").with_(rows=48, cols=72, black_level_dn=100)
+    uneven = sensor.with_(readout_channels={"relative_gain": [[1.009, 0.991]]})
+    light = np.where(np.add.outer(np.arange(48), np.arange(72)) % 2 == 1, 1.0, 0.5).astype(np.float32)
+    plan = [("dark", 0.01, 0.0)] * 6 + [("light", 0.01 * n, 7000.0 * n) for n in range(1, 9) for _ in range(3)]
+    frames = [
+        (kind, t, digital_numbers(uneven, level * light, t, seed=1, frame=n)) for n, (kind, t, level) in enumerate(plan)
+    ]
+    found = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor, cfa=sensor.array.cfa))
+    assert any("this mosaic does not tell which" in text for text in found.warnings)
+    assert not any("uneven" in text for text in found.warnings)
+    assert found.readout_channels is None
 
 
 def test_small_differences_of_a_clean_chip_are_found():

@@ -205,7 +205,9 @@ def measure_fixed_pattern(
     slopes = PixelSlopes((reduction.frames.rows, reduction.frames.cols), reader.tile)
     prnu: dict[int, PartsPair] = {}
     spatial: dict[int, SpatialAnalysis | Missing] = {}
-    brightest = max(groups, key=lambda i: lights[i].levels[0].mean, default=None)
+    # A level beyond the linear range of a channel hides differences within it.
+    clear = [i for i in groups if all(i in weights for weights in coefficients if weights)]
+    brightest = max(clear or groups, key=lambda i: lights[i].levels[0].mean, default=None)
     gains: dict[int, Parts | Missing] = {}
     structure = None
     # The readout channels are those of the brightest flat fields, and are taken off the others.
