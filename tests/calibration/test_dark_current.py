@@ -153,6 +153,21 @@ def test_a_drift_widens_the_dark_slope_until_its_interval_holds():
     assert inside[1] == 20
 
 
+def test_a_drift_that_changes_its_direction_is_no_larger_than_it_is():
+    """A random walk of 0.15 DN a frame through 8 groups, and the intervals of the dark slope."""
+    times = tuple(0.01 * 2.0**k for k in range(8))
+    moved, inside = [], 0
+    for seed in range(20):
+        walk = np.cumsum(0.15 * np.random.default_rng([4, seed]).normal(size=64))
+        darks = reduced(seed, lambda g, i, rng, walk=walk: walk[8 * g + i], times, frames=(8,) * 8)
+        change = black_level_change(darks)
+        low, high = dark_lines(darks, None, change).mean.line[1].interval_95
+        moved.append(change.drift)
+        inside += low < 5.0 < high
+    assert 0.4 < np.sqrt(np.mean(np.square(moved))) / (0.15 * np.sqrt(64)) < 1.5
+    assert inside >= 17
+
+
 def test_a_contradiction_needs_more_than_chance():
     """20 clean sets show none; a level that is 1 DN higher at 1 s is found in all."""
     for step, expected in ((0.0, 0), (1.0, 20)):

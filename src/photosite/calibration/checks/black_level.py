@@ -31,23 +31,31 @@ class BlackLevelChange:
     ----------
     shift
         Standard deviation of independent shifts from frame to frame.
-    drift
-        Steady drift over all dark frames together, from the trend within each group.
+    steady, wandering
+        Drift over all dark frames together, from the trends within the groups: their sum, and the root of the sum of
+        their squares, which is that of trends with random signs.
     noise
         Temporal noise of a pixel, DN.
     """
 
     shift: float
-    drift: float
+    steady: float
+    wandering: float
     noise: float
+
+    @property
+    def drift(self) -> float:
+        """Drift over all dark frames together, DN."""
+        return max(self.steady, self.wandering)
 
     def variance(self, frames: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the variance that it adds to the mean of each group, DN^2.
 
-        A drift shifts the groups by amounts that depend on the order of the groups in time, which is not known. They
-        are taken as uniform over the whole drift.
+        A drift shifts the groups by amounts that depend on the order of the groups in time, which is not known. A
+        steady one is taken as uniform over the whole drift, and one of random signs as a random walk, with the two
+        thirds of its variance by which two groups at random times differ from the mean together.
         """
-        return self.shift**2 / frames + self.drift**2 / 12.0
+        return self.shift**2 / frames + max(self.steady**2 / 12.0, self.wandering**2 / 1.5)
 
     def warnings(self) -> list[str]:
         """Return a warning for each kind that is not small."""
@@ -62,7 +70,7 @@ class BlackLevelChange:
         return found
 
 
-STEADY = BlackLevelChange(0.0, 0.0, 0.0)
+STEADY = BlackLevelChange(0.0, 0.0, 0.0, 0.0)
 """No change, or none that the frames show."""
 
 
@@ -75,8 +83,9 @@ def black_level_change(darks: Sequence[GroupStatistics]) -> BlackLevelChange:
     """
     from scipy.special import chdtri, fdtri
 
-    scatter = trend = drift = excess = 0.0
-    freedom = trends = 0
+    scatter = trend = excess = 0.0
+    moved: list[float] = []
+    freedom = 0
     for entry in darks:
         n, means = entry.frames, np.asarray(entry.frame_means)
         level = pooled_level(entry.levels)
@@ -89,18 +98,19 @@ def black_level_change(darks: Sequence[GroupStatistics]) -> BlackLevelChange:
             slope = float(steps @ left) / squares
             left = left - slope * steps
             trend += slope**2 * squares / white
-            drift += abs(slope) * n
-            trends += 1
+            moved.append(slope * n)
         own, square = n - 1 - (n > 2), float(left @ left)
         scatter, freedom = scatter + square / white, freedom + own
         excess += square - own * white
     noise = math.sqrt(max(pooled_level(entry.levels).variance for entry in darks if entry.frames > 1))
     if freedom == 0:
-        return BlackLevelChange(0.0, 0.0, noise)
+        return BlackLevelChange(0.0, 0.0, 0.0, noise)
     shifts = scatter > float(chdtri(freedom, BY_CHANCE)) and excess > 0.0
     rest = (scatter if shifts else max(scatter, freedom)) / freedom
+    trends = len(moved)
     drifts = trends > 0 and trend / trends > float(fdtri(trends, freedom, 1.0 - BY_CHANCE)) * rest
-    return BlackLevelChange(math.sqrt(excess / freedom) if shifts else 0.0, drift if drifts else 0.0, noise)
+    steady, wandering = (abs(math.fsum(moved)), math.hypot(*moved)) if drifts else (0.0, 0.0)
+    return BlackLevelChange(math.sqrt(excess / freedom) if shifts else 0.0, steady, wandering, noise)
 
 
 @dataclass(frozen=True)
