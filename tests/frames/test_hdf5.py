@@ -14,6 +14,8 @@ from photosite.errors import FileError, PhotositeWarning
 from photosite.files import hdf5
 from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
+from photosite.optics.io.tables import load_hdf5
+from photosite.sensor.io.sensor_file import read_maps
 from photosite.values.cfa import cfa_from
 
 
@@ -213,3 +215,31 @@ def test_lists_of_variable_length_are_not_read(tmp_path):
     with pytest.raises(FileError) as caught:
         read_raw(file)
     assert caught.value.where == "/data: kind"
+
+
+def elsewhere(path, name, kind, data):
+    """Write a file whose dataset `name` is in another file."""
+    other = path.with_name("other.h5")
+    with h5py.File(other, "w") as file:
+        file["secret"] = data
+    with h5py.File(path, "w") as file:
+        if kind == "link":
+            file["frames"] = np.zeros((4, 4), np.uint16)
+            file[name] = h5py.ExternalLink("other.h5", "/secret")
+        elif kind == "storage":
+            file.create_dataset(name, data.shape, data.dtype, external=[(str(other), 0, data.nbytes)])
+        else:
+            layout = h5py.VirtualLayout(data.shape, data.dtype)
+            layout[:] = h5py.VirtualSource("other.h5", "secret", data.shape)
+            file.create_virtual_dataset(name, layout)
+
+
+@pytest.mark.parametrize("kind", ["link", "storage", "virtual"])
+@pytest.mark.parametrize(("read", "name"), [(read_raw, "dn"), (read_maps, "offset"), (load_hdf5, "psf")])
+def test_data_in_another_file_are_not_read(tmp_path, kind, read, name):
+    """A file of unknown origin must not show the content of the user's other files."""
+    path = tmp_path / "a.h5"
+    elsewhere(path, name, kind, np.arange(64, dtype=np.uint16).reshape(8, 8))
+    with pytest.raises(FileError) as caught:
+        read(path)
+    assert caught.value.where == f"/{name}"

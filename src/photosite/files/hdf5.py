@@ -11,6 +11,7 @@ import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ class Hdf5File:
         self.datasets: dict[str, Any] = {}
         if _has_heap(path):
             _ = self._texts
+        check_own_data(path, file)
 
         def collect(name: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset):
@@ -115,6 +117,38 @@ def open_hdf5(path: Path) -> Iterator[Hdf5File]:
         raise FileError(
             path, f"cannot be read as HDF5 ({message_of(error)})", hint="Check that the file is complete"
         ) from None
+
+
+def check_own_data(path: str | PathLike[str], file: Any) -> None:
+    """Check that all data of an open file are in this file.
+
+    External links, virtual datasets and external storage name other files, which a file of unknown origin could use to
+    show the content of any file of the user as pixels.
+
+    Raises
+    ------
+    FileError
+        If a link or a dataset names another file.
+    """
+    import h5py
+
+    elsewhere: dict[str, str] = {}
+
+    def note_link(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            elsewhere[name] = "is a link to another file"
+
+    def note_item(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.external is not None:
+            elsewhere[name] = "has its values in another file"
+        if isinstance(item, h5py.Dataset) and item.is_virtual:
+            elsewhere[name] = "is a virtual dataset"
+
+    file.visititems_links(note_link)
+    file.visititems(note_item)
+    for name, what in elsewhere.items():
+        hint = "Copy the data into one file, for example with h5py"
+        raise FileError(path, f"{what}, which is not read", where=f"/{name}", hint=hint)
 
 
 def read_texts(path: str) -> dict[str, dict[str, Any]]:
@@ -176,7 +210,6 @@ def read_numbers(path: Path, data: Any) -> NDArray[np.float64]:
 def check_stored(path: Path, data: Any) -> None:
     """Check that the file is large enough for a dataset's shape."""
     size, stored = math.prod(data.shape) * data.dtype.itemsize, data.id.get_storage_size()
-    contiguous = data.chunks is None and data.external is None
-    if not data.is_virtual and (stored < size if contiguous else size > _HIGHEST_COMPRESSION * stored):
+    if stored < size if data.chunks is None else size > _HIGHEST_COMPRESSION * stored:
         hint = "Check that the file is complete"
         raise FileError(path, f"stores {stored} bytes of {size}", where=data.name, hint=hint)

@@ -20,6 +20,7 @@ from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.groups import group_label
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
+from photosite.files.hdf5 import check_own_data
 from photosite.files.writing import FolderLock, atomic_path
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
@@ -137,6 +138,7 @@ class Checkpoint:
             import h5py
 
             with h5py.File(path, "r") as file:
+                check_own_data(path, file)
                 note = json.loads(file.attrs["progress"])
                 same = note.pop("version") == _VERSION and note.pop("group") == self._identity(group)
                 if same and sums is not None:

@@ -125,8 +125,7 @@ def _read_part(file: Hdf5File, item: Any) -> _Part:
     if item.ndim == 3 and item.shape[2] <= _MOST_COLORS < item.shape[0]:
         hint = "A stack is (frames, rows, cols)"
         raise FileError(path, f"the shape {item.shape} is that of a color picture", where=where, hint=hint)
-    if item.external is None:
-        check_stored(path, item)
+    check_stored(path, item)
     return _Part(item.name.lstrip("/"), item.shape, 8 * item.dtype.itemsize, file.attributes(item, inherited=True))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError, in_file
+from photosite.files.hdf5 import check_own_data
 from photosite.optics.checks import number_array
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.tables import OtfTable, PsfTable
@@ -226,6 +227,7 @@ def load_hdf5(path: Path) -> dict[str, Any]:
     import h5py
 
     with h5py.File(path, "r") as file:
+        check_own_data(path, file)
         psf = file.get("psf")
         if not isinstance(psf, h5py.Dataset):
             raise FileError(path, f"holds no data set 'psf', but {', '.join(file) or 'nothing'}")

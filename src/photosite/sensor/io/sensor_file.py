@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, did_you_mean
+from photosite.files.hdf5 import check_own_data
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
@@ -285,6 +286,7 @@ def read_maps(path: str | PathLike[str]) -> MeasuredChip:
 
     try:
         with h5py.File(path, "r") as file:
+            check_own_data(path, file)
             return _chip(file)
     except FileNotFoundError:
         raise FileError(path, "there is no such file of maps") from None
