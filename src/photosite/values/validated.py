@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from photosite.errors import InputError, did_you_mean
+from photosite.values.limits import check_magnitude
 from photosite.values.shown import short_repr
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -42,7 +43,7 @@ _UNKNOWN_FIELD = "unknown_field"
 
 
 class Section(BaseModel):
-    """Fields of a file: immutable, and without unknown fields."""
+    """Fields of a file: immutable, without unknown fields, and within the limits of the units that they state."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
@@ -67,6 +68,15 @@ class Section(BaseModel):
             raise ValueError(f"a mapping {{{', '.join(fields)}}}")
         reject_unknown(raw, fields)
         return raw
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _check_magnitude(cls, value: Any, info: ValidationInfo) -> Any:
+        name = str(info.field_name)
+        stated = cls.model_fields[name].json_schema_extra
+        if isinstance(stated, dict):
+            check_magnitude(name, value, str(stated.get("unit")))
+        return value
 
 
 def reject_unknown(raw: Mapping[Any, Any], known: Sequence[str], *location: int | str) -> None:
