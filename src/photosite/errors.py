@@ -6,6 +6,7 @@
   known, the line.
 - `CalibrationError`: the frames can be read and the call is valid, but these frames cannot support the result:
   clipped blacks, one exposure time only, frames of mixed size.
+- `WorkerError`: processes or machines that share the work died or were lost, and starting them again did not help.
 - `PhotositeWarning`: the result is valid within a limitation that the user should know: light outside the scene's
   wavelengths, a flat field that never reached saturation.
 
@@ -30,6 +31,7 @@ __all__ = [
     "InputError",
     "PhotositeError",
     "PhotositeWarning",
+    "WorkerError",
 ]
 __dir__ = __all__.copy
 
@@ -242,6 +244,10 @@ class FileError(PhotositeError):
 
 class CalibrationError(PhotositeError):
     """The frames cannot support the result that was asked for."""
+
+
+class WorkerError(PhotositeError):
+    """Worker processes died repeatedly, or the scheduler that they belong to was lost."""
 
 
 class PhotositeWarning(_Fields, UserWarning):

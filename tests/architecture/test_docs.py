@@ -194,3 +194,15 @@ def test_the_example_of_a_scene_file_loads(tmp_path: Path, monkeypatch: pytest.M
     scene = ps.read_scene("field.h5")
     assert scene.shape == (6, 8)
     assert scene.radiance(5, 7) == pytest.approx(np.full(31, 1e15))
+
+
+def test_the_example_of_a_sweep_file_loads(tmp_path: Path) -> None:
+    from photosite.studies.sweep_file import _Measure, _SensorFigures, _Snr, _SweepFile, load_sweep
+
+    (tmp_path / "a.sweep.yaml").write_text(example("sweep"))
+    wanted = load_sweep(tmp_path / "a.sweep.yaml")
+    assert [len(entries) for entries in wanted.values.values()] == [5, 3]
+    assert wanted.camera.optics.f_number == 2.8
+    names = {name for model in (_SweepFile, _Snr, _SensorFigures) for name in model.model_fields}
+    assert names <= fields_in_tables("sweep")
+    assert all(f"Settings of `{name}`" in (DOCS / "formats" / "sweep.md").read_text() for name in _Measure.model_fields)

@@ -76,7 +76,7 @@ import sys
 from test_shards_script import big
 from photosite.data import write_shards
 if __name__ == "__main__":
-    write_shards(big(), sys.argv[1], pairs_per_shard=2, workers=2)
+    write_shards(big(), sys.argv[1], pairs_per_shard=2, processes=2)
 """
 _MODULE = """
 import numpy as np

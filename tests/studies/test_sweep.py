@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import shutil
+import signal
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib import pyplot
+from worker_tasks import noted, noted_sweep
 
 import photosite as ps
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError
 from photosite.studies.gray_surface import electron_rates, total_variance_e2
 
 SENSOR = ps.load_sensor("vendor-2.2um").with_(rows=8, cols=8)
@@ -123,11 +128,11 @@ def test_a_saturated_pixel_has_no_ratio() -> None:
         ({"distance_m": [1.0]}, {}, "field", None),
         ({"name": ["a"]}, {"lens": ps.Lens(ps.DiffractionLimited(4, 50))}, "field", None),
         ({"angle_deg": [(0, 10)]}, {"lens": TWO_TABLES}, "field", None),
-        ({"f_number": [2]}, {"workers": 0}, "workers", None),
+        ({"f_number": [2]}, {"processes": 0}, "processes", None),
         ({"f_number": [2]}, {"measure": lambda _: "bright"}, "measure", None),
         ({"f_number": [2]}, {"measure": lambda _: {"f_number": 1.0}}, "measure", None),
         ({"f_number": [2, 4]}, {"measure": lambda camera: {str(camera.optics.f_number): 1.0}}, "measure", None),
-        ({"f_number": [2, 4]}, {"measure": lambda _: 1.0, "workers": 2}, "measure", "workers=1"),
+        ({"f_number": [2, 4]}, {"measure": lambda _: 1.0, "processes": 2}, "measure", "processes=1"),
     ],
 )
 def test_invalid_calls(values: Any, options: dict[str, Any], what: str, hint: str | None) -> None:
@@ -164,5 +169,34 @@ def test_progress_is_shown_on_standard_error(monkeypatch: pytest.MonkeyPatch, ca
 def test_processes_give_the_same_rows() -> None:
     values = {"pixel_width_um": [0.8, 1.4, 3.0], "f_number": [2, 4]}
     alone = ps.sweep(CAMERA, values, BRIGHT)
-    for workers in (2, None):
-        assert ps.sweep(CAMERA, values, BRIGHT, workers=workers).rows == alone.rows
+    for processes in (2, None):
+        assert ps.sweep(CAMERA, values, BRIGHT, processes=processes).rows == alone.rows
+
+
+APERTURES = {"pixel_width_um": [1.1, 2.2, 3.3], "f_number": [2, 2.8, 4]}
+
+
+def test_a_killed_sweep_resumes_with_the_same_table(tmp_path: Path) -> None:
+    """The process is killed at the fifth camera; the others are not measured again."""
+    notes, measure = tmp_path / "notes", partial(noted, str(tmp_path))
+    notes.mkdir()
+    (tmp_path / "deadly").touch()
+    killed = multiprocessing.get_context("spawn").Process(target=noted_sweep, args=(str(tmp_path), CAMERA, APERTURES))
+    killed.start()
+    killed.join(60)
+    assert killed.exitcode == -signal.SIGKILL
+    assert len(list(notes.iterdir())) == 4
+    shutil.rmtree(notes)
+    notes.mkdir()
+    (tmp_path / "deadly").unlink()
+    with pytest.raises(FileError) as caught:
+        ps.sweep(CAMERA, {"f_number": [2]}, measure, checkpoint=tmp_path / "kept")
+    assert caught.value.what == "holds the results of another sweep"
+    with (tmp_path / "kept" / "results.jsonl").open("a") as stream:
+        stream.write('[4, {"third": 0.1')  # half a line
+    resumed = ps.sweep(CAMERA, APERTURES, measure, checkpoint=tmp_path / "kept")
+    assert len(list(notes.iterdir())) == 5
+    assert repr(ps.sweep(CAMERA, APERTURES, measure, checkpoint=tmp_path / "kept").rows) == repr(resumed.rows)
+    for name, table in (("resumed", resumed), ("whole", ps.sweep(CAMERA, APERTURES, measure))):
+        table.save(tmp_path / f"{name}.csv")
+    assert (tmp_path / "resumed.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()

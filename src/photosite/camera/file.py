@@ -123,6 +123,11 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
     file = Path(path)
     data = read_yaml(file, "a camera file")
     check_version(file, data, VERSION_KEY)
+    return parse_camera(file, data)
+
+
+def parse_camera(file: Path, data: Mapping[str, Any]) -> SetUp:
+    """Return a set-up from the fields of a camera file, or of a section in another file; errors have the line."""
     check_keys(file, data, _KEYS, "a camera file")
     given: dict[str, Any] = {"name": optional_text(file, data, "name")}
     for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", parse_scene), ("exposure", _exposure)):

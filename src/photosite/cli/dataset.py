@@ -103,7 +103,7 @@ _number, _time = _range_of(options.above()), _range_of(options.exposure_time)
     "--format", "shard_format", type=click.Choice(["hdf5", "webdataset"]), default="hdf5", help="Files of the shards."
 )
 @click.option("--pairs-per-shard", type=options.Whole(1), default=64, metavar="N", help="Pairs in a file.")
-@click.option("--workers", type=options.Whole(1), default=1, metavar="N", help="Processes; the files are the same.")
+@options.workers_options()
 @click.option("--licence", default="", metavar="TEXT", help="Licence of the inputs, for the data card.")
 @options.folder_option(options.shared_folder, "Folder to write; an interrupted dataset is resumed.")
 @options.json_option
@@ -113,7 +113,8 @@ def command(
     output: Path,
     shard_format: Any,
     pairs_per_shard: int,
-    workers: int,
+    processes: int,
+    scheduler: str | None,
     licence: str,
     as_json: bool,
     **given: Any,
@@ -139,7 +140,8 @@ def command(
         output,
         shard_format=shard_format,
         pairs_per_shard=pairs_per_shard,
-        workers=workers,
+        processes=processes,
+        scheduler=scheduler,
         licence=licence,
         report=partial(progress, unit="shards"),
     )

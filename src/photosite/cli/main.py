@@ -37,6 +37,7 @@ COMMANDS = {
     "convert": "Reduce a spectral image to a scene of few basis spectra, and write it.",
     "render": "Render a Mitsuba 3 scene to spectral radiance.",
     "simulate": "Simulate a raw frame of a scene.",
+    "sweep": "Measure a camera for all combinations of values of its fields.",
     "dataset": "Write pairs of clean and noisy frames for training.",
     "shoot": "Simulate a measurement: the dark frames and flat fields of a calibration.",
     "plan": "Plan a measurement: frames needed for a precision, precision reached by a protocol.",

@@ -348,6 +348,26 @@ def seed_option(default: int = 0) -> Callable[[F], F]:
     return option("--seed", type=Whole(0, 2**64 - 1), default=default, help="Key of the temporal noise.")
 
 
+def workers_options(processes: int = 1) -> Callable[[F], F]:
+    """Add --processes and --dask, for work that is the same on any number of workers."""
+    return stacked(
+        click.option(
+            "--processes",
+            type=Whole(1),
+            metavar="N",
+            default=processes,
+            help="Local processes; the result is the same.",
+        ),
+        click.option(
+            "--dask",
+            "scheduler",
+            metavar="ADDRESS",
+            help="Dask scheduler, such as tcp://10.0.0.1:8786, whose workers do the work instead (needs the extra "
+            "distributed).",
+        ),
+    )
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, and nothing else.")
 
 

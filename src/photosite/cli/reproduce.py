@@ -187,9 +187,16 @@ def _answer(name: str, given: tuple[float, float] | str, truth: float) -> str:
     help=f"Study this condition only; repeatable. One of {', '.join(CONDITION_NAMES)}.",
 )
 @click.option("--quick", is_flag=True, help=f"Use {QUICK_SENSORS} sensors, which detect large errors only.")
-@click.option("--processes", type=options.Whole(1), default=2, help="Number of worker processes.")
+@options.workers_options(2)
 @options.json_option
-def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, processes: int, as_json: bool) -> None:
+def coverage(
+    sensors: int | None,
+    conditions: tuple[str, ...],
+    quick: bool,
+    processes: int,
+    scheduler: str | None,
+    as_json: bool,
+) -> None:
     """Count how often 95 % intervals contain the truth.
 
     Virtual sensors are drawn, shot and calibrated under several conditions: bright and dim light, few frames, clipped
@@ -217,7 +224,11 @@ def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, proc
     count = sensors or (QUICK_SENSORS if quick else SENSORS)
     stages.stage(f"measuring {count} virtual sensors per condition")
     study = coverage_study(
-        conditions, sensors=count, processes=processes, progress=lambda done, total: stages(done, total, "sensors")
+        conditions,
+        sensors=count,
+        processes=processes,
+        scheduler=scheduler,
+        progress=lambda done, total: stages(done, total, "sensors"),
     )
     show(as_json, study.to_dict(), lambda: _text(study))
 

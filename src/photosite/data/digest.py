@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,10 @@ def described(value: Any) -> Any:
         return {str(name): described(entry) for name, entry in value.items()}
     if isinstance(value, tuple | list):
         return [described(entry) for entry in value]
+    if isinstance(value, partial):
+        return {"function": described(value.func), "arguments": described(value.args), **described(value.keywords)}
+    if callable(value) and hasattr(value, "__qualname__"):
+        return f"{value.__module__}.{value.__qualname__}"
     return repr(value)
 
 

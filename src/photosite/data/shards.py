@@ -8,16 +8,11 @@ from __future__ import annotations
 
 import io
 import json
-import multiprocessing
-import os
 import tarfile
-import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
-from multiprocessing import connection
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -28,6 +23,7 @@ from photosite.data.card import card_text
 from photosite.data.dataset import PairDataset
 from photosite.data.digest import sha256_of
 from photosite.data.pair import Pair
+from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.hdf5 import open_hdf5
 from photosite.files.writing import FolderLock, atomic_path
@@ -91,7 +87,8 @@ def write_shards(
     *,
     shard_format: ShardFormat = "hdf5",
     pairs_per_shard: int = 64,
-    workers: int = 1,
+    processes: int | None = 1,
+    scheduler: str | None = None,
     licence: str = "",
     report: Report | None = None,
 ) -> Path:
@@ -111,8 +108,9 @@ def write_shards(
         tar files with `INDEX.clean.npy`, `INDEX.noisy.npy` and `INDEX.json` for each pair.
     pairs_per_shard
         Pairs in a file; the last may have fewer.
-    workers
-        Processes that write. With more than one, scripts need `if __name__ == "__main__":`.
+    processes, scheduler
+        Number of local processes (None: one for each core), or address of a Dask scheduler, whose workers must see the
+        inputs and the folder under the same names. With several processes, scripts need `if __name__ == "__main__":`.
     licence
         Licence of the inputs, for the card and the manifest; empty: not stated.
     report
@@ -121,10 +119,12 @@ def write_shards(
     Raises
     ------
     InputError
-        If an argument is invalid.
+        If an argument is invalid, or there is no scheduler.
     FileError
         If the folder holds something else, such as another dataset, another process writes to it, or it cannot be
         written.
+    WorkerError
+        If a shard ends its workers.
 
     Examples
     --------
@@ -138,9 +138,8 @@ def write_shards(
     ['CARD.md', 'manifest.json', 'plan.json', 'shard-000000.h5', 'shard-000001.h5', 'shard-000002.h5']
     """
     check_choice("shard_format", shard_format, ShardFormat)
-    for name, value in (("pairs_per_shard", pairs_per_shard), ("workers", workers)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InputError(name, value=value, expected="1 or more")
+    if isinstance(pairs_per_shard, bool) or not isinstance(pairs_per_shard, int) or pairs_per_shard < 1:
+        raise InputError("pairs_per_shard", value=pairs_per_shard, expected="1 or more")
     plan = _Plan(dataset, Path(folder), shard_format, pairs_per_shard)
     try:
         plan.folder.mkdir(exist_ok=True)
@@ -150,7 +149,8 @@ def write_shards(
     try:
         _begin(plan)
         missing = [shard for shard in range(plan.count) if not plan.path(shard).exists()]
-        for done in _written(plan, missing, min(workers, len(missing) or 1)):
+        written = run_tasks(plan.write, missing, processes=processes, scheduler=scheduler, name="shard {}".format)
+        for done, _ in enumerate(written, 1):
             if report is not None:
                 report(plan.count - len(missing) + done, plan.count)
         return _finish(plan, licence)
@@ -162,10 +162,9 @@ def _begin(plan: _Plan) -> None:
     """Check that a folder is empty or holds the beginning of the same dataset; remove what a killed process left."""
     path = plan.folder / PLAN
     known = {PLAN, MANIFEST, CARD}
+    _remove_unfinished(plan.folder)
     for entry in plan.folder.iterdir():
-        if entry.name.startswith((".shard-", ".plan-", ".manifest-", ".CARD-")):
-            entry.unlink()
-        elif entry.name not in known and not entry.name.startswith((".lock", "shard-")):
+        if entry.name not in known and not entry.name.startswith((".lock", "shard-")):
             raise FileError(
                 plan.folder, f"holds '{entry.name}', which is no part of a dataset", hint="Use another folder"
             )
@@ -179,47 +178,15 @@ def _begin(plan: _Plan) -> None:
     _write_json(path, plan.description)
 
 
-def _written(plan: _Plan, shards: list[int], workers: int) -> Iterator[int]:
-    """Write shards, and yield how many are written after each."""
-    if workers == 1:
-        for done, shard in enumerate(shards, 1):
-            plan.write(shard)
-            yield done
-        return
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, spawn, initializer=_keep, initargs=(plan,)) as pool:
-        futures = [pool.submit(_write_one, shard) for shard in shards]
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                future.result()
-                yield done
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-_kept: list[_Plan] = []
-"""The plan of a worker process, sent once."""
-
-
-def _keep(plan: _Plan) -> None:
-    _kept[:] = [plan]
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    """End this process when its parent was killed, which cannot tell it so."""
-    connection.wait([sentinel])
-    os._exit(1)
-
-
-def _write_one(shard: int) -> int:
-    return _kept[0].write(shard)
+def _remove_unfinished(folder: Path) -> None:
+    """Remove the files that killed processes were writing."""
+    for entry in folder.iterdir():
+        if entry.name.startswith((".shard-", ".plan-", ".manifest-", ".CARD-")):
+            entry.unlink()
 
 
 def _finish(plan: _Plan, licence: str) -> Path:
+    _remove_unfinished(plan.folder)
     shards = []
     for shard in range(plan.count):
         path, indices = plan.path(shard), plan.indices(shard)

@@ -138,6 +138,9 @@ def threads_for(items: int) -> Iterator[None]:
 
 prange = numba.prange
 
+THREADS: int = cast(Any, numba).config.NUMBA_NUM_THREADS
+"""Threads of this process: the cores that it may use, or the variable NUMBA_NUM_THREADS."""
+
 T = TypeVar("T", bound=np.generic)
 
 

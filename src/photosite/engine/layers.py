@@ -18,13 +18,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.engine.jit import C64, F32, F64, I64, compiled, prange
+from photosite.engine.jit import C64, F32, F64, I64, THREADS, compiled, prange
 from photosite.engine.resample import Corners, Overlap, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
 from photosite.engine.transfer import Transfer
 
 _STRIP = 256
 """Rows of cells that are resampled at a time."""
-WORKERS = -1
+WORKERS = THREADS
 _MAPS_PER_WARP = 4
 """Maps that are warped together: finding the place is most of the work, and each map needs memory meanwhile."""
 

@@ -33,6 +33,7 @@ FILE_KINDS = {
     "photosite_camera": "a camera file",
     "photosite_protocol": "a protocol of dark frames and flat fields",
     "photosite_spectral": "a spectral protocol",
+    "photosite_sweep": "a sweep file",
 }
 """photosite's own YAML files, by the key that holds the version of the format."""
 

@@ -6,10 +6,8 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -19,6 +17,7 @@ from photosite.calibration.captures import calibrate_captures
 from photosite.calibration.combined import CombinedCalibration, calibrate_combined
 from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
+from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
@@ -192,7 +191,12 @@ class CoverageStudy:
 
 
 def coverage_study(
-    names: Sequence[str] = (), *, sensors: int = 500, processes: int = 2, progress: Progress | None = None
+    names: Sequence[str] = (),
+    *,
+    sensors: int = 500,
+    processes: int | None = 2,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
 ) -> CoverageStudy:
     """Measure many virtual sensors under each condition and count the intervals that contain the truth.
 
@@ -202,20 +206,21 @@ def coverage_study(
         Conditions; all of `CONDITIONS` by default.
     sensors
         Virtual sensors per condition. The standard error of a coverage of 95 % is 1 % with 500 sensors.
-    processes
-        Number of worker processes; the result does not depend on it.
+    processes, scheduler
+        Number of local processes, or address of a Dask scheduler, as for `run_tasks`; the result does not depend on it.
     progress
         Called as sensors are done.
 
     Raises
     ------
     InputError
-        If a condition is unknown, or a number is below 1.
+        If a condition is unknown, a number is below 1, or there is no scheduler.
+    WorkerError
+        If workers die.
     """
     chosen = [condition(name).name for name in names or CONDITIONS]
-    for what, number in (("sensors", sensors), ("processes", processes)):
-        if number < 1:
-            raise InputError(what, value=number, expected="1 or more")
+    if sensors < 1:
+        raise InputError("sensors", value=sensors, expected="1 or more")
     batches = [range(first, min(first + _BATCH, sensors)) for first in range(0, sensors, _BATCH)]
     tasks = [(name, batch) for name in chosen for batch in batches]
     found: dict[str, dict[str, list[Outcome | str]]] = {name: {} for name in chosen}
@@ -223,7 +228,8 @@ def coverage_study(
     warned: dict[str, list[str]] = {name: [] for name in chosen}
     seen: dict[str, Counter[str]] = {name: Counter() for name in chosen}
     done = 0
-    for (name, batch), results in zip(tasks, _work(tasks, processes), strict=True):
+    completed = run_tasks(_measure_batch, tasks, processes=processes, scheduler=scheduler, name=_task_name)
+    for (name, batch), results in zip(tasks, in_order(completed), strict=True):
         for result in results:
             if isinstance(result, str):
                 refused[name].append(result)
@@ -268,17 +274,9 @@ _Result = tuple[dict[str, Outcome | str], tuple[str, ...], tuple[str, ...]] | st
 effects; or why the calibration failed."""
 
 
-def _work(tasks: Sequence[tuple[str, Sequence[int]]], processes: int) -> Iterator[list[_Result]]:
-    if processes == 1:
-        yield from map(_measure_batch, tasks)
-        return
-    # Spawned, because the threads of compiled kernels do not survive a fork.
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        try:
-            yield from pool.map(_measure_batch, tasks)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+def _task_name(task: tuple[str, Sequence[int]]) -> str:
+    name, numbers = task
+    return f"{name}, sensors {numbers[0]} to {numbers[-1]}"
 
 
 def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:

@@ -226,20 +226,54 @@ def compare_sensors(
         raise InputError("sensors", value=sensors, expected="at least one sensor by its label")
     time_s = check_exposure(exposure_s)
     lens = DiffractionLimited(f_number=f_number, focal_length_mm=_FOCAL_LENGTH_MM)
-    facts = {}
-    for label, sensor in sensors.items():
-        rates = electron_rates(Camera(lens, sensor), illuminant)
-        best = int(rates.argmax())
-        if not rates[best] > 0:
-            raise InputError("illuminant", value=illuminant, expected=f"light that sensor '{label}' responds to")
-        if not light_capacity_e(sensor, time_s) > 0:
-            expected = f"short enough that the dark current does not saturate sensor '{label}'"
-            raise InputError("exposure_s", value=exposure_s, expected=expected)
-        facts[label] = SensorFacts(sensor, sensor.channel_names[best], float(rates[best]) * time_s, time_s)
+    facts = {
+        label: _facts(Camera(lens, sensor), time_s, illuminant, f"sensor '{label}'")
+        for label, sensor in sensors.items()
+    }
     dark_e = {label: math.sqrt(float(total_variance_e2(f.sensor, 0.0, time_s))) for label, f in facts.items()}
     lowest = min(0.3 * dark_e[label] / f.electrons_per_cd_m2 for label, f in facts.items())
     grid = np.geomspace(lowest, max(f.saturation_cd_m2 for f in facts.values()), _POINTS)
     return SensorComparison(facts, grid, float(f_number), time_s, f"{illuminant}")
+
+
+def _facts(camera: Camera, time_s: float, illuminant: str | float, name: str) -> SensorFacts:
+    rates = electron_rates(camera, illuminant)
+    best = int(rates.argmax())
+    if not rates[best] > 0:
+        raise InputError("illuminant", value=illuminant, expected=f"light that {name} responds to")
+    if not light_capacity_e(camera.sensor, time_s) > 0:
+        expected = f"short enough that the dark current does not saturate {name}"
+        raise InputError("exposure_s", value=time_s, expected=expected)
+    return SensorFacts(camera.sensor, camera.sensor.channel_names[best], float(rates[best]) * time_s, time_s)
+
+
+def sensor_figures(
+    camera: Camera, *, exposure_s: float = 1 / 15, illuminant: str | float = "3200K"
+) -> dict[str, float]:
+    """Return the figures of a sensor behind its lens as in `compare_sensors`, for `sweep`.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> lens = ps.DiffractionLimited(f_number=2.8, focal_length_mm=4)
+    >>> figures = sensor_figures(ps.Camera(lens, ps.load_sensor("vendor-2.2um")))
+    >>> round(figures["snr10_lux"], 1), round(figures["dynamic_range_db"], 1)
+    (310.9, 46.1)
+    """
+    found: dict[str, Any] = _facts(camera, check_exposure(exposure_s), illuminant, "the sensor").to_dict()
+    return {name: math.nan if (value := found[name]) is None else value for name in _FIGURES}
+
+
+_FIGURES = (
+    "electrons_per_cd_m2",
+    "saturation_capacity_e",
+    "dynamic_range_db",
+    "snr_max_db",
+    "snr10_cd_m2",
+    "snr10_lux",
+    "saturation_cd_m2",
+)
+"""Those of the figures that are no fields of the sensor."""
 
 
 _TITLES = {

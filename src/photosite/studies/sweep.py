@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import itertools
-import multiprocessing
+import json
 import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.errors import InputError, did_you_mean
+from photosite.data.digest import described
+from photosite.engine.workers import run_tasks
+from photosite.errors import FileError, InputError, did_you_mean, message_of
+from photosite.files.writing import FolderLock, atomic_path
 from photosite.scene.scene import Scene
 from photosite.studies.gray_surface import snr
 from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
@@ -73,6 +81,19 @@ class Sweep(Tabular):
         """Return the columns as lists."""
         return self._table().to_dict()
 
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the table as CSV, with a line of names; numbers as Python writes them, none for NaN.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow((*self.fields, *self.measured))
+            writer.writerows(["" if value != value else value for value in row] for row in self.rows)
+
     def plot(self, x: str | None = None, y: str | None = None, ax: Axes | None = None) -> Axes:
         """Draw a measured column against a field, a line for each combination of the other fields.
 
@@ -109,7 +130,9 @@ def sweep(
     measure: Measure = snr,
     *,
     scene: Scene | None = None,
-    workers: int | None = 1,
+    processes: int | None = 1,
+    scheduler: str | None = None,
+    checkpoint: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> Sweep:
     """Measure a camera for all combinations of values of its fields.
@@ -128,9 +151,14 @@ def sweep(
         Function of the camera, or of camera and scene if a scene is given. It returns a number, or several by name.
     scene
         The scene, whose fields can then be varied.
-    workers
+    processes
         Number of processes; None: one for each core. The result does not depend on it. With more than one, `measure`
         must be a function of a module, not of a notebook, and scripts need `if __name__ == "__main__":`.
+    scheduler
+        Address of a Dask scheduler, such as "tcp://10.0.0.1:8786", whose workers measure instead.
+    checkpoint
+        Folder for the results so far. An interrupted sweep resumes from it, with the same rows, when it is called again
+        with the same arguments. The folder stays until the caller removes it.
     progress
         Whether a bar is shown on standard error after two seconds.
 
@@ -139,6 +167,10 @@ def sweep(
     InputError
         If a field is unknown or in several parts of camera or lens, a value is invalid, there are no values, or
         `measure` cannot be sent to other processes or returns something else than numbers.
+    FileError
+        If the checkpoint folder holds something else, such as another sweep, or is in use.
+    WorkerError
+        If a camera ends its workers.
 
     Examples
     --------
@@ -154,12 +186,14 @@ def sweep(
     choices = {name: list(entries) for name, entries in values.items()}
     if not choices or not all(choices.values()):
         raise InputError("values", value=values, expected="a field with its values, such as {'f_number': [2, 4]}")
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise InputError("workers", value=workers, expected="1 or more, or None for the number of cores")
     points = list(itertools.product(*choices.values()))
     task = _Task(camera, scene, tuple(choices), measure)
     task.changed(points[0])  # an unknown field is an error of the call, not of a worker
-    results = _computed(task, points, min(workers or os.cpu_count() or 1, len(points)), progress)
+    alone = scheduler is None and processes == 1
+    if not alone:
+        _check_pickles(task)
+    with nullcontext() if checkpoint is None else _Checkpoint(checkpoint, task, points) as saved:
+        results = _computed(task, points, saved, {"processes": processes, "scheduler": scheduler}, progress)
     names = tuple(results[0])
     if odd := next((found for found in results if tuple(found) != names), None):
         raise InputError("measure", value=tuple(odd), expected=f"a function that always returns {', '.join(names)}")
@@ -169,6 +203,11 @@ def sweep(
         (*map(_cell, point), *(found[name] for name in names)) for point, found in zip(points, results, strict=True)
     )
     return Sweep(tuple(choices), names, rows)
+
+
+def check_point(camera: Camera, point: Mapping[str, Any], scene: Scene | None = None) -> None:
+    """Raise `InputError` if the fields of a camera cannot have these values."""
+    _Task(camera, scene, tuple(point), snr).changed(tuple(point.values()))
 
 
 def _cell(value: Any) -> Cell:
@@ -193,6 +232,10 @@ class _Task:
             except InputError as error:
                 raise error if error.what == _UNKNOWN else error.within(f"{name} = {value}") from None
         return camera, scene
+
+    def name(self, point: Sequence[Any]) -> str:
+        """Return a point's values as text."""
+        return ", ".join(f"{name} = {value}" for name, value in zip(self.names, point, strict=True))
 
     def __call__(self, point: Sequence[Any]) -> dict[str, float]:
         camera, scene = self.changed(point)
@@ -261,30 +304,85 @@ def _replaced(part: Any, name: str, value: Any) -> Any:
     return replace(part, **{inner: _replaced(getattr(part, inner), name, value)})
 
 
-def _computed(task: _Task, points: list[tuple[Any, ...]], workers: int, progress: bool) -> list[dict[str, float]]:
-    from tqdm import tqdm
-
-    bar = {"total": len(points), "unit": " cameras", "delay": _BAR_AFTER_S, "leave": False, "disable": not progress}
-    if workers == 1:
-        return list(tqdm(map(task, points), file=sys.stderr, **bar))
+def _check_pickles(task: _Task) -> None:
     try:
         pickle.dumps(task)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
-        hint = "Define it in a module, or pass workers=1"
+        hint = "Define it in a module, or pass processes=1"
         expected = "a function that other processes can import"
         raise InputError("measure", value=task.measure, expected=expected, hint=hint) from error
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, spawn, initializer=_keep, initargs=(task,)) as pool:
-        return list(tqdm(pool.map(_at, points), file=sys.stderr, **bar))
 
 
-_kept: list[_Task] = []
-"""The task of a worker process, sent once."""
+def _computed(
+    task: _Task, points: list[tuple[Any, ...]], saved: _Checkpoint | None, where: dict[str, Any], progress: bool
+) -> list[dict[str, float]]:
+    from tqdm import tqdm
+
+    found = {} if saved is None else dict(saved.found)
+    missing = [index for index in range(len(points)) if index not in found]
+    completed = run_tasks(task, [points[index] for index in missing], name=task.name, **where)
+    bar = {"total": len(points), "initial": len(found), "unit": " cameras", "delay": _BAR_AFTER_S}
+    for place, result in tqdm(completed, file=sys.stderr, leave=False, disable=not progress, **bar):
+        found[missing[place]] = result
+        if saved is not None:
+            saved.add(missing[place], result)
+    return [found[index] for index in range(len(points))]
 
 
-def _keep(task: _Task) -> None:
-    _kept[:] = [task]
+_RESULTS = "results.jsonl"
 
 
-def _at(point: Sequence[Any]) -> dict[str, float]:
-    return _kept[0](point)
+class _Checkpoint:
+    """A folder with the results of a sweep so far: a line that identifies the sweep, then a line for each camera.
+
+    A process that is killed may leave half a line, which is ignored.
+    """
+
+    def __init__(self, folder: str | PathLike[str], task: _Task, points: list[tuple[Any, ...]]) -> None:
+        self._folder = Path(folder)
+        self._path = self._folder / _RESULTS
+        self.found: dict[int, dict[str, float]] = {}
+        identity = {"photosite": version("photosite"), "sweep": described(task), "points": described(points)}
+        head = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+        try:
+            self._folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise FileError(folder, f"cannot be made: {message_of(error)}") from None
+        self._lock = FolderLock(self._folder)
+        try:
+            self._file = self._opened(json.dumps({"sweep": head}))
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def _opened(self, head: str) -> TextIO:
+        others = [entry.name for entry in self._folder.iterdir() if not entry.name.startswith((".lock", _RESULTS))]
+        if others:
+            raise FileError(self._folder, f"the folder holds {others[0]}", hint="Use an empty folder")
+        lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True) if self._path.exists() else []
+        whole = [line for line in lines if line.endswith("\n")]
+        if whole and whole[0].strip() != head:
+            hint = "Remove the folder, or use the camera, values and measure that it was begun with"
+            raise FileError(self._folder, "holds the results of another sweep", hint=hint)
+        try:
+            self.found = {int(index): dict(result) for index, result in map(json.loads, whole[1:])}
+        except (ValueError, TypeError) as error:
+            raise FileError(self._path, f"is damaged: {message_of(error)}", hint="Remove the folder") from None
+        file = self._path.open("r+" if lines else "w", encoding="utf-8")
+        file.truncate(sum(len(line.encode()) for line in whole))
+        file.seek(0, os.SEEK_END)
+        if not whole:
+            file.write(head + "\n")
+        return file
+
+    def add(self, index: int, result: dict[str, float]) -> None:
+        """Keep the result of a camera."""
+        self._file.write(json.dumps([index, result]) + "\n")
+        self._file.flush()
+
+    def __enter__(self) -> _Checkpoint:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._lock.release()

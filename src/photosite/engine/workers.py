@@ -1,0 +1,339 @@
+"""Tasks on processes of this machine, or on the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import chdir, contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from multiprocessing import connection
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from photosite.errors import InputError, PhotositeError, WorkerError, message_of
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+MOST_DEATHS = 3
+"""Workers that a task may end before it is given up; Dask's `distributed.scheduler.allowed-failures` is the same."""
+
+_AHEAD = 10_000
+"""Tasks that a scheduler holds at a time."""
+
+_CONNECT_S, _END_S = 10.0, 5.0
+
+_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_environment = threading.Lock()
+
+
+def run_tasks(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    *,
+    processes: int | None = 1,
+    scheduler: str | None = None,
+    name: Callable[[Task], str] = str,
+) -> Iterator[tuple[int, Result]]:
+    """Apply a function to tasks; yield the index and the result of each as it completes.
+
+    The task of a worker that dies goes to another one. Closing the iterator, Ctrl-C and an error end local workers at
+    once; on a scheduler, workers complete the task that they are at. Workers end when this process is killed.
+
+    Parameters
+    ----------
+    function
+        Function of a module, or an object that pickles. Each worker gets it once.
+    tasks
+        Arguments of the calls; short, because each passes the scheduler.
+    processes
+        Number of local processes; None: one for each core. 1 runs the tasks in this process. Each process has its
+        share of the cores for threads, unless variables such as NUMBA_NUM_THREADS are set.
+    scheduler
+        Address of a Dask scheduler, such as "tcp://10.0.0.1:8786", on whose workers the tasks run instead, with one
+        thread each, and in the working folder of this process where they have it.
+    name
+        Returns the name of a task in errors.
+
+    Raises
+    ------
+    InputError
+        If `processes` is below 1, or there is no scheduler at the address.
+    WorkerError
+        If a task ended three workers, or the scheduler is lost.
+    Exception
+        What the function raises.
+
+    Examples
+    --------
+    >>> list(run_tasks(abs, [-3, 2]))
+    [(0, 3), (1, 2)]
+    """
+    if processes is not None and (isinstance(processes, bool) or not isinstance(processes, int) or processes < 1):
+        raise InputError("processes", value=processes, expected="1 or more, or None for the number of cores")
+    if scheduler is not None:
+        return _on_scheduler(function, tasks, scheduler, name)
+    count = min(_cores() if processes is None else processes, len(tasks))
+    return (
+        ((index, function(task)) for index, task in enumerate(tasks))
+        if count <= 1
+        else _on_processes(function, tasks, count, name)
+    )
+
+
+def in_order(completed: Iterable[tuple[int, Result]]) -> Iterator[Result]:
+    """Yield results in the order of the tasks.
+
+    Examples
+    --------
+    >>> list(in_order([(1, "b"), (0, "a"), (2, "c")]))
+    ['a', 'b', 'c']
+    """
+    early: dict[int, Result] = {}
+    following = 0
+    for index, result in completed:
+        early[index] = result
+        while following in early:
+            yield early.pop(following)
+            following += 1
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# Local processes
+
+
+class _Process:
+    """A worker process, and the index of the task that it is at; it says "ready" before its first task."""
+
+    def __init__(self, function: Callable[[Any], Any], threads: int) -> None:
+        # Spawned, because the threads of compiled kernels do not survive a fork.
+        context = multiprocessing.get_context("spawn")
+        self.pipe, other = context.Pipe()
+        self.task: int | None = None
+        self.ready = False
+        self._process = context.Process(target=_serve, args=(other, function), daemon=True)
+        with _threads_of_children(threads):
+            self._process.start()
+        other.close()
+
+    def give(self, index: int, task: object) -> None:
+        self.task = index
+        with suppress(OSError):  # that it has died shows when its answer is read
+            self.pipe.send(task)
+
+    def stop(self, *, at_once: bool) -> None:
+        """End the process, or let it end by itself when it is idle."""
+        self.pipe.close()
+        if at_once:
+            self._process.kill()
+
+    def joined(self) -> str:
+        """Wait until the process has ended, by force after some seconds; return how it ended."""
+        self._process.join(_END_S)
+        self._process.kill()
+        self._process.join()
+        code = self._process.exitcode or 0
+        return f"signal {-code}" if code < 0 else f"exit status {code}"
+
+
+def _on_processes(
+    function: Callable[[Task], Result], tasks: Sequence[Task], count: int, name: Callable[[Task], str]
+) -> Iterator[tuple[int, Result]]:
+    threads = max(1, _cores() // count)
+    waiting = deque(range(len(tasks)))
+    deaths: Counter[int | None] = Counter()
+    pool: dict[Any, _Process] = {}
+
+    def start() -> None:
+        worker = _Process(function, threads)
+        pool[worker.pipe] = worker
+
+    def give(worker: _Process) -> None:
+        worker.task = None
+        if waiting:
+            index = waiting.popleft()
+            worker.give(index, tasks[index])
+
+    complete = False
+    try:
+        for _ in range(count):
+            start()
+        left = len(tasks)
+        while left:
+            for pipe in connection.wait(list(pool)):
+                worker = pool[pipe]
+                try:
+                    succeeded, answer = worker.pipe.recv()
+                except (EOFError, OSError):
+                    del pool[pipe]
+                    _note_death(worker, deaths, lambda index: name(tasks[index]))
+                    if worker.task is not None:
+                        waiting.appendleft(worker.task)
+                    start()
+                    continue
+                if not worker.ready:
+                    worker.ready = True
+                    give(worker)
+                    continue
+                if not succeeded:
+                    raise _error_of(answer)
+                index = worker.task
+                assert index is not None
+                give(worker)
+                left -= 1
+                yield index, answer
+        complete = True
+    finally:
+        for worker in pool.values():
+            worker.stop(at_once=not complete)
+        for worker in pool.values():
+            worker.joined()
+
+
+def _note_death(worker: _Process, deaths: Counter[int | None], name: Callable[[int], str]) -> None:
+    """Count a worker that died for its task, or for its start; raise an error if there were too many."""
+    worker.stop(at_once=False)
+    end = worker.joined()
+    deaths[worker.task] += 1
+    if deaths[worker.task] < MOST_DEATHS:
+        return
+    if worker.task is None:
+        hint = "A script needs 'if __name__ == \"__main__\":' around what it does"
+        raise WorkerError(f"{MOST_DEATHS} worker processes died before their first task ({end})", hint=hint)
+    what = f"the task ended {MOST_DEATHS} worker processes ({end})"
+    raise WorkerError(what, where=name(worker.task), hint=_HINT, arguments=_FEWER)
+
+
+_HINT, _FEWER = "If memory is short, use fewer: {processes}", {"processes": 1}
+
+
+def _error_of(answer: tuple[bytes, str]) -> Exception:
+    """Return the exception that a worker sent, with the worker's traceback as a note."""
+    pickled, trace = answer
+    try:
+        error = pickle.loads(pickled)
+    except Exception:
+        return RuntimeError(trace)
+    if not isinstance(error, PhotositeError):
+        error.add_note(f"In a worker process:\n{trace}")
+    return error if isinstance(error, Exception) else RuntimeError(trace)
+
+
+@contextmanager
+def _threads_of_children(threads: int) -> Iterator[None]:
+    """Limit the threads of processes that start in a `with` block: libraries read these variables when they load."""
+    with _environment:
+        missing = [variable for variable in _THREADS if variable not in os.environ]
+        os.environ.update(dict.fromkeys(missing, str(threads)))
+        try:
+            yield
+        finally:
+            for variable in missing:
+                del os.environ[variable]
+
+
+def _serve(pipe: connection.Connection, function: Callable[[Any], Any]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends this one
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    with suppress(EOFError, OSError):  # the parent has closed the pipe
+        pipe.send((True, None))
+        while True:
+            pipe.send_bytes(_answer(function, pipe.recv()))
+
+
+def _answer(function: Callable[[Any], Any], task: object) -> bytes:
+    try:
+        return pickle.dumps((True, function(task)))
+    except Exception as error:
+        trace = traceback.format_exc()
+        try:
+            pickled = pickle.dumps(error)
+        except Exception:
+            pickled = b""
+        return pickle.dumps((False, (pickled, trace)))
+
+
+def _end_with(sentinel: int) -> None:
+    """End this process when its parent was killed, which cannot tell it so."""
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+# Dask
+
+
+def _on_scheduler(
+    function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str, name: Callable[[Task], str]
+) -> Iterator[tuple[int, Result]]:
+    try:
+        dask: Any = importlib.import_module("distributed")
+    except ImportError:
+        hint = "Run pip install '.[distributed]' in the clone, or omit {scheduler}"
+        raise InputError(
+            "a scheduler needs the package distributed", hint=hint, arguments={"scheduler": scheduler}
+        ) from None
+    try:
+        client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        expected, hint = "the address of a Dask scheduler, such as tcp://10.0.0.1:8786", message_of(error)
+        raise InputError("scheduler", value=scheduler, expected=expected, hint=hint) from None
+    try:
+        run, folder = uuid4().hex[:12], os.getcwd()
+        # A task of its own, so that its result is computed again when the workers that hold it die.
+        kept = client.submit(_same, function, key=f"photosite-function-{run}", pure=False)
+        left = iter(range(len(tasks)))
+        places: dict[str, int] = {}
+
+        def submit(index: int) -> Any:
+            key = f"photosite-task-{run}-{index}"
+            places[key] = index
+            return client.submit(_applied, kept, tasks[index], folder, key=key, pure=False)
+
+        first = [submit(index) for _, index in zip(range(_AHEAD), left, strict=False)]
+        completed = dask.as_completed(first, loop=client.loop, with_results=True, raise_errors=False)
+        del first  # the scheduler forgets a task when its future is deleted
+        for future, result in completed:
+            index = places.pop(future.key)
+            if not isinstance(result, _Done):
+                failure = result[1] if isinstance(result, tuple) else result
+                if isinstance(failure, dask.KilledWorker):
+                    what = f"the task ended {failure.allowed_failures + 1} workers ({failure.last_worker.address})"
+                    raise WorkerError(what, where=name(tasks[index]), hint="Their logs may have the reason")
+                if isinstance(failure, Exception):
+                    raise failure
+                raise WorkerError("the scheduler lost the task", where=name(tasks[index]), hint="Run it again")
+            if (following := next(left, None)) is not None:
+                completed.add(submit(following))
+            yield index, result.result
+    finally:
+        client.close()  # cancels what is left
+
+
+def _same(function: Result) -> Result:
+    return function
+
+
+@dataclass(frozen=True)
+class _Done:
+    """A result, which for Dask could otherwise be a description of an error."""
+
+    result: Any
+
+
+def _applied(function: Callable[[Any], Any], task: object, folder: str) -> _Done:
+    from photosite.engine.jit import threads_for  # imported here, because local workers start faster without it
+
+    with threads_for(1), chdir(folder) if os.path.isdir(folder) else nullcontext():
+        return _Done(function(task))
