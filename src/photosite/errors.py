@@ -146,7 +146,7 @@ class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
         return self.hint.format(**written) if self.hint and written else self.hint
 
     def __str__(self) -> str:
-        return self.format()
+        return printable(self.format())
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (type(self), (self.what,), self.fields)
@@ -277,6 +277,24 @@ def _short(value: Any) -> str:
         value = value.item()
     text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
+
+
+_CONTROL = (*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xDC80, 0xDD00))
+_ESCAPES = {code: ascii(chr(code))[1:-1] for code in _CONTROL if chr(code) not in "\t\n"}
+
+
+def printable(text: str) -> str:
+    r"""Return text for a terminal or log: control characters, of file names for example, as Python escapes.
+
+    Tabs and line feeds remain. Characters that change the direction of writing count as control characters, as do the
+    surrogates that stand for bytes of file names that are not UTF-8.
+
+    Examples
+    --------
+    >>> print(printable("a\x1b[31m.dng"))
+    a\x1b[31m.dng
+    """
+    return text.translate(_ESCAPES)
 
 
 def message_of(error: Exception) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shlex
 import subprocess
 import sys
 import warnings
@@ -16,6 +17,7 @@ import photosite as ps
 from photosite.cli import main
 from photosite.cli.main import COMMANDS, load_command
 from photosite.errors import PhotositeWarning
+from photosite.sensor.io.sensor_file import dump_sensor
 
 
 def test_help_names_every_command(photosite: Any) -> None:
@@ -130,3 +132,56 @@ def test_bugs_escape(monkeypatch: pytest.MonkeyPatch) -> None:
     _command_that(monkeypatch, broken)
     with pytest.raises(ZeroDivisionError):
         main.run(["simulate"])
+
+
+def called(*arguments: str, shell: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run the command in a shell; `shell` follows it."""
+    line = f"set -o pipefail; {sys.executable} -m photosite {shlex.join(arguments)} {shell}"
+    return subprocess.run(
+        ["bash", "-c", line],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full and bash")
+def test_output_that_cannot_be_written_is_one_line() -> None:
+    done = called("sensors", "list", shell="> /dev/full")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_reader_that_ends_gets_no_message() -> None:
+    done = called("sensors", "schema", shell="| true")
+    assert done.returncode in (0, 1)
+    assert done.stderr == ""
+
+
+def test_characters_that_the_encoding_lacks_are_escaped() -> None:
+    done = called("sensors", "check", "µ€.yaml", PYTHONIOENCODING="latin-1")
+    assert done.returncode == 2
+    assert "\\u20ac" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, f"{'a' * 300}/b"])
+def test_names_that_the_system_refuses_are_one_line(photosite: Any, name: str) -> None:
+    shown = photosite("calibrate", name)
+    assert shown.status == 2
+    assert shown.err.count("\n") == 1
+    assert len(shown.err) < 500
+
+
+def test_control_characters_do_not_reach_the_terminal(photosite: Any, tmp_path: Any) -> None:
+    """An escape sequence in a file's name, in its content, and in what a command reports of it."""
+    path = tmp_path / "a\x1b]0;title\x07.sensor.yaml"
+    path.write_text('photosite_sensor: 1\n"na\\e[31mme": 1\n')
+    shown = photosite("sensors", "check", str(path))
+    assert shown.status == 2
+    assert not set(shown.err) & {"\x1b", "\x07"}
+    sensor = tmp_path / "named.sensor.yaml"
+    sensor.write_text(dump_sensor(ps.load_sensor("nikon-d200")).replace("name: ", 'name: "\\e[31mred" #', 1))
+    shown = photosite("sensors", "show", str(sensor))
+    assert "\x1b" not in shown.out

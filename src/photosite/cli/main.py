@@ -5,8 +5,11 @@ A command's module is imported only when that command runs, so that `photosite -
 
 from __future__ import annotations
 
+import errno
 import importlib
+import io
 import keyword
+import os
 import re
 import signal
 import sys
@@ -20,13 +23,17 @@ import click
 
 import photosite
 from photosite.cli.command import Group, spelling_of_current_command
-from photosite.errors import PhotositeError, PhotositeWarning
+from photosite.errors import PhotositeError, PhotositeWarning, printable
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells return."""
 EXIT_TERMINATED = 143
 """128 + SIGTERM."""
+EXIT_BROKEN_PIPE = 1
+"""As click ends where the reader of the output has gone."""
+
+_LONGEST_PATH = 200
 
 
 COMMANDS = {
@@ -98,7 +105,17 @@ def cli() -> None:
 def main() -> NoReturn:
     """Run the console script."""
     signal.signal(signal.SIGTERM, _terminated)
-    sys.exit(run(sys.argv[1:]))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal's encoding may lack characters of names and units
+            stream.reconfigure(errors="backslashreplace")
+    status = run(sys.argv[1:])
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # What is left in the buffer would fail once more when the interpreter ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = status or _fail_of_system(error)
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -127,6 +144,10 @@ def run(arguments: Sequence[str]) -> int:
         except (KeyboardInterrupt, click.Abort):
             click.echo("photosite: interrupted", err=True)
             return EXIT_INTERRUPTED
+        except OSError as error:
+            return _fail_of_system(error)
+        except MemoryError:
+            return _fail("the memory is not sufficient; close other programs, or take a smaller input")
     return int(status) if isinstance(status, int) else 0
 
 
@@ -176,8 +197,19 @@ def _fail(message: str) -> int:
     return EXIT_BAD_INPUT
 
 
+def _fail_of_system(error: OSError) -> int:
+    """Report an error of the operating system; a reader of the output that has ended, as `head`, needs no message."""
+    if isinstance(error, BrokenPipeError):
+        return EXIT_BROKEN_PIPE
+    message = error.strerror or str(error)
+    if error.filename is None:
+        return _fail(f"the output cannot be written: {message}" if error.errno == errno.ENOSPC else message)
+    place = os.fsdecode(error.filename)
+    return _fail(f"{place if len(place) <= _LONGEST_PATH else f'{place[:_LONGEST_PATH]}...'}: {message}")
+
+
 def _one_line(message: str) -> str:
-    return " ".join(message.split())
+    return printable(" ".join(message.split()))
 
 
 def _terminated(signum: int, frame: FrameType | None) -> NoReturn:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from photosite.errors import PhotositeWarning
+from photosite.errors import PhotositeWarning, printable
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -40,9 +40,9 @@ def show(as_json: bool, content: Mapping[str, Any], text: Callable[[], str], **w
     _clear_clock()
     files = {name: str(path) for name, path in written.items() if path is not None}
     if as_json:
-        click.echo(json.dumps({**content, **files}, allow_nan=False, ensure_ascii=False, default=_plain))
+        click.echo(json.dumps({**content, **files}, allow_nan=False, default=_plain))
     else:
-        click.echo("\n".join([text(), *(f"wrote {path}" for path in files.values())]))
+        click.echo(printable("\n".join([text(), *(f"wrote {path}" for path in files.values())])))
 
 
 def _plain(value: Any) -> Any:
@@ -109,7 +109,7 @@ def listed(heading: str, lines: Iterable[str]) -> str:
 def say(message: str) -> None:
     """Print a line on standard error."""
     _clear_clock()
-    click.echo(message, err=True)
+    click.echo(printable(message), err=True)
 
 
 def say_if_compiling() -> None:
@@ -152,7 +152,7 @@ def working(what: str) -> Iterator[None]:
         while not done.wait(wait_s):
             if not _TERMINAL["bar"]:
                 wait_s, _TERMINAL["clock"] = 1.0, True
-                sys.stderr.write(f"\r{what}: working, {time.monotonic() - begun:.0f} s\033[K")
+                sys.stderr.write(f"\r{printable(what)}: working, {time.monotonic() - begun:.0f} s\033[K")
                 sys.stderr.flush()
 
     clock = Thread(target=show_time, daemon=True)
