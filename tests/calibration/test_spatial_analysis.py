@@ -1,6 +1,9 @@
 """Profiles, spectrograms, histograms and outlier pixels of planes with known patterns."""
 
+import gc
 import json
+import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -240,3 +243,21 @@ def test_outlier_pixels_are_found_and_ordinary_ones_are_not():
     given = outlier_pixels([plane], [0.0], [(places, places)], threshold=5.0)
     assert len(given.row) == np.sum(np.abs(plane) > 5.0)
     assert given.rule == "set by the user"
+
+
+def test_patterns_survive_pickling_and_release_the_mean_frames():
+    dark, light = frames_of(np.random.default_rng(1))
+    plain, sent = spatial_analysis(planes(dark), planes(light)), spatial_analysis(planes(dark), planes(light))
+    sent = pickle.loads(pickle.dumps(sent))
+    for kind in ("dark", "light"):
+        first, second = getattr(plain, kind), getattr(sent, kind)
+        assert first.horizontal.power.tobytes() == second.horizontal.power.tobytes()
+        assert first.outliers.row.tolist() == second.outliers.row.tolist()
+    kept, references = np.array(dark), [dark]
+    found = spatial_analysis(planes(kept), Missing("no light"))
+    references[0] = weakref.ref(kept)
+    del kept
+    assert references[0]() is not None
+    found.compute()
+    gc.collect()
+    assert references[0]() is None

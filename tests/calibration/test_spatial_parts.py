@@ -11,13 +11,17 @@ from photosite.calibration.spatial.nonuniformity import (
     high_pass,
     line_gain,
     pixel_gain,
-    split_parts,
+    site_parts,
     without_neighbors,
 )
 from photosite.values.uncertain import Missing, Uncertain
 
 NONE = Uncertain(0.0)
 NO_NOISE = TemporalParts(NONE, NONE, NONE)
+
+
+def whole_parts(plane, noise, *, filtered):
+    return site_parts(plane, (0, 0), (1, 1), noise, filtered=filtered)
 
 
 def test_high_pass_matches_scipy():
@@ -46,7 +50,7 @@ def test_unfiltered_parts_match_the_standard():
     total, cav, rav = plane.var(ddof=1), plane.mean(0).var(), plane.mean(1).var()
     m, n = rows, cols
     d = m * n - m - n
-    parts = split_parts(plane, NO_NOISE, filtered=False)
+    parts = whole_parts(plane, NO_NOISE, filtered=False)
     assert parts.column.value == pytest.approx((m * n - n) / d * cav - n / d * (total - rav), rel=4e-3)
     assert parts.row.value == pytest.approx((m * n - m) / d * rav - m / d * (total - cav), rel=4e-3)
     assert parts.pixel.value == pytest.approx(m * n / d * (total - cav - rav), rel=4e-3)
@@ -61,7 +65,7 @@ def test_unfiltered_parts_match_the_analysis_of_variance():
     pixel = (residual**2).sum() / ((rows - 1) * (cols - 1))
     column = (rows * plane.mean(0).var(ddof=1) - pixel) / rows
     row = (cols * plane.mean(1).var(ddof=1) - pixel) / cols
-    parts = split_parts(plane, NO_NOISE, filtered=False)
+    parts = whole_parts(plane, NO_NOISE, filtered=False)
     for name, value in (("pixel", pixel), ("column", column), ("row", row), ("total", pixel + row + column)):
         assert getattr(parts, name).value == pytest.approx(value, rel=1e-12)
 
@@ -79,7 +83,7 @@ def test_parts_are_unbiased_and_covered(filtered, truth):
     for _ in range(200):
         plane = rng.normal(0, pixel, (60, 80)) + rng.normal(0, column, 80) + rng.normal(0, row, (60, 1))
         noise = rng.normal(0, 0.5, plane.shape)
-        parts = split_parts(plane + noise, TemporalParts(Uncertain.of(0.25), NONE, NONE), filtered=filtered)
+        parts = whole_parts(plane + noise, TemporalParts(Uncertain.of(0.25), NONE, NONE), filtered=filtered)
         for name, values in found.items():
             part = getattr(parts, name)
             values.append((part.value, part.standard_uncertainty))
@@ -96,8 +100,8 @@ def test_filter_removes_shading():
     rng = np.random.default_rng(5)
     y, x = np.mgrid[-1:1:200j, -1:1:300j]
     plane = 1000.0 * (1 - 0.2 * (x**2 + y**2)) + rng.normal(0, 2.0, x.shape)
-    assert split_parts(plane, NO_NOISE, filtered=True).total.value == pytest.approx(4.0, rel=0.03)
-    assert split_parts(plane, NO_NOISE, filtered=False).total.value > 1000.0
+    assert whole_parts(plane, NO_NOISE, filtered=True).total.value == pytest.approx(4.0, rel=0.03)
+    assert whole_parts(plane, NO_NOISE, filtered=False).total.value > 1000.0
 
 
 def test_each_site_of_a_mosaic_is_a_separate_plane():
@@ -126,7 +130,7 @@ def test_pixels_that_share_charge_with_neighbors_make_no_rows_and_columns(filter
         own = rng.standard_normal((98, 130))
         shared = own[:-2, 1:-1] + own[2:, 1:-1] + own[1:-1, :-2] + own[1:-1, 2:]
         plane = (1 - 4 * a) * own[1:-1, 1:-1] + a * shared
-        parts = split_parts(plane, NO_NOISE, filtered=filtered)
+        parts = whole_parts(plane, NO_NOISE, filtered=filtered)
         after = without_neighbors(parts, plane.shape, (correlation, correlation), filtered=filtered)
         assert after.total.value == parts.total.value == pytest.approx(sum(part.value for part in after.values[1:]))
         plain.append((parts.row.value, parts.column.value))

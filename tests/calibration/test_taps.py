@@ -33,8 +33,8 @@ def stepped(values, level):
 def test_patterns_without_a_step(pattern):
     rng = np.random.default_rng(1)
     for _ in range(40):
-        assert find_taps([frame(rng, **pattern)]) is None
-        assert find_taps([frame(rng, **pattern)], dark=True) is None
+        assert find_taps(frame(rng, **pattern)) is None
+        assert find_taps(frame(rng, **pattern), dark=True) is None
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_patterns_without_a_step(pattern):
 def test_taps_are_named_with_their_levels(sign, names):
     rng = np.random.default_rng(2)
     for size in rng.uniform(0.01, 0.03, 5):
-        taps = find_taps([stepped(frame(rng, column=0.001, shading=0.1), 0.5 * size * sign)])
+        taps = find_taps(stepped(frame(rng, column=0.001, shading=0.1), 0.5 * size * sign))
         assert taps is not None
         assert list(taps.named) == names
         assert taps.step == pytest.approx(size, abs=5.0 * taps.uncertainty)
@@ -57,7 +57,7 @@ def test_taps_are_named_with_their_levels(sign, names):
 def test_small_steps_of_a_clean_chip_are_found():
     rng = np.random.default_rng(3)
     level = 0.5 * 0.004 * np.array([[-1.0, 1.0], [-1.0, 1.0]])
-    found = [find_taps([stepped(frame(rng, shape=(192, 240), pixel=0.008), level)]) for _ in range(20)]
+    found = [find_taps(stepped(frame(rng, shape=(192, 240), pixel=0.008), level)) for _ in range(20)]
     assert sum(taps is not None for taps in found) >= 19
 
 
@@ -65,14 +65,14 @@ def test_waves_are_no_taps():
     rng = np.random.default_rng(6)
     for phase in np.linspace(0.0, 6.0, 12):
         wave = 0.01 * np.sin(2.0 * np.pi * np.arange(96) / 13.0 + phase)
-        assert find_taps([frame(rng, pixel=0.002) + wave]) is None
+        assert find_taps(frame(rng, pixel=0.002) + wave) is None
 
 
 def test_a_step_elsewhere_is_no_tap():
     rng = np.random.default_rng(4)
     values = frame(rng)
     values[:, 30:] += 0.02
-    assert find_taps([values]) is None
+    assert find_taps(values) is None
 
 
 def stack(gain, offset_dn):

@@ -22,7 +22,7 @@ from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
+from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
@@ -113,6 +113,9 @@ def calibrate(
         calibration = replace(assemble(reduction, dark, light, patterns, sensor), converter=converter)
         calibration = replace(calibration, charge_transfer=measure_charge_transfer(reduction.frames, calibration))
         if maps:
+            for pattern in calibration.spatial.values():
+                if isinstance(pattern, SpatialAnalysis):
+                    pattern.compute()  # releases the mean frames
             calibration = _with_maps(reduction.frames, dark, calibration, progress)
         if saved is not None:
             saved.remove()

@@ -20,6 +20,7 @@ from scipy.signal import savgol_filter
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
+from photosite.engine.site_planes import count_numbers
 from photosite.sensor.effects.converter_error import ConverterError
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -138,9 +139,8 @@ def measure_converter(reduction: Reduction, reader: FrameReader) -> ConverterCod
     reader.expect(sum(min(each, entry.frames) for entry in chosen))
     densities = []
     for entry in chosen:
-        counts = np.zeros((2, reader.white + 1), np.int64)
-        for n, source in enumerate(reader.used_sources(entry.group)[:each]):
-            counts[n % 2] += np.bincount(source.read().ravel(), minlength=reader.white + 1)
+        found = np.array(reader.each(reader.used_sources(entry.group)[:each], count_numbers))[:, : reader.white + 1]
+        counts = np.stack([found[half::2].sum(axis=0) for half in (0, 1)])
         densities.append(Density(counts, min(math.sqrt(level.variance) for level in entry.levels)))
     return converter_codes(densities, (min(levels), max(levels)))
 

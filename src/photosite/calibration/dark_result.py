@@ -61,12 +61,23 @@ class GroupMean:
     exposure_s: float
 
     @classmethod
-    def of(cls, reader: FrameReader, statistics: GroupStatistics, mean: MeanFrame, scatter: float) -> GroupMean:
-        """Read some frames of the group again for the sums of their rows and columns (`mean_frame_parts`)."""
+    def of(
+        cls,
+        reader: FrameReader,
+        statistics: GroupStatistics,
+        mean: MeanFrame,
+        scatter: float,
+        values: NDArray[np.float64] | None = None,
+    ) -> GroupMean:
+        """Read some frames of the group again for the sums of their rows and columns (`mean_frame_parts`).
+
+        `values` is the result of `mean.mean()`, where it is known.
+        """
         noise = mean_frame_parts(reader, statistics, scatter)
         total = [mean_frame_noise(level, scatter) for level in statistics.levels]
         rounding = [level.rounding_pixel for level in statistics.levels]
-        return cls(statistics, mean.mean(), mean.labels, noise, total, rounding, statistics.group.exposure_s)
+        values = mean.mean() if values is None else values
+        return cls(statistics, values, mean.labels, noise, total, rounding, statistics.group.exposure_s)
 
     def parts(self, channel: int) -> PartsPair:
         """Return the parts of a channel."""

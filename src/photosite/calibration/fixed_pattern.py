@@ -47,6 +47,7 @@ from photosite.calibration.spatial.spatial_analysis import (
     SpatialAnalysis,
     spatial_analysis,
 )
+from photosite.engine.site_planes import mean_of_sites
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
 
@@ -175,9 +176,11 @@ def measure_fixed_pattern(
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
     dark_mean = np.zeros((reduction.frames.rows, reduction.frames.cols)) if dark.mean is None else dark.mean.mean
-    taps = _found([None if dark.mean is None else find_taps(_sites(dark_mean, reader.tile), dark=True)])
+    taps = _found(
+        [None if dark.mean is None else find_taps(mean_of_sites(dark_mean, None, reader.tile.shape), dark=True)]
+    )
     offsets = None if dark.mean is None or dark.clipped is not None else periodic_offsets(dark_mean)
-    far = [None if dark.mean is None else find_far_pixels("DSNU", _sites(dark_mean, reader.tile))]
+    far = [None if dark.mean is None else find_far_pixels("DSNU", dark_mean, reader.tile.shape)]
     # Offsets in DN
     readout = measured_channels(None, offsets, taps, Uncertain(1.0))
     patterns = _dark_patterns(reduction, dark, half, reader, readout)
@@ -212,16 +215,16 @@ def measure_fixed_pattern(
     structure = None
     # The readout channels are those of the brightest flat fields, and are taken off the others.
     for i in sorted(groups, key=lambda i: i != brightest):
-        mean = reader.mean(lights[i].group)
+        mean, values = reader.mean(lights[i].group), None
         if i == brightest:
-            bright = mean.mean()
+            bright = values = mean.mean()
             structure = periodic_structure(bright, dark_mean, reader.tile)
-            taps = _found([*taps, find_taps(_relative(bright - dark_mean, reader.tile))])
+            taps = _found([*taps, find_taps(mean_of_sites(bright, dark_mean, reader.tile.shape, relative=True))])
             readout = measured_channels(structure, offsets, taps, Uncertain(1.0))
         slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
             continue
-        flat = GroupMean.of(reader, lights[i], mean, dark.scatter)
+        flat = GroupMean.of(reader, lights[i], mean, dark.scatter, values)
         if light.noise.flicker is not None:
             flat = replace(flat, noise=[parts.with_bands() for parts in flat.noise])
         if charge is not None:
@@ -271,7 +274,7 @@ def measure_fixed_pattern(
         result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
-    far.append(find_far_pixels("PRNU", _sites(slopes.slopes, reader.tile)))
+    far.append(find_far_pixels("PRNU", slopes.slopes, reader.tile.shape))
     return FixedPatterns(tuple(result), structure, offsets, taps, _found(far))
 
 
@@ -292,19 +295,6 @@ def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, 
 
 def _found(findings: Sequence[T | None]) -> tuple[T, ...]:
     return tuple(found for found in findings if found is not None)
-
-
-def _sites(values: NDArray[np.float64], tile: NDArray[np.int64]) -> list[NDArray[np.float64]]:
-    """Return the maps of each site of the tile, of one size."""
-    rows, cols = (length // of_tile for length, of_tile in zip(values.shape, tile.shape, strict=True))
-    return [values[r :: tile.shape[0], c :: tile.shape[1]][:rows, :cols] for r, c in np.ndindex(*tile.shape)]
-
-
-def _relative(signal: NDArray[np.float64], tile: NDArray[np.int64]) -> list[NDArray[np.float64]]:
-    """Return the maps of each site, each over its mean; none where a site has no light."""
-    sites = _sites(signal, tile)
-    means = [float(site.mean()) for site in sites]
-    return [site / mean for site, mean in zip(sites, means, strict=True)] if min(means) > 0.0 else []
 
 
 def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int | Missing:

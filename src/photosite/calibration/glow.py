@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.block_means import block_means
 from photosite.sensor.effects.glow import Glow, Place
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -119,7 +120,8 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
     if min(rows, cols) < LEAST_SIDE:
         return None
     side = max(2, -(-max(rows, cols) // MOST_BLOCKS))
-    values = _block_means(rate_dn_per_s, side)
+    # One spread for all blocks, which are small
+    values = block_means(rate_dn_per_s, side, CLIPPED * 1.4826)
     y, count = values.ravel(), values.size
     decays = np.geomspace(side, 0.5 * max(rows, cols), _DECAYS)
     maps = _maps(tuple(decays), (rows, cols), side)
@@ -156,17 +158,6 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
         Estimate.of(gain if isinstance(gain, Missing) else peak / gain, _METHOD),
         Estimate.of(decay, _METHOD, interval_95=(low, high)),
     )
-
-
-def _block_means(values: Array, side: int) -> Array:
-    """Return the means of blocks of side x side pixels without outliers."""
-    rows, cols = (length // side for length in values.shape)
-    blocks = values[: rows * side, : cols * side].reshape(rows, side, cols, side).swapaxes(1, 2).reshape(rows, cols, -1)
-    middle = np.median(blocks, axis=2, keepdims=True)
-    # One spread for all blocks, which are small
-    reach = CLIPPED * 1.4826 * float(np.median(np.abs(blocks - middle)))
-    kept = np.abs(blocks - middle) <= reach
-    return np.asarray((blocks * kept).sum(axis=2) / np.maximum(kept.sum(axis=2), 1))
 
 
 @lru_cache(maxsize=2)

@@ -1,4 +1,4 @@
-"""Statistics of maps and single frames: line means and sums, moments, residuals, smoothing, scaled sums.
+"""Statistics of maps and single frames: line sums, moments, residuals, smoothing, scaled sums.
 
 Sums are accumulated in a fixed order, in lanes that become vector instructions, so that a result does not depend on the
 number of threads. A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its color
@@ -18,15 +18,13 @@ from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
 
 _LANES = 32
 _LABEL_LANES = 64
-_BAND = 32
-"""Rows that a thread processes at a time."""
-
 LONGEST_LINE = 1 << 16
 """Pixels of a row or column, so that a sum of 16-bit numbers stays below 2^32."""
 
 
 @compiled()
-def _row_sum(values: F64, lanes: F64) -> float:
+def row_sum(values: F64, lanes: F64) -> float:
+    """Return the sum of a line; `lanes` is memory for 32 partial sums."""
     lanes[:] = 0.0
     whole = np.uint64(values.size) // np.uint64(_LANES) * np.uint64(_LANES)
     for first in range(np.uint64(0), whole, np.uint64(_LANES)):
@@ -38,35 +36,6 @@ def _row_sum(values: F64, lanes: F64) -> float:
     for j in range(whole, np.uint64(values.size)):
         total += values[j]
     return total
-
-
-@compiled(parallel=True)
-def _line_sums(values: F64, rows_out: F64, bands_out: F64) -> None:
-    rows, cols = values.shape
-    for band in prange(bands_out.shape[0]):
-        lanes = np.empty(_LANES)
-        columns = bands_out[band]
-        for r in range(band * _BAND, min(rows, (band + 1) * _BAND)):
-            row = values[r]
-            rows_out[r] = _row_sum(row, lanes)
-            for c in range(cols):
-                columns[c] += row[c]
-
-
-def line_means(values: F64) -> tuple[float, F64, F64]:
-    """Return the mean of a map (rows, cols), C-contiguous, of each row and of each column.
-
-    Examples
-    --------
-    >>> mean, rows, cols = line_means(np.array([[1.0, 2.0], [3.0, 6.0]]))
-    >>> mean, rows.tolist(), cols.tolist()
-    (3.0, [1.5, 4.5], [2.0, 4.0])
-    """
-    rows, cols = values.shape
-    row_sums = np.empty(rows)
-    bands = np.zeros((-(-rows // _BAND), cols))
-    _line_sums(values, row_sums, bands)
-    return float(row_sums.sum()) / values.size, row_sums / cols, bands.sum(axis=0) / rows
 
 
 @compiled(parallel=True)
@@ -201,11 +170,12 @@ def label_pixels(shape: tuple[int, ...], labels: NDArray[np.integer]) -> I64:
 
 @dataclass(frozen=True)
 class Moments:
-    """Mean, unbiased variance and fourth central moment over the pixels of one label."""
+    """Mean, unbiased variance, and third and fourth central moments over the pixels of one label."""
 
     pixels: int
     mean: float
     variance: float
+    third: float
     fourth: float
 
 
@@ -232,7 +202,7 @@ def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tup
         if not final:
             center = center + powers[:, 0] / counts
     return tuple(
-        Moments(int(n), float(c), float(p[1] / (n - 1)) if n > 1 else 0.0, float(p[3] / n))
+        Moments(int(n), float(c), float(p[1] / (n - 1)) if n > 1 else 0.0, float(p[2] / n), float(p[3] / n))
         for n, c, p in zip(counts, center, powers, strict=True)
     )
 

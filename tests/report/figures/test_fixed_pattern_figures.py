@@ -106,10 +106,12 @@ def test_profiles_are_drawn(spatial):
     assert [axes.get_title("left") for axes in (above, below)] == ["light − dark", "dark"]
 
 
-def test_profiles_without_light(spatial):
+def test_profiles_without_light():
     from dataclasses import replace
 
-    assert len(profiles_figure(replace(spatial["R"], light=Missing("no light"))).axes) == 2
+    noise = TemporalParts(Uncertain(0.05), Uncertain(0.0), Uncertain(0.0))
+    dark = MeanPlanes.of(np.random.default_rng(1).normal(64.0, 0.4, (120, 144)), TILE, 0, 20, 0.01, noise)
+    assert len(profiles_figure(spatial_analysis(dark, Missing("no light"))).axes) == 2
 
 
 def test_histograms_with_the_normal_distribution(spatial):

@@ -29,6 +29,7 @@ from photosite.calibration.gain_series.series_statistics import (
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.reduction.frame_reader import Progress
+from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
@@ -116,7 +117,11 @@ def calibrate_series(
                 progress(done, total)
 
         sums = None if checkpoint is None else Path(checkpoint) / f"gain{setting:g}"
-        steps.append(GainStep(setting, calibrate(part, base, progress=report, checkpoint=sums)))
+        calibration = calibrate(part, base, progress=report, checkpoint=sums)
+        for pattern in calibration.spatial.values():
+            if isinstance(pattern, SpatialAnalysis):
+                pattern.compute()  # releases the mean frames of this setting
+        steps.append(GainStep(setting, calibration))
     return analyse_series(steps, base, where)
 
 

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+
+T = TypeVar("T")
 
 Progress = Callable[[int, int], None]
 """Called with (frames read, frames to read) after each frame."""
@@ -168,6 +170,21 @@ class FrameReader:
     def used_sources(self, group: FrameGroup) -> list[FrameSource]:
         """Return the frames of a group that entered its sums, in their order."""
         return [group.frames[i] for i in self._used[id(group)]]
+
+    def each(self, sources: Iterable[FrameSource], function: Callable[[NDArray[np.unsignedinteger]], T]) -> list[T]:
+        """Return a function of each frame, in their order; frames are read, and the function called, in threads."""
+
+        def result(source: FrameSource) -> T:
+            return function(source.read())
+
+        futures = []
+        for source in sources:
+            if source.thread_safe:
+                futures.append(self._threads.submit(result, source))
+            else:
+                futures.append(Future())
+                futures[-1].set_result(result(source))
+        return [future.result() for future in futures]
 
     def _unread(self, group: FrameGroup) -> tuple[FrameSource, ...]:
         """Return the frames of a group that the checkpoint does not contain."""

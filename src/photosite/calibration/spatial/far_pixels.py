@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from photosite.engine.site_planes import far_sums, spaced_values
 
 _Array = NDArray[np.float64]
 
@@ -43,28 +46,36 @@ class FarPixels:
         )
 
 
-def find_far_pixels(what: str, maps: Sequence[_Array]) -> FarPixels | None:
-    """Return the pixels that lie far from those of their own map; None unless they make a fifth of the variance.
+def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -> FarPixels | None:
+    """Return the pixels that lie far from those of their own site; None unless they make a fifth of the variance.
+
+    Parameters
+    ----------
+    what
+        The nonuniformity that the map gives.
+    values
+        (rows, cols) map.
+    tile
+        Rows and columns of the color filter array's tile. Lines beyond the last whole tile are left out.
 
     Examples
     --------
     >>> offsets = np.random.default_rng(1).normal(size=(100, 100))
-    >>> find_far_pixels("DSNU", [offsets])
+    >>> find_far_pixels("DSNU", offsets)
     >>> offsets[:, 7] = 30
-    >>> found = find_far_pixels("DSNU", [offsets])
+    >>> found = find_far_pixels("DSNU", offsets)
     >>> found.count, round(found.share, 2)
     (100, 0.9)
     """
-    count, far, whole = 0, 0.0, 0.0
-    for values in maps:
-        low, middle, high = np.percentile(values.ravel()[:: 1 + values.size // _SAMPLES], [25, 50, 75])
-        limit = (_FAR * 0.5 * (high - low) / _QUARTILE) ** 2
-        for rows in np.array_split(values, 1 + values.size // _SAMPLES):
-            square = (rows - middle) ** 2
-            beyond = square > limit
-            count, far, whole = (
-                count + int(beyond.sum()),
-                far + float(square[beyond].sum()),
-                whole + float(square.sum()),
-            )
+    sites = list(np.ndindex(tile[0], tile[1]))
+    step = 1 + (values.shape[0] // tile[0]) * (values.shape[1] // tile[1]) // _SAMPLES
+
+    def quartiles(site: tuple[int, ...]) -> list[float]:
+        sample = spaced_values(values, (site[0], site[1]), tile, step)
+        return [float(x) for x in np.percentile(sample, [25, 50, 75], overwrite_input=True)]
+
+    with ThreadPoolExecutor(min(len(sites), os.cpu_count() or 1)) as threads:
+        low, middle, high = np.array(list(threads.map(quartiles, sites))).T.reshape(3, tile[0], tile[1])
+    limit = (_FAR * 0.5 * (high - low) / _QUARTILE) ** 2
+    count, far, whole = far_sums(values, np.ascontiguousarray(middle), limit)
     return FarPixels(what, count, far / whole) if far > _SHARE * whole else None

@@ -75,7 +75,10 @@ def group_lines(reader: FrameReader, statistics: GroupStatistics, most: int) -> 
     # Sort by content, so that the result does not depend on the order of the frames.
     used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
     chosen = np.linspace(0, len(used) - 1, min(most, len(used))).round().astype(int)
-    return line_sums((used[i].source.read() for i in chosen), (reader.tile.shape[0], reader.tile.shape[1]))
+    tile = (reader.tile.shape[0], reader.tile.shape[1])
+    found = reader.each((used[i].source for i in chosen), lambda dn: line_sums([dn], tile))
+    rows, columns = zip(*found, strict=True)
+    return np.concatenate(rows), np.concatenate(columns)
 
 
 def temporal_parts(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.int64]) -> list[TemporalParts]:

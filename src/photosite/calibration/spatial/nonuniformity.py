@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from photosite.calibration.reduction.quantisation import with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, SlopeSpread
-from photosite.engine.map_statistics import line_means, residual_moments, smooth_separable
+from photosite.engine.map_statistics import smooth_separable
+from photosite.engine.site_planes import plane_moments, plane_shape
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, weighted_mean
 
 Array = NDArray[np.float64]
@@ -227,8 +228,10 @@ def _mean_products(n: int) -> tuple[float, float, float]:
     return float(straight @ straight), float(straight @ smoothed), float(smoothed @ smoothed)
 
 
-def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: bool) -> Parts:
-    """Split the spatial variance of a color plane of a mean frame, (rows, cols), into row, column and pixel parts.
+def site_parts(
+    mean: NDArray[np.float64], site: tuple[int, int], tile: tuple[int, ...], noise: TemporalParts, *, filtered: bool
+) -> Parts:
+    """Split the spatial variance of the color plane of one site of the tile into row, column and pixel parts.
 
     EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
     function uses the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
@@ -236,14 +239,10 @@ def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: b
     the gains of the filter, so that the parts are not attenuated. The temporal noise in the mean frame, DN^2, is
     subtracted part by part.
     """
-    values = np.ascontiguousarray(high_pass(plane) if filtered else plane)
-    rows, cols = values.shape
+    kernel = high_pass_kernel() if filtered else None
+    (rows, cols), lines, columns, square, fourth = plane_moments(np.ascontiguousarray(mean), site, tile, kernel)
     share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
-
-    mean, line_mean, column_mean = line_means(values)
-    columns, lines = column_mean - mean, line_mean - mean
-    square, fourth = residual_moments(values, line_mean, columns)
-    sampling = max(fourth - square**2, 0.0) / values.size  # rounding, on constant planes
+    sampling = max(fourth - square**2, 0.0) / (rows * cols)  # rounding, on constant planes
     left = share.pixel - share.column_mean - share.row_mean + share.mean
     of_pixels = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
 
@@ -301,14 +300,14 @@ def channel_parts(
 
     Missing if the planes are too small for the filter.
     """
-    tile_rows, tile_cols = tile.shape
-    planes = [mean[r::tile_rows, c::tile_cols] for r, c in np.argwhere(tile == channel)]
-    smallest = min(min(plane.shape) for plane in planes)
+    sites = [(int(r), int(c)) for r, c in np.argwhere(tile == channel)]
+    shapes = [plane_shape(mean.shape, site, tile.shape) for site in sites]
+    smallest = min(min(shape) for shape in shapes)
     needed = SMALLEST_SIDE if filtered else 2
     if smallest < needed:
         return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}")
-    parts = [split_parts(plane, noise, filtered=filtered) for plane in planes]
-    return pool_parts(parts, [float(plane.size) for plane in planes])
+    parts = [site_parts(mean, site, tile.shape, noise, filtered=filtered) for site in sites]
+    return pool_parts(parts, [float(rows * cols) for rows, cols in shapes])
 
 
 SHARE = 0.1
@@ -323,7 +322,7 @@ def shading_variance(
 ) -> Value:
     """Return the relative variance of a channel's slopes that the high-pass filter of EMVA 1288 removes.
 
-    The filtered parts of pixels, rows and columns are free of the filter's gain (`split_parts`), so independent pixels
+    The filtered parts of pixels, rows and columns are free of the filter's gain (`site_parts`), so independent pixels
     have no shading. The uncertainty is that of the filtered variance, which is larger than that of the difference, and
     that of the chance covariance of shading with pixels, rows and columns.
 

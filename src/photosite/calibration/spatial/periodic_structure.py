@@ -237,7 +237,7 @@ def periodic_structure(
     >>> found.relative.round(1).tolist(), found.bayer_patterns()
     ([[0.7, 1.2], [1.2, 0.8]], ('RGGB', 'BGGR'))
     """
-    return _periodic(flat - dark, tile)
+    return _periodic(flat, tile, dark)
 
 
 def periodic_offsets(dark: NDArray[np.float64]) -> PeriodicStructure | None:
@@ -252,19 +252,21 @@ def periodic_offsets(dark: NDArray[np.float64]) -> PeriodicStructure | None:
     >>> periodic_offsets(dark).of_channels.round(1).tolist()
     [[1.0, -1.0]]
     """
-    return _periodic(dark, np.zeros((1, 1), np.int64), dark=True)
+    return _periodic(dark, np.zeros((1, 1), np.int64))
 
 
-def _periodic(signal: NDArray[np.float64], tile: NDArray[np.int64], *, dark: bool = False) -> PeriodicStructure | None:
-    """Return the periodic structure of a mean frame, which has no light where it is `dark`."""
-    rows, cols = (length // CELL for length in signal.shape)
+def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = None) -> PeriodicStructure | None:
+    """Return the periodic structure of a mean frame: a flat field less the dark that is subtracted, or a dark frame."""
+    dark = subtracted is None
+    rows, cols = (length // CELL for length in mean.shape)
     if rows * cols < LEAST_CELLS or min(rows, cols) < 2 or CELL % tile.shape[0] or CELL % tile.shape[1]:
         return None
-    signal = signal[: rows * CELL, : cols * CELL]
     # The median of the cells keeps defects and shading from standing out as a period.
-    cells = signal.reshape(rows, CELL, cols, CELL).swapaxes(1, 2)
+    cells = _cells(mean)
+    if subtracted is not None:
+        cells = cells - _cells(subtracted)
     step_rows, step_cols = (-(-count // MOST_CELLS) for count in (rows, cols))
-    cells = cells[::step_rows, ::step_cols]
+    cells = np.ascontiguousarray(cells)
     # Leave out rows and columns of cells with parts that no light reached.
     level = np.median(cells, axis=(2, 3))
     lit = dark | (level > LEAST_LIGHT * np.median(level))
@@ -295,6 +297,13 @@ def _periodic(signal: NDArray[np.float64], tile: NDArray[np.int64], *, dark: boo
                 return None
             return _with_lines(found, cells, labels, ramp)
     return None
+
+
+def _cells(mean: Array) -> Array:
+    """Return (cell rows, cell cols, CELL, CELL) evenly spaced cells of a map."""
+    rows, cols = (length // CELL for length in mean.shape)
+    cells = mean[: rows * CELL, : cols * CELL].reshape(rows, CELL, cols, CELL).swapaxes(1, 2)
+    return cells[:: -(-rows // MOST_CELLS), :: -(-cols // MOST_CELLS)]
 
 
 def _told(labels: NDArray[np.int64], period: int) -> tuple[str, ...]:
@@ -409,7 +418,7 @@ class Taps:
         )
 
 
-def find_taps(planes: Sequence[Array], *, dark: bool = False) -> Taps | None:
+def find_taps(mean: Array | None, *, dark: bool = False) -> Taps | None:
     """Return the levels of the taps; None where there is no step at half the width or height beyond chance.
 
     The step is that between two straight lines through the means of lines on both sides, extrapolated to the middle, in
@@ -418,23 +427,22 @@ def find_taps(planes: Sequence[Array], *, dark: bool = False) -> Taps | None:
 
     Parameters
     ----------
-    planes
-        (rows, cols) mean frames of each site of the color filter array, of one size: mean flat fields less the dark,
-        over the mean of their channel; or mean `dark` frames.
+    mean
+        (rows, cols) mean over the sites of the color filter array: of a mean flat field less the dark, each site over
+        its mean; or of a mean `dark` frame. None where a site has no light.
 
     Examples
     --------
     >>> rng = np.random.default_rng(1)
     >>> flat = 1.0 + 0.01 * rng.normal(size=(96, 128))
-    >>> find_taps([flat]) is None
+    >>> find_taps(flat) is None
     True
     >>> flat[:, 64:] += 0.02
-    >>> {name: round(level, 2) for name, level in find_taps([flat]).named.items()}
+    >>> {name: round(level, 2) for name, level in find_taps(flat).named.items()}
     {'left': -0.01, 'right': 0.01}
     """
-    if not planes:
+    if mean is None:
         return None
-    mean = np.mean(planes, axis=0)
     rows, cols = mean.shape
     if min(rows, cols) < 6 * NARROWEST:
         return None

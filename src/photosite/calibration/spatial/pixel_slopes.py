@@ -100,16 +100,9 @@ class PixelSlopes:
         """Return the statistics of the slopes per channel, given the temporal noise in them (`slope_noise`)."""
         moments = label_moments(self.slopes, self.tile)
         return tuple(
-            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left), self._third(k, entry.mean))
-            for k, (entry, left) in enumerate(zip(moments, noise, strict=True))
+            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left), entry.third)
+            for entry, left in zip(moments, noise, strict=True)
         )
-
-    def _third(self, label: int, mean: float) -> float:
-        """Return the third central moment of a channel's slopes."""
-        rows, cols = self.tile.shape
-        sites = [self.slopes[r::rows, c::cols] - mean for r, c in np.argwhere(self.tile == label)]
-        # A product is faster than a power of 3, which is computed through logarithms.
-        return float(sum((site * site * site).sum() for site in sites) / sum(site.size for site in sites))
 
 
 def slope_noise(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from statistics import NormalDist
 from typing import Any, Literal
 
@@ -23,7 +24,7 @@ from photosite.calibration.spatial.nonuniformity import (
     spread_sample,
     strips,
 )
-from photosite.values.shown import Shown
+from photosite.values.shown import Shown, short_repr
 from photosite.values.uncertain import Missing
 
 Array = NDArray[np.float64]
@@ -401,20 +402,6 @@ class FramePattern(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialAnalysis(Shown):
-    """Patterns of one channel in the dark and near half saturation (EMVA 1288 R4.0, 8.6 to 8.8)."""
-
-    dark: FramePattern
-    light: FramePattern | Missing
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return `dark` and `light`: the outlier pixels of each, or the reason why they are missing."""
-        light = self.light
-        of_light = light.to_dict() if isinstance(light, Missing) else light.outliers.to_dict(light.unit)
-        return {"dark": self.dark.outliers.to_dict(self.dark.unit), "light": of_light}
-
-
-@dataclass(frozen=True, eq=False)
 class MeanPlanes(Shown):
     """A channel's mean frame, cut into one plane per site of the channel in the tile.
 
@@ -465,6 +452,61 @@ class MeanPlanes(Shown):
         return row + self.tile[0] * rows, col + self.tile[1] * cols
 
 
+class SpatialAnalysis(Shown):
+    """Patterns of one channel in the dark and near half saturation (EMVA 1288 R4.0, 8.6 to 8.8).
+
+    Each pattern is computed when it is first read. Until both have been read, the mean frames stay in memory: 16 bytes
+    per pixel of the sensor for all channels together. Pickling computes both.
+
+    Parameters
+    ----------
+    dark, light
+        Mean dark frame, and mean frame near half saturation, from which the dark signal is not yet subtracted.
+    thresholds
+        Deviations beyond which pixels are listed as outliers.
+    """
+
+    def __init__(self, dark: MeanPlanes, light: MeanPlanes | Missing, thresholds: OutlierThresholds) -> None:
+        self._frames: tuple[MeanPlanes, MeanPlanes | Missing, OutlierThresholds] | None = dark, light, thresholds
+
+    @cached_property
+    def dark(self) -> FramePattern:
+        """The pattern of the mean dark frame."""
+        assert self._frames is not None
+        dark, _, wanted = self._frames
+        pattern = _pattern(dark, None, wanted.dark_dn)
+        if "light" in vars(self):
+            self._frames = None
+        return pattern
+
+    @cached_property
+    def light(self) -> FramePattern | Missing:
+        """The pattern of the mean frame near half saturation less the mean dark frame, or why it is missing."""
+        assert self._frames is not None
+        dark, light, wanted = self._frames
+        pattern = light if isinstance(light, Missing) else _pattern(light, dark, wanted.light_percent)
+        if "dark" in vars(self):
+            self._frames = None
+        return pattern
+
+    def compute(self) -> None:
+        """Compute both patterns now, and release the mean frames."""
+        _ = self.dark, self.light
+
+    def __getstate__(self) -> dict[str, Any]:
+        self.compute()
+        return vars(self)
+
+    def __repr__(self) -> str:
+        return short_repr(self, {"dark": self.dark, "light": self.light})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `dark` and `light`: the outlier pixels of each, or the reason why they are missing."""
+        light = self.light
+        of_light = light.to_dict() if isinstance(light, Missing) else light.outliers.to_dict(light.unit)
+        return {"dark": self.dark.outliers.to_dict(self.dark.unit), "light": of_light}
+
+
 def spatial_analysis(
     dark: MeanPlanes, light: MeanPlanes | Missing, thresholds: OutlierThresholds | None = None
 ) -> SpatialAnalysis | Missing:
@@ -475,9 +517,7 @@ def spatial_analysis(
     smallest = min(dark.planes[0].shape)
     if smallest < SMALLEST_SIDE:
         return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}")
-    wanted = thresholds or OutlierThresholds()
-    of_light = light if isinstance(light, Missing) else _pattern(light, dark, wanted.light_percent)
-    return SpatialAnalysis(_pattern(dark, None, wanted.dark_dn), of_light)
+    return SpatialAnalysis(dark, light, thresholds or OutlierThresholds())
 
 
 def _pattern(frames: MeanPlanes, dark: MeanPlanes | None, threshold: float | None) -> FramePattern:

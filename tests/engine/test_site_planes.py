@@ -1,0 +1,89 @@
+"""Statistics of the planes of a mosaic, compared with NumPy and SciPy."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.ndimage import correlate1d
+
+from photosite.engine.site_planes import (
+    count_numbers,
+    far_sums,
+    mean_of_sites,
+    plane_moments,
+    spaced_values,
+)
+
+SHAPES = [(31, 40), (64, 97), (200, 133)]
+TILES = [(1, 1), (2, 2), (3, 2)]
+KERNEL = np.array([0.1, 0.1, 0.2, 0.2, 0.2, 0.1, 0.1])
+
+
+def random_map(shape, seed=1):
+    return np.random.default_rng(seed).gamma(2.0, 3.0, shape) + 1e3
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+@pytest.mark.parametrize("tile", TILES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_moments_of_a_plane(shape, tile, filtered):
+    values = random_map(shape)
+    for site in np.ndindex(*tile):
+        plane = values[site[0] :: tile[0], site[1] :: tile[1]]
+        if filtered:
+            plane = (plane - correlate1d(correlate1d(plane, KERNEL, 0), KERNEL, 1))[3:-3, 3:-3]
+        found, rows, columns, second, fourth = plane_moments(values, site, tile, KERNEL if filtered else None)
+        assert found == plane.shape
+        np.testing.assert_allclose(rows, plane.mean(1) - plane.mean(), atol=1e-10)
+        np.testing.assert_allclose(columns, plane.mean(0) - plane.mean(), atol=1e-10)
+        left = plane - plane.mean(1, keepdims=True) - plane.mean(0) + plane.mean()
+        assert second == pytest.approx((left**2).mean(), rel=1e-9)
+        assert fourth == pytest.approx((left**4).mean(), rel=1e-9)
+
+
+def test_the_result_does_not_depend_on_the_number_of_threads():
+    values, found = random_map((333, 200)), []
+    before = numba.get_num_threads()
+    try:
+        for threads in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(threads)
+            _, rows, columns, *moments = plane_moments(values, (0, 1), (2, 2), KERNEL)
+            far = far_sums(values, np.full((2, 2), 1e3), np.full((2, 2), 100.0))
+            mean = mean_of_sites(values, None, (2, 2), relative=True)
+            found.append((rows.tobytes(), columns.tobytes(), moments, far, mean.tobytes()))
+    finally:
+        numba.set_num_threads(before)
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("tile", TILES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_far_pixels_and_spaced_values(shape, tile):
+    values = random_map(shape)
+    whole = values[: shape[0] // tile[0] * tile[0], : shape[1] // tile[1] * tile[1]]
+    middle, limit = random_map(tile, 2), np.random.default_rng(3).uniform(1.0, 400.0, tile)
+    expected = np.zeros(3)
+    for site in np.ndindex(*tile):
+        plane = whole[site[0] :: tile[0], site[1] :: tile[1]]
+        square = (plane - middle[site]) ** 2
+        beyond = square > limit[site]
+        expected += beyond.sum(), square[beyond].sum(), square.sum()
+        np.testing.assert_array_equal(spaced_values(values, site, tile, 7), plane.ravel()[::7])
+    np.testing.assert_allclose(far_sums(values, middle, limit), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("tile", TILES)
+def test_mean_of_sites(tile, relative):
+    values, dark = random_map((61, 97)), random_map((61, 97), 2) - 900.0
+    signal = values - dark
+    rows, cols = 61 // tile[0], 97 // tile[1]
+    sites = [signal[r :: tile[0], c :: tile[1]][:rows, :cols] for r, c in np.ndindex(*tile)]
+    expected = np.mean([site / site.mean() if relative else site for site in sites], axis=0)
+    np.testing.assert_allclose(mean_of_sites(values, dark, tile, relative=relative), expected, rtol=1e-12)
+    assert mean_of_sites(dark, values, tile, relative=True) is None
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_counts_of_numbers(dtype):
+    frame = np.random.default_rng(1).integers(0, np.iinfo(dtype).max + 1, (31, 53)).astype(dtype)
+    np.testing.assert_array_equal(count_numbers(frame), np.bincount(frame.ravel(), minlength=1 << 16))
