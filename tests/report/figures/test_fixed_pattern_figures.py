@@ -107,7 +107,6 @@ def test_profiles_are_drawn(spatial):
 
 
 def test_profiles_without_light():
-    from dataclasses import replace
 
     noise = TemporalParts(Uncertain(0.05), Uncertain(0.0), Uncertain(0.0))
     dark = MeanPlanes.of(np.random.default_rng(1).normal(64.0, 0.4, (120, 144)), TILE, 0, 20, 0.01, noise)
