@@ -22,14 +22,11 @@ from photosite.engine.jit import F32, F64, I64, compiled, prange
 from photosite.engine.pixel_model import RUN, Exposure, constant_run, pixel_number, row_from
 from photosite.engine.random_numbers import (
     EXPOSURE,
-    new_run,
     normal,
-    normal_run,
     philox4x32,
     poisson,
-    poisson_run,
-    random_words,
 )
+from photosite.engine.random_runs import new_run, normal_run, poisson_run, random_words
 
 
 class ConversionMaps(NamedTuple):

@@ -20,13 +20,12 @@ from photosite.engine.random_numbers import (
     gamma_candidate,
     gamma_constants,
     gamma_squeeze,
-    new_run,
-    normal_run,
     philox4x32,
     poisson_small,
     uniform,
     uniform_53,
 )
+from photosite.engine.random_runs import new_run, normal_run
 
 _COLUMNS = 256
 

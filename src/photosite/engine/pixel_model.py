@@ -15,7 +15,7 @@ measured chips. The kernels differ in where the parameters of a pixel come from:
 - `DrawnMaps`: 16-bit deviates of a chip that a serial number stands for, in electrons.
 - `MeasuredMaps`: maps measured from frames, in digital numbers at a gain of their own.
 
-CPU kernels process runs of a row, in straight loops that become vector instructions (`random_numbers`). A pixel takes
+CPU kernels process runs of a row, in straight loops that become vector instructions (`random_runs`). A pixel takes
 the same random words whatever its chip's maps and whatever the device.
 """
 
@@ -31,21 +31,21 @@ from photosite.engine.jit import F32, F64, I64, compiled, prange
 from photosite.engine.random_numbers import (
     BLINKING,
     EXPOSURE,
-    new_run,
     normal,
-    normal_run,
     philox4x32,
     poisson,
-    poisson_run,
-    random_words,
     uniform,
 )
+from photosite.engine.random_runs import new_run, normal_run, poisson_run, random_words
 
 DEVIATE_STEP = 2.0**-12
 """Standard deviations per unit of a 16-bit deviate: the range is 8 standard deviations, and deviates reach 6.3."""
 
 RUN = 1024
 """Pixels of a row that a kernel processes at a time."""
+
+ROWS = 16
+"""Rows that a thread processes with the same arrays."""
 
 
 class Exposure(NamedTuple):
@@ -223,6 +223,19 @@ def constant_run(values: NDArray[Any]) -> NDArray[Any]:
 
 
 @compiled(parallel=True)
+def all_light(values: F32) -> bool:
+    """Return whether all values (rows, cols) are finite and not negative."""
+    rows, cols = values.shape
+    others = 0
+    for r in prange(rows):
+        in_row = 0
+        for c in range(cols):
+            in_row += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
+        others += in_row
+    return others == 0
+
+
+@compiled(parallel=True)
 def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure) -> NDArray[np.uint16]:
     """Return (rows, cols) digital numbers of a frame of a drawn chip, or of a rectangle of it.
 
@@ -231,37 +244,38 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
-    for r in prange(rows):
-        run = new_run(RUN)
+    for block in prange((rows + ROWS - 1) // ROWS):
+        run, line_dn = new_run(RUN), np.empty(RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
         prnu_1, offset_1, dark_1 = (
             constant_run(maps.prnu),
             constant_run(maps.offset),
             constant_run(maps.dark_rate_e_per_s),
         )
-        row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
-        line_dn = np.full(RUN, row_dn + maps.column_dn[0])
-        for c in range(0, cols, RUN):
-            n = min(RUN, cols - c)
-            first = pixel_number(r, c, exposure)
-            photo, target = photo_e[r, c:], out[r, c:]
-            prnu = row_from(maps.prnu, r, c, prnu_1)
-            offset = row_from(maps.offset, r, c, offset_1)
-            dark = row_from(maps.dark_rate_e_per_s, r, c, dark_1)
-            random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
-            for i in range(n):
-                pixel = drawn_pixel(prnu[i], offset[i], dark[i], 0.0, constants, exposure)
-                mean[i] = mean_electrons(float(photo[i]), pixel)
-            poisson_run(n, run, first, frame, k0, k1)
-            if constants.read_noise_e > 0.0:
-                normal_run(n, run.words[2], run)
-            else:
-                deviates[:n] = 0.0
-            if maps.column_dn.size > 1:
-                line_dn[:n] = row_dn + maps.column_dn[c : c + n]
-            for i in range(n):
-                pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
-                target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
+        for r in range(block * ROWS, min((block + 1) * ROWS, rows)):
+            row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
+            line_dn[:] = row_dn + maps.column_dn[0]
+            for c in range(0, cols, RUN):
+                n = min(RUN, cols - c)
+                first = pixel_number(r, c, exposure)
+                photo, target = photo_e[r, c:], out[r, c:]
+                prnu = row_from(maps.prnu, r, c, prnu_1)
+                offset = row_from(maps.offset, r, c, offset_1)
+                dark = row_from(maps.dark_rate_e_per_s, r, c, dark_1)
+                random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
+                for i in range(n):
+                    pixel = drawn_pixel(prnu[i], offset[i], dark[i], 0.0, constants, exposure)
+                    mean[i] = mean_electrons(float(photo[i]), pixel)
+                poisson_run(n, run, first, frame, k0, k1)
+                if constants.read_noise_e > 0.0:
+                    normal_run(n, run.words[2], run)
+                else:
+                    deviates[:n] = 0.0
+                if maps.column_dn.size > 1:
+                    line_dn[:n] = row_dn + maps.column_dn[c : c + n]
+                for i in range(n):
+                    pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
+                    target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
     return out
 
 
@@ -271,24 +285,25 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
-    for r in prange(rows):
+    for block in prange((rows + ROWS - 1) // ROWS):
         run = new_run(RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
-        row_dn = maps.row_dn[r]
-        for c in range(0, cols, RUN):
-            n = min(RUN, cols - c)
-            first = pixel_number(r, c, exposure)
-            photo, target, prnu, dark = photo_e[r, c:], out[r, c:], maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
-            offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
-            random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
-            for i in range(n):
-                pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
-                mean[i] = mean_electrons(float(photo[i]), pixel)
-            poisson_run(n, run, first, frame, k0, k1)
-            normal_run(n, run.words[2], run)
-            for i in range(n):
-                pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
-                target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
+        for r in range(block * ROWS, min((block + 1) * ROWS, rows)):
+            row_dn = maps.row_dn[r]
+            for c in range(0, cols, RUN):
+                n = min(RUN, cols - c)
+                first = pixel_number(r, c, exposure)
+                photo, target, prnu, dark = photo_e[r, c:], out[r, c:], maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
+                offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
+                random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
+                for i in range(n):
+                    pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
+                    mean[i] = mean_electrons(float(photo[i]), pixel)
+                poisson_run(n, run, first, frame, k0, k1)
+                normal_run(n, run.words[2], run)
+                for i in range(n):
+                    pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
+                    target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
     return out
 
 

@@ -14,6 +14,7 @@ from photosite.engine.pixel_model import (
     BlinkingPixels,
     Exposure,
     MeasuredMaps,
+    all_light,
     expose_blinking,
     expose_measured,
 )
@@ -177,16 +178,19 @@ def _checked(
     shape, plain = mean_electrons.shape, sensor.effects is None and sensor.captures is None
     if shape != (rows, cols) and not (plain and shape == (r1 - r0, c1 - c0)):
         raise InputError("mean_electrons", value=shape, expected=f"of shape ({rows}, {cols})")
-    # Two reductions instead of a mask, which would need the memory of a second frame.
-    lowest, highest = float(mean_electrons.min()), float(mean_electrons.max())
-    if not (lowest >= 0 and highest < np.inf):
-        raise InputError("mean_electrons", value=(lowest, highest), expected="finite and not negative")
+    photo_e = read_only(np.asarray(mean_electrons[part] if shape == (rows, cols) else mean_electrons, np.float32))
+    # Stages that move charge use the whole chip.
+    used = photo_e if plain else read_only(np.asarray(mean_electrons, np.float32))
+    with threads_for(used.size):
+        valid = all_light(used)
+    if not valid:
+        limits = float(used.min()), float(used.max())
+        raise InputError("mean_electrons", value=limits, expected="finite and not negative")
     for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
         whole = isinstance(number, Integral) and not isinstance(number, bool)
         if not (whole and 0 <= number < 1 << bits):
             raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
     _check_full_well(sensor)
-    photo_e = read_only(np.asarray(mean_electrons[part] if shape == (rows, cols) else mean_electrons, np.float32))
     exposure = Exposure(
         float(exposure_s),
         float(sensor.pixel.well_capacity_e.value),
