@@ -51,6 +51,7 @@ _MODULE_OF = {
     "compare_sensors": "photosite.studies.sensor_comparison",
     "convert": "photosite.scene.io.formats",
     "load_camera": "photosite.camera.file",
+    "load_camera_profile": "photosite.library.profile",
     "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
     "measure_polarizers": "photosite.calibration.polarizers",
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
     from photosite.frames.io.formats import read_raw as read_raw
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame
+    from photosite.library.profile import load_camera_profile as load_camera_profile
     from photosite.metrics.capture_snr import capture_budget as capture_budget
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget

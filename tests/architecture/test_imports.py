@@ -32,10 +32,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "metrics": VALUES | {"color", "engine", "sensor", "frames"},
     "develop": VALUES | {"color", "engine", "sensor", "frames"},
     "data": STAGES,
+    "library": VALUES | {"sensor", "frames", "calibration"},
     "validation": STAGES | {"calibration", "metrics", "develop"},
     "report": RESULTS,
-    "studies": STAGES | {"data", "calibration", "metrics", "develop", "validation", "report"},
-    "cli": STAGES | {"data", "calibration", "metrics", "develop", "validation", "report", "studies", ""},
+    "studies": STAGES | {"data", "library", "calibration", "metrics", "develop", "validation", "report"},
+    "cli": STAGES | {"data", "library", "calibration", "metrics", "develop", "validation", "report", "studies", ""},
     "__main__": {"cli"},
 }
 """What each folder may import, besides itself; "" is the package's lazy public names."""

@@ -23,6 +23,10 @@ def profile(iso=100.0, gain=0.25, dark=3.0, channels=("R", "G", "B"), black=64.0
     return NoiseProfile(channels, slopes, offsets, iso, black, white, "X-1")
 
 
+def covers_95(measured, true):
+    return abs(measured.value - true) <= 1.96 * measured.standard_uncertainty
+
+
 def test_darktable_numbers_are_haar_details_of_interpolated_green():
     """The factor 1/16, by simulation: white noise on a Bayer mosaic, green filled in along rows, one Haar step.
 
@@ -66,7 +70,7 @@ def test_darktable_round_trip(tmp_path, channels):
     assert again.slope[0].value == written.slope[0].value
     assert again.offset[0].value == written.offset[0].value
     assert again.black_level_dn is None
-    assert not any("factor of two" in note for note in again.notes)
+    assert again.slope[0].standard_uncertainty == 0
 
 
 def test_darktable_factor_from_the_comment_or_the_caller(tmp_path):
@@ -80,8 +84,12 @@ def test_darktable_factor_from_the_comment_or_the_caller(tmp_path):
     comment, model["comment"] = model["comment"], "somebody's"
     path.write_text(json.dumps(data))
     colour, mono = read_darktable(path)[0], read_darktable(path, mono=True)[0]
-    assert colour.slope[0].value == 4 * mono.slope[0].value
-    assert "factor of two" in mono.notes[0]
+    true = profile().slope[0].value
+    assert covers_95(colour.slope[0], true)
+    # Without interpolation the factor is 1/4, and only the nonuniformity of the pixels is unknown: it takes off.
+    assert 0.9 < (mono.slope[0].value + 1.96 * mono.slope[0].standard_uncertainty) / (true / 4) <= 1.0
+    assert mono.channels == ("M",)
+    assert "does not state how" in mono.notes[0]
     model["comment"] = comment.replace("0.0625 of", "0.5 of")
     path.write_text(json.dumps(data))
     with raises(FileError, "the file is not a valid darktable noise profile: the comment states a factor of 0.5"):
@@ -100,9 +108,8 @@ def test_a_published_darktable_entry_is_a_plausible_camera(tmp_path):
     path = tmp_path / "noise.json"
     path.write_text(json.dumps({"version": 0, "noiseprofiles": [{"maker": "Fujifilm", "models": [model]}]}))
     (found,) = read_darktable(path)
-    full_well_e = 1 / found.slope[0].value
-    assert 25_000 < full_well_e < 100_000
-    assert "factor of two" in found.notes[0]
+    assert covers_95(found.slope[0], 1 / 50_000)
+    assert "does not state how" in found.notes[0]
 
 
 def test_libcamera_slope_is_the_root_of_the_gain_where_darkness_is_silent(tmp_path):
@@ -179,7 +186,7 @@ def test_a_published_tuning_file(tmp_path):
         (
             '{"version": 0, "noiseprofiles": [{"models": [{"model": "m", "profiles": '
             '[{"iso": 100, "a": [1, -1, 1], "b": [0, 0, 0]}]}]}]}',
-            "slope must be above 0",
+            "a must be a slope that some sensor has",
         ),
         (
             '{"version": 0, "noiseprofiles": [{"models": [{"model": "m", "profiles": '

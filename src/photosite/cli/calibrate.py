@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,6 +83,21 @@ if TYPE_CHECKING:
     help="Subfolders of PATH with the frames of each capture of one exposure, from the most to the least sensitive. "
     "Default: those of the sensor's captures, where PATH has all of them.",
 )
+@click.option(
+    "--contribute",
+    type=options.shared_folder,
+    metavar="FOLDER",
+    help="Write an anonymised entry that others can load into this folder of contributed cameras, and list it in the "
+    "folder's index. Needs --license.",
+)
+@click.option(
+    "--license",
+    "license_id",
+    metavar="SPDX",
+    help="Licence of the entry: CC0-1.0, CC-BY-4.0, CC-BY-SA-4.0, PDDL-1.0, ODC-By-1.0, ODbL-1.0, Apache-2.0 or MIT.",
+)
+@click.option("--camera", metavar="TEXT", help="Maker and model for the entry.  [default: the name of the sensor]")
+@click.option("--attribution", metavar="TEXT", help="Whom to name in the entry.  [default: nobody]")
 @options.json_option
 def command(
     path: Path,
@@ -95,6 +111,10 @@ def command(
     outlier_light: float | None,
     maps: bool,
     captures: str | None,
+    contribute: Path | None,
+    license_id: str | None,
+    camera: str | None,
+    attribution: str | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -143,9 +163,10 @@ def command(
     from photosite.sensor.io.sensor_file import maps_path
 
     held = click.get_current_context().with_resource(held_warnings())
+    given = _contribution(contribute, license_id, camera, attribution)
     if names := _names_of_captures(path, captures, sensor_name):
-        if output is not None or maps or linearize is not None or checkpoint is not None:
-            raise click.UsageError("-o, --maps, --linearize and --checkpoint apply to frames of one capture")
+        if output is not None or maps or linearize is not None or checkpoint is not None or given:
+            raise click.UsageError("-o, --maps, --linearize, --checkpoint and --contribute need frames of one capture")
         parts = calibrate_captures({each: open_frames(path / each, **reading) for each in names}, progress=Stages())
         _show_captures(parts, report, as_json)
         return
@@ -160,7 +181,11 @@ def command(
     if maps and output is not None:
         options.check_new(maps_path(output))
     is_series = len(frames.gain_settings) > 1
+    if given and sensor is None:
+        raise click.UsageError("--contribute needs pixel size, volts and spectra, which frames lack: give --sensor")
     if frames.bits > 16 or (sensor is not None and sensor.captures is not None and not is_series):
+        if given:
+            raise click.UsageError("--contribute needs frames of one capture")
         _combined(frames, sensor, output, report, as_json)
         return
     if output is not None and sensor is None:
@@ -175,13 +200,16 @@ def command(
     if is_series:
         series = calibrate_series(frames, sensor, progress=Stages(), checkpoint=checkpoint)
         not_listed(held, series.warnings)
-        _write_series(series, output, report, as_json)
+        entry = given.write(series) if given else None
+        _write_series(series, output, report, entry, as_json)
         return
     outliers = OutlierThresholds(outlier_dark, outlier_light)
     try:
         calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
     except SeveralCapturesError as error:
         say(f"photosite: {error.what}; the captures are told apart by their noise")
+        if given:
+            raise click.UsageError("--contribute needs frames of one capture") from None
         _combined(frames, sensor, output, report, as_json)
         return
     not_listed(held, calibration.warnings)
@@ -192,7 +220,39 @@ def command(
     if output is not None:
         calibration.save(output)
     beside = maps_path(output) if calibration.chip is not None and output is not None else None
-    show(as_json, calibration.to_dict(), lambda: _text(calibration), sensor=output, maps=beside, report=report)
+    entry = given.write(calibration) if given else None
+    written = {"sensor": output, "maps": beside, "report": report, "entry": entry}
+    show(as_json, calibration.to_dict(), lambda: _text(calibration), **written)
+
+
+@dataclass(frozen=True)
+class _Contribution:
+    """The options of an entry for a folder of contributed cameras."""
+
+    folder: Path
+    license_id: str
+    camera: str | None
+    attribution: str | None
+
+    def write(self, result: Calibration | GainSeries) -> Path:
+        """Write the entry and return its folder."""
+        from photosite.library.contribute import contribute
+
+        named = {"license_id": self.license_id, "camera": self.camera, "attribution": self.attribution}
+        return contribute(result, self.folder, **named).folder
+
+
+def _contribution(
+    folder: Path | None, license_id: str | None, camera: str | None, attribution: str | None
+) -> _Contribution | None:
+    """Return the options of --contribute, checked before anything is computed; None without it."""
+    from photosite.library.contribute import check_license
+
+    if folder is None:
+        if license_id or camera or attribution:
+            raise click.UsageError("--license, --camera and --attribution belong to --contribute")
+        return None
+    return _Contribution(folder, check_license(license_id), camera, attribution)
 
 
 def _names_of_captures(path: Path, given: str | None, sensor_name: str | None) -> list[str]:
@@ -337,13 +397,15 @@ def _chip(calibration: Calibration) -> list[str]:
     return [*noises, table(defects, "<><"), *([table([heading, *bands], "<><")] if bands else [])]
 
 
-def _write_series(series: GainSeries, output: Path | None, report: Path | None, as_json: bool) -> None:
+def _write_series(
+    series: GainSeries, output: Path | None, report: Path | None, entry: Path | None, as_json: bool
+) -> None:
     """Write the sensor file and the report of a series."""
     if output is not None:
         series.save(output)
     if report is not None:
         series.report(report)
-    show(as_json, series.to_dict(), lambda: _series_text(series), sensor=output, report=report)
+    show(as_json, series.to_dict(), lambda: _series_text(series), sensor=output, report=report, entry=entry)
 
 
 def _series_text(series: GainSeries) -> str:

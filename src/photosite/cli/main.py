@@ -39,6 +39,7 @@ _LONGEST_PATH = 200
 COMMANDS = {
     "demo": "Run the whole loop on a virtual D200: frames, calibration, simulation, comparison, report.",
     "sensors": "List, make, show, check and export sensor files.",
+    "cameras": "List cameras from profile files; check contributed ones.",
     "optics": "Check optics files; print what they hold and the MTF.",
     "scenes": "List the built-in scenes; show scenes and scene files.",
     "convert": "Reduce a spectral image to a scene of few basis spectra, and write it.",

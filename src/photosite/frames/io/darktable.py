@@ -4,20 +4,26 @@ A profile is variance a x + b, in the scale of darktable's pipeline: its profili
 diagonal details of a 2 x 2 Haar transform of the demosaiced picture. White noise keeps 1/4 of its variance there, and
 Bayer green 1/16, if each missing green is the mean of its two neighbors on a line. The denoiser uses green's numbers
 and the white balance, so all three are green's. The format has no field for this factor; photosite states it in the
-camera's comment and reads it from there.
+camera's comment and reads it from there. For files of other programs `darktable_scale` has the range of the factor.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
-from photosite.errors import FileError, InputError, did_you_mean
+import numpy as np
+
+from photosite.errors import FileError, InputError, did_you_mean, in_file
 from photosite.files.small_files import finite_number, read_json_object, valid_content, write_json_object
+from photosite.frames.io.darktable_scale import slope_and_offset
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
+from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
 
 HAAR_FACTOR = {"mosaic": 1 / 16, "mono": 1 / 4}
@@ -85,6 +91,125 @@ def write_darktable(
     write_json_object({"version": 0, "noiseprofiles": [{"maker": maker, "models": models}]}, path)
 
 
+@dataclass(frozen=True)
+class DarktableCamera(Shown):
+    """A camera of a darktable file: green's a and b by ISO, as the file has them.
+
+    Parameters
+    ----------
+    maker, model, comment
+        As in the file.
+    isos, a, b
+        ISO speeds, increasing, and a and b of each: the mean where the file has several of one ISO.
+    stated
+        "mono" or "mosaic" in files from photosite, which state the scale of a and b; None in others.
+    """
+
+    maker: str
+    model: str
+    comment: str
+    isos: tuple[float, ...]
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    stated: str | None = None
+
+    def profile(self, iso: float, *, mono: bool = False) -> NoiseProfile:
+        """Return the noise profile at an ISO speed.
+
+        Between two ISO speeds of the file, a and b are linear in ISO, as in darktable.
+
+        Parameters
+        ----------
+        iso
+            Within the range of the file's ISO speeds.
+        mono
+            Whether the camera has no color filters. Only files from photosite state this.
+
+        Raises
+        ------
+        InputError
+            If the ISO is outside the file's range, `mono` contradicts the file, or a is none of a sensor.
+        """
+        if not self.isos[0] <= iso <= self.isos[-1]:
+            expected = f"{self.isos[0]:g} to {self.isos[-1]:g}, the range of the profiles"
+            raise InputError("iso", where=f"{self.maker} {self.model}".strip(), value=iso, expected=expected)
+        self.check_mono(mono)
+        chip = self.stated or ("mono" if mono else "mosaic")
+        a, b = (float(np.interp(iso, self.isos, values)) for values in (self.a, self.b))
+        notes = []
+        if self.stated is not None:
+            factor = HAAR_FACTOR[chip]
+            slope, offset = Measured(a / factor), Measured(b / factor)
+            notes.append(
+                f"a and b are {factor:g} of the raw noise variance ({_CHIPS[chip]}), as the file's comment says"
+            )
+        else:
+            slope, offset = slope_and_offset(a, b, "mono" if chip == "mono" else "bayer")
+            spread = 1.96 * slope.standard_uncertainty / slope.value
+            notes.append(
+                f"gain to ±{100 * spread:.0f} % (95 %): the file does not state how the picture was demosaiced, nor "
+                "the nonuniformity of the pixels"
+            )
+            if self.maker.lower().startswith("fuji") and chip != "mono":
+                notes.append("for a Bayer mosaic: the scale for an X-Trans mosaic is not known")
+        if iso not in self.isos:
+            above = next(k for k, known in enumerate(self.isos) if known > iso)
+            between = f"{self.isos[above - 1]:g} and {self.isos[above]:g}"
+            notes.append(f"a and b at ISO {iso:g} are linear in ISO between {between}, as in darktable")
+        channels = ("M",) if chip == "mono" else ("R", "G", "B")
+        count = len(channels)
+        return NoiseProfile(channels, (slope,) * count, (offset,) * count, iso, camera=self.model, notes=tuple(notes))
+
+    def check_mono(self, mono: bool) -> None:
+        """Raise `InputError` if a camera without color filters is asked for, and the file states a mosaic."""
+        if mono and self.stated == "mosaic":
+            expected = f"False: the file states that '{self.model}' has a color filter mosaic"
+            raise InputError("mono", value=mono, expected=expected)
+
+
+def read_darktable_cameras(path: str | PathLike[str]) -> tuple[DarktableCamera, ...]:
+    """Read all cameras of a darktable file. Entries marked "skip" are omitted, and cameras without others.
+
+    Raises
+    ------
+    FileError
+        If the file is not a valid noise profile, or holds no cameras.
+    """
+    file = Path(path)
+    return darktable_cameras(read_json_object(file), file)
+
+
+def darktable_cameras(data: Mapping[str, Any], file: Path) -> tuple[DarktableCamera, ...]:
+    """Return the cameras of a darktable file's content; raises as `read_darktable_cameras`."""
+    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    with valid_content(file, _WHAT):
+        if data["version"] != 0:
+            raise FileError(file, "version", value=data["version"], expected="0")
+        for maker in data["noiseprofiles"]:
+            for entry in maker["models"]:
+                found.setdefault((str(maker.get("maker", "")), str(entry["model"])), []).append(entry)
+        if not found:
+            raise FileError(file, "the file holds no cameras")
+        cameras = [_camera(*name, entries) for name, entries in found.items()]
+    return tuple(camera for camera in cameras if camera.isos)
+
+
+def _camera(maker: str, model: str, entries: Sequence[Mapping[str, Any]]) -> DarktableCamera:
+    comment = str(entries[0].get("comment") or "")
+    values: dict[float, list[tuple[float, float]]] = {}
+    for profile in (profile for entry in entries for profile in entry["profiles"]):
+        if not profile.get("skip"):
+            # darktable's denoiser takes green's numbers for all three.
+            a, b = finite_number(profile["a"][1], "a"), finite_number(profile["b"][1], "b")
+            values.setdefault(finite_number(profile["iso"], "iso"), []).append((a, b))
+    isos = tuple(sorted(values))
+    means = [tuple(fmean(column) for column in zip(*values[iso], strict=True)) for iso in isos]
+    return DarktableCamera(
+        *(maker, model, comment, isos, tuple(a for a, _ in means), tuple(b for _, b in means)),
+        _chip_in_comment(comment),
+    )
+
+
 def read_darktable(
     path: str | PathLike[str], model: str | None = None, *, mono: bool = False
 ) -> tuple[NoiseProfile, ...]:
@@ -109,26 +234,9 @@ def read_darktable(
         If the model is missing, unknown, or has a mosaic although `mono` is set.
     """
     file = Path(path)
-    data = read_json_object(file)
-    models: dict[str, list[tuple[Any, str | None]]] = {}
-    with valid_content(file, _WHAT):
-        if data["version"] != 0:
-            raise FileError(file, "version", value=data["version"], expected="0")
-        for maker in data["noiseprofiles"]:
-            for entry in maker["models"]:
-                chip = _chip_in_comment(entry.get("comment"))
-                models.setdefault(str(entry["model"]), []).extend((p, chip) for p in entry["profiles"])
+    models = {camera.model: camera for camera in read_darktable_cameras(file)}
     if not models:
-        raise FileError(file, "the file holds no cameras")
-    model = _choose_model(file, models, model, mono)
-    with valid_content(file, _WHAT):
-        found = [_read_entry(entry, model, mono, chip) for entry, chip in models[model] if not entry.get("skip")]
-    if not found:
-        raise FileError(file, f"all profiles of '{model}' are marked as skipped")
-    return tuple(sorted(found, key=lambda profile: profile.gain_setting or 0.0))
-
-
-def _choose_model(file: Path, models: Mapping[str, Any], model: str | None, mono: bool) -> str:
+        raise FileError(file, "all profiles are marked as skipped")
     if model is None and len(models) > 1:
         first = next(iter(models))
         problem = f"the file holds {len(models)} cameras"
@@ -138,37 +246,18 @@ def _choose_model(file: Path, models: Mapping[str, Any], model: str | None, mono
     if model not in models:
         hint = did_you_mean(model, models)
         raise InputError("model", where=str(file), value=model, expected="a camera in the file", hint=hint)
-    if mono and any(chip == "mosaic" for _, chip in models[model]):
-        expected = f"False: the file states that '{model}' has a color filter mosaic"
-        raise InputError("mono", where=str(file), value=mono, expected=expected)
-    return model
+    camera = models[model]
+    camera.check_mono(mono)
+    with in_file(file):
+        return tuple(camera.profile(iso, mono=mono) for iso in camera.isos)
 
 
-def _chip_in_comment(comment: Any) -> str | None:
+def _chip_in_comment(comment: str) -> str | None:
     """Return "mono" or "mosaic" from photosite's comment, None if another program wrote the file."""
-    match = _COMMENT_FACTOR.match(comment) if isinstance(comment, str) else None
+    match = _COMMENT_FACTOR.match(comment)
     if match is None:
         return None
     for chip, factor in HAAR_FACTOR.items():
         if float(match[1]) == factor:
             return chip
     raise ValueError(f"the comment states a factor of {match[1]}, which photosite never writes")
-
-
-def _read_entry(entry: Mapping[str, Any], model: str, mono: bool, stated: str | None) -> NoiseProfile:
-    chip = stated or ("mono" if mono else "mosaic")
-    factor = HAAR_FACTOR[chip]
-    slope, offset = finite_number(entry["a"][1], "a"), finite_number(entry["b"][1], "b")
-    channels = ("M",) if chip == "mono" else ("R", "G", "B")
-    note = f"green's numbers are taken as {factor:g} of the raw noise variance; the factor depends on the demosaicing, "
-    note += "and gain and noise may be wrong by a factor of two"
-    if stated is not None:
-        note = f"a and b are {factor:g} of the raw noise variance ({_CHIPS[chip]}), as the file's comment states"
-    return NoiseProfile(
-        channels,
-        (Measured(slope / factor),) * len(channels),
-        (Measured(offset / factor),) * len(channels),
-        finite_number(entry["iso"], "iso"),
-        camera=model,
-        notes=(note,),
-    )

@@ -1,0 +1,1 @@
+"""The library of cameras: noise profiles, spectral sensitivities and contributed measurements, found by name."""

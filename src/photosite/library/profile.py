@@ -1,0 +1,246 @@
+"""A camera of the library: what its files tell of it at one gain setting."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+
+from photosite.errors import InputError
+from photosite.frames.io.darktable import DarktableCamera
+from photosite.library.entry import LoadedEntry
+from photosite.library.names import matching, name_words, nearest
+from photosite.library.sources import CameraSource, find_cameras
+from photosite.library.spectra import SpectralFile, SpectralSensitivity
+from photosite.sensor.model import Sensor
+from photosite.sensor.noise_profile import NoiseProfile, sensor_noise_profile
+from photosite.values.shown import Shown
+from photosite.values.uncertain import COVERAGE_95
+
+NOT_TOLD = {
+    "pixel size": "a noise profile is of numbers, not of areas",
+    "well capacity": "the profile ends at the white level, which may lie below the well",
+    "bit depth and black level": "the format has no field for them; pass black_level_dn and white_level_dn",
+    "PRNU": "its effect is in the profile's noise and cannot be separated",
+    "dark current": "a profile is of one exposure time, which it does not state",
+    "read noise and DSNU": "one frame does not separate them",
+}
+"""What a noise profile cannot tell, each with the reason."""
+
+_NO_NOISE = "no noise profile was found; give the file that has one with --profiles or profiles="
+_NO_SPECTRA = "no spectral sensitivity was found; give the file that has one with --profiles or profiles="
+_RELATIVE = "the spectral sensitivity is relative"
+
+
+@dataclass(frozen=True)
+class CameraProfile(Shown):
+    """What the library has on a camera.
+
+    Parameters
+    ----------
+    name
+        The camera.
+    iso
+        ISO speed or gain setting of the noise; None for a camera with a spectral sensitivity only.
+    noise
+        The noise profile, or None.
+    spectra
+        The spectral sensitivity, or None.
+    measured
+        The measured sensor of a contributed entry, or None.
+    sources
+        The files, with licence and provenance.
+    missing
+        What the files do not tell, each with the reason.
+    notes
+        Assumptions and interpolations.
+    """
+
+    name: str
+    iso: float | None
+    noise: NoiseProfile | None
+    spectra: SpectralSensitivity | None
+    measured: Sensor | None
+    sources: tuple[CameraSource, ...]
+    missing: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def electrons_at_white_95(self) -> tuple[float, float]:
+        """95 % interval of the electrons of a pixel at the white level: 1 / slope of the noise profile.
+
+        Raises
+        ------
+        InputError
+            If there is no noise profile.
+        """
+        slope = self._noise().slope[0]
+        reach = COVERAGE_95 * slope.standard_uncertainty
+        return 1.0 / (slope.value + reach), 1.0 / (slope.value - reach)
+
+    def sensor(self, base: str | PathLike[str] | Sensor) -> Sensor:
+        """Return a sensor for simulation: noise and spectral sensitivity of the files, all else of `base`.
+
+        A contributed camera is complete, and `base` is not used.
+
+        Parameters
+        ----------
+        base
+            A sensor, a preset or a sensor file: geometry, volts, well, PRNU, dark current, levels.
+
+        Raises
+        ------
+        InputError
+            If the offset is less than the variance of rounding, or a channel is missing.
+        """
+        if self.measured is not None:
+            return self.measured
+        from photosite.sensor.io.sensor_file import load_sensor
+
+        made = base if isinstance(base, Sensor) else load_sensor(base)
+        if self.spectra is not None:
+            made = self.spectra.sensor(made)
+        if self.noise is not None:
+            made = self.noise.sensor(made)
+        return made.with_(name=self.name)
+
+    def _noise(self) -> NoiseProfile:
+        if self.noise is None:
+            raise InputError("the camera has no noise profile", where=self.name)
+        return self.noise
+
+
+def load_camera_profile(
+    name: str,
+    iso: float | None = None,
+    *,
+    profiles: str | PathLike[str] | Sequence[str | PathLike[str]] | None = None,
+    mono: bool = False,
+    black_level_dn: float | None = None,
+    white_level_dn: float | None = None,
+) -> CameraProfile:
+    """Load a camera of the library by name: noise at an ISO speed, and spectral sensitivity.
+
+    Parameters
+    ----------
+    name
+        Maker and model. Case, punctuation and the maker's company name do not matter; the model alone serves where one
+        camera has it.
+    iso
+        ISO speed, or gain setting of a contributed camera. Between two ISO speeds of a noise profile, a and b are
+        linear in ISO, as in darktable. Default: the only one that there is.
+    profiles
+        Files and folders. Default: those of the environment variable PHOTOSITE_PROFILES, darktable and rawtoaces.
+    mono
+        Whether the camera has no color filters, for noise profiles that do not state it.
+    black_level_dn, white_level_dn
+        Levels of the camera's raw files, which a noise profile does not state.
+
+    Raises
+    ------
+    InputError
+        If no camera or several match, the ISO is missing or outside the profile, or only one level is given.
+    FileError
+        If a file is missing or invalid.
+
+    Examples
+    --------
+    >>> import json, tempfile
+    >>> from pathlib import Path
+    >>> entries = [{"name": "", "iso": iso, "a": [iso * 1e-7] * 3, "b": [1e-7] * 3} for iso in (800, 6400)]
+    >>> models = [{"comment": "", "model": "X-1", "profiles": entries}]
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> file = Path(folder.name) / "noiseprofiles.json"
+    >>> _ = file.write_text(json.dumps({"version": 0, "noiseprofiles": [{"maker": "Acme", "models": models}]}))
+    >>> camera = load_camera_profile("acme x-1", iso=6400, profiles=file)
+    >>> camera.name, [round(electrons) for electrons in camera.electrons_at_white_95]
+    ('Acme X-1', [69, 130])
+    """
+    if (black_level_dn is None) != (white_level_dn is None):
+        raise InputError(
+            "black_level_dn, white_level_dn", value=(black_level_dn, white_level_dn), expected="both or none"
+        )
+    found = _matched(name, find_cameras(profiles))
+    parts = {source.kind: source for source in reversed(found)}
+    contributed = [source for source in found if source.kind == "contributed"]
+    if contributed:
+        return _contributed(_one_with(contributed, iso), iso)
+    noise = None
+    if (profiled := parts.get("noise profile")) is not None:
+        assert isinstance(profiled.content, DarktableCamera)
+        noise = profiled.content.profile(_setting(profiled, iso), mono=mono)
+        if black_level_dn is not None and white_level_dn is not None:
+            noise = noise.at_levels(black_level_dn, white_level_dn)
+    elif iso is not None:
+        raise InputError(
+            "iso", value=iso, expected="None: no noise profile of the camera was found", where=found[0].name
+        )
+    spectra, relative = None, None
+    if (table := parts.get("spectral sensitivity")) is not None:
+        assert isinstance(table.content, SpectralFile)
+        spectra, relative = table.content.sensitivity, _RELATIVE
+    missing = {**(NOT_TOLD if noise is not None else {"noise": _NO_NOISE})}
+    if noise is not None and noise.white_level_dn is not None:
+        del missing["bit depth and black level"]
+    missing["quantum efficiency"] = relative or _NO_SPECTRA
+    used = tuple(source for source in (profiled, table) if source is not None)
+    notes = noise.notes if noise is not None else ()
+    return CameraProfile(
+        used[0].name, None if noise is None else noise.gain_setting, noise, spectra, None, used, missing, notes
+    )
+
+
+def _matched(name: str, sources: Sequence[CameraSource]) -> list[CameraSource]:
+    """Return the sources of the camera of a name."""
+    if not sources:
+        hint = "Pass {profiles}, or install darktable or rawtoaces' data; docs/howto/cameras.md lists the places"
+        arguments = {"profiles": "noiseprofiles.json"}
+        raise InputError("no files with cameras were found", hint=hint, arguments=arguments)
+    names = [source.name for source in sources]
+    found = [sources[k] for k in matching(name, names)]
+    cameras = list(dict.fromkeys(" ".join(name_words(source.name)) for source in found))
+    if not found:
+        close = nearest(name, names)
+        hint = f"Did you mean {' or '.join(map(repr, close))}?" if close else "photosite cameras lists them"
+        raise InputError("name", value=name, expected=f"one of {len(set(names))} cameras", hint=hint)
+    if len(cameras) > 1:
+        several = list(dict.fromkeys(source.name for source in found))
+        listed = ", ".join(several[:8]) + (f" and {len(several) - 8} others" if len(several) > 8 else "")
+        raise InputError("name", value=name, expected="the name of one camera", hint=f"It matches {listed}")
+    return found
+
+
+def _setting(source: CameraSource, iso: float | None) -> float:
+    """Return the ISO speed that was asked for, or the only one."""
+    if iso is not None:
+        return iso
+    if len(source.isos) == 1:
+        return source.isos[0]
+    listed = ", ".join(f"{known:g}" for known in source.isos)
+    raise InputError("iso", where=source.name, value=None, expected=f"given: the profiles have {listed}")
+
+
+def _one_with(sources: Sequence[CameraSource], iso: float | None) -> CameraSource:
+    """Return the newest contributed entry with a gain setting."""
+    having = [source for source in sources if iso is None or iso in source.isos]
+    if not having:
+        known = sorted({setting for source in sources for setting in source.isos})
+        expected = f"one of the measured settings, {', '.join(f'{each:g}' for each in known) or 'which are not stated'}"
+        raise InputError("iso", where=sources[0].name, value=iso, expected=expected)
+    return max(having, key=_created)
+
+
+def _created(source: CameraSource) -> str:
+    assert isinstance(source.content, LoadedEntry)
+    return source.content.entry.created
+
+
+def _contributed(source: CameraSource, iso: float | None) -> CameraProfile:
+    """Return the profile of a contributed camera, at a measured gain setting."""
+    assert isinstance(source.content, LoadedEntry)
+    sensor = source.content.sensor
+    if iso is not None and sensor.gain_settings:
+        sensor = sensor.at_gain_setting(iso)
+    noise = sensor_noise_profile(sensor, gain_setting=sensor.gain_setting)
+    missing = {"the chip's own pattern": "maps and serial number are removed from contributed entries"}
+    return CameraProfile(source.name, sensor.gain_setting, noise, None, sensor, (source,), missing)

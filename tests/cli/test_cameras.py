@@ -1,0 +1,68 @@
+"""`photosite cameras` and `photosite calibrate --contribute`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from camera_files import darktable_content, write_json
+
+import photosite as ps
+
+
+@pytest.fixture
+def profiles(tmp_path: Path) -> Path:
+    return write_json(tmp_path / "noiseprofiles.json", darktable_content())
+
+
+def test_list_and_search(photosite: Any, profiles: Path) -> None:
+    assert photosite("cameras", "list", "--profiles", profiles).out.count("noise profile") == 4
+    found = photosite("cameras", "list", "nik", "d3", "--profiles", profiles, "--json").json["cameras"]
+    assert [camera["name"] for camera in found] == ["Nikon D3", "Nikon D300"]
+    missing = photosite("cameras", "list", "nikon d855", "--profiles", profiles)
+    assert missing.status == 2
+    assert "Nikon D850" in missing.err
+
+
+def test_without_files(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("photosite.library.sources.usual_places", lambda: ())
+    shown = photosite("cameras")
+    assert shown.status == 0
+    assert "PHOTOSITE_PROFILES" in shown.out
+
+
+def test_show_and_write_a_sensor_file(photosite: Any, profiles: Path, tmp_path: Path) -> None:
+    asked = ("cameras", "show", "NIKON CORPORATION NIKON D850", "--profiles", profiles)
+    assert "well capacity" in photosite(*asked, "--iso", 6400).out
+    assert "--iso" in photosite(*asked).err
+    output = tmp_path / "d850.sensor.yaml"
+    assert "--sensor" in photosite(*asked, "--iso", 6400, "-o", output).err
+    done = photosite(*asked, "--iso", 6400, "--sensor", "nikon-d200", "-o", output, "--json")
+    low, high = done.json["electrons_at_white_95"]
+    assert low < 4095 / ps.load_sensor(output).system_gain_dn_per_e < high
+
+
+def test_schema_and_refused_entries(photosite: Any, tmp_path: Path) -> None:
+    for form in ("entry", "index", "table"):
+        assert "properties" in photosite("cameras", "schema", form).out
+    refused = photosite("cameras", "validate", tmp_path)
+    assert refused.status == 2
+    assert refused.err.count("\n") == 1
+
+
+def test_calibrate_contributes(photosite: Any, loop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("photosite.calibration.calibrate.calibrate", lambda *_, **__: loop.calibration)
+    frames = SimpleNamespace(bits=12, gain_settings=(None,), sensor=None)
+    monkeypatch.setattr("photosite.frames.open.open_frames", lambda *_, **__: frames)
+    library = tmp_path / "library"
+    call = ("calibrate", tmp_path, "--sensor", "nikon-d200", "--contribute", library)
+    assert "--license" in photosite(*call).err
+    assert "--contribute" in photosite("calibrate", tmp_path, "--license", "MIT").err
+    done = photosite(*call, "--license", "CC0-1.0", "--camera", "Acme X-1", "--json")
+    assert done.status == 0
+    assert Path(done.json["entry"]).parent == library
+    checked = photosite("cameras", "validate", library, "--json").json
+    assert [entry["camera"] for entry in checked["entries"]] == ["Acme X-1"]
+    assert "Acme X-1" in photosite("cameras", "list", "--profiles", library).out

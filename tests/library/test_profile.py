@@ -1,0 +1,143 @@
+"""Cameras found by name in several files, their noise at an ISO speed, and what the files do not tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from camera_files import darktable_content, rawtoaces_content, write_json
+from raising import raises
+
+import photosite as ps
+from photosite.errors import FileError, InputError
+from photosite.frames.io.darktable import read_darktable_cameras
+from photosite.frames.io.darktable_scale import slope_and_offset
+from photosite.library.sources import find_cameras
+
+
+@pytest.fixture
+def profiles(tmp_path: Path) -> Path:
+    return write_json(tmp_path / "noiseprofiles.json", darktable_content())
+
+
+def test_all_cameras_of_a_file(profiles: Path) -> None:
+    found = find_cameras(profiles)
+    assert [source.name for source in found] == ["Canon EOS-1Ds", "Nikon D3", "Nikon D300", "Nikon D850"]
+    d850 = found[-1]
+    assert (d850.kind, d850.isos, d850.provenance) == ("noise profile", (64, 400, 6400), "d850 contributed by a user")
+    assert "not stated" in d850.license
+
+
+@pytest.mark.parametrize("name", ["Nikon D850", "nikon d850", "NIKON CORPORATION NIKON D850", "D850", "NikonD850"])
+def test_names_match_in_any_spelling(profiles: Path, name: str) -> None:
+    camera = ps.load_camera_profile(name, iso=6400, profiles=profiles)
+    assert (camera.name, camera.iso) == ("Nikon D850", 6400)
+
+
+def test_a_name_that_is_a_part_of_another_is_exact(profiles: Path) -> None:
+    assert ps.load_camera_profile("d3", profiles=profiles).name == "Nikon D3"
+    assert ps.load_camera_profile("eos 1ds", iso=100, profiles=profiles).name == "Canon EOS-1Ds"
+
+
+def test_several_and_no_matches(profiles: Path) -> None:
+    with raises(InputError, "name", value="nikon", hint="It matches Nikon D3, Nikon D300, Nikon D850"):
+        ps.load_camera_profile("nikon", profiles=profiles)
+    with raises(InputError, "name", value="Nikon D855") as caught:
+        ps.load_camera_profile("Nikon D855", profiles=profiles)
+    assert "Nikon D850" in (caught.value.hint or "")
+    with raises(InputError, "name", value=""):
+        ps.load_camera_profile("", profiles=profiles)
+
+
+def test_iso_missing_outside_and_between(profiles: Path) -> None:
+    """Linear in ISO: these profiles are proportional to the ISO, and so is what lies between."""
+    with raises(InputError, "iso", value=None):
+        ps.load_camera_profile("D850", profiles=profiles)
+    for iso in (63.0, 12800.0):
+        with raises(InputError, "iso", value=iso, where="Nikon D850"):
+            ps.load_camera_profile("D850", iso=iso, profiles=profiles)
+    camera = ps.load_camera_profile("D850", iso=1600, profiles=profiles)
+    assert camera.noise is not None
+    assert camera.noise.slope[1] == slope_and_offset(2e-8 * 1600, 1e-10 * 1600)[0]
+    assert any("between 400 and 6400" in note for note in camera.notes)
+    assert not any("between" in note for note in ps.load_camera_profile("D850", iso=400, profiles=profiles).notes)
+
+
+def test_several_profiles_of_one_iso_are_averaged(tmp_path: Path) -> None:
+    content = darktable_content()
+    entries = content["noiseprofiles"][0]["models"][1]["profiles"]
+    entries.append({**entries[0], "a": [6e-6] * 3, "b": [0] * 3})
+    entries.append({**entries[0], "a": [9] * 3, "skip": True})
+    (_, d3, *_) = read_darktable_cameras(write_json(tmp_path / "a.json", content))
+    assert (d3.isos, d3.a, d3.b) == ((200,), (pytest.approx(5e-6),), (pytest.approx(1e-8),))
+
+
+def test_noise_and_spectra_of_two_files_make_a_sensor(profiles: Path, tmp_path: Path) -> None:
+    table = write_json(tmp_path / "nikon_d850_380_780_5.json", rawtoaces_content())
+    camera = ps.load_camera_profile("Nikon D850", iso=6400, profiles=tmp_path)
+    assert {source.path for source in camera.sources} == {profiles, table}
+    assert {source.license for source in camera.sources if source.path == table} == {"Apache-2.0"}
+    assert {"pixel size", "well capacity", "bit depth and black level"} <= camera.missing.keys()
+    low, high = camera.electrons_at_white_95
+    assert low < 1 / (16 * 2e-8 * 6400) < high
+    base = ps.load_sensor("nikon-d200")
+    sensor = camera.sensor(base)
+    assert sensor.name == "Nikon D850"
+    assert low < (base.white_level_dn - base.readout.black_level_dn.value) / sensor.system_gain_dn_per_e < high
+    assert sensor.pixel.conversion_gain_uv_per_e.standard_uncertainty > 0
+    assert sensor.channels["R"].wavelength_nm[int(np.argmax(sensor.channels["R"].quantum_efficiency))] == 600
+    assert camera.sensor("nikon-d200") == sensor
+
+
+def test_levels_give_the_gain_in_dn(profiles: Path) -> None:
+    camera = ps.load_camera_profile("D850", iso=400, profiles=profiles, black_level_dn=400, white_level_dn=15_892)
+    assert camera.noise is not None
+    assert camera.noise.system_gain_dn_per_e.value == pytest.approx(camera.noise.slope[0].value * 15_492)
+    assert "bit depth and black level" not in camera.missing
+    with raises(InputError, "black_level_dn, white_level_dn"):
+        ps.load_camera_profile("D850", iso=400, profiles=profiles, black_level_dn=400)
+
+
+def test_spectra_alone_have_no_iso(tmp_path: Path) -> None:
+    table = write_json(tmp_path / "a.json", rawtoaces_content())
+    camera = ps.load_camera_profile("d850", profiles=[table])
+    assert camera.noise is None
+    assert "noise" in camera.missing
+    with raises(InputError, "iso", value=100):
+        ps.load_camera_profile("d850", iso=100, profiles=[table])
+    with raises(InputError, "the camera has no noise profile"):
+        _ = camera.electrons_at_white_95
+
+
+def test_places_of_the_environment(profiles: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("photosite.library.sources._DARKTABLE_FOLDERS", ())
+    monkeypatch.setattr("photosite.library.sources._RAWTOACES_FOLDERS", ())
+    with raises(InputError, "no files with cameras were found"):
+        ps.load_camera_profile("d850")
+    monkeypatch.setenv("PHOTOSITE_PROFILES", str(profiles))
+    (tmp_path / "data" / "camera").mkdir(parents=True)
+    write_json(tmp_path / "data" / "camera" / "a.json", rawtoaces_content())
+    monkeypatch.setenv("RAWTOACES_DATA_PATH", str(tmp_path / "data"))
+    assert len(find_cameras()) == 5
+    monkeypatch.setenv("PHOTOSITE_PROFILES", str(tmp_path / "none"))
+    with raises(FileError, "there is no such file or folder"):
+        find_cameras()
+
+
+def test_x_trans_is_not_covered(tmp_path: Path) -> None:
+    content = darktable_content()
+    content["noiseprofiles"][1]["maker"] = "Fujifilm"
+    camera = ps.load_camera_profile("1ds", iso=100, profiles=write_json(tmp_path / "a.json", content))
+    assert any("X-Trans" in note for note in camera.notes)
+
+
+def test_a_slope_of_no_sensor(tmp_path: Path) -> None:
+    content = darktable_content()
+    low, negative = content["noiseprofiles"][1]["models"][0]["profiles"]
+    low["a"], negative["a"] = [1e-12] * 3, [-1e-5] * 3
+    path = write_json(tmp_path / "a.json", content)
+    for iso, a in ((100, 1e-12), (200, -1e-5)):
+        with raises(InputError, "a", value=a):
+            ps.load_camera_profile("1ds", iso=iso, profiles=path)
+    assert ps.load_camera_profile("d3", profiles=path).iso == 200

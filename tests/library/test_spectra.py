@@ -1,0 +1,118 @@
+"""Spectral sensitivities of rawtoaces' JSON and of CSV: values, origin, quantum efficiency, invalid files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from camera_files import WAVELENGTHS, rawtoaces_content, write_json
+from raising import raises
+
+import photosite as ps
+from photosite.errors import FileError
+from photosite.library.spectra import csv_camera, rawtoaces_camera
+
+
+def test_json_of_rawtoaces() -> None:
+    camera = rawtoaces_camera(rawtoaces_content(), Path("x.json"))
+    assert (camera.maker, camera.model, camera.license) == ("Nikon", "D850", "Apache-2.0")
+    assert "a lab" in camera.provenance
+    assert "2017-04-11" in camera.provenance
+    assert camera.sensitivity.wavelength_nm.tolist() == list(WAVELENGTHS)
+    assert camera.sensitivity.channels["G"][WAVELENGTHS.index(540)] == 1.0
+
+
+def test_older_json_of_rawtoaces_has_a_quantity_and_no_licence() -> None:
+    content = rawtoaces_content()
+    content["spectral_data"]["quantity"] = content["spectral_data"].pop("units")
+    content["header"]["license"] = None
+    assert rawtoaces_camera(content, Path("x.json")).license == ""
+
+
+@pytest.mark.parametrize("name", ["Nikon_D200_380_780_5", "Nikon_D200_380_780_5.csv"])
+def test_table_without_heading_has_the_wavelengths_in_its_name(tmp_path: Path, name: str) -> None:
+    rows = rawtoaces_content()["spectral_data"]["data"]["main"]
+    (tmp_path / name).write_text("".join(f"{r}, {g}, {b}\n" for r, g, b in rows.values()))
+    camera = csv_camera(tmp_path / name)
+    assert (camera.maker, camera.model) == ("Nikon", "D200")
+    assert camera.sensitivity.wavelength_nm.tolist() == list(WAVELENGTHS)
+    np.testing.assert_array_equal(camera.sensitivity.channels["B"], [row[2] for row in rows.values()])
+
+
+def test_table_with_heading(tmp_path: Path) -> None:
+    (tmp_path / "Acme_X-1.csv").write_text("wavelength_nm,red,green,blue\n400,0,0.1,0.9\n\n500,0.1,1,0.2\n")
+    camera = csv_camera(tmp_path / "Acme_X-1.csv")
+    assert (camera.maker, camera.model) == ("Acme", "X-1")
+    assert {name: values.tolist() for name, values in camera.sensitivity.channels.items()} == {
+        "R": [0, 0.1],
+        "G": [0.1, 1],
+        "B": [0.9, 0.2],
+    }
+
+
+def test_quantum_efficiency_is_the_response_per_photon() -> None:
+    """A response per energy that grows with the wavelength is a constant quantum efficiency."""
+    content = rawtoaces_content()
+    content["spectral_data"]["data"]["main"] = {str(nm): [nm / 780] * 3 for nm in WAVELENGTHS}
+    base = ps.load_sensor("nikon-d200")
+    made = rawtoaces_camera(content, Path("x.json")).sensitivity.sensor(base)
+    peak = max(max(channel.quantum_efficiency) for channel in base.channels.values())
+    for channel in made.channels.values():
+        np.testing.assert_allclose(channel.quantum_efficiency, peak, rtol=1e-12)
+        assert channel.assumed
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"units": "radiance"}, "not 'relative'"),
+        ({"data": {"main": {"380": [1, 1, 1]}}}, "2 or more wavelengths"),
+        ({"data": {"main": {"380": [1, 1, 1], "390": [1, 1]}}}, "another number of values"),
+        ({"data": {"main": {"380": [1, 1, 1], "390": [1, 1, None]}}}, "must be a"),
+        ({"data": {"main": {"380": [1, 1, 0], "390": [1, 1, 0]}}}, "every channel needs one above 0"),
+        ({"data": {"main": {"0.38": [1, 1, 1], "0.39": [1, 1, 1]}}}, "in nm"),
+        ({"index": {}}, "'main' is missing"),
+    ],
+)
+def test_invalid_json(change: dict[str, Any], why: str) -> None:
+    content = rawtoaces_content()
+    content["spectral_data"] |= change
+    with raises(FileError, "the file is not a table of spectral sensitivities") as caught:
+        rawtoaces_camera(content, Path("x.json"))
+    assert why in caught.value.what
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", ""),
+        ("a.csv", "1,2,3\n4,5,6\n"),
+        ("a_380_390_5.csv", "1,2,3\n4,5,6\n"),
+        ("a.csv", "nm,R,G,B\n400,1,1\n"),
+        ("a.csv", "nm,R,G,B\n400,1,1,x\n410,1,1,1\n"),
+        ("a.csv", "nm,R,R,B\n400,1,1,1\n410,1,1,1\n"),
+        ("a.csv", "nm,R,G,B\n410,1,1,1\n400,1,1,1\n"),
+    ],
+)
+def test_invalid_tables(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with raises(FileError, "the file is not a table", path=str(tmp_path / name)):
+        csv_camera(tmp_path / name)
+
+
+def test_large_and_binary_tables(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00")
+    with raises(FileError, "is not a table"):
+        csv_camera(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_bytes(b"1,2,3\n" * 200_000)
+    with raises(FileError, "is not a table"):
+        csv_camera(tmp_path / "b.csv")
+
+
+def test_json_file_of_another_kind(tmp_path: Path) -> None:
+    from photosite.library.sources import find_cameras
+
+    with raises(FileError, "the file is neither"):
+        find_cameras(write_json(tmp_path / "a.json", {"a": 1}))
