@@ -36,6 +36,7 @@ _MODULE_OF = {
     "RawFrame": "photosite.frames.raw_frame",
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
+    "SignalModel": "photosite.camera.signal_model",
     "SineFlicker": "photosite.scene.flicker",
     "Spectrum": "photosite.color.spectrum",
     "TableFlicker": "photosite.scene.flicker",
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
     from photosite.camera.auto_exposure import AutoExposure as AutoExposure
     from photosite.camera.camera import Camera as Camera
     from photosite.camera.file import load_camera as load_camera
+    from photosite.camera.signal_model import SignalModel as SignalModel
     from photosite.color import illuminants as illuminants
     from photosite.color.spectrum import Spectrum as Spectrum
     from photosite.develop.polarization import stokes as stokes

@@ -158,6 +158,7 @@ INSTANCES: dict[str, Callable[[], Any]] = {
     "RawFrame": raw,
     "Scene": scene,
     "Sensor": sensor,
+    "SignalModel": lambda: ps.SignalModel(ps.Camera(base(), sensor()), scene(), 0.01),
     "SineFlicker": lambda: ps.SineFlicker(100.0, 0.2),
     "Spectrum": lambda: ps.Spectrum(GRID, np.sin(GRID)),
     "TableFlicker": lambda: ps.TableFlicker(100.0, (0.5, 1.0, 1.5, 1.0)),

@@ -7,6 +7,7 @@ filter acts on the transfer function, in `photosite.engine.transfer.Sampling`.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,9 @@ from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.lens import Optics
 from photosite.sensor.model import Sensor
 from photosite.sensor.optical_stack import AngularResponse, Crosstalk, Kernel
-from photosite.values.cfa import Cfa
+from photosite.values.cfa import Cfa, channel_names
+
+Array = NDArray[np.float64]
 
 _NO_CROSSTALK: Kernel = ((1.0,),)
 _WAVELENGTH_SAMPLES = 1001
@@ -130,8 +133,14 @@ def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
     >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # from the left neighbor
     array([0.1, 0.9, 0. ])
     """
-    light = _kernels_by_site(crosstalk.optical, cfa)
-    charge = _kernels_by_site(crosstalk.electrical, cfa)
+    return combined_shares(_kernels_by_site(crosstalk.optical, cfa), _kernels_by_site(crosstalk.electrical, cfa))
+
+
+def combined_shares(light: NDArray[np.float64], charge: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the gathering kernels of `crosstalk_shares`, linear in the kernels of light and in those of charge.
+
+    Both are (tile rows, tile cols, size, size), the kernel of each site.
+    """
     rows, cols = light.shape[:2]
     h, g = light.shape[2] // 2, charge.shape[2] // 2
     size = 2 * (h + g) + 1
@@ -172,10 +181,15 @@ def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
 
 def _kernels_by_site(kernels: dict[str, Kernel] | None, cfa: Cfa) -> NDArray[np.float64]:
     """Return (tile rows, tile cols, size, size): the kernel of each site, padded to the largest size."""
-    found = {name: np.array(kernels[name] if kernels else _NO_CROSSTALK) for row in cfa for name in row}
-    size = max(len(kernel) for kernel in found.values())
-    padded = {name: np.pad(kernel, (size - len(kernel)) // 2) for name, kernel in found.items()}
-    return np.array([[padded[name] for name in row] for row in cfa], np.float64)
+    names = channel_names(cfa)
+    return kernels_of_channels(kernels, names)[[[names.index(name) for name in row] for row in cfa]]
+
+
+def kernels_of_channels(kernels: dict[str, Kernel] | None, names: tuple[str, ...]) -> NDArray[np.float64]:
+    """Return (channels, size, size): the kernel of each channel, padded to the largest size; 1 x 1 for no crosstalk."""
+    found = [np.array(kernels[name] if kernels else _NO_CROSSTALK) for name in names]
+    size = max(len(kernel) for kernel in found)
+    return np.array([np.pad(kernel, (size - len(kernel)) // 2) for kernel in found], np.float64)
 
 
 _BLOCK = 256
@@ -240,6 +254,65 @@ def _inside(index: int, size: int, period: int) -> int:
     if index >= size:
         return size - period + (index - size) % period
     return index
+
+
+class CrosstalkGather:
+    """Each pixel's sum of shares of the pixels around it, as `gathered`, in double precision and with its adjoint.
+
+    - `shape`: (rows, cols) of the mosaic.
+    - `shares`: (tile rows, tile cols, size, size), see `crosstalk_shares`.
+    """
+
+    def __init__(self, shape: tuple[int, ...], shares: Array) -> None:
+        self._shape, self._shares, self._size = shape, shares, shares.shape[2]
+        # Beyond its border the mosaic repeats the nearest pixels of the same site of the tile.
+        self._rows, self._cols = (
+            _with_border(count, self._size // 2, period) for count, period in zip(shape, shares.shape[:2], strict=True)
+        )
+
+    def with_shares(self, shares: Array) -> CrosstalkGather:
+        """Return the sum with other shares of the same size."""
+        return CrosstalkGather(self._shape, shares)
+
+    def apply(self, mosaic: Array) -> Array:
+        """Return the sums."""
+        wide, out = mosaic[self._rows[:, None], self._cols], np.zeros(self._shape)
+        for site, i, j in self._taps():
+            out[self._pixels(site)] += self._shares[(*site, i, j)] * wide[i:, j:][self._pixels(site)]
+        return out
+
+    def adjoint(self, cotangent: Array) -> Array:
+        """Return the adjoint of `apply`."""
+        wide = np.zeros((self._rows.size, self._cols.size))
+        for site, i, j in self._taps():
+            wide[i:, j:][self._pixels(site)] += self._shares[(*site, i, j)] * cotangent[self._pixels(site)]
+        out = np.zeros(self._shape)
+        np.add.at(out, (self._rows[:, None], self._cols), wide)
+        return out
+
+    def by_shares(self, cotangent: Array, mosaic: Array) -> Array:
+        """Return the gradient by the shares of the sum of cotangent times `apply(mosaic)`."""
+        wide, found = mosaic[self._rows[:, None], self._cols], np.zeros_like(self._shares)
+        for site in np.ndindex(self._shares.shape[:2]):
+            for i, j in np.ndindex(self._size, self._size):
+                found[(*site, i, j)] = float((cotangent[self._pixels(site)] * wide[i:, j:][self._pixels(site)]).sum())
+        return found
+
+    def _taps(self) -> Iterable[tuple[tuple[int, ...], int, int]]:
+        """Yield the site and the place in its kernel of each share that is not 0."""
+        return (((r, c), i, j) for r, c, i, j in np.argwhere(self._shares != 0).tolist())
+
+    def _pixels(self, site: tuple[int, ...]) -> tuple[slice, slice]:
+        """Return a site's pixels in the frame, or in a wider array shifted by a tap."""
+        down, across = self._shares.shape[:2]
+        return slice(site[0], self._shape[0], down), slice(site[1], self._shape[1], across)
+
+
+def _with_border(count: int, reach: int, period: int) -> NDArray[np.intp]:
+    """Return the index of each line of a mosaic with a border, as `_inside`."""
+    index = np.arange(-reach, count + reach)
+    beyond = count - period + (index - count) % period
+    return np.where(index < 0, index % period, np.where(index >= count, beyond, index))
 
 
 @compiled(parallel=True)

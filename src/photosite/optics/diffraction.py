@@ -118,6 +118,19 @@ class DiffractionLimited(Plotted):
         result: Array = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
         return result
 
+    def otf_derivative(self, frequency_per_m: Array, wavelength_nm: float, distance_m: float) -> Array:
+        """Return the derivative of the OTF by the working f-number, -(4/pi) r sqrt(1 - r^2) / N_w.
+
+        Examples
+        --------
+        >>> lens = DiffractionLimited(f_number=8, focal_length_mm=50)
+        >>> half = lens.cutoff_per_m(550.0, np.inf) / 2
+        >>> lens.otf_derivative(np.array([0.0, half, 3 * half]), 550.0, np.inf).round(4) + 0.0
+        array([ 0.    , -0.0689,  0.    ])
+        """
+        r = np.minimum(np.abs(frequency_per_m) / self.cutoff_per_m(wavelength_nm, distance_m), 1.0)
+        return np.asarray((-4 / math.pi / self.working_f_number(distance_m)) * r * np.sqrt(1 - r * r))
+
     def relative_illumination(self, image_height_m: Array, distance_m: float) -> Array | None:
         """Return cos^4 of the field angle, tan = height / image distance; None without falloff."""
         if self.falloff == "none":
