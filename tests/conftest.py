@@ -99,13 +99,13 @@ def _compile_kernels_once() -> None:
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.dispatcher import Dispatcher
 
-    from photosite.engine.jit import kernel_cache
+    from photosite.engine.kernel_cache import kernel_folder
 
     compile_kernel = Dispatcher.compile
 
     def compile_once(self: Any, signature: Any) -> Any:
         # numba's own lock first: threads of one process must not wait for each other's files.
-        with global_compiler_lock, open(kernel_cache() / f"{self.py_func.__qualname__}.lock", "w") as lock:
+        with global_compiler_lock, open(kernel_folder() / f"{self.py_func.__qualname__}.lock", "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             return compile_kernel(self, signature)
 

@@ -36,7 +36,7 @@ def test_json_tells_what_was_written(photosite: Any, tmp_path: Path) -> None:
 
 
 def test_the_first_run_says_what_it_waits_for(photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photosite.engine.jit.kernels_are_cached", lambda: False)
+    monkeypatch.setattr("photosite.engine.kernel_cache.kernels_are_cached", lambda: False)
     done = photosite("simulate", *SMALL, "-o", tmp_path / "shot.dng", "--json")
     assert done.err == "compiling kernels (once; about 20 s) ...\n"
     assert done.json["rows"] == 66

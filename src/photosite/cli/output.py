@@ -114,7 +114,7 @@ def say(message: str) -> None:
 
 def say_if_compiling() -> None:
     """Announce the compilation of the kernels, which makes the first computation slower than later ones."""
-    from photosite.engine.jit import kernels_are_cached
+    from photosite.engine.kernel_cache import kernels_are_cached
 
     if not kernels_are_cached():
         say("compiling kernels (once; about 20 s) ...")

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
-import hashlib
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache, wraps
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -19,6 +15,8 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from photosite.engine.kernel_cache import KernelCache, kernel_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -42,8 +40,8 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
 
     def decorate(function: F) -> F:
         if not parallel:
-            return _dispatcher(function, kernel_cache(), **({"inline": "always"} if inline else {}))
-        threaded = _dispatcher(function, kernel_cache(), parallel=True)
+            return _dispatcher(function, kernel_folder(), **({"inline": "always"} if inline else {}))
+        threaded = _dispatcher(function, kernel_folder(), parallel=True)
         single: list[F] = []
 
         @wraps(function)
@@ -51,7 +49,7 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
             if not _forked.without_threads:
                 return threaded(*arguments)
             if not single:  # numba's cache does not tell it from the other one
-                single.append(_dispatcher(function, kernel_cache() / "single"))
+                single.append(_dispatcher(function, kernel_folder() / "single"))
             return single[0](*arguments)
 
         return cast(F, run)
@@ -64,7 +62,8 @@ def _dispatcher(function: F, folder: Path, **options: Any) -> F:
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
     try:
-        kernel = numba.njit(cache=True, fastmath=False, nogil=True, error_model="numpy", **options)(function)
+        kernel = numba.njit(fastmath=False, nogil=True, error_model="numpy", **options)(function)
+        kernel._cache = KernelCache(function)
     finally:
         settings.CACHE_DIR = before
     return cast(F, kernel)
@@ -87,36 +86,6 @@ class _Forked:
 _forked = _Forked()
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forked.note)
-
-
-@lru_cache(maxsize=1)
-def kernel_cache() -> Path:
-    """Return the folder of compiled kernels, a different one for each state of the engine's sources.
-
-    numba itself compares only the file of a kernel, so that a kernel would stay in use after a function that it calls
-    has changed in another file.
-    """
-    sources = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        sources.update(path.read_bytes())
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(base) / "photosite" / f"kernels-{sources.hexdigest()[:16]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        writable = False
-    if writable:
-        return folder
-    # The home folder is read-only: keep kernels for the lifetime of the process.
-    own = tempfile.mkdtemp(prefix="photosite-kernels-")
-    atexit.register(shutil.rmtree, own, ignore_errors=True)
-    return Path(own)
-
-
-def kernels_are_cached() -> bool:
-    """Return whether kernels of this state of the sources have been compiled before."""
-    return any(kernel_cache().glob("*/*.nbc"))
 
 
 @contextmanager

@@ -1,0 +1,99 @@
+"""Compiled kernels on disk, a checked file each."""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import pickle
+import shutil
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import FunctionCache
+
+_DIGEST_BYTES = hashlib.sha256().digest_size
+
+
+class KernelCache(FunctionCache):
+    """The compiled forms of one function, in place of numba's own cache of it.
+
+    numba keeps an index beside the files. A damaged file ends the program, a folder that cannot be written is an error,
+    and two processes that compile different forms at the same time can give both the same file. Here the name of a file
+    follows from what it was compiled for, its content is checked, and a file that cannot be read or written means that
+    the function is compiled.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled form for a signature; None if there is no valid one."""
+        target_context.refresh()
+        path = self._path(sig, target_context.codegen())
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        digest, data = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
+        if hashlib.sha256(data).digest() != digest:
+            with suppress(OSError):
+                path.unlink()
+            return None
+        return self._impl.rebuild(target_context, pickle.loads(data))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write the compiled form for a signature, if it can be written."""
+        if not self._impl.check_cachable(data):
+            return
+        path = self._path(sig, data.codegen)
+        content = self._cache_file._dump(self._impl.reduce(data))  # type: ignore[no-untyped-call]
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+            try:
+                with open(handle, "wb") as stream:
+                    stream.write(hashlib.sha256(content).digest() + content)
+                os.replace(temporary, path)
+            except OSError:
+                os.unlink(temporary)
+
+    def _path(self, sig: Any, codegen: Any) -> Path:
+        compiled_for = self._index_key(sig, codegen)  # type: ignore[no-untyped-call]
+        key = self._cache_file._version, self._impl.locator.get_source_stamp(), compiled_for
+        name = hashlib.sha256(repr(key).encode()).hexdigest()[:20]
+        return Path(self.cache_path) / f"{self._impl.filename_base}.{name}.nbc"
+
+
+@lru_cache(maxsize=1)
+def kernel_folder() -> Path:
+    """Return the folder of compiled kernels, a different one for each state of the engine's sources.
+
+    numba itself compares only the file of a kernel, so that a kernel would stay in use after a function that it calls
+    has changed in another file.
+    """
+    sources = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        sources.update(path.read_bytes())
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = Path(base) / "photosite" / f"kernels-{sources.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+    except OSError:
+        writable = False
+    if writable:
+        return folder
+    # The home folder is read-only: keep kernels for the lifetime of the process.
+    own = tempfile.mkdtemp(prefix="photosite-kernels-")
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
+
+
+def kernels_are_cached() -> bool:
+    """Return whether kernels of this state of the sources have been compiled before."""
+    return any(kernel_folder().glob("*/*.nbc"))

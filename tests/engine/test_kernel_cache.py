@@ -1,0 +1,59 @@
+"""Compiled kernels on disk: used again, and compiled anew where a file is damaged or cannot be written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from photosite.engine import jit
+
+
+def double(values: Any) -> Any:
+    return 2 * values
+
+
+@pytest.fixture
+def kernel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], Any]:
+    """Return a function that decorates `double` as a new process does."""
+    monkeypatch.setattr(jit, "kernel_folder", lambda: tmp_path / "kernels")
+    return lambda: jit.compiled()(double)
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.nbc"))
+
+
+def test_a_kernel_is_compiled_once_for_each_type(kernel: Callable[[], Any], tmp_path: Path) -> None:
+    first = kernel()
+    assert (first(2.0), first(3)) == (4.0, 6)
+    assert len(files(tmp_path)) == 2
+    again = kernel()
+    assert (again(2.0), again(3)) == (4.0, 6)
+    assert sum(again.stats.cache_hits.values()) == 2
+    assert (again(np.arange(3.0)) == [0, 2, 4]).all()
+    assert len(files(tmp_path)) == 3
+
+
+@pytest.mark.parametrize("damage", ["empty", "truncated", "garbage", "one byte"])
+def test_a_damaged_file_is_compiled_anew(kernel: Callable[[], Any], tmp_path: Path, damage: str) -> None:
+    kernel()(2.0)
+    (path,) = files(tmp_path)
+    good = path.read_bytes()
+    content = bytearray(good)
+    content[len(content) // 2] ^= 1
+    path.write_bytes({"empty": b"", "truncated": good[:-9], "garbage": b"x" * 500, "one byte": bytes(content)}[damage])
+    damaged = kernel()
+    assert damaged(2.0) == 4.0
+    assert sum(damaged.stats.cache_hits.values()) == 0
+    again = kernel()
+    assert again(2.0) == 4.0
+    assert sum(again.stats.cache_hits.values()) == 1
+
+
+def test_a_folder_that_cannot_be_written_is_no_error(kernel: Callable[[], Any], tmp_path: Path) -> None:
+    (tmp_path / "kernels").write_text("a file in the place of the folder")
+    assert kernel()(2.0) == 4.0
