@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from photosite.engine.resample import Corners, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
 
 PITCH_M = 1e-6
+ONE = np.ones((1, 1), np.float32)
 Point = tuple[float, float]
 
 
@@ -25,7 +26,7 @@ def corners_of(
 def warped(values: NDArray[np.float32], corners: Corners) -> NDArray[np.float32]:
     rows = corners.y_m.size - 1
     first, last = corners.span(0, rows)
-    return warped_means(values[None, first:last], first, corners, 0, rows)[0]
+    return warped_means(values[None, first:last], ONE, first, corners, 0, rows)[0]
 
 
 def looked_at(corners: Corners) -> NDArray[np.float64]:
@@ -113,7 +114,7 @@ def test_strips_are_parts_of_the_whole() -> None:
     whole = warped(values, corners)
     for begin, end in ((0, 17), (17, 18), (18, 51), (51, 100)):
         first, last = corners.span(begin, end)
-        (part,) = warped_means(values[None, first:last], first, corners, begin, end)
+        (part,) = warped_means(values[None, first:last], ONE, first, corners, begin, end)
         assert (part == whole[begin:end]).all()
 
 
@@ -128,6 +129,6 @@ def test_several_maps_equal_single_maps(k: float) -> None:
     values = np.random.default_rng(8).random((4, 23, 31)).astype(np.float32)
     corners = corners_of(40, 52, (23, 31), (0.52, 0.6), (11.2, 15.7), k)
     first, last = corners.span(7, 33)
-    got = warped_means(values[:, first:last], first, corners, 7, 33)
+    got = warped_means(values[:, first:last], np.eye(len(values), dtype=np.float32), first, corners, 7, 33)
     alone = np.stack([warped(one, corners) for one in values])
     assert (got == alone[:, 7:33]).all()

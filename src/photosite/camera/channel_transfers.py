@@ -13,7 +13,7 @@ and terms; all channels together share them. The alternative with less work is c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 from threading import Lock
 from typing import Any
@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from photosite.camera.sampled_otf import MapTransfers, Progress, SampledOtf, sample_otf
-from photosite.engine.transfer import Sampling, Transfer
+from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+from photosite.files.cache import Arrays, cached_arrays
 from photosite.optics.point_spread import FieldPsf, PointSpread
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ def reduced_transfers(
     - `progress`: Receives the number of sampled wavelengths.
 
     Returns one result for all channels; or, if N > 1 and that is less work, one for each channel that receives light.
-    Results are cached and must not be changed.
+    Results are cached, in memory and on disk (`photosite.files.cache`), and must not be changed.
 
     Raises `InputError` if a point is spread over more cells than a mosaic can be computed with.
     """
@@ -108,7 +109,13 @@ def reduced_transfers(
     arrays = coupling, wavelength_nm, node_shares
     key = (*((array.shape, array.tobytes()) for array in arrays), astuple(sampling), tolerance)
     if (found := cached.get(key)) is None:
-        found = tuple(_reduce(sample_otf(spread, wavelength_nm, sampling, progress), coupling, node_shares, tolerance))
+
+        def compute() -> Arrays:
+            otf = sample_otf(spread, wavelength_nm, sampling, progress)
+            return _to_arrays(_reduce(otf, coupling, node_shares, tolerance))
+
+        inputs = (spread, *arrays, sampling, tolerance)
+        found = _from_arrays(cached_arrays("transfers", inputs, compute))
     with _cache_lock:
         cached.pop(key, None)
         cached[key] = found  # the most recently used entry is last
@@ -117,13 +124,51 @@ def reduced_transfers(
     return found
 
 
+def _to_arrays(parts: Sequence[ReducedTransfer]) -> Arrays:
+    arrays: dict[str, Any] = {}
+    for n, part in enumerate(parts):
+        radial = part.transfer.radial
+        of_part = {
+            "mixing": part.mixing,
+            "padding_m": part.padding_m,
+            "table": None if radial is None else radial.table,
+            "step_per_m": None if radial is None else radial.step_per_m,
+            "kernels": part.transfer.kernels,
+            "channel": part.channel,
+        }
+        of_part |= {f"node_maps_{node}": maps for node, maps in enumerate(part.node_maps or ())}
+        arrays |= {f"{n}.{name}": np.asarray(value) for name, value in of_part.items() if value is not None}
+    return arrays
+
+
+def _from_arrays(arrays: Arrays) -> tuple[ReducedTransfer, ...]:
+    """Return the parts of `_to_arrays`."""
+    parts: list[ReducedTransfer] = []
+    while f"{len(parts)}.mixing" in arrays:
+        begin = f"{len(parts)}."
+        of_part: Any = {name.removeprefix(begin): v for name, v in arrays.items() if name.startswith(begin)}
+        radial, nodes = None, [name for name in of_part if name.startswith("node_maps_")]
+        if "table" in of_part:
+            radial = RadialTransfer(of_part["table"], float(of_part["step_per_m"]))
+        parts.append(
+            ReducedTransfer(
+                Transfer(radial, of_part.get("kernels")),
+                of_part["mixing"],
+                float(of_part["padding_m"]),
+                tuple(of_part[f"node_maps_{node}"] for node in range(len(nodes))) if nodes else None,
+                int(of_part["channel"]) if "channel" in of_part else None,
+            )
+        )
+    return tuple(parts)
+
+
 def _bytes_of(results: Iterable[Sequence[ReducedTransfer]]) -> int:
     return sum(part.nbytes for parts in results for part in parts)
 
 
 def _reduce(otf: SampledOtf, coupling: Array, node_shares: Array, tolerance: float) -> Sequence[ReducedTransfer]:
     at_nodes = coupling @ otf.node_shares
-    limit = tolerance * MapTransfers(otf, at_nodes).largest(_STRIDE)
+    limit = tolerance * max(of_mode.largest(_STRIDE) for of_mode in MapTransfers.by_map(otf, at_nodes))
     if len(node_shares) == 1:
         return [ReducedTransfer(*_terms(otf, at_nodes, limit), otf.padding_m)]
     separate = [
@@ -158,10 +203,10 @@ def _reduce_with_nodes(
 def _node_maps(otf: SampledOtf, coupling: Array, limit: float) -> Array:
     """Return (S, K): the fewest combinations of maps that replace all K; none if all transfers are below the limit."""
     limit /= len(otf.parts)
-    transfers = MapTransfers(otf, coupling)
-    if transfers.largest(1) <= limit:
+    transfers = MapTransfers.by_map(otf, coupling)
+    if all(of_mode.within(limit, 1) for of_mode in transfers):
         return np.empty((0, coupling.shape[1]))
-    return _fewest_combinations(transfers.by_map, limit)
+    return _fewest_combinations(transfers, limit)
 
 
 def _terms(otf: SampledOtf, coupling: Array, limit: float) -> tuple[Transfer, Array]:
@@ -170,12 +215,11 @@ def _terms(otf: SampledOtf, coupling: Array, limit: float) -> tuple[Transfer, Ar
     `limit` is the largest error of any map in any channel at any frequency.
     """
     limit /= len(otf.parts)
-    by_mode = [MapTransfers(otf, coupling, slice(r, r + 1)).by_mode_and_map for r in range(otf.modes)]
-    mixings = [_fewest_combinations(transfers, limit) for transfers in by_mode]
+    mixings = [_fewest_combinations([of_mode], limit) for of_mode in MapTransfers.by_map(otf, coupling)]
     # A term is 0 in all modes but its own.
     mixing = block_diag(*mixings).reshape(-1, otf.modes, coupling.shape[1])
     if otf.modes > 1 and len(mixing) > len(coupling) * otf.modes:
-        together = _fewest_combinations(MapTransfers(otf, coupling).by_mode_and_map, limit)
+        together = _fewest_combinations([MapTransfers.by_mode_and_map(otf, coupling)], limit)
         together = together.reshape(-1, otf.modes, coupling.shape[1])
         if _term_cost(together) < _term_cost(mixing):
             mixing = together
@@ -199,21 +243,14 @@ def _term_cost(mixing: Array) -> float:
     return len(mixing) + _MAP_COST * int(mixing.any(axis=2).sum())
 
 
-def _fewest_combinations(blocks: Callable[[int], Iterator[Array]], limit: float) -> Array:
-    """Return (terms, maps): the fewest orthonormal combinations of maps that represent all within the limit.
-
-    `blocks` yields (channels, maps, n) transfers at every stride-th frequency, such as `MapTransfers.by_map`.
-    """
-    squares: Any = 0.0
-    for block in blocks(_STRIDE):
-        tall = block.transpose(1, 0, 2).reshape(block.shape[1], -1)
-        squares = squares + tall @ tall.T
+def _fewest_combinations(transfers: Sequence[MapTransfers], limit: float) -> Array:
+    """Return (terms, maps): the fewest orthonormal combinations of maps that represent all within the limit."""
+    squares: Any = sum(part.squares(_STRIDE) for part in transfers)
     # Only singular values above 1e-6 of the first matter; doubles hold their squares, which are faster to find.
     directions = np.linalg.eigh(squares)[1][:, ::-1].T
 
     def enough(terms: int, stride: int) -> bool:
-        mixing = directions[:terms]
-        return all(np.abs(block - mixing.T @ (mixing @ block)).max() <= limit for block in blocks(stride))
+        return all(part.without(directions[:terms]).within(limit, stride) for part in transfers)
 
     low, high = 1, len(directions)
     while low < high:  # bisect with some of the frequencies

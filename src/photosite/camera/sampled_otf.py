@@ -14,14 +14,17 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf
+from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf, SampledPsf
 
 Array = NDArray[np.float64]
 
@@ -96,32 +99,44 @@ class SampledOtf:
 
 @dataclass(frozen=True, eq=False)
 class MapTransfers:
-    """Transfers from maps to channels, computed in blocks of frequencies because all together would be large."""
+    """Transfers from maps to channels, as `coefficients @ tables`, because all together would be large."""
 
-    otf: SampledOtf  # the lens
-    # (channels, maps, nodes) electrons per second that a map of weight 1 gives a channel at a spectral node
-    coupling: Array
-    modes: slice | None = None  # the modes to include; None is all
+    coefficients: Array  # (channels, maps, values) what a map contributes to each table value
+    tables: tuple[Array, ...]  # (values, n): the same values at n frequencies, or real and imaginary parts
 
-    def blocks(self, stride: int) -> Iterator[Array]:
-        """Yield (channels, modes, maps, n) transfers at every `stride`-th frequency."""
-        modes = slice(None) if self.modes is None else self.modes
-        for table in self.otf.parts:
-            for first in range(0, table.shape[2], _BLOCK * stride):
-                values = table[modes, :, first : first + _BLOCK * stride : stride]
-                yield np.einsum("ckn,rnp->crkp", self.coupling, values, optimize=True)
+    @classmethod
+    def by_map(cls, otf: SampledOtf, coupling: Array) -> list[MapTransfers]:
+        """Return the transfers of each mode; `coupling` is (channels, maps, nodes), as for `SampledOtf.transfer`."""
+        return [cls(coupling, tuple(table[r] for table in otf.parts)) for r in range(otf.modes)]
 
-    def by_map(self, stride: int) -> Iterator[Array]:
-        """Yield (channels * modes, maps, n) transfers."""
-        return (block.reshape(-1, *block.shape[2:]) for block in self.blocks(stride))
+    @classmethod
+    def by_mode_and_map(cls, otf: SampledOtf, coupling: Array) -> MapTransfers:
+        """Return the transfers of the maps of all modes, mode after mode."""
+        coefficients = np.stack([block_diag(*[of_channel] * otf.modes) for of_channel in coupling])
+        return cls(coefficients, tuple(table.reshape(-1, table.shape[2]) for table in otf.parts))
 
-    def by_mode_and_map(self, stride: int) -> Iterator[Array]:
-        """Yield (channels, modes * maps, n) transfers."""
-        return (block.reshape(len(self.coupling), -1, block.shape[3]) for block in self.blocks(stride))
+    def squares(self, stride: int) -> Array:
+        """Return (maps, maps): the sum over channels, and every `stride`-th frequency, of products of transfers."""
+        products = sum(table[:, ::stride] @ table[:, ::stride].T for table in self.tables)
+        return np.asarray((self.coefficients @ products @ self.coefficients.transpose(0, 2, 1)).sum(axis=0))
+
+    def without(self, mixing: Array) -> MapTransfers:
+        """Return what orthonormal combinations of maps (terms, maps) leave."""
+        return MapTransfers(self.coefficients - mixing.T @ (mixing @ self.coefficients), self.tables)
+
+    def within(self, limit: float, stride: int) -> bool:
+        """Return whether all transfers are at most a limit at every `stride`-th frequency."""
+        return all(float(np.abs(block).max()) <= limit for block in self._blocks(stride))
 
     def largest(self, stride: int) -> float:
-        """Return the largest magnitude of all transfers."""
-        return max(float(np.abs(block).max()) for block in self.blocks(stride))
+        """Return the largest magnitude at every `stride`-th frequency."""
+        return max(float(np.abs(block).max()) for block in self._blocks(stride))
+
+    def _blocks(self, stride: int) -> Iterator[Array]:
+        flat = self.coefficients.reshape(-1, self.coefficients.shape[2])
+        for table in self.tables:
+            for first in range(0, table.shape[1], _BLOCK * stride):
+                yield flat @ table[:, first : first + _BLOCK * stride : stride]
 
 
 def sample_otf(
@@ -293,6 +308,46 @@ def _remainder_spectrum(
     Half of the columns suffice, because the point spread is real.
     """
     cutoff = mode.cutoff_per_m(wavelength_nm)
+    if isinstance(mode.otf, SampledPsf):
+        # The Fourier sum is a product of a factor of each axis, and so is its folded sum.
+        samples, position = mode.otf.samples_at(wavelength_nm), mode.otf.position_m
+        most = min(cutoff, mode.otf.nyquist_per_m)
+        down, across = (_folded_factors(sampling, axis, size, most, position) for axis in (0, 1))
+        total = down @ (samples @ across[: size // 2 + 1].T)
+        return total - cone * _folded_pupil(cutoff, sampling, size) if cone else total
+    return _folded(
+        lambda fy, fx: mode.otf(fy, fx, wavelength_nm) - (cone * _pupil(cutoff, fy, fx) if cone else 0.0),
+        cutoff,
+        sampling,
+        size,
+    )
+
+
+def _pupil(cutoff_per_m: float, fy_per_m: Array, fx_per_m: Array) -> Array:
+    return circular_pupil_otf(np.hypot(fy_per_m, fx_per_m) / cutoff_per_m)
+
+
+@lru_cache(maxsize=8)
+def _folded_pupil(cutoff_per_m: float, sampling: Sampling, size: int) -> NDArray[np.complex128]:
+    """Return what `_folded` does for a circular pupil; the modes of a lens share it."""
+    return _folded(partial(_pupil, cutoff_per_m), cutoff_per_m, sampling, size)
+
+
+def _folded_factors(
+    sampling: Sampling, axis: int, size: int, most_per_m: float, position_m: Array
+) -> NDArray[np.complex128]:
+    """Return (Q, n) phase factors of positions on an axis, times photodetector and cell, folded at 1 / cell."""
+    cell_m = sampling.cell_m(axis)
+    zones = math.ceil(most_per_m * cell_m)
+    f = np.arange(-zones * size, (zones + 1) * size) / (size * cell_m)
+    weight = sampling.aperture(axis, f) * (np.abs(f) <= most_per_m)
+    factors = weight[:, None] * np.exp((-2j * math.pi) * f[:, None] * position_m)
+    folded: NDArray[np.complex128] = factors.reshape(-1, size, position_m.size).sum(axis=0)
+    return folded
+
+
+def _folded(otf: Callable[[Array, Array], Any], cutoff: float, sampling: Sampling, size: int) -> NDArray[np.complex128]:
+    """Return (Q, Q // 2 + 1): a transfer function times photodetector and cell, folded at 1 / cell."""
     step = [np.float64(1.0 / (size * sampling.cell_m(axis))) for axis in (0, 1)]
     zones = [math.ceil(cutoff * sampling.cell_m(axis)) for axis in (0, 1)]
     row = np.arange(-zones[0] * size, (zones[0] + 1) * size)
@@ -306,10 +361,7 @@ def _remainder_spectrum(
         if not near.any():
             continue
         fx: Array = (col[near] * step[1])[None, :]
-        otf = np.zeros((row.size, near.size), np.complex128)
-        values = mode.otf(fy, fx, wavelength_nm)
-        if cone:
-            values = values - cone * circular_pupil_otf(np.hypot(fy, fx) / cutoff)
-        otf[np.ix_(inside, near)] = values * (aperture_y * sampling.aperture(1, fx))
-        total += otf.reshape(-1, size, near.size).sum(axis=0)
+        values = np.zeros((row.size, near.size), np.complex128)
+        values[np.ix_(inside, near)] = otf(fy, fx) * (aperture_y * sampling.aperture(1, fx))
+        total += values.reshape(-1, size, near.size).sum(axis=0)
     return total

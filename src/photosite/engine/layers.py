@@ -232,8 +232,7 @@ class _WarpedMaps:
 
     def rows(self, mixes: F32, begin: int, end: int) -> F32:
         first, last = self._corners.span(begin, end)
-        values = np.tensordot(mixes, self._weights[:, first:last], axes=1)
-        return warped_means(values, first, self._corners, begin, end)
+        return warped_means(self._weights[:, first:last], mixes, first, self._corners, begin, end)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
 
 _CHUNK = 16
 """Rows of cells that a thread processes at a time; all but the first reuse the edges of the row above."""
@@ -127,16 +127,16 @@ class Corners:
         return np.asarray(np.interp(self.y_m[row] ** 2 + self.x_m**2, nodes, self.warp.scale))
 
 
-def warped_means(values: F32, offset: int, corners: Corners, begin: int, end: int) -> F32:
+def warped_means(values: F32, mixes: F32, offset: int, corners: Corners, begin: int, end: int) -> F32:
     """Return (R, end - begin, cols): means of maps over the places that rows begin to end of cells see.
 
-    `values` is (R, n, map cols): rows `offset`, `offset + 1`, ... of the maps, at least those of `corners.span`.
+    The maps are the combinations `mixes` (R, K) of `values`, (K, n, map cols): rows `offset`, `offset + 1`, ..., at
+    least those of `corners.span`.
     """
-    # Interleave the maps: they share the computation of the place.
-    maps = np.ascontiguousarray(np.moveaxis(values, 0, 2))
-    before = np.zeros((maps.shape[0], maps.shape[1] + 1, maps.shape[2]))
-    np.cumsum(maps, axis=1, dtype=np.float64, out=before[:, 1:])
-    out = np.empty((len(values), end - begin, corners.x_m.size - 1), np.float32)
+    count, (rows, cols) = len(mixes), values.shape[1:]
+    maps, before = np.empty((count, rows, cols), np.float32), np.empty((count, rows, cols))
+    _mix_and_integrate(read_only(values), read_only(mixes), maps, before)
+    out = np.empty((count, end - begin, corners.x_m.size - 1), np.float32)
     source = _Source(maps, before, offset, corners.shape[0])
     trace = _Trace(corners.warp.scale, corners.warp.step_m2, corners.x_m, *corners.axis, *corners.per_m)
     _warped_means(source, trace, corners.y_m[begin : end + 1], out)
@@ -144,7 +144,7 @@ def warped_means(values: F32, offset: int, corners: Corners, begin: int, end: in
 
 
 class _Source(NamedTuple):
-    """Maps, interleaved: values (n, cols, R), integrals along the rows, number of the first row, rows of the map."""
+    """Maps (R, n, cols), their integrals along the rows, number of the first row, rows of the map."""
 
     values: F32
     before: F64
@@ -164,20 +164,33 @@ class _Trace(NamedTuple):
     per_m_x: float
 
 
-class _CornerRow(NamedTuple):
-    """A row of corners."""
+class _Pieces(NamedTuple):
+    """Edges, cut where they pass from sample to sample: entries first[c] to first[c + 1] belong to edge c.
 
-    place: F64  # (2, n) x and y in the map
-    sample: I64  # (n,) number of the sample there
-    # (n, R) integrals from each corner to the next, and (n,) whether they are computed
-    along: F64
-    known: NDArray[np.bool_]
+    An edge's integral of F dy is the sum of `height * before[sample] + moment * values[sample]`.
+    """
+
+    first: I64
+    sample: I64
+    height: F64
+    moment: F64
 
 
-@compiled()
-def _corner_row(corners: int, maps: int) -> _CornerRow:
-    known = np.zeros(corners, np.bool_)
-    return _CornerRow(np.empty((2, corners)), np.empty(corners, np.int64), np.empty((corners, maps)), known)
+@compiled(parallel=True)
+def _mix_and_integrate(values: F32, mixes: F32, maps: F32, before: F64) -> None:
+    """Compute the maps, and the integral of each along its row up to each sample."""
+    for r in prange(values.shape[1]):
+        for k in range(mixes.shape[0]):
+            line, sums = maps[k, r], before[k, r]
+            line[:] = 0.0
+            for own in range(mixes.shape[1]):
+                weight, given = mixes[k, own], values[own, r]
+                for c in range(line.size):
+                    line[c] += weight * given[c]
+            total = 0.0
+            for c in range(line.size):
+                sums[c] = total
+                total += line[c]
 
 
 @compiled(parallel=True)
@@ -188,58 +201,43 @@ def _warped_means(source: _Source, trace: _Trace, y_m: F64, out: F32) -> None:
 
 
 @compiled()
-def _chunk_of_means(source: _Source, trace: _Trace, y_m: F64, first: int, last: int, out: F32) -> None:
+def _chunk_of_means(source: _Source, trace: _Trace, y_m: F64, begin: int, end: int, out: F32) -> None:
     # A function of its own: numba may compute allocations in a prange loop once for all its iterations.
-    above, below = (_corner_row(out.shape[2] + 1, out.shape[0]), _corner_row(out.shape[2] + 1, out.shape[0]))
-    _find_places(trace, y_m[first], source, above)
-    for r in range(first, last):
-        _find_places(trace, y_m[r + 1], source, below)
-        below.known[:] = False
-        _row_of_means(source, above, below, r, out)
-        above, below = below, above
+    maps, cells = out.shape[0], out.shape[2]
+    place = np.empty((2, 2, cells + 1))  # of two rows of corners, alternating: x and y in the map,
+    sample = np.empty((2, cells + 1), np.int64)  # the number of the sample there,
+    along = np.empty((2, maps, cells + 1))  # the integrals from each corner to the next,
+    known = np.zeros((2, cells), np.bool_)  # and whether they are computed
+    side = np.empty((maps, cells + 1))  # integrals from corners to those below
+    mixed, sides, unknown = (np.empty(cells + 1, np.int64), np.empty(cells + 1, np.int64), np.empty(cells, np.int64))
+    pieces = _room(cells + 1, 4 * cells)
+    _find_places(trace, y_m[begin], source, place[0], sample[0])
+    for r in range(begin, end):
+        upper = (r - begin) % 2
+        lower = 1 - upper
+        _find_places(trace, y_m[r + 1], source, place[lower], sample[lower])
+        count = _find_mixed(sample[upper], sample[lower], mixed)
+        cells_mixed = mixed[:count]
+        if count < cells:
+            _copy_samples(source, sample[upper], out[:, r])
+        count_sides, count_unknown = _find_edges(cells_mixed, known[upper], known[lower], sides, unknown)
+        pieces = _integrals(source, place[upper], place[lower], 0, sides[:count_sides], pieces, side)
+        pieces = _integrals(source, place[upper], place[upper], 1, unknown[:count_unknown], pieces, along[upper])
+        pieces = _integrals(source, place[lower], place[lower], 1, cells_mixed, pieces, along[lower])
+        _divide_by_areas(place[upper], place[lower], along[upper], along[lower], side, cells_mixed, out[:, r])
 
 
 @compiled()
-def _row_of_means(source: _Source, upper: _CornerRow, lower: _CornerRow, r: int, out: F32) -> None:
-    """Compute the means of the cells between two rows of corners, into out[:, r]."""
-    maps = out.shape[0]
-    (above, in_above, along_above, known_above), (below, in_below, along_below, known_below) = upper, lower
-    samples = source.values.reshape(-1, maps)
-    sides = np.empty((2, maps))  # of a cell's left and right side, alternating
-    left, known_left = 0, False
-    for c in range(out.shape[2]):
-        d = c + 1
-        if in_above[c] == in_above[d] == in_below[c] == in_below[d]:
-            sample = in_above[c] - source.offset * source.values.shape[1]
-            for k in range(maps):
-                out[k, r, c] = samples[sample, k]
-            known_left = False
-            continue
-        upper_left, upper_right = (above[0, c], above[1, c]), (above[0, d], above[1, d])
-        lower_left, lower_right = (below[0, c], below[1, c]), (below[0, d], below[1, d])
-        right = 1 - left
-        if not known_left:
-            _integral(source, upper_left, lower_left, sides, left)
-        if not known_above[c]:
-            _integral(source, upper_left, upper_right, along_above, c)
-        _integral(source, upper_right, lower_right, sides, right)
-        _integral(source, lower_left, lower_right, along_below, c)
-        known_left = known_below[c] = True
-        # Twice the area: the product of the diagonals.
-        x_down, y_down = lower_right[0] - upper_left[0], lower_right[1] - upper_left[1]
-        area = x_down * (lower_left[1] - upper_right[1]) - y_down * (lower_left[0] - upper_right[0])
-        for k in range(maps):
-            around = along_above[c, k] + sides[right, k] - along_below[c, k] - sides[left, k]
-            out[k, r, c] = 2.0 * around / area
-        left = right
+def _room(edges: int, pieces: int) -> _Pieces:
+    return _Pieces(np.empty(edges + 1, np.int64), np.empty(pieces, np.int64), np.empty(pieces), np.empty(pieces))
 
 
 @compiled()
-def _find_places(trace: _Trace, y_m: float, source: _Source, row: _CornerRow) -> None:
-    """Compute the places in the map of a row of corners, and the samples there."""
+def _find_places(trace: _Trace, y_m: float, source: _Source, place: F64, sample: I64) -> None:
+    """Compute the places in the map of a row of corners, x and y, and the samples there."""
     scale, step_m2, x_m, axis_y, axis_x, per_m_y, per_m_x = trace
-    x, y = row.place[0], row.place[1]
-    rows, cols = source.map_rows, source.values.shape[1]
+    x, y = place[0], place[1]
+    rows, cols = source.map_rows, source.values.shape[2]
     last, per_m2 = scale.size - 2, 1.0 / step_m2
     for c in range(x_m.size):
         position = (y_m * y_m + x_m[c] * x_m[c]) * per_m2
@@ -251,49 +249,115 @@ def _find_places(trace: _Trace, y_m: float, source: _Source, row: _CornerRow) ->
     for c in range(x_m.size):
         # Beyond its border the map repeats its border samples.
         inside_y, inside_x = min(max(y[c], 0.0), rows - 1.0), min(max(x[c], 0.0), cols - 1.0)
-        row.sample[c] = int(inside_y) * cols + int(inside_x)
+        sample[c] = int(inside_y) * cols + int(inside_x)
 
 
 @compiled()
-def _integral(source: _Source, begin: tuple[float, float], end: tuple[float, float], out: F64, place: int) -> None:
-    """Compute out[place], each map's integral of F dy along a straight line, row by row of the map."""
-    for k in range(out.shape[1]):
-        out[place, k] = 0.0
-    sign = 1.0
-    if begin[1] > end[1]:
-        begin, end, sign = end, begin, -1.0
-    (x0, y0), (x1, y1) = begin, end
-    if y0 == y1:
-        return
-    slope = (x1 - x0) / (y1 - y0)
-    row = int(np.floor(y0))
-    x, y = x0, y0
-    while y1 > row + 1:
-        inside = min(max(row, 0), source.map_rows - 1) - source.offset
-        border = row + 1.0
-        at = x0 + slope * (border - y0)
-        _add_mean_before(source, inside, x, at, sign * (border - y), out, place)
-        x, y, row = at, border, row + 1
-    inside = min(max(row, 0), source.map_rows - 1) - source.offset
-    _add_mean_before(source, inside, x, x1, sign * (y1 - y), out, place)
+def _find_mixed(upper: I64, lower: I64, mixed: I64) -> int:
+    """Find the cells whose corners see different samples; return their number."""
+    count = 0
+    for c in range(upper.size - 1):
+        mixed[count] = c
+        same = (upper[c] == upper[c + 1]) & (lower[c] == lower[c + 1]) & (upper[c] == lower[c])
+        count += 1 - int(same)
+    return count
 
 
 @compiled()
-def _add_mean_before(source: _Source, row: int, x0: float, x1: float, height: float, out: F64, place: int) -> None:
-    """Add `height` times the mean of F between two places of a row, which repeats its end samples beyond its ends."""
-    values, before = source.values, source.before
-    last = values.shape[1] - 1
-    low, high = min(x0, x1), max(x0, x1)
-    first, final = min(max(int(np.floor(low)), 0), last), min(max(int(np.floor(high)), 0), last)
-    if first == final:  # F is linear within a sample
-        into = (low + high) * 0.5 - first
-        for k in range(out.shape[1]):
-            out[place, k] += height * (before[row, first, k] + into * values[row, first, k])
-        return
-    x = low
-    for sample in range(first, final + 1):
-        end = min(high, sample + 1.0) if sample < final else high
-        share, into = height * (end - x) / (high - low), (x + end) * 0.5 - sample
-        for k in range(out.shape[1]):
-            out[place, k] += share * (before[row, sample, k] + into * values[row, sample, k])
-        x = end
+def _find_edges(
+    mixed: I64, known_above: NDArray[np.bool_], known_below: NDArray[np.bool_], sides: I64, unknown: I64
+) -> tuple[int, int]:
+    """Find the sides of the mixed cells and their upper edges that are not known; mark the lower ones as known."""
+    known_below[:] = False
+    count_sides, count_unknown = 0, 0
+    for c in mixed:
+        if count_sides == 0 or sides[count_sides - 1] != c:
+            sides[count_sides] = c
+            count_sides += 1
+        sides[count_sides] = c + 1
+        count_sides += 1
+        if not known_above[c]:
+            unknown[count_unknown] = c
+            count_unknown += 1
+        known_below[c] = True
+    return count_sides, count_unknown
+
+
+@compiled()
+def _copy_samples(source: _Source, sample: I64, out: F32) -> None:
+    """Compute the means of a row of cells as if each saw one sample."""
+    skipped = source.offset * source.values.shape[2]
+    for k in range(out.shape[0]):
+        values = source.values[k].reshape(-1)
+        for c in range(out.shape[1]):
+            out[k, c] = values[sample[c] - skipped]
+
+
+@compiled()
+def _divide_by_areas(upper: F64, lower: F64, above: F64, below: F64, side: F64, mixed: I64, out: F32) -> None:
+    """Compute the means of the mixed cells of a row from the integrals along their edges."""
+    (xu, yu), (xl, yl) = upper, lower
+    for k in range(out.shape[0]):
+        above_k, below_k, side_k, line = above[k], below[k], side[k], out[k]
+        for c in mixed:
+            # Twice the area: the product of the diagonals.
+            area = (xl[c + 1] - xu[c]) * (yl[c] - yu[c + 1]) - (yl[c + 1] - yu[c]) * (xl[c] - xu[c + 1])
+            line[c] = 2.0 * (above_k[c] + side_k[c + 1] - below_k[c] - side_k[c]) / area
+
+
+@compiled()
+def _integrals(source: _Source, begin: F64, end: F64, step: int, edges: I64, pieces: _Pieces, out: F64) -> _Pieces:
+    """Compute each map's integrals of F dy along edges, from corner c of `begin` to corner c + step of `end`.
+
+    `edges` are the numbers c. Return the memory for pieces, which may have become larger.
+    """
+    (xb, yb), (xe, ye) = begin, end
+    most = 0.0
+    for c in edges:
+        most += 4.0 + abs(xb[c] - xe[c + step]) + abs(yb[c] - ye[c + step])
+    if most > pieces.sample.size:
+        pieces = _room(pieces.first.size - 1, 2 * int(most))
+    first, sample, height, moment = pieces
+    last_row, last = source.map_rows - 1, source.values.shape[2] - 1
+    count = 0
+    for edge in range(edges.size):
+        c = edges[edge]
+        first[edge] = count
+        x0, y0, x1, y1, sign = xb[c], yb[c], xe[c + step], ye[c + step], 1.0
+        if y0 > y1:
+            x0, y0, x1, y1, sign = x1, y1, x0, y0, -1.0
+        row = int(np.floor(y0))
+        slope = (x1 - x0) / (y1 - y0) if y1 > row + 1 else 0.0
+        x, y, more = x0, y0, True
+        while more:  # row by row of the map
+            more = y1 > row + 1
+            next_y = row + 1.0 if more else y1
+            next_x = x0 + slope * (next_y - y0) if more else x1
+            low, high, whole = min(x, next_x), max(x, next_x), sign * (next_y - y)
+            start = (min(max(row, 0), last_row) - source.offset) * (last + 1)
+            # Beyond its ends a row repeats its end samples.
+            near, far = int(min(max(low, 0.0), float(last))), int(min(max(high, 0.0), float(last)))
+            if near == far:
+                sample[count], height[count] = start + near, whole
+                moment[count] = whole * ((low + high) * 0.5 - near)
+                count += 1
+            else:
+                at, per_length = low, whole / (high - low)
+                for number in range(near, far + 1):  # F is linear within a sample
+                    until = min(high, number + 1.0) if number < far else high
+                    part = per_length * (until - at)
+                    sample[count], height[count] = start + number, part
+                    moment[count] = part * ((at + until) * 0.5 - number)
+                    count += 1
+                    at = until
+            x, y, row = next_x, next_y, row + 1
+    first[edges.size] = count
+    for k in range(out.shape[0]):
+        values, before, line = source.values[k].reshape(-1), source.before[k].reshape(-1), out[k]
+        for edge in range(edges.size):
+            total = 0.0
+            for piece in range(first[edge], first[edge + 1]):
+                at_sample = sample[piece]
+                total += height[piece] * before[at_sample] + moment[piece] * values[at_sample]
+            line[edges[edge]] = total
+    return pieces

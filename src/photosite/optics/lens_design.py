@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.files.cache import cached_arrays
 from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, number_array
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import (
@@ -23,6 +24,7 @@ from photosite.optics.point_spread import (
     PlanePsf,
     PointSpread,
     RotatablePsf,
+    SampledPsf,
     box_blurred,
     check_spacing,
     encircled_radius,
@@ -166,10 +168,16 @@ class LensDesign(Shown):
 
     @cached_property
     def low_rank(self) -> LowRank:
-        """Modes (R, L, n, n) and weights (R, nodes), nodes row by row."""
-        samples = self.node_psfs()
-        blurred = None if self.detail_um is None else box_blurred(samples, self.spacing_um, self.detail_um)
-        return low_rank(samples, tolerance=self.tolerance, rank=self.rank, compared=blurred)
+        """Modes (R, L, n, n) and weights (R, nodes), nodes row by row; cached on disk (`photosite.files.cache`)."""
+
+        def compute() -> dict[str, Array]:
+            samples = self.node_psfs()
+            blurred = None if self.detail_um is None else box_blurred(samples, self.spacing_um, self.detail_um)
+            found = low_rank(samples, tolerance=self.tolerance, rank=self.rank, compared=blurred)
+            return {name: np.asarray(value) for name, value in vars(found).items()}
+
+        found = cached_arrays("modes", (self,), compute)
+        return LowRank(found["weights"], found["modes"], float(found["relative_error"]), found["error_by_rank"])
 
     @property
     def _image_points(self) -> tuple[Array, Array]:
@@ -238,7 +246,7 @@ class LensDesign(Shown):
 
     def _plane_psf(self, samples: Array, cutoffs_per_m: Array) -> PlanePsf:
         return PlanePsf(
-            _SampledMode(self.wavelength_nm, samples, self.spacing_um * 1e-6),
+            SampledPsf(self.wavelength_nm, samples, self.spacing_um * 1e-6),
             _Tabulated(self.wavelength_nm, cutoffs_per_m),
             Constant(self._reach_m),
             self.wavelength_nm,
@@ -292,21 +300,6 @@ class _Tabulated(Shown):
 
     def __call__(self, wavelength_nm: float) -> float:
         return float(np.interp(wavelength_nm, self.wavelength_nm, self.values))
-
-
-@dataclass(frozen=True, eq=False)
-class _SampledMode(Shown):
-    """The OTF of one mode, sampled at several wavelengths; linear in between."""
-
-    wavelength_nm: Array
-    samples: Array
-    spacing_m: float
-
-    def __call__(self, fy_per_m: Array, fx_per_m: Array, wavelength_nm: float) -> NDArray[np.complex128]:
-        shares = [float(np.interp(wavelength_nm, self.wavelength_nm, unit)) for unit in np.eye(self.wavelength_nm.size)]
-        zero = 0 * self.samples[0]
-        mixed = sum((share * part for share, part in zip(shares, self.samples, strict=True) if share), zero)
-        return sampled_otf(mixed, self.spacing_m, fy_per_m, fx_per_m)
 
 
 # Low-rank approximation of PSFs that vary over the field: a few modes with weights.

@@ -151,6 +151,45 @@ def sampled_otf(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Arr
     return out.reshape(fy.shape)
 
 
+@dataclass(frozen=True, eq=False)
+class SampledPsf(Shown):
+    """The OTF of PSFs sampled at several wavelengths, linear in between: an `otf` of `PlanePsf`.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (L,) increasing.
+    samples
+        (L, n, n).
+    spacing_m
+        Distance between samples on the sensor.
+    """
+
+    wavelength_nm: Array
+    samples: Array
+    spacing_m: float
+
+    def __call__(self, fy_per_m: Array, fx_per_m: Array, wavelength_nm: float) -> Complex:
+        return sampled_otf(self.samples_at(wavelength_nm), self.spacing_m, fy_per_m, fx_per_m)
+
+    @property
+    def position_m(self) -> Array:
+        """(n,) positions of the samples on each axis."""
+        return sample_positions(self.samples.shape[1], self.spacing_m)
+
+    @property
+    def nyquist_per_m(self) -> float:
+        """Half the sampling frequency, beyond which the OTF is 0 on each axis; a rounding error beyond is not."""
+        return 0.5 / self.spacing_m * (1 + 1e-12)
+
+    def samples_at(self, wavelength_nm: float) -> Array:
+        """Return (n, n) samples at a wavelength; those of the nearest beyond the last."""
+        shares = [float(np.interp(wavelength_nm, self.wavelength_nm, unit)) for unit in np.eye(self.wavelength_nm.size)]
+        used = [share * part for share, part in zip(shares, self.samples, strict=True) if share]
+        mixed: Array = used[0] if len(used) == 1 else used[0] + used[1]
+        return mixed
+
+
 @lru_cache(maxsize=16)
 def _phase_factors(frequency_per_m: bytes, count: int, spacing_m: float) -> Complex:
     """Return (frequencies, count) phase factors; cached, because the modes of a lens share their frequencies."""

@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, number_array
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.point_spread import Constant, PlanePsf, RadialPsf, check_spacing, encircled_radius, sampled_otf
+from photosite.optics.point_spread import (
+    Constant,
+    PlanePsf,
+    RadialPsf,
+    SampledPsf,
+    check_spacing,
+    encircled_radius,
+    sampled_otf,
+)
 from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
@@ -275,18 +283,14 @@ class PsfTable(Shown):
     ) -> PlanePsf:
         """Return the PSF on the sensor, whatever the lens and the distances."""
         corner_per_m = math.sqrt(2) * 0.5 / (self.spacing_um * 1e-6)
-        return PlanePsf(self._otf, Constant(corner_per_m), self._reach_m, self.wavelength_nm)
+        return PlanePsf(self._sampled, Constant(corner_per_m), self._reach_m, self.wavelength_nm)
 
-    def _samples_at(self, wavelength_nm: float) -> Array:
-        low, high, share = _neighbours(self.wavelength_nm, wavelength_nm)
-        result: Array = (1 - share) * self.samples[low] + share * self.samples[high]
-        return result
-
-    def _otf(self, fy_per_m: Array, fx_per_m: Array, wavelength_nm: float) -> Complex:
-        return sampled_otf(self._samples_at(wavelength_nm), self.spacing_um * 1e-6, fy_per_m, fx_per_m)
+    @property
+    def _sampled(self) -> SampledPsf:
+        return SampledPsf(self.wavelength_nm, self.samples, self.spacing_um * 1e-6)
 
     def _reach_m(self, wavelength_nm: float) -> float:
-        return encircled_radius(self._samples_at(wavelength_nm), self.spacing_um * 1e-6, _ENCLOSED)
+        return encircled_radius(self._sampled.samples_at(wavelength_nm), self.spacing_um * 1e-6, _ENCLOSED)
 
 
 def _frequency_axis(values: Array, name: str) -> Array:
