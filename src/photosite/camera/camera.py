@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.auto_exposure import ExposureControl, exposure_control
+from photosite.camera.gpu_camera import GpuCamera
 from photosite.camera.image_over_time import AnyImage, AnyScene, StaticImage, image_over_time
 from photosite.camera.mean_image import electrons_per_weight, image_regions
 from photosite.camera.optical_stack import channel_mixing
@@ -20,6 +21,7 @@ from photosite.camera.sampled_otf import Progress
 from photosite.color.colorimetry import xyz
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, integration_weights, photons_from_energy
+from photosite.engine.arrays import Arrays
 from photosite.errors import InputError
 from photosite.frames.companding import COMPANDING, companding_text
 from photosite.frames.raw_frame import OPTICAL_BLACK, RawFrame, neutral_text
@@ -30,7 +32,7 @@ from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.capture_readout import combined, largest_light_e
 from photosite.sensor.clean_frame import clean_numbers
-from photosite.sensor.device import Device
+from photosite.sensor.device import Device, Gpu
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.sensor.readout import Rectangle, digital_numbers, digital_numbers_of_captures
@@ -173,7 +175,7 @@ class Camera(Shown):
             part of the whole frame. None is the whole frame.
         device
             Where noise and digital numbers are computed: "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`), with equal
-            results. The mean image is always computed on the CPU.
+            results. The mean image is computed on the CPU; `on_gpu` computes all of it on the GPU.
         temperature_c
             Temperature of the sensor, which scales its dark current (`Sensor.at_temperature`) and is stated in the
             frame's metadata. None: the dark current of the description.
@@ -380,18 +382,33 @@ class Camera(Shown):
             "device": device,
             "temperature_c": temperature_c,
         }
+        captures: dict[str, NDArray[np.uint16]] = {}
+        if self.sensor.captures is None:
+            dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
+        else:
+            captures = digital_numbers_of_captures(self.sensor, mean_electrons, time_s, **place)
+            dn = combined(self.sensor, captures)
+        fields = self.frame_fields(exposure_s, seed, frame, region, temperature_c, scene)
+        return RawFrame(dn, captures=captures, **fields)
+
+    def frame_fields(
+        self,
+        exposure_s: float,
+        seed: int,
+        frame: int,
+        region: Rectangle | None,
+        temperature_c: float | None,
+        scene: AnyScene | None,
+    ) -> dict[str, Any]:
+        """Return the arguments of `RawFrame` other than digital numbers and captures; see `expose`."""
         at = self.sensor if temperature_c is None else self.sensor.at_temperature(temperature_c)
         several, cfa = self.sensor.captures, self.sensor.array.cfa
-        captures: dict[str, NDArray[np.uint16]] = {}
         if several is None:
-            dn = digital_numbers(self.sensor, mean_electrons, time_s, **place)
             bits, (black_level_dn, white_level_dn) = self.sensor.readout.bits, self.sensor.output_levels_dn
             profile = None if at.effects is not None and at.effects.companded else noise_profile(at, exposure_s)
         else:
-            captures = digital_numbers_of_captures(self.sensor, mean_electrons, time_s, **place)
-            dn, profile = combined(self.sensor, captures), None
-            bits, black_level_dn = several.combination.output_bits, several.combination.output_black_level_dn
-            white_level_dn = float((1 << bits) - 1)
+            profile, bits = None, several.combination.output_bits
+            black_level_dn, white_level_dn = several.combination.output_black_level_dn, float((1 << bits) - 1)
         name, serial = self.sensor.name, self.sensor.serial
         metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
         if several is not None and (table := several.combination.companding) is not None:
@@ -415,19 +432,32 @@ class Camera(Shown):
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))
-        return RawFrame(
-            dn,
-            bits=bits,
-            cfa=cfa,
-            black_level_dn=black_level_dn,
-            white_level_dn=white_level_dn,
-            exposure_s=exposure_s,
-            color_matrix=self._color_matrices[0],
-            color_matrix_a=self._color_matrices[1],
-            noise_profile=profile,
-            metadata=metadata,
-            captures=captures,
-        )
+        return {
+            "bits": bits,
+            "cfa": cfa,
+            "black_level_dn": black_level_dn,
+            "white_level_dn": white_level_dn,
+            "exposure_s": exposure_s,
+            "color_matrix": self._color_matrices[0],
+            "color_matrix_a": self._color_matrices[1],
+            "noise_profile": profile,
+            "metadata": metadata,
+        }
+
+    def on_gpu(self, arrays: Arrays | None = None) -> GpuCamera:
+        """Return the camera on an NVIDIA GPU (extra `gpu`): mean image, noise and digital numbers stay there.
+
+        Parameters
+        ----------
+        arrays
+            The device's arrays; default CuPy's.
+
+        Raises
+        ------
+        InputError
+            If a GPU, its driver or the extra `gpu` is missing, or the sensor has several captures.
+        """
+        return GpuCamera(self, Gpu(arrays))
 
     def auto_exposure_s(self, electrons_per_s: NDArray[np.float32]) -> float:
         """Return the exposure time at which the bright parts of a scene stay just below saturation.

@@ -22,7 +22,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,20 @@ def image_rate(
     Occluders are scenes whose only weights are opacities: what hides parts of the scene, before the lens blurs it.
     A channel with a polarizer sees the sum of the images of the Stokes parameters S0, S1 and S2, which are linear.
     """
+    coupling = checked_coupling(scene, camera)
+    if scene.shape == (1, 1) and not occluders:
+        mosaic = uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), camera.sensor)
+    else:
+        mosaic = _blurred_mosaic(scene, camera, coupling, occluders, progress)
+        for part, seen in polarization_maps(scene, camera.sensor):
+            polarized = replace(scene, weights=scene.weights * part, polarization=None)
+            mosaic += _blurred_mosaic(polarized, camera, coupling * seen[:, None, None], occluders, progress)
+    apply_relative_illumination(mosaic, camera, scene.distance_m)
+    return mosaic
+
+
+def checked_coupling(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+    """Return `electrons_per_weight`; raise `InputError` if it is beyond the range of 32-bit floats."""
     coupling = electrons_per_weight(scene, camera)
     if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS_PER_S:
         raise InputError(
@@ -94,15 +108,7 @@ def image_rate(
             expected=f"below {_MOST_ELECTRONS_PER_S:g}, the range of 32-bit floats",
             hint="Give the scene a lower luminance",
         )
-    if scene.shape == (1, 1) and not occluders:
-        mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), camera.sensor)
-    else:
-        mosaic = _blurred_mosaic(scene, camera, coupling, occluders, progress)
-        for part, seen in _polarization_maps(scene, camera.sensor):
-            polarized = replace(scene, weights=scene.weights * part, polarization=None)
-            mosaic += _blurred_mosaic(polarized, camera, coupling * seen[:, None, None], occluders, progress)
-    _apply_relative_illumination(mosaic, camera, scene.distance_m)
-    return mosaic
+    return coupling
 
 
 def fine_images(
@@ -114,7 +120,7 @@ def fine_images(
     are left out, and the lens has neither distortion nor a blur that varies over the field.
     """
     warn_of_missing_light(scene, camera.sensor)
-    if _polarization_maps(scene, camera.sensor):
+    if polarization_maps(scene, camera.sensor):
         hint = "Give it one degree and angle, or record a function of time"
         raise InputError("motion does not apply to a scene whose polarization varies", hint=hint)
     sensor, cells, where = camera.sensor, camera.cells_per_pixel, placement(scene, camera)
@@ -137,13 +143,13 @@ def fine_images(
         layers = [_layer(reduced, (view,), None) for reduced in transfers]
         with threads_for(image.size):
             image[:] = mosaic_of_layers(layers, sampling, Grid(shape, padding, (1, 1)), [[(0, 0)]], progress)
-        _clip_negative(image, scene.relative_error, lambda: _brightest(scene, camera))
+        clip_negative(image, scene.relative_error, lambda: brightest_sample(scene, camera))
     return images
 
 
 def finish_moving_mosaic(mosaic: Mosaic, camera: Camera, scene: Scene) -> Mosaic:
     """Apply what stays with the camera to a mosaic from `fine_images`; the mosaic may be changed."""
-    _apply_relative_illumination(mosaic, camera, scene.distance_m)
+    apply_relative_illumination(mosaic, camera, scene.distance_m)
     return finish_mosaic(mosaic, camera, [scene], 0.0)
 
 
@@ -156,7 +162,7 @@ def finish_mosaic(mosaic: Mosaic, camera: Camera, scenes: Sequence[Scene], relat
     - `relative_error`: RMS error of the scenes' and the lens's low-rank approximations, which may leave values below 0.
     """
     optics, sensor = camera.optics, camera.sensor
-    _clip_negative(mosaic, relative_error, lambda: max(_brightest(scene, camera) for scene in scenes))
+    clip_negative(mosaic, relative_error, lambda: max(brightest_sample(scene, camera) for scene in scenes))
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
     return apply_optical_stack(mosaic, sensor, optics, scenes[-1].distance_m)
@@ -210,7 +216,7 @@ def _polarizers(sensor: Sensor) -> NDArray[np.float64]:
     return np.array([sensor.channels[name].polarizer for name in sensor.channel_names])
 
 
-def _polarization_maps(scene: Scene, sensor: Sensor) -> list[tuple[NDArray[np.float32], NDArray[np.float64]]]:
+def polarization_maps(scene: Scene, sensor: Sensor) -> list[tuple[NDArray[np.float32], NDArray[np.float64]]]:
     """Return (rows, cols) S1 and S2 over S0 with the channels' responses to each; none without such maps."""
     polarizers = _polarizers(sensor)
     if scene.polarization is None or scene.polarization.degree.size == 1 or not polarizers.any():
@@ -226,6 +232,30 @@ def _blurred_mosaic(
     progress: Progress | None,
 ) -> Mosaic:
     """Return (rows, cols) electrons per second of a scene that is not uniform."""
+    parts, array = mosaic_parts(scene, camera, coupling, occluders, progress), camera.sensor.array
+    if not parts.layers:  # no channel receives light
+        return np.zeros((array.rows, array.cols), np.float32)
+    with threads_for(array.rows * array.cols * camera.cells_per_pixel**2):
+        return mosaic_of_layers(*parts, progress)
+
+
+class MosaicParts(NamedTuple):
+    """What `engine.mosaic` computes a mosaic from."""
+
+    layers: list[Layer]
+    sampling: Sampling
+    grid: Grid
+    sites: list[tuple[tuple[int, int], ...]]
+
+
+def mosaic_parts(
+    scene: Scene,
+    camera: Camera,
+    coupling: NDArray[np.float64],
+    occluders: Sequence[Scene] = (),
+    progress: Progress | None = None,
+) -> MosaicParts:
+    """Return the layers of a scene that is not uniform, and their grid; no layers if no channel receives light."""
     optics, sensor, cells = camera.optics, camera.sensor, camera.cells_per_pixel
     array, pitch = sensor.array, pitch_m(sensor)
     shape, side = (array.rows, array.cols), math.sqrt(sensor.pixel.fill_factor.value)
@@ -233,9 +263,7 @@ def _blurred_mosaic(
     spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
     nodes_nm, shares = frame_wavelength_nodes(mapping, scene.wavelength_nm, shape, pitch)
     transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares, progress)
-    if not transfers:  # no channel receives light
-        return np.zeros(shape, np.float32)
-    padding = math.ceil(max(reduced.padding_m for reduced in transfers) / min(pitch))
+    padding = math.ceil(max((reduced.padding_m for reduced in transfers), default=0.0) / min(pitch))
     grid = Grid(shape, padding, (len(array.cfa), len(array.cfa[0])), cells)
     reach_m = math.hypot(*(grid.farthest(axis) * pitch[axis] for axis in (0, 1)))
     views = []
@@ -244,9 +272,7 @@ def _blurred_mosaic(
         views.append(_view(scene, scene.weights, camera, node_nm, reach_m, tuple(covers)))
     field = _field(spread, sensor) if isinstance(spread, FieldPsf) else None
     layers = [_layer(reduced, tuple(views), field) for reduced in transfers]
-    with threads_for(array.rows * array.cols * cells**2):
-        sites = [channel_sites(array.cfa, name) for name in sensor.channel_names]
-        return mosaic_of_layers(layers, sampling, grid, sites, progress)
+    return MosaicParts(layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names])
 
 
 def _layer(reduced: ReducedTransfer, views: tuple[View, ...], field: Field | None) -> Layer:
@@ -274,7 +300,7 @@ def _field(spread: FieldPsf, sensor: Sensor) -> Field:
     )
 
 
-def _uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> Mosaic:
+def uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> Mosaic:
     """Return (rows, cols) with each pixel at its channel's electrons."""
     array = sensor.array
     mosaic = np.empty((array.rows, array.cols), np.float32)
@@ -284,7 +310,7 @@ def _uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> Mosaic:
     return mosaic
 
 
-def _apply_relative_illumination(mosaic: Mosaic, camera: Camera, distance_m: float) -> None:
+def apply_relative_illumination(mosaic: Mosaic, camera: Camera, distance_m: float) -> None:
     """Multiply by the lens's relative illumination, in strips, because a map in double precision is large."""
     pixel, array = camera.sensor.pixel, camera.sensor.array
     y_m = (np.arange(array.rows) + 0.5 - array.rows / 2) * pixel.height_um.value * 1e-6
@@ -297,7 +323,7 @@ def _apply_relative_illumination(mosaic: Mosaic, camera: Camera, distance_m: flo
         mosaic[strip] *= falloff.astype(np.float32)
 
 
-def _clip_negative(mosaic: Mosaic, relative_error: float, full_scale: Callable[[], float]) -> None:
+def clip_negative(mosaic: Mosaic, relative_error: float, full_scale: Callable[[], float]) -> None:
     """Set to 0, in place, what rounding and low-rank approximations left below 0; raise an error if it is more."""
     lowest, highest = float(mosaic.min()), float(mosaic.max())
     negative = lowest < -_ROUNDING * max(highest, 0.0) and lowest < -_ROUNDING * full_scale()
@@ -310,7 +336,7 @@ def _clip_negative(mosaic: Mosaic, relative_error: float, full_scale: Callable[[
     np.maximum(mosaic, np.float32(0), out=mosaic)
 
 
-def _brightest(scene: Scene, camera: Camera) -> float:
+def brightest_sample(scene: Scene, camera: Camera) -> float:
     """Return the electrons per second of a pixel that sees nothing but the brightest sample.
 
     Errors of the transforms are proportional to this, not to the brightest pixel: the image of a point is far darker.

@@ -88,15 +88,16 @@ def apply_optical_stack(
         return mosaic
     with threads_for(mosaic.size):
         if stack.angular_response is not None:
-            _apply_angular_response(mosaic, stack.angular_response, sensor, optics, distance_m)
+            apply_angular_response(mosaic, stack.angular_response, sensor, optics, distance_m)
         if stack.crosstalk is None:
             return mosaic
         return gathered(mosaic, crosstalk_shares(stack.crosstalk, sensor.array.cfa))
 
 
-def _apply_angular_response(
+def apply_angular_response(
     mosaic: NDArray[np.float32], table: AngularResponse, sensor: Sensor, optics: Optics, distance_m: float
 ) -> None:
+    """Multiply a mosaic by the response at the angle of each pixel's light, in place."""
     # By default the exit pupil is at a thin lens's image distance, f (1 + |m|).
     given = table.exit_pupil_mm
     pupil_m = optics.magnification(distance_m) * distance_m if given is None else given.value * 1e-3

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba.cuda
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import Arrays
 from photosite.engine.charge import (
     ConversionMaps,
     between,
@@ -29,42 +30,36 @@ from photosite.engine.charge import (
     step_below,
 )
 from photosite.engine.charge_stages import Register, coupled, multiplied_pixel, overflow, taken
-from photosite.engine.jit import F32, F64
-from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
+from photosite.engine.pixel_model import (
+    BlinkingPixels,
+    DrawnConstants,
+    DrawnMaps,
+    Exposure,
+    MeasuredMaps,
+    blinking_state,
+    drawn_pixel,
+    expose_pixel,
+    measured_pixel,
+)
 
 cuda: Any = numba.cuda  # numba's own, numba-cuda, or the simulator
 types: Any = numba.types
 
-_THREADS = (32, 8)
+THREADS = (32, 8)
+"""Threads of a block along columns and rows of a frame."""
+LIST_THREADS = 32
 
 _DEVIATES, _FLOATS = types.Array(types.int16, 2, "C"), types.Array(types.float32, 2, "C")
 _LINES, _GROUPS = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
 _TABLE = types.Array(types.float64, 2, "C")
 _NUMBERS, _CODES = types.Array(types.uint16, 2, "C"), types.Array(types.uint16, 1, "C")
 _EXPOSURE = types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure)
+_DRAWN = types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS, _LINES, _LINES], DrawnMaps)
+_MEASURED = types.NamedTuple([_FLOATS] * 4 + [_LINES] * 2 + [types.float64] * 2, MeasuredMaps)
+_BLINKING = types.NamedTuple([types.Array(types.int64, 2, "C"), *[_LINES] * 3], BlinkingPixels)
 _CONVERSION = types.NamedTuple(
     [*[_FLOATS] * 2, *[_LINES] * 2, _GROUPS, *[_TABLE] * 2, _LINES, types.float64, _LINES, _CODES], ConversionMaps
 )
-SIGNATURE = (
-    _FLOATS,
-    types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS, _LINES, _LINES], DrawnMaps),
-    types.NamedTuple([types.float64] * 3, DrawnConstants),
-    _EXPOSURE,
-    _NUMBERS,
-)
-"""Argument types of `expose_thread`."""
-COLLECT_SIGNATURE = (_FLOATS, _FLOATS, _FLOATS, _EXPOSURE, _FLOATS)
-"""Argument types of `collect_thread`."""
-CONVERT_SIGNATURE = (_FLOATS, _CONVERSION, _EXPOSURE, _NUMBERS)
-"""Argument types of `convert_thread`."""
-BLOOM_SIGNATURE = (_FLOATS, types.float64, types.float64, _FLOATS)
-"""Argument types of `bloom_thread`."""
-TRANSFER_SIGNATURE = (_FLOATS, _TABLE, _TABLE, _FLOATS)
-"""Argument types of `transfer_thread`."""
-MULTIPLY_SIGNATURE = (_FLOATS, types.NamedTuple([types.float64] * 4, Register), _EXPOSURE, _FLOATS)
-"""Argument types of `multiply_thread`."""
-COUPLE_SIGNATURE = (_FLOATS, types.float64, types.float64, _FLOATS)
-"""Argument types of `couple_thread`."""
 
 # Every floating-point operation that rounds must state how (.rn: to nearest); otherwise the assembler may fuse it.
 _INEXACT = re.compile(
@@ -76,90 +71,99 @@ class NoCudaError(RuntimeError):
     """The kernel cannot be compiled for a GPU; the message states what is missing."""
 
 
-def expose_drawn_cuda(
-    photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure
-) -> NDArray[np.uint16]:
-    """Return the digital numbers of `pixel_model.expose_drawn`, with the same arguments, computed on the GPU.
+class _CupyArrays(Arrays):
+    """CuPy's arrays, which numba's kernels read and write in place."""
 
-    Raises `NoCudaError` if the GPU, its driver or numba-cuda is missing, or its code rounds differently.
+    def get(self, values: Any) -> NDArray[Any]:
+        return np.asarray(values.get())
+
+    def for_kernel(self, values: Any) -> Any:
+        # Kernels and CuPy use the same stream, the default one.
+        return cuda.as_cuda_array(values, sync=False)
+
+
+@lru_cache(maxsize=1)
+def gpu_arrays() -> Arrays:
+    """Return the arrays of the GPU: CuPy's, or NumPy's in numba's simulator.
+
+    Raises `NoCudaError` if the GPU, its driver, numba-cuda or CuPy is missing.
     """
-    frame_dn: NDArray[np.uint16] = _run(SIGNATURE, expose_thread, np.uint16, photo_e, maps, constants, exposure)
-    return frame_dn
-
-
-def collect_charge_cuda(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Exposure) -> F32:
-    """Return the electrons of `charge.collect_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
-    charge_e: F32 = _run(COLLECT_SIGNATURE, collect_thread, np.float32, photo_e, prnu, dark_rate_e_per_s, exposure)
-    return charge_e
-
-
-def convert_charge_cuda(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> NDArray[np.uint16]:
-    """Return the digital numbers of `charge.convert_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
-    frame_dn: NDArray[np.uint16] = _run(CONVERT_SIGNATURE, convert_thread, np.uint16, charge_e, maps, exposure)
-    return frame_dn
-
-
-def bloom_columns_cuda(charge_e: F32, well_e: float, kept: float) -> F32:
-    """Return the charge of `charge_stages.bloom_columns`, computed on the GPU. Raises as `expose_drawn_cuda`."""
-    bloomed_e: F32 = _run(BLOOM_SIGNATURE, bloom_thread, np.float32, charge_e, well_e, kept)
-    return bloomed_e
-
-
-def transfer_charge_cuda(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
-    """Return the charge of `charge_stages.transfer_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
-    moved_e: F32 = _run(TRANSFER_SIGNATURE, transfer_thread, np.float32, charge_e, row_shares, column_shares)
-    return moved_e
-
-
-def multiply_charge_cuda(charge_e: F32, register: Register, exposure: Exposure) -> F32:
-    """Return the charge of `charge_stages.multiply_charge`, computed on the GPU. Raises as `expose_drawn_cuda`."""
-    multiplied_e: F32 = _run(MULTIPLY_SIGNATURE, multiply_thread, np.float32, charge_e, register, exposure)
-    return multiplied_e
-
-
-def couple_pixels_cuda(charge_e: F32, side_share: float, corner_share: float) -> F32:
-    """Return the signals of `charge_stages.couple_pixels`, computed on the GPU. Raises as `expose_drawn_cuda`."""
-    coupled_e: F32 = _run(COUPLE_SIGNATURE, couple_thread, np.float32, charge_e, side_share, corner_share)
-    return coupled_e
-
-
-def _run(signature: Any, thread: Callable[..., None], dtype: Any, pixels: NDArray[Any], *arguments: Any) -> Any:
-    """Return a (rows, cols) array that a kernel with a thread for each pixel fills."""
-    kernel = _kernel(signature, thread)
-    out = cuda.device_array(pixels.shape, dtype)
-    blocks = tuple(-(-size // threads) for size, threads in zip(pixels.shape[::-1], _THREADS, strict=True))
-    kernel[blocks, _THREADS](*map(_on_device, (pixels, *arguments)), out)
-    return out.copy_to_host()
-
-
-def _on_device(argument: Any) -> Any:
-    """Return an argument with its arrays copied to the GPU."""
-    if isinstance(argument, np.ndarray):
-        return cuda.to_device(np.ascontiguousarray(argument))
-    return type(argument)(*map(_on_device, argument)) if isinstance(argument, tuple) else argument
-
-
-@lru_cache
-def _kernel(signature: Any, thread: Callable[..., None]) -> Any:
-    """Return the compiled kernel; failed attempts are not cached."""
-    settings: Any = numba.config
-    if settings.ENABLE_CUDASIM:
-        return cuda.jit(signature)(thread)
+    if _simulated():
+        return Arrays(np)
     if importlib.util.find_spec("numba_cuda") is None:
         raise NoCudaError("the package numba-cuda is not installed")
     if not cuda.is_available():
         raise NoCudaError("numba-cuda finds no GPU with a driver and a toolkit")
+    try:
+        import cupy
+    except ImportError as error:
+        raise NoCudaError(f"CuPy cannot be imported ({error})") from None
+    return _CupyArrays(cupy)
+
+
+def run(arrays: Arrays, name: str, *arguments: Any) -> Any:
+    """Return what a CPU kernel of the engine returns, computed on the GPU and left there.
+
+    A kernel that changes its first argument in place returns it. Raises `NoCudaError` if the code rounds differently.
+
+    - `arrays`: The device's arrays.
+    - `name`: Name of the kernel, a key of `KERNELS`.
+    - `arguments`: Those of the kernel, on the host or on the device; the first has the rows and columns of the result.
+    """
+    kernel, first, *others = KERNELS[name], *(_on_device(arrays, argument) for argument in arguments)
+    if kernel.dtype is None:  # one thread for each of a list
+        if count := _first_array(others).shape[0]:
+            _compiled(name)[-(-count // LIST_THREADS), LIST_THREADS](*_for_kernel(arrays, (first, *others)))
+        return first
+    out = arrays.zeros(first.shape, getattr(arrays.xp, kernel.dtype))
+    blocks = tuple(-(-size // threads) for size, threads in zip(first.shape[::-1], THREADS, strict=True))
+    _compiled(name)[blocks, THREADS](*_for_kernel(arrays, (first, *others, out)))
+    return out
+
+
+def _first_array(arguments: Sequence[Any]) -> Any:
+    return arguments[0][0] if isinstance(arguments[0], tuple) else arguments[0]
+
+
+def _is_array(argument: Any) -> bool:
+    return hasattr(argument, "shape") and bool(argument.shape)
+
+
+def _on_device(arrays: Arrays, argument: Any) -> Any:
+    """Return an argument with its arrays on the GPU."""
+    if isinstance(argument, tuple):
+        return type(argument)(*(_on_device(arrays, part) for part in argument))
+    return arrays.put(argument) if _is_array(argument) else argument
+
+
+def _for_kernel(arrays: Arrays, argument: Any) -> Any:
+    if isinstance(argument, tuple):
+        parts = [_for_kernel(arrays, part) for part in argument]
+        return tuple(parts) if type(argument) is tuple else type(argument)(*parts)
+    return arrays.for_kernel(argument) if _is_array(argument) else argument
+
+
+@lru_cache
+def _compiled(name: str) -> Any:
+    """Return the compiled kernel; failed attempts are not cached."""
+    kernel = KERNELS[name]
+    if _simulated():
+        return cuda.jit(kernel.signature)(kernel.thread)
     with unfused():
-        kernel = cuda.jit(signature, lto=False)(thread)
-        for ptx in kernel.inspect_asm().values():
+        compiled = cuda.jit(kernel.signature, lto=False)(kernel.thread)
+        for ptx in compiled.inspect_asm().values():
             check_unfused(ptx)
-    return kernel
+    return compiled
+
+
+def _simulated() -> bool:
+    settings: Any = numba.config
+    return bool(settings.ENABLE_CUDASIM)
 
 
 def _device_function(function: Callable[..., Any]) -> Any:
     """Return a function for use in kernels; numba's simulator calls it as it is."""
-    settings: Any = numba.config
-    return function if settings.ENABLE_CUDASIM else cuda.jit(device=True, inline=True)(function)
+    return function if _simulated() else cuda.jit(device=True, inline=True)(function)
 
 
 @_device_function
@@ -184,6 +188,44 @@ def expose_thread(photo_e: Any, maps: Any, constants: Any, exposure: Any, out: A
     line_dn = _line(maps.row_dn, r) + _line(maps.column_dn, c)
     pixel = drawn_pixel(prnu, offset, dark_rate, line_dn, constants, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
+
+
+def expose_measured_thread(photo_e: Any, maps: Any, exposure: Any, out: Any) -> None:
+    """Compute one pixel of a measured chip's frame."""
+    c, r = cuda.grid(2)
+    if r >= out.shape[0] or c >= out.shape[1]:
+        return
+    prnu, offset_dn, dark_rate, noise_dn = (
+        maps.prnu[r, c],
+        maps.offset_dn[r, c],
+        maps.dark_rate_dn_per_s[r, c],
+        maps.read_noise_dn[r, c],
+    )
+    line_variance_dn2, gain = maps.line_variance_dn2, maps.gain_dn_per_e
+    row_dn, column_dn = maps.row_dn[r], maps.column_dn[c]
+    pixel = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, line_variance_dn2, gain, exposure)
+    out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
+
+
+def expose_blinking_thread(out: Any, blinking: Any, photo_e: Any, maps: Any, exposure: Any) -> None:
+    """Replace one blinking pixel."""
+    j = cuda.grid(1)
+    if j >= blinking.place.shape[0]:
+        return
+    r, c = blinking.place[j, 0], blinking.place[j, 1]
+    prnu, offset_dn, dark_rate = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
+    line_variance_dn2, gain = maps.line_variance_dn2, maps.gain_dn_per_e
+    row_dn, column_dn, noise_dn = maps.row_dn[r], maps.column_dn[c], blinking.noise_dn[j]
+    mean = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, line_variance_dn2, gain, exposure)
+    pixel = blinking_state(mean, blinking.amplitude_dn[j], blinking.high_fraction[j], r, c, exposure)
+    out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
+
+
+def replace_pixels_thread(out: Any, place: Any, numbers: Any) -> None:
+    """Replace one of the listed pixels."""
+    j = cuda.grid(1)
+    if j < place.shape[0]:
+        out[place[j, 0], place[j, 1]] = numbers[j]
 
 
 def collect_thread(photo_e: Any, prnu: Any, dark_rate_e_per_s: Any, exposure: Any, out: Any) -> None:
@@ -274,6 +316,35 @@ def couple_thread(charge_e: Any, side_share: float, corner_share: float, out: An
         np.float64(charge_e[above, after]) + np.float64(charge_e[below, after])
     )
     out[r, c] = coupled(np.float64(charge_e[r, c]), sides, corners, side_share, corner_share)
+
+
+class Kernel(NamedTuple):
+    """A kernel: types of its arguments, function of a thread, and type of the result.
+
+    Without a type of the result, it changes its first argument.
+    """
+
+    signature: tuple[Any, ...]
+    thread: Callable[..., None]
+    dtype: str | None
+
+
+_REGISTER = types.NamedTuple([types.float64] * 4, Register)
+_CONSTANTS = types.NamedTuple([types.float64] * 3, DrawnConstants)
+_PLACES = types.Array(types.int64, 2, "C")
+KERNELS = {
+    "expose_drawn": Kernel((_FLOATS, _DRAWN, _CONSTANTS, _EXPOSURE, _NUMBERS), expose_thread, "uint16"),
+    "expose_measured": Kernel((_FLOATS, _MEASURED, _EXPOSURE, _NUMBERS), expose_measured_thread, "uint16"),
+    "expose_blinking": Kernel((_NUMBERS, _BLINKING, _FLOATS, _MEASURED, _EXPOSURE), expose_blinking_thread, None),
+    "replace_pixels": Kernel((_NUMBERS, _PLACES, _CODES), replace_pixels_thread, None),
+    "collect_charge": Kernel((_FLOATS, _FLOATS, _FLOATS, _EXPOSURE, _FLOATS), collect_thread, "float32"),
+    "convert_charge": Kernel((_FLOATS, _CONVERSION, _EXPOSURE, _NUMBERS), convert_thread, "uint16"),
+    "bloom_columns": Kernel((_FLOATS, types.float64, types.float64, _FLOATS), bloom_thread, "float32"),
+    "transfer_charge": Kernel((_FLOATS, _TABLE, _TABLE, _FLOATS), transfer_thread, "float32"),
+    "multiply_charge": Kernel((_FLOATS, _REGISTER, _EXPOSURE, _FLOATS), multiply_thread, "float32"),
+    "couple_pixels": Kernel((_FLOATS, types.float64, types.float64, _FLOATS), couple_thread, "float32"),
+}
+"""By the name of the CPU kernel with the same arguments and result."""
 
 
 @contextmanager

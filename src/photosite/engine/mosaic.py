@@ -79,20 +79,7 @@ class _Response:
         self._cols = grid.cells(1)
         self._has_radial = transfer.radial is not None
         # Without a radial part, a placeholder that the numeric kernel ignores.
-        radial = transfer.radial or RadialTransfer(np.zeros((1, 1, 2)), 1.0)
-        fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0))).astype(np.float64)
-        fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1)).astype(np.float64)
-        fold = folded_terms(radial, sampling, fy, fx)
-        # Of all terms, which are the second axis of `table` and `fold_down`.
-        self._radial = RadialRows(
-            fy=(fy / radial.step_per_m).astype(np.float32),
-            fx=(fx / radial.step_per_m).astype(np.float32),
-            table=radial.table.astype(np.float32),
-            aperture_y=sampling.aperture(0, fy).astype(np.float32),
-            aperture_x=sampling.aperture(1, fx).astype(np.float32),
-            fold_down=fold.down,
-            fold_across=fold.across,
-        )
+        self._radial = radial_rows(transfer.radial or RadialTransfer(np.zeros((1, 1, 2)), 1.0), sampling, grid)
         self._kernels = transfer.kernels
         if self._kernels is not None:
             self._gridding = Gridding.of(self._kernels.shape[2], grid.cells(0))
@@ -109,6 +96,22 @@ class _Response:
         table = self._gridding.table(self._kernels[:, term], self._cols).view(np.float32)
         first, taps = self._gridding.first, self._gridding.taps
         add_general(folds, spectrum, self._cols, table, first, taps, self._has_radial, radial)
+
+
+def radial_rows(radial: RadialTransfer, sampling: Sampling, grid: Grid) -> RadialRows:
+    """Return H of all terms, which are the second axis of `table` and `fold_down`."""
+    fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0))).astype(np.float64)
+    fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1)).astype(np.float64)
+    fold = folded_terms(radial, sampling, fy, fx)
+    return RadialRows(
+        fy=(fy / radial.step_per_m).astype(np.float32),
+        fx=(fx / radial.step_per_m).astype(np.float32),
+        table=radial.table.astype(np.float32),
+        aperture_y=sampling.aperture(0, fy).astype(np.float32),
+        aperture_x=sampling.aperture(1, fx).astype(np.float32),
+        fold_down=fold.down,
+        fold_across=fold.across,
+    )
 
 
 def _mosaic_of_folds(folds: C64, places: Sequence[tuple[int, int, int]], grid: Grid) -> F32:

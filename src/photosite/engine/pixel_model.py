@@ -178,19 +178,20 @@ def measured_pixel(
     noise_dn: float,
     row_dn: float,
     column_dn: float,
-    maps: MeasuredMaps,
+    line_variance_dn2: float,
+    map_gain_dn_per_e: float,
     exposure: Exposure,
 ) -> Pixel:
-    """Return a pixel's parameters from its values in `MeasuredMaps`."""
+    """Return a pixel's parameters from its values in `MeasuredMaps`, whose last two fields all pixels share."""
     dark, noise = float(dark_rate), float(noise_dn)
     return Pixel(
         max(1.0 + float(prnu), 0.0),
-        max(dark, 0.0) * (exposure.exposure_s / maps.gain_dn_per_e),
+        max(dark, 0.0) * (exposure.exposure_s / map_gain_dn_per_e),
         0.0,
         0.0,
         float(offset_dn) + min(dark, 0.0) * exposure.exposure_s + row_dn + column_dn,
-        math.sqrt(max(noise * abs(noise) - maps.line_variance_dn2, 0.0)),
-        exposure.gain_dn_per_e / maps.gain_dn_per_e,
+        math.sqrt(max(noise * abs(noise) - line_variance_dn2, 0.0)),
+        exposure.gain_dn_per_e / map_gain_dn_per_e,
     )
 
 
@@ -208,6 +209,16 @@ def expose_pixel(photo_e: float, pixel: Pixel, r: int, c: int, exposure: Exposur
     electrons = poisson(mean_electrons(photo_e, pixel), number, frame, EXPOSURE, k0, k1)
     _, _, word, _ = philox4x32(number, frame, EXPOSURE, np.uint32(0), k0, k1)
     return digital_number(electrons, normal(word), pixel, exposure)
+
+
+@compiled(inline=True)
+def blinking_state(mean: Pixel, amplitude_dn: float, high_fraction: float, r: int, c: int, exposure: Exposure) -> Pixel:
+    """Return a blinking pixel's parameters in the state drawn for this frame, from those of the mean over both."""
+    number = pixel_number(r, c, exposure)
+    word, _, _, _ = philox4x32(number, exposure.frame, BLINKING, np.uint32(0), exposure.k0, exposure.k1)
+    high = 1.0 if uniform(word) < high_fraction else 0.0
+    offset_dn = mean.offset_dn + amplitude_dn * (high - high_fraction)
+    return Pixel(mean.response, mean.dark_e, mean.offset_e, mean.noise_e, offset_dn, mean.noise_dn, mean.map_gain_ratio)
 
 
 @compiled(inline=True)
@@ -284,6 +295,7 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
     """Return digital numbers as `expose_drawn`, of a measured chip."""
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
+    line_variance_dn2, map_gain = maps.line_variance_dn2, maps.gain_dn_per_e
     out = np.empty((rows, cols), np.uint16)
     for block in prange((rows + ROWS - 1) // ROWS):
         run = new_run(RUN)
@@ -297,12 +309,16 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
                 offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
                 random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
                 for i in range(n):
-                    pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
+                    pixel = measured_pixel(
+                        prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], line_variance_dn2, map_gain, exposure
+                    )
                     mean[i] = mean_electrons(float(photo[i]), pixel)
                 poisson_run(n, run, first, frame, k0, k1)
                 normal_run(n, run.words[2], run)
                 for i in range(n):
-                    pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
+                    pixel = measured_pixel(
+                        prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], line_variance_dn2, map_gain, exposure
+                    )
                     target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
     return out
 
@@ -310,23 +326,28 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
 @compiled()
 def expose_blinking(
     out: NDArray[np.uint16], blinking: BlinkingPixels, photo_e: F32, maps: MeasuredMaps, exposure: Exposure
-) -> None:
+) -> NDArray[np.uint16]:
     """Replace the blinking pixels in a frame of `expose_measured`, each in a state drawn for this frame.
 
-    `out` is (rows, cols) and changed in place; the other arguments are those of `expose_measured`.
+    `out` is (rows, cols), changed in place, and returned; the other arguments are those of `expose_measured`.
     """
     for j in range(blinking.place.shape[0]):
         r, c = blinking.place[j, 0], blinking.place[j, 1]
-        number = pixel_number(r, c, exposure)
-        word, _, _, _ = philox4x32(number, exposure.frame, BLINKING, np.uint32(0), exposure.k0, exposure.k1)
-        high = 1.0 if uniform(word) < blinking.high_fraction[j] else 0.0
-        shift_dn = blinking.amplitude_dn[j] * (high - blinking.high_fraction[j])
         prnu, offset, dark = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
         noise_dn, row_dn, column_dn = blinking.noise_dn[j], maps.row_dn[r], maps.column_dn[c]
-        p = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, maps, exposure)
-        offset_dn = p.offset_dn + shift_dn
-        pixel = Pixel(p.response, p.dark_e, p.offset_e, p.noise_e, offset_dn, p.noise_dn, p.map_gain_ratio)
+        line_variance_dn2, gain = maps.line_variance_dn2, maps.gain_dn_per_e
+        mean = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, line_variance_dn2, gain, exposure)
+        pixel = blinking_state(mean, blinking.amplitude_dn[j], blinking.high_fraction[j], r, c, exposure)
         out[r, c] = expose_pixel(float(photo_e[r, c]), pixel, r, c, exposure)
+    return out
+
+
+@compiled()
+def replace_pixels(out: NDArray[np.uint16], place: I64, numbers: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Set the pixels at (n, 2) rows and columns, each listed once, to (n,) numbers, in place; return `out`."""
+    for j in range(place.shape[0]):
+        out[place[j, 0], place[j, 1]] = numbers[j]
+    return out
 
 
 @compiled(parallel=True)

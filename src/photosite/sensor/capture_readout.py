@@ -20,7 +20,7 @@ from photosite.engine.random_numbers import CAPTURES, philox4x32
 from photosite.errors import InputError
 from photosite.sensor.captures import Captures
 from photosite.sensor.chip import MeasuredChip
-from photosite.sensor.device import Device, computed
+from photosite.sensor.device import Computer
 from photosite.sensor.drawn_readout import Part, drawn_frame
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
@@ -76,12 +76,12 @@ def capture_numbers(
     mean_electrons: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
-    device: Device,
+    on: Computer,
 ) -> dict[str, NDArray[np.uint16]]:
     """Return the digital numbers of each capture of a rectangle.
 
     `mean_electrons`, of the whole chip, and `exposure` are those of the sensor; measured maps, those of the first
-    capture.
+    capture. All results are on the host.
     """
     captures, charges, out = captures_of(sensor), {}, {}
     sensors = {name: part_sensor(sensor, name) for name in captures.names}
@@ -105,22 +105,22 @@ def capture_numbers(
         chip = measured if each.name == first else None
         light_e = None if each.charge_of is not None else read_only(photo_e * np.float32(captures.light(each.name)))
         if light_e is not None and one.effects is None and chip is None and each.name not in read_again:
-            out[each.name] = drawn_frame(one, light_e, part, own, device)
+            out[each.name] = drawn_frame(one, light_e, part, own, on)
             continue
         wide = own._replace(first_row=around[0].start, first_col=around[1].start)
         pattern = fixed_pattern(one, chip, around, wide)
         if light_e is not None:
             largest = wide._replace(well_capacity_e=_largest_well_e(captures, sensors, each.name))
-            charges[each.name] = collected_charge(pattern, light_e, largest, device)
+            charges[each.name] = collected_charge(pattern, light_e, largest, on)
         charge_e = charges[each.charge_of or each.name]
         if each.charge == "overflow":
             charge_e = np.maximum(charge_e - np.float32(_well_e(sensors[str(each.charge_of)])), np.float32(0.0))
         read_e = np.minimum(charge_e, np.float32(own.well_capacity_e))
         for kernel, order, *arguments in stages:
-            read_e = computed(device, kernel, read_only(np.ascontiguousarray(read_e[order])), *arguments)[order]
+            read_e = on.computed(kernel, read_only(read_e[order]), *arguments)[order]
         if around != part:
             read_e, pattern = read_e[inside], fixed_pattern(one, chip, part, own)
-        out[each.name] = converted_charge(one, pattern, read_only(read_e), part, own, device)
+        out[each.name] = converted_charge(one, pattern, read_only(read_e), part, own, on)
     return out
 
 

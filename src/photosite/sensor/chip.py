@@ -85,10 +85,18 @@ def draw_chip(sensor: Sensor, part: tuple[slice, slice] = (slice(None), slice(No
         for word, spread in enumerate(spreads)
     )
     dark_spread = noise.dcnu_percent.value / 100 if noise.dark_voltage_mv_per_s.value else 0.0
-    relative = _relative_dark_rate(sensor.serial, array.rows, array.cols, dark_spread)
-    relative = relative if relative.shape == (1, 1) else relative[part]
-    rate = relative * np.float32(sensor.electrons(noise.dark_voltage_mv_per_s.value))
+    mean_e = float(sensor.electrons(noise.dark_voltage_mv_per_s.value))
+    rate = _dark_rate(sensor.serial, array.rows, array.cols, dark_spread, mean_e)
+    rate = rate if rate.shape == (1, 1) else rate[part]
     return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_STEP), Pattern(dsnu, spreads[_DSNU] * DEVIATE_STEP), rate)
+
+
+@lru_cache(maxsize=1)
+def _dark_rate(serial: str, rows: int, cols: int, spread: float, mean_e_per_s: float) -> FloatMap:
+    """Return the dark current, which all frames at one temperature share; (1, 1) without a spread."""
+    rate = _relative_dark_rate(serial, rows, cols, spread) * np.float32(mean_e_per_s)
+    rate.flags.writeable = False
+    return rate
 
 
 @lru_cache(maxsize=2)

@@ -157,16 +157,24 @@ def stuck_pixels(defects: PixelDefects, sensor: Sensor) -> tuple[_Numbers, _Floa
     return numbers[stuck], np.floor(values[0, stuck] * (sensor.white_level_dn + 1.0))
 
 
-def set_stuck_pixels(
-    dn: NDArray[np.uint16], defects: PixelDefects, sensor: Sensor, part: Part, output_dn: NDArray[np.uint16]
-) -> None:
-    """Set the digital numbers of stuck pixels in a frame of a rectangle, as behind a table of more than one entry."""
+def stuck_numbers(
+    defects: PixelDefects, sensor: Sensor, part: Part, output_dn: NDArray[np.uint16]
+) -> tuple[_Numbers, NDArray[np.uint16]]:
+    """Return the stuck pixels of a rectangle, each once, and their numbers behind a table of more than one entry.
+
+    Returns (n, 2) rows and columns in the rectangle, and (n,) digital numbers.
+    """
     numbers, values = stuck_pixels(defects, sensor)
     inside, place = _within(numbers, sensor.array.cols, part)
     output = output_dn if output_dn.size > 1 else np.arange(65536, dtype=np.uint16)
-    dn[place] = output[values[inside].astype(np.uint16)]
-    for rectangle, value in _listed(defects, "stuck", part):
-        dn[rectangle] = output[int(sensor.white_level_dn if value is None else value)]
+    places, of_places = [np.stack(place, axis=1)], [output[values[inside].astype(np.uint16)]]
+    for (rows, cols), value in _listed(defects, "stuck", part):
+        places.append(np.mgrid[rows, cols].reshape(2, -1).T)
+        of_places.append(np.full(len(places[-1]), output[int(sensor.white_level_dn if value is None else value)]))
+    # Listed ones replace drawn ones.
+    last_first, found = np.concatenate(places)[::-1], np.concatenate(of_places)[::-1]
+    once = np.unique(last_first @ [part[1].stop - part[1].start, 1], return_index=True)[1]
+    return read_only(last_first[once]), read_only(found[once])
 
 
 def _listed(defects: PixelDefects, kind: str, part: Part) -> Iterator[tuple[Part, float | None]]:

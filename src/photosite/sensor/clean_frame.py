@@ -11,7 +11,7 @@ from photosite.engine.charge_stages import multiply_charge
 from photosite.engine.jit import read_only
 from photosite.engine.pixel_model import Exposure
 from photosite.sensor.capture_readout import captures_of, combined, part_sensor
-from photosite.sensor.device import computed
+from photosite.sensor.device import Cpu
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.effects.output import Output
 from photosite.sensor.model import Sensor
@@ -65,7 +65,7 @@ def _clean_charge(sensor: Sensor, effects: Effects, mean_electrons: NDArray[np.f
             assert effects.em_gain is not None
             charge_e = np.minimum(charge_e * np.float32(effects.em_gain.gain), np.float32(arguments[0].well_e))
         else:
-            charge_e = computed("cpu", kernel, read_only(np.ascontiguousarray(charge_e[order])), *arguments)[order]
+            charge_e = Cpu().computed(kernel, read_only(charge_e[order]), *arguments)[order]
     return charge_e
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +23,12 @@ from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.capture_readout import CombinedNumbers, capture_numbers, combined
 from photosite.sensor.chip import Blinking, MeasuredChip
-from photosite.sensor.device import Device
+from photosite.sensor.device import Computer, Cpu, Device, Gpu, GpuToHost, computer
 from photosite.sensor.drawn_readout import drawn_frame, line_noise
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
 from photosite.sensor.own_noise import OwnNoise, check_noisier, drawn_maps, missing_light, with_missing_noise
 from photosite.sensor.staged_readout import staged_frame
-from photosite.values.validated import check_choice
 
 Rectangle = tuple[int, int, int, int]
 """(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
@@ -42,7 +42,7 @@ def digital_numbers(
     seed: int,
     frame: int = 0,
     region: Rectangle | None = None,
-    device: Device = "cpu",
+    device: Device | Gpu = "cpu",
     temperature_c: float | None = None,
     own_noise: OwnNoise | None = None,
 ) -> CombinedNumbers:
@@ -68,7 +68,8 @@ def digital_numbers(
     region
         (r0, r1, c0, c1) of the chip; None is the whole chip. Its digital numbers are those of the whole frame.
     device
-        "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`).
+        "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`). With a `Gpu`, the electrons may be an array on the GPU, and
+        the digital numbers stay there; this needs a sensor without captures.
     temperature_c
         Temperature of the sensor, for the dark current; default that of the description.
     own_noise
@@ -79,8 +80,8 @@ def digital_numbers(
     ------
     InputError
         If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region is out of range, the
-        device is unknown or missing, measured maps have another size or are requested on a GPU, or the well capacity is
-        below half a digital number, or the sensor does not state what a temperature needs
+        device is unknown or missing, measured maps have another size, or the well capacity is below half a digital
+        number, or the sensor does not state what a temperature needs
         (`Sensor.dark_current_ratio`), or the electrons have noise that the sensor does not have.
     FileError
         If a file of measured maps is missing, or is not the file that the sensor file names by its hash.
@@ -92,37 +93,50 @@ def digital_numbers(
     >>> digital_numbers(sensor, np.full((2, 2), 7980, np.float32), 0.01, seed=1).shape
     (2, 2)
     """
-    check_choice("device", device, Device)
-    light_e = mean_electrons
+    on, light_e = computer(device), mean_electrons
     if own_noise is not None:
         check_noisier(sensor, own_noise)
         light_e = missing_light(mean_electrons, own_noise)
-    photo_e, part, exposure = _checked(sensor, light_e, exposure_s, seed, frame, region)
+    photo_e, part, exposure = _checked(sensor, light_e, exposure_s, seed, frame, region, on)
     sensor, measured = _at_temperature(sensor, temperature_c)
     if sensor.captures is not None:
-        return combined(sensor, capture_numbers(sensor, measured, mean_electrons, part, exposure, device))
+        if on is device:
+            hint = "Use Camera.capture with device='cuda'"
+            raise InputError("captures are combined on the host, not on a GPU", hint=hint)
+        return combined(sensor, capture_numbers(sensor, measured, mean_electrons, part, exposure, _through_host(on)))
     if sensor.effects is not None:
-        return staged_frame(sensor, measured, mean_electrons, part, exposure, device)
-    if measured is None and own_noise is None:
-        return drawn_frame(sensor, photo_e, part, exposure, device)
-    if device != "cpu":
-        hint = "Use with_(maps=None) to simulate a drawn chip on the GPU"
-        expected = "'cpu' for a measured chip and for light with noise"
-        raise InputError("device", value=device, expected=expected, hint=hint)
+        out = staged_frame(sensor, measured, mean_electrons, part, exposure, on)
+    elif measured is None and own_noise is None:
+        out = drawn_frame(sensor, photo_e, part, exposure, on)
+    else:
+        out = _mapped_frame(sensor, measured, mean_electrons, photo_e, part, exposure, on, own_noise)
+    return out if on is device else on.get(out)
+
+
+def _through_host(on: Computer) -> Computer:
+    """Return what computes on the same device, with results on the host."""
+    return GpuToHost(on.arrays) if isinstance(on, Gpu) else on
+
+
+def _mapped_frame(
+    sensor: Sensor,
+    measured: MeasuredChip | None,
+    mean_electrons: NDArray[np.float32],
+    photo_e: NDArray[np.float32],
+    part: tuple[slice, slice],
+    exposure: Exposure,
+    on: Computer,
+    own_noise: OwnNoise | None,
+) -> NDArray[np.uint16]:
+    """Return the digital numbers of a rectangle of a measured chip, or of light that has noise."""
     maps = drawn_maps(sensor, part, exposure) if measured is None else _measured_maps(measured, sensor, part, exposure)
     if own_noise is not None:
         electrons = mean_electrons if mean_electrons.shape == photo_e.shape else mean_electrons[part]
         maps, exposure = with_missing_noise(maps, exposure, electrons, own_noise)
-    with threads_for(photo_e.size):
-        out = expose_measured(photo_e, maps, exposure)
+    out: NDArray[np.uint16] = on.computed(expose_measured, photo_e, maps, exposure)
     if measured is not None and len(measured.blinking):
-        expose_blinking(
-            out,
-            _blinking_within(measured.blinking, (part[0].start, part[1].start), photo_e.shape),
-            photo_e,
-            maps,
-            exposure,
-        )
+        blinking = _blinking_within(measured.blinking, (part[0].start, part[1].start), photo_e.shape)
+        out = on.computed(expose_blinking, out, blinking, photo_e, maps, exposure)
     return out
 
 
@@ -142,9 +156,9 @@ def digital_numbers_of_captures(
     The arguments and errors are those of `digital_numbers`; `mean_electrons` and the exposure time are those of a
     photodiode of relative sensitivity and exposure 1.
     """
-    check_choice("device", device, Device)
-    _, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region)
-    return capture_numbers(*_at_temperature(sensor, temperature_c), mean_electrons, part, exposure, device)
+    on = computer(device)
+    _, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region, Cpu())
+    return capture_numbers(*_at_temperature(sensor, temperature_c), mean_electrons, part, exposure, _through_host(on))
 
 
 def _at_temperature(sensor: Sensor, temperature_c: float | None) -> tuple[Sensor, MeasuredChip | None]:
@@ -167,6 +181,7 @@ def _checked(
     seed: int,
     frame: int,
     region: Rectangle | None,
+    on: Computer,
 ) -> tuple[NDArray[np.float32], tuple[slice, slice], Exposure]:
     """Return the light and the place of a rectangle, and what its pixels share; see `digital_numbers` for errors."""
     rows, cols = sensor.array.rows, sensor.array.cols
@@ -178,14 +193,20 @@ def _checked(
     shape, plain = mean_electrons.shape, sensor.effects is None and sensor.captures is None
     if shape != (rows, cols) and not (plain and shape == (r1 - r0, c1 - c0)):
         raise InputError("mean_electrons", value=shape, expected=f"of shape ({rows}, {cols})")
-    photo_e = read_only(np.asarray(mean_electrons[part] if shape == (rows, cols) else mean_electrons, np.float32))
-    # Stages that move charge use the whole chip.
-    used = photo_e if plain else read_only(np.asarray(mean_electrons, np.float32))
-    with threads_for(used.size):
-        valid = all_light(used)
+    part_e = mean_electrons[part] if shape == (rows, cols) else mean_electrons
+    if isinstance(mean_electrons, np.ndarray):
+        part_e = read_only(np.asarray(part_e, np.float32))
+        # Stages that move charge use the whole chip.
+        used = part_e if plain else read_only(np.asarray(mean_electrons, np.float32))
+        with threads_for(used.size):
+            valid = all_light(used)
+    else:
+        valid = float(on.xp.min(mean_electrons)) >= 0 and float(on.xp.max(mean_electrons)) < np.inf
     if not valid:
-        limits = float(used.min()), float(used.max())
+        xp: Any = np if isinstance(mean_electrons, np.ndarray) else on.xp
+        limits = float(xp.min(mean_electrons)), float(xp.max(mean_electrons))
         raise InputError("mean_electrons", value=limits, expected="finite and not negative")
+    photo_e = on.put(part_e) if plain else part_e
     for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
         whole = isinstance(number, Integral) and not isinstance(number, bool)
         if not (whole and 0 <= number < 1 << bits):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from photosite.engine.charge import ConversionMaps, collect_charge, convert_charge
 from photosite.engine.charge_stages import bloom_columns, couple_pixels, multiply_charge, transfer_charge
 from photosite.engine.jit import read_only
-from photosite.engine.pixel_model import Exposure
+from photosite.engine.pixel_model import Exposure, replace_pixels
 from photosite.sensor.chip import MeasuredChip, draw_chip
 from photosite.sensor.chip_effects import (
     add_glow,
@@ -29,10 +29,10 @@ from photosite.sensor.chip_effects import (
     fixed_lines,
     noise_ratio,
     set_dead_pixels,
-    set_stuck_pixels,
+    stuck_numbers,
     whole,
 )
-from photosite.sensor.device import Device, computed
+from photosite.sensor.device import Computer
 from photosite.sensor.drawn_readout import Part, line_noise, line_noise_dn, within
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
@@ -58,24 +58,26 @@ def staged_frame(
     mean_electrons: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
-    device: Device,
+    on: Computer,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a sensor with effects; `mean_electrons` is that of the chip."""
     effects = sensor.effects or Effects()
+    if isinstance(mean_electrons, np.ndarray):
+        mean_electrons = np.asarray(mean_electrons, np.float32)
     # The charge of a rectangle depends on that around it.
     around, stages = charge_stages(sensor, effects, part, exposure)
     wider = exposure._replace(first_row=around[0].start, first_col=around[1].start)
     if effects.blooming is not None:
         wider = wider._replace(well_capacity_e=_ANY_CHARGE_E)
     pattern = fixed_pattern(sensor, measured, around, wider)
-    photo_e = read_only(np.asarray(mean_electrons[around], np.float32))
-    charge_e = collected_charge(pattern, photo_e, wider, device)
+    photo_e = on.put(mean_electrons[around])
+    charge_e = collected_charge(pattern, photo_e, wider, on)
     for kernel, order, *arguments in stages:
-        charge_e = computed(device, kernel, read_only(np.ascontiguousarray(charge_e[order])), *arguments)[order]
+        charge_e = on.computed(kernel, on.put(charge_e[order]), *arguments)[order]
     if around != part:
         inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(part, around, strict=True))
         charge_e, pattern = charge_e[inside], fixed_pattern(sensor, measured, part, exposure)
-    return converted_charge(sensor, pattern, charge_e, part, exposure, device)
+    return converted_charge(sensor, pattern, charge_e, part, exposure, on)
 
 
 def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exposure: Exposure) -> FixedPattern:
@@ -142,8 +144,16 @@ def _lightless_border(pattern: FixedPattern, sensor: Sensor, part: Part) -> Fixe
         for empty in _overscan(sensor, part):
             rate, offset_e = whole(rate, part), whole(offset_e, part)
             rate[empty] = offset_e[empty] = 0.0
-    prnu, rate, offset_e, noise_e = (read_only(values) for values in (prnu, rate, offset_e, pattern.noise_e))
+    prnu, rate, offset_e, noise_e = (_frozen(values) for values in (prnu, rate, offset_e, pattern.noise_e))
     return FixedPattern(prnu, rate, offset_e, noise_e, pattern.line_noise_dn)
+
+
+def _frozen(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a contiguous map that nobody can write any more, so that a GPU keeps its copy."""
+    values = np.ascontiguousarray(values)
+    if values.base is None:
+        values.flags.writeable = False
+    return read_only(values)
 
 
 def _overscan(sensor: Sensor, part: Part) -> list[Part]:
@@ -155,11 +165,11 @@ def _overscan(sensor: Sensor, part: Part) -> list[Part]:
 
 
 def collected_charge(
-    pattern: FixedPattern, photo_e: NDArray[np.float32], exposure: Exposure, device: Device
+    pattern: FixedPattern, photo_e: NDArray[np.float32], exposure: Exposure, on: Computer
 ) -> NDArray[np.float32]:
     """Return the charge of the pixels of a rectangle, electrons."""
-    charge_e: NDArray[np.float32] = computed(
-        device, collect_charge, photo_e, pattern.prnu, pattern.dark_rate_e_per_s, exposure
+    charge_e: NDArray[np.float32] = on.computed(
+        collect_charge, photo_e, pattern.prnu, pattern.dark_rate_e_per_s, exposure
     )
     return charge_e
 
@@ -170,14 +180,15 @@ def converted_charge(
     charge_e: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
-    device: Device,
+    on: Computer,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of the charge of a rectangle."""
     effects = sensor.effects or Effects()
     maps = _conversion(sensor, effects, pattern, part, exposure)
-    frame_dn: NDArray[np.uint16] = computed(device, convert_charge, read_only(charge_e), maps, exposure)
+    frame_dn: NDArray[np.uint16] = on.computed(convert_charge, on.put(charge_e), maps, exposure)
     if effects.pixel_defects is not None and sensor.maps is None:
-        set_stuck_pixels(frame_dn, effects.pixel_defects, sensor, part, maps.output_dn)
+        stuck = stuck_numbers(effects.pixel_defects, sensor, part, maps.output_dn)
+        frame_dn = on.computed(replace_pixels, frame_dn, *stuck)
     return frame_dn
 
 

@@ -45,17 +45,18 @@ _CAPTURES = {
     ],
     "combination": {"dn_per_e": 4, "bits": 24, "black_level_dn": 16},
 }
-_MORE: dict[Kind, dict[str, Any]] = {
+SENSORS: dict[Kind, dict[str, Any]] = {
     "em": {**_EFFECTS, "em_gain": {"gain": 1.2, "stages": 500, "clock_induced_charge_e": 0.002}},
     "curve": {**_EFFECTS, "response_curve": {"polynomial_percent": [0, -2.0]}},
     "captures": {"well_capacity_e": 60000, "captures": _CAPTURES},
 }
+"""What differs from the sensor without effects."""
 FPS = 30
 
 
 @lru_cache(maxsize=3)
 def _camera(kind: Kind) -> Camera:
-    return Camera(camera().optics, camera().sensor.with_(**_MORE[kind]))
+    return Camera(camera().optics, camera().sensor.with_(**SENSORS[kind]))
 
 
 def work_effects(kind: Kind) -> None:
