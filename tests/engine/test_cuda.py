@@ -77,8 +77,9 @@ exposure = Exposure(0.7, 30000.0, 0.4, -10.0, 11900.0, 70, 333, 5000, np.uint32(
 DRAWN = """
 for size, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (shape, shape, 12.5, 0.7)):
     prnu, offset = (rng.integers(-9000, 9000, size).astype(np.int16) for _ in range(2))
-    maps = prnu, offset, rng.random(size).astype(np.float32), *(rng.normal(0, 3, n) for n in lines)
-    maps, constants = pixel_model.DrawnMaps(*map(read_only, maps)), pixel_model.DrawnConstants(1e-5, 2e-3, read_e)
+    maps = map(read_only, [prnu, offset, rng.random(size).astype(np.float32)])
+    maps = pixel_model.DrawnMaps(*maps, *(rng.normal(0, 3, n) for n in lines))
+    constants = pixel_model.DrawnConstants(1e-5, 2e-3, read_e)
     frame = check(pixel_model.expose_drawn, mean, maps, constants, exposure._replace(exposure_s=seconds))
     assert frame.min() == 0 and frame.max() == 11900, "both ends of the converter"
 """
@@ -86,11 +87,11 @@ for size, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (shape, shape, 
 MEASURED = """
 maps = [rng.normal(at, spread, shape).astype(np.float32) for at, spread in ((0, 0.5), (0, 9), (0, 5), (4, 5))]
 lines = [rng.normal(0, 3, count) for count in shape]
-maps = pixel_model.MeasuredMaps(*map(read_only, [*maps, *lines]), 2.5, 0.3)
+maps = pixel_model.MeasuredMaps(*map(read_only, maps), *lines, 2.5, 0.3)
 frame = check(pixel_model.expose_measured, mean, maps, exposure)
 place = np.stack(np.unravel_index(np.arange(3, ROWS * COLS, 5), shape), axis=1)
 blinking = [rng.normal(size=len(place)) * 200, rng.random(len(place)), rng.random(len(place)) * 9]
-blinking = pixel_model.BlinkingPixels(*map(read_only, [place, *blinking]))
+blinking = pixel_model.BlinkingPixels(place, *blinking)
 arrays = cuda.gpu_arrays()
 computed = arrays.get(cuda.run(arrays, "expose_blinking", arrays.put(frame.copy()), blinking, mean, maps, exposure))
 expected = pixel_model.expose_blinking(frame.copy(), blinking, mean, maps, exposure)

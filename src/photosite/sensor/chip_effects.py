@@ -169,7 +169,8 @@ def stuck_numbers(
     output = output_dn if output_dn.size > 1 else np.arange(65536, dtype=np.uint16)
     places, of_places = [np.stack(place, axis=1)], [output[values[inside].astype(np.uint16)]]
     for (rows, cols), value in _listed(defects, "stuck", part):
-        places.append(np.mgrid[rows, cols].reshape(2, -1).T)
+        of_lines = np.meshgrid(*(np.arange(lines.start, lines.stop) for lines in (rows, cols)), indexing="ij")
+        places.append(np.stack(of_lines, axis=-1).reshape(-1, 2))
         of_places.append(np.full(len(places[-1]), output[int(sensor.white_level_dn if value is None else value)]))
     # Listed ones replace drawn ones.
     last_first, found = np.concatenate(places)[::-1], np.concatenate(of_places)[::-1]
