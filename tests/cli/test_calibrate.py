@@ -163,3 +163,30 @@ def test_incomplete_sets(
     text = photosite("calibrate", folder)
     assert text.status == 0
     assert reason in text.out
+
+
+def test_several_cameras(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    """Each camera has the parameters of its own calibration; one fails, and is calibrated when its frames are there."""
+    for name in ("one", "two"):
+        (tmp_path / name).symlink_to(stack)
+    (tmp_path / "three").mkdir()
+    call = ["calibrate", *(tmp_path / name for name in ("one", "two", "three")), "--into", tmp_path / "results"]
+    done = photosite(*call, "--json")
+    assert done.status == 2
+    assert done.json["failed"] == ["three"]
+    alone = photosite("calibrate", tmp_path / "one", "--json").json
+    assert done.json["cameras"]["one"]["parameters"] == alone["parameters"]
+    kept = (tmp_path / "results" / "one.json").stat().st_mtime_ns
+    (tmp_path / "three").rmdir()
+    (tmp_path / "three").symlink_to(stack)
+    again = photosite(*call)
+    assert again.status == 0
+    assert again.out.count("calibrated") == 3
+    assert (tmp_path / "results" / "one.json").stat().st_mtime_ns == kept
+    names = sorted(path.name for path in (tmp_path / "results").iterdir())
+    assert names == [f"{name}{suffix}" for name in ("one", "three", "two") for suffix in (".json", ".sensor.yaml")]
+    assert (tmp_path / "results" / "two.json").read_bytes() == (tmp_path / "results" / "three.json").read_bytes()
+    sensor = ps.load_sensor(tmp_path / "results" / "two.sensor.yaml")
+    assert sensor.name == "two"
+    for wrong in (call[:3], [*call, "-o", tmp_path / "a.yaml"], [*call, tmp_path / "one"]):
+        assert photosite(*wrong).status == 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from os import PathLike
 
@@ -21,8 +21,10 @@ from photosite.calibration.noise_structure import measure_noise_structure
 from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.reduce import reduce_frames
+from photosite.calibration.reduction.shared_sums import SharedSums
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
+from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
@@ -39,6 +41,8 @@ def calibrate(
     maps: bool = False,
     progress: Progress | None = None,
     checkpoint: str | PathLike[str] | None = None,
+    processes: int | None = 1,
+    scheduler: str | None = None,
 ) -> Calibration:
     """Estimate a sensor's parameters, with standard uncertainties, from dark frames and flat fields.
 
@@ -66,6 +70,10 @@ def calibrate(
         Folder for intermediate sums, three times the size of a frame per exposure. An interrupted run resumes from it
         with bit-identical results when it is called again with the same frames. The files are removed at the end. One
         run at a time may use the folder.
+    processes, scheduler
+        Number of local processes (None: one for each core), or address of a Dask scheduler, whose workers read the
+        frames first; sums are merged without rounding, and the result is the same. One process already reads in several
+        threads, so that this pays where reading takes long: large compressed files, several disks.
 
     Returns
     -------
@@ -80,7 +88,10 @@ def calibrate(
     FileError
         If a frame cannot be read or has another size, or the checkpoint folder holds other files or is in use.
     InputError
-        If `frames` is not a FrameSet, or `sensor` cannot have taken these frames.
+        If `frames` is not a FrameSet, or `sensor` cannot have taken these frames; if there is no scheduler, or a
+        checkpoint with several workers.
+    WorkerError
+        If frames end the workers that read them.
 
     Examples
     --------
@@ -99,7 +110,7 @@ def calibrate(
     """
     sensor = check_frame_set(frames, sensor)
     frames = without_covered_lines(frames, sensor)
-    with nullcontext() if checkpoint is None else Checkpoint(checkpoint, frames) as saved:
+    with _saved_sums(frames, checkpoint, processes, scheduler) as saved:
         with FrameReader(frames, progress, saved) as reader:
             reduction = reduce_frames(reader)
             check_levels(reduction)
@@ -117,9 +128,21 @@ def calibrate(
                 if isinstance(pattern, SpatialAnalysis):
                     pattern.compute()  # releases the mean frames
             calibration = _with_maps(reduction.frames, dark, calibration, progress)
-        if saved is not None:
+        if isinstance(saved, Checkpoint):
             saved.remove()
     return calibration
+
+
+def _saved_sums(
+    frames: FrameSet, checkpoint: str | PathLike[str] | None, processes: int | None, scheduler: str | None
+) -> AbstractContextManager[Checkpoint | SharedSums | None]:
+    """Return the sums that the reader need not compute: those of an interrupted run, or of workers."""
+    alone = scheduler is None and processes == 1
+    if checkpoint is None:
+        return nullcontext() if alone else SharedSums(frames, processes=processes, scheduler=scheduler)
+    if not alone:
+        raise InputError("checkpoint", value=checkpoint, expected="omitted with several workers")
+    return Checkpoint(checkpoint, frames)
 
 
 def _with_maps(frames: FrameSet, dark: DarkResult, calibration: Calibration, progress: Progress | None) -> Calibration:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command("calibrate", cls=Command)
-@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("paths", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="PATH...")
 @options.sensor_option(
     text="Sensor as known before: pixel size, volts, spectra. Default: the sensor file of the protocol."
 )
@@ -98,9 +99,17 @@ if TYPE_CHECKING:
 )
 @click.option("--camera", metavar="TEXT", help="Maker and model for the entry.  [default: the name of the sensor]")
 @click.option("--attribution", metavar="TEXT", help="Whom to name in the entry.  [default: nobody]")
+@options.option(
+    "--into",
+    type=options.shared_folder,
+    metavar="FOLDER",
+    help="Calibrate each PATH as a camera and write NAME.json and, with a known sensor, NAME.sensor.yaml for each; an "
+    "interrupted run is resumed.",
+)
+@options.workers_options()
 @options.json_option
 def command(
-    path: Path,
+    paths: tuple[Path, ...],
     sensor_name: str | None,
     output: Path | None,
     name: str | None,
@@ -115,9 +124,12 @@ def command(
     license_id: str | None,
     camera: str | None,
     attribution: str | None,
+    into: Path | None,
+    processes: int,
+    scheduler: str | None,
     as_json: bool,
     **reading: Any,
-) -> None:
+) -> int | None:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
     PATH is a folder of frames, a protocol (YAML), an EMVA 1288 descriptor or a file with many frames. Parameters that
@@ -150,7 +162,12 @@ def command(
     A protocol overrides metadata and file names. Without any of them, the level of the frames decides between dark and
     light, with a warning; --dark and --light override it.
 
+    With --into, each PATH is a camera, and --processes or --dask share the cameras out. Otherwise they share out the
+    frames, which pays where reading takes long. The results are the same.
+
+    \b
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
+    Example: photosite calibrate cameras/* --sensor nikon-d200 --into results --processes 4
     """
     from photosite.calibration.calibrate import calibrate
     from photosite.calibration.captures import calibrate_captures
@@ -162,14 +179,25 @@ def command(
     from photosite.frames.open import open_frames
     from photosite.sensor.io.sensor_file import maps_path
 
+    if into is not None:
+        of_files = (output, name, report, checkpoint, linearize, contribute, license_id, camera, attribution)
+        if any(given is not None for given in (*of_files, outlier_dark, outlier_light, captures)):
+            raise click.UsageError("--into takes --sensor, --maps and the options of reading frames only")
+        say_if_compiling()
+        return _calibrate_cameras(paths, into, sensor_name, maps, processes, scheduler, as_json, reading)
+    if len(paths) > 1:
+        raise click.UsageError("several cameras need --into")
+    path, alone = paths[0], processes == 1 and scheduler is None
     held = click.get_current_context().with_resource(held_warnings())
     given = _contribution(contribute, license_id, camera, attribution)
     if names := _names_of_captures(path, captures, sensor_name):
         if output is not None or maps or linearize is not None or checkpoint is not None or given:
             raise click.UsageError("-o, --maps, --linearize, --checkpoint and --contribute need frames of one capture")
+        if not alone:
+            raise click.UsageError(_OF_ONE)
         parts = calibrate_captures({each: open_frames(path / each, **reading) for each in names}, progress=Stages())
         _show_captures(parts, report, as_json)
-        return
+        return None
     frames = open_frames(path, **reading)
     if linearize is not None:
         frames = linearized(frames, read_linearization(linearize))
@@ -183,11 +211,13 @@ def command(
     is_series = len(frames.gain_settings) > 1
     if given and sensor is None:
         raise click.UsageError("--contribute needs pixel size, volts and spectra, which frames lack: give --sensor")
+    if is_series and not alone:
+        raise click.UsageError(_OF_ONE)
     if frames.bits > 16 or (sensor is not None and sensor.captures is not None and not is_series):
         if given:
             raise click.UsageError("--contribute needs frames of one capture")
         _combined(frames, sensor, output, report, as_json)
-        return
+        return None
     if output is not None and sensor is None:
         raise click.UsageError(
             "-o needs pixel size, volts and spectra, which frames lack: give --sensor (sensors new writes one)"
@@ -202,16 +232,25 @@ def command(
         not_listed(held, series.warnings)
         entry = given.write(series) if given else None
         _write_series(series, output, report, entry, as_json)
-        return
+        return None
     outliers = OutlierThresholds(outlier_dark, outlier_light)
     try:
-        calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
+        calibration = calibrate(
+            frames,
+            sensor,
+            maps=maps,
+            outliers=outliers,
+            progress=Stages(),
+            checkpoint=checkpoint,
+            processes=processes,
+            scheduler=scheduler,
+        )
     except SeveralCapturesError as error:
         say(f"photosite: {error.what}; the captures are told apart by their noise")
         if given:
             raise click.UsageError("--contribute needs frames of one capture") from None
         _combined(frames, sensor, output, report, as_json)
-        return
+        return None
     not_listed(held, calibration.warnings)
     if output is not None:
         _ = calibration.sensor  # raises before anything is written
@@ -223,6 +262,7 @@ def command(
     entry = given.write(calibration) if given else None
     written = {"sensor": output, "maps": beside, "report": report, "entry": entry}
     show(as_json, calibration.to_dict(), lambda: _text(calibration), **written)
+    return None
 
 
 @dataclass(frozen=True)
@@ -253,6 +293,48 @@ def _contribution(
             raise click.UsageError("--license, --camera and --attribution belong to --contribute")
         return None
     return _Contribution(folder, check_license(license_id), camera, attribution)
+
+
+_OF_ONE = "--processes and --dask apply to frames of one gain setting and capture, or with --into to several cameras"
+
+
+def _calibrate_cameras(
+    paths: tuple[Path, ...],
+    into: Path,
+    sensor_name: str | None,
+    maps: bool,
+    processes: int,
+    scheduler: str | None,
+    as_json: bool,
+    reading: dict[str, Any],
+) -> int:
+    """Calibrate several cameras, show a line for each, and return the exit status."""
+    from photosite.calibration.cameras import ERROR, calibrate_cameras
+
+    found = calibrate_cameras(
+        paths,
+        into,
+        options.sensor_or(None, sensor_name),
+        maps=maps,
+        processes=processes,
+        scheduler=scheduler,
+        progress=partial(Stages(), unit="cameras"),
+        **reading,
+    )
+    failed = [name for name, result in found.items() if ERROR in result]
+    rows = [("camera", "result"), *((name, _camera_line(result)) for name, result in found.items())]
+    show(as_json, {"path": into, "cameras": found, "failed": failed}, lambda: table(rows, "<<"))
+    return 2 if failed else 0
+
+
+def _camera_line(result: dict[str, Any]) -> str:
+    """Return how the calibration of a camera went, in words."""
+    from photosite.calibration.cameras import ERROR
+
+    if ERROR in result:
+        return f"failed: {result[ERROR]}"
+    warnings = len(result["warnings"])
+    return "calibrated" + (f", {warnings} warning{'s' * (warnings > 1)}" if warnings else "")
 
 
 def _names_of_captures(path: Path, given: str | None, sensor_name: str | None) -> list[str]:

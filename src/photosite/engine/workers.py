@@ -10,7 +10,7 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import chdir, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from multiprocessing import connection
@@ -25,9 +25,6 @@ Result = TypeVar("Result")
 MOST_DEATHS = 3
 """Workers that a task may end before it is given up; Dask's `distributed.scheduler.allowed-failures` is the same."""
 
-_AHEAD = 10_000
-"""Tasks that a scheduler holds at a time."""
-
 _CONNECT_S, _END_S = 10.0, 5.0
 
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -41,7 +38,8 @@ def run_tasks(
     processes: int | None = 1,
     scheduler: str | None = None,
     name: Callable[[Task], str] = str,
-) -> Iterator[tuple[int, Result]]:
+    ahead: int = 10_000,
+) -> Generator[tuple[int, Result], None, None]:
     """Apply a function to tasks; yield the index and the result of each as it completes.
 
     The task of a worker that dies goes to another one. Closing the iterator, Ctrl-C and an error end local workers at
@@ -61,6 +59,8 @@ def run_tasks(
         thread each, and in the working folder of this process where they have it.
     name
         Returns the name of a task in errors.
+    ahead
+        Tasks that a scheduler gets before their results are taken; fewer need less memory for large results.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def run_tasks(
     if processes is not None and (isinstance(processes, bool) or not isinstance(processes, int) or processes < 1):
         raise InputError("processes", value=processes, expected="1 or more, or None for the number of cores")
     if scheduler is not None:
-        return _on_scheduler(function, tasks, scheduler, name)
+        return _on_scheduler(function, tasks, scheduler, name, ahead)
     count = min(_cores() if processes is None else processes, len(tasks))
     return (
         ((index, function(task)) for index, task in enumerate(tasks))
@@ -148,7 +148,7 @@ class _Process:
 
 def _on_processes(
     function: Callable[[Task], Result], tasks: Sequence[Task], count: int, name: Callable[[Task], str]
-) -> Iterator[tuple[int, Result]]:
+) -> Generator[tuple[int, Result], None, None]:
     threads = max(1, _cores() // count)
     waiting = deque(range(len(tasks)))
     deaths: Counter[int | None] = Counter()
@@ -275,8 +275,8 @@ def _end_with(sentinel: int) -> None:
 
 
 def _on_scheduler(
-    function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str, name: Callable[[Task], str]
-) -> Iterator[tuple[int, Result]]:
+    function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str, name: Callable[[Task], str], ahead: int
+) -> Generator[tuple[int, Result], None, None]:
     try:
         dask: Any = importlib.import_module("distributed")
     except ImportError:
@@ -301,7 +301,7 @@ def _on_scheduler(
             places[key] = index
             return client.submit(_applied, kept, tasks[index], folder, key=key, pure=False)
 
-        first = [submit(index) for _, index in zip(range(_AHEAD), left, strict=False)]
+        first = [submit(index) for _, index in zip(range(ahead), left, strict=False)]
         completed = dask.as_completed(first, loop=client.loop, with_results=True, raise_errors=False)
         del first  # the scheduler forgets a task when its future is deleted
         for future, result in completed:

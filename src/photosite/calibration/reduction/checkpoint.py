@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,19 @@ class FirstPass:
     screened: bool = False  # whether all frames were read, and outlier frames left out
     counts: Counts = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # `count_codes`, once screened
     samples: list[NDArray[np.uint16]] = field(default_factory=list)  # `sample_grid` of each used frame, until screened
+
+
+class SavedSums(Protocol):
+    """Sums of groups of a frame set that need not be read, or not as a whole."""
+
+    def load(self, group: FrameGroup, sums: FrameSums | None = None) -> FirstPass | None:
+        """Return how far a group got, None if nothing is known; restore its sums, if given."""
+
+    def save(self, group: FrameGroup, sums: FrameSums, progress: FirstPass) -> None:
+        """Keep a group's sums."""
+
+    def due(self) -> bool:
+        """Return whether unfinished sums should be kept now."""
 
 
 class Checkpoint:

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from photosite.calibration.checks.foreign_frames import find_foreign_frames
 from photosite.calibration.checks.frame_screening import find_near_copies, find_outlier_frames, sample_grid
-from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, file_stamp, identity
+from photosite.calibration.reduction.checkpoint import (
+    Checkpoint,
+    FirstPass,
+    FrameIdentity,
+    SavedSums,
+    file_stamp,
+    identity,
+)
 from photosite.calibration.reduction.codes import Counts, count_codes
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
@@ -62,9 +69,7 @@ class FrameReader:
     which an interrupted run resumes. Use the reader in a `with` statement, which ends the threads.
     """
 
-    def __init__(
-        self, frames: FrameSet, progress: Progress | None = None, checkpoint: Checkpoint | None = None
-    ) -> None:
+    def __init__(self, frames: FrameSet, progress: Progress | None = None, checkpoint: SavedSums | None = None) -> None:
         self.frames = frames
         self.tile = label_tile(frames.cfa)
         self.white = (1 << frames.bits) - 1
@@ -88,7 +93,7 @@ class FrameReader:
         self._order = iter(order)
         self._checkpoint = checkpoint
         unread = (source for group in order for source in self._unread(group))
-        self._first_pass = self._read_ahead(unread, identify=checkpoint is not None)
+        self._first_pass = self._read_ahead(unread, identify=isinstance(checkpoint, Checkpoint))
         self._sums: FrameSums | None = None
 
     def __enter__(self) -> FrameReader:
@@ -134,6 +139,13 @@ class FrameReader:
             self._dark_dn = sum(totals) / (len(totals) * result.sum.size)
         self.used_frames += [UsedFrame(group.frames[i], n) for i, n in zip(first.used, totals, strict=True)]
         return result
+
+    def part(self, group: FrameGroup, indices: range) -> tuple[FrameSums, FirstPass]:
+        """Return the sums of some frames of a group, before outlier frames are left out, instead of a first pass."""
+        self._first_pass = self._read_ahead(group.frames[index] for index in indices)
+        sums, first = FrameSums(self._shape, self.tile, white=self.white), FirstPass(read=indices.start)
+        self._add(sums, self._new(group, first))
+        return sums, first
 
     def keep(self, group: FrameGroup, sums: FrameSums) -> None:
         """Keep a group's mean frame for `mean`, within the memory limit."""
