@@ -16,6 +16,7 @@ SOURCE = Path(__file__).parents[2] / "src" / "photosite"
 VALUES = {"errors", "values", "files"}
 STAGES = VALUES | {"color", "engine", "scene", "optics", "sensor", "frames", "camera"}
 RESULTS = VALUES | {"color", "engine", "sensor", "frames", "calibration", "metrics", "validation"}
+EXPERIMENTS = STAGES | {"data", "library", "calibration", "metrics", "develop", "validation", "report"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
@@ -35,8 +36,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "library": VALUES | {"sensor", "frames", "calibration"},
     "validation": STAGES | {"calibration", "metrics", "develop"},
     "report": RESULTS,
-    "studies": STAGES | {"data", "library", "calibration", "metrics", "develop", "validation", "report"},
-    "cli": STAGES | {"data", "library", "calibration", "metrics", "develop", "validation", "report", "studies", ""},
+    "studies": EXPERIMENTS,
+    "app": EXPERIMENTS | {"studies", ""},
+    "cli": EXPERIMENTS | {"studies", "app", ""},
     "__main__": {"cli"},
 }
 """What each folder may import, besides itself; "" is the package's lazy public names."""

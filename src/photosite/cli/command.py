@@ -118,6 +118,9 @@ def _note_force(context: click.Context, _: click.Parameter, given: bool) -> None
 class Command(click.Command):
     """A command whose errors are written with its options; with --force, if it writes files."""
 
+    shows_time = True
+    """Whether a terminal shows for how long it works."""
+
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
         if any(hasattr(getattr(parameter.type, "func", None), "writes_file") for parameter in self.params):
@@ -139,8 +142,8 @@ class Command(click.Command):
         """Run as click does; on a terminal, show that a long command works."""
         from photosite.cli.output import working
 
-        runs_others = isinstance(self, click.Group)
-        with _errors_in_options(self), nullcontext() if runs_others else working(ctx.command_path):
+        silent = isinstance(self, click.Group) or not self.shows_time
+        with _errors_in_options(self), nullcontext() if silent else working(ctx.command_path):
             return super().invoke(ctx)
 
 

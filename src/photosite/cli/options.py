@@ -142,7 +142,7 @@ def name_and_value(text: str) -> tuple[str, Any]:
     name, value = name_and_text(text)
     if value.strip() == "inf":  # YAML writes .inf
         return name.replace("-", "_"), math.inf
-    parsed = parse_yaml(value, f"--scene-option {name}")
+    parsed = parse_yaml(value, f"option {name}")
     return name.replace("-", "_"), list(parsed) if isinstance(parsed, list) else parsed
 
 
@@ -260,6 +260,46 @@ scene_file_option = option(
 def sensor_option(default: str | None = None, *, text: str = "Preset or sensor file (YAML).") -> Callable[[F], F]:
     """Add --sensor."""
     return option("--sensor", "sensor_name", default=default, metavar="NAME|FILE", help=text)
+
+
+class SensorOption(NameValueOption):
+    """--sensor-option NAME=VALUE: fields of the sensor file."""
+
+    def carries(self, field: str) -> bool:
+        """Return whether it is a field of a sensor."""
+        from photosite.sensor.io.sensor_file import load_sensor
+
+        return field in load_sensor("nikon-d200").field_names
+
+
+class LensOption(NameValueOption):
+    """--lens-option NAME=VALUE: fields of the diffraction-limited lens without an option of their own."""
+
+    def carries(self, field: str) -> bool:
+        """Return whether it is a field of the lens."""
+        return field in ("transmittance", "falloff")
+
+
+sensor_fields_option = click.option(
+    "--sensor-option",
+    "sensor_fields",
+    cls=SensorOption,
+    type=name_and_value,
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A field of the sensor file, in any of its units (read_noise_e=3, prnu_percent=0.5, serial='2', "
+    "telegraph_noise={fraction: 0.01, amplitude_e: 20}); may be repeated.",
+)
+
+lens_fields_option = click.option(
+    "--lens-option",
+    "lens_fields",
+    cls=LensOption,
+    type=name_and_value,
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="transmittance (0 to 1) or falloff (none, cos4) of a diffraction-limited lens; may be repeated.",
+)
 
 
 def size_options(rows: int | None = None, cols: int | None = None) -> Callable[[F], F]:

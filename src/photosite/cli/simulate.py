@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 @options.sensor_option(text="Preset or sensor file (YAML).  [default: nikon-d200]")
 @options.size_options()
 @options.gain_setting_option
+@options.sensor_fields_option
 @options.black_level_option("; by default the sensor's")
 @click.option(
     "--bin", "factor", type=options.Whole(2), metavar="N", help="Blocks of N x N pixels of one color are read as one."
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 @options.scene_options
 @options.path_option("--optics", "optics_file", text="Optics file (YAML, or ISETPARMS.txt).")
 @options.lens_options(late=True)
+@options.lens_fields_option
 @click.option(
     "--exposure",
     "exposure_s",
@@ -283,7 +285,7 @@ def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
     changes = {
         name: given[name] for name in ("rows", "cols", "black_level_dn", "line_time_us") if given[name] is not None
     }
-    sensor = sensor.with_(**changes)
+    sensor = sensor.with_(**dict(given["sensor_fields"]), **changes)
     if given["factor"] is not None:
         sensor = sensor.binned(given["factor"], given["bin_kind"])
     return replace(
@@ -299,6 +301,10 @@ def _optics(base: Optics, given: dict[str, Any]) -> Optics:
     from photosite.optics.diffraction import DiffractionLimited
 
     changes = {name: given[name] for name in ("f_number", "focal_length_mm") if given[name] is not None}
+    changes |= dict(given["lens_fields"])
+    if unknown := [name for name in changes if name not in DiffractionLimited.__dataclass_fields__]:
+        expected = ", ".join(DiffractionLimited.__dataclass_fields__)
+        raise InputError("lens_fields", value=unknown[0], expected=f"one of {expected}")
     if given["optics_file"] is not None:
         from photosite.optics.io.formats import load_optics
 

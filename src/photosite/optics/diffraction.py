@@ -33,9 +33,9 @@ class DiffractionLimited(Plotted):
     Parameters
     ----------
     f_number
-        N, as marked on the lens.
+        f-number N, as marked on the lens.
     focal_length_mm
-        f.
+        Focal length f.
     transmittance
         Transmittance of the glass, 0 to 1: one number, or a `Spectrum`, beyond which nothing is transmitted.
     falloff

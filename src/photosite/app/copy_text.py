@@ -1,0 +1,131 @@
+"""The state of the page as text that reproduces it: Python, a command, and the section of a notebook."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+from photosite.app.state import CameraState, Places, SensorState, bench
+from photosite.scene.scene_request import BUILT_IN_SCENES
+from photosite.values.exposure import format_exposure, parse_exposure
+
+
+def python_text(state: CameraState, places: Places) -> str:
+    """Return Python code whose `dn` is the array of digital numbers on the page, and `picture` the developed picture.
+
+    Examples
+    --------
+    >>> print(python_text(CameraState(), Places()).splitlines()[2])
+    sensor = ps.load_sensor('nikon-d200')
+    """
+    found = bench(state, places)
+    taken, request = state.capture, found.request
+    lines = ["import photosite as ps", "", *sensor_lines(state.sensor, places)]
+    if state.lens.source is not None:
+        lines.append(f"optics = ps.load_optics({source_name(state.lens.source, places)!r})")
+    else:
+        lines.append(f"optics = ps.DiffractionLimited({_arguments(_lens_fields(state))})")
+    cells = f", cells_per_pixel={taken.cells_per_pixel}" if taken.cells_per_pixel != 1 else ""
+    lines.append(f"camera = ps.Camera(optics, sensor{cells})")
+    options = dict(request.options)
+    if request.source in BUILT_IN_SCENES:
+        lines.append(f"scene = ps.charts.{request.source.replace('-', '_')}({_arguments(options)})")
+    else:
+        lines.append(f"scene = ps.read_scene({_arguments({'': request.source, **options})})")
+    lines.append(f"exposure_s = {taken.exposure_s!r}")
+    place: dict[str, Any] = {"seed": taken.seed}
+    if taken.temperature_c is not None:
+        place["temperature_c"] = taken.temperature_c
+    lines.append(f"raw = camera.capture(scene, exposure_s, {_arguments(place)})")
+    if taken.noise:
+        lines += ["dn = raw.dn", f"picture = ps.develop(raw, exposure={state.brightness!r})"]
+    else:
+        lines.append("dn = camera.clean_dn(camera.mean_electrons(scene, exposure_s))")
+    return "\n".join(lines) + "\n"
+
+
+def sensor_lines(state: SensorState, places: Places) -> list[str]:
+    """Return lines of Python code that make a sensor."""
+    lines = [f"sensor = ps.load_sensor({source_name(state.source, places)!r})"]
+    if state.gain_setting is not None:
+        lines.append(f"sensor = sensor.at_gain_setting({state.gain_setting!r})")
+    if state.changes:
+        lines.append(f"sensor = sensor.with_(**{dict(state.changes)!r})")
+    return lines
+
+
+def command_text(state: CameraState, places: Places) -> str:
+    """Return the command that writes the frame on the page to shot.tif, or its noise-free frame to clean.tif.
+
+    Examples
+    --------
+    >>> command_text(CameraState(), Places()).split("--illuminant")[0]
+    'photosite simulate --sensor nikon-d200 --scene macbeth '
+    """
+    taken, lens, scene = state.capture, state.lens, state.scene
+    words = ["photosite", "simulate", "--sensor", source_name(state.sensor.source, places)]
+    if state.sensor.gain_setting is not None:
+        words += ["--gain-setting", repr(state.sensor.gain_setting)]
+    for name, value in state.sensor.changes.items():
+        words += ["--sensor-option", f"{name}={json.dumps(value)}"]
+    words += ["--scene", source_name(scene.source, places)]
+    for flag, value in (
+        ("--illuminant", None if scene.illuminant is None else source_name(scene.illuminant, places)),
+        ("--luminance", scene.mean_luminance_cd_m2),
+        ("--distance", scene.distance_m),
+        ("--width", scene.width_m),
+    ):
+        if value is not None:
+            words += [flag, str(value)]
+    for name, value in scene.options.items():
+        words += ["--scene-option", f"{name}={json.dumps(value)}"]
+    if lens.source is not None:
+        words += ["--optics", source_name(lens.source, places)]
+    else:
+        words += ["--f-number", repr(lens.f_number), "--focal-length", repr(lens.focal_length_mm)]
+        for name, value in _lens_fields(state).items():
+            if name not in ("f_number", "focal_length_mm"):
+                words += ["--lens-option", f"{name}={value}"]
+    words += ["--exposure", exposure_text(taken.exposure_s), "--seed", str(taken.seed)]
+    if taken.temperature_c is not None:
+        words += ["--temperature", repr(taken.temperature_c)]
+    if taken.cells_per_pixel != 1:
+        words += ["--cells", str(taken.cells_per_pixel)]
+    words += ["-o", "shot.tif"]
+    if not taken.noise:
+        words += ["--clean", "clean.tif"]
+    return shlex.join(words)
+
+
+def exposure_text(exposure_s: float) -> str:
+    """Return a short text that is parsed to exactly this exposure time.
+
+    Examples
+    --------
+    >>> exposure_text(1 / 3), exposure_text(0.0123456789)
+    ('1/3', '0.0123456789')
+    """
+    short = format_exposure(exposure_s)
+    return short if parse_exposure(short) == exposure_s else repr(exposure_s)
+
+
+def _lens_fields(state: CameraState) -> dict[str, Any]:
+    lens = state.lens
+    found: dict[str, Any] = {"f_number": lens.f_number, "focal_length_mm": lens.focal_length_mm}
+    if lens.transmittance != 1.0:
+        found["transmittance"] = lens.transmittance
+    if lens.falloff != "none":
+        found["falloff"] = lens.falloff
+    return found
+
+
+def source_name(name: str, places: Places) -> str:
+    """Return what the library and the commands take for a name in a state: a built-in name, or a path."""
+    path: Path | None = places.path(name)
+    return name if path is None else str(path)
+
+
+def _arguments(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}" if name else repr(value) for name, value in values.items())

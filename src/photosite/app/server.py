@@ -1,0 +1,438 @@
+"""The server of the page and its API, bound to this machine.
+
+Every request needs the key of the link that `photosite serve` prints. `GET /openapi.json` describes the API; a notebook
+sends the key as `Authorization: Bearer KEY`.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import tempfile
+import threading
+import uuid
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import FastAPI, Query, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from pydantic import Field
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+import photosite
+from photosite.app import views
+from photosite.app.copy_text import command_text, python_text
+from photosite.app.files import FileEntry, FileKind, Upload, check_upload, listed, store
+from photosite.app.form import Form, form
+from photosite.app.guard import App, Guard
+from photosite.app.state import CameraState, Part, Places, SensorState, Text
+from photosite.app.view import View, exact_frame, saved_frame, view_bytes
+from photosite.app.workers import BusyError, CancelledError, Job, Pool, Queue, WorkerError
+from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.errors import InputError, PhotositeError
+
+_KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+_KEPT_BYTES = 2 << 30
+"""Frames and mean images kept on disk, the ones used last."""
+_VIEW_S, _SAVE_S = 120.0, 300.0
+_MOST_UPLOADS = 32
+
+TabId = Annotated[str, Field(pattern="^[0-9a-zA-Z-]{1,40}$", description="Any name of the caller's tab.")]
+
+
+class ViewRequest(Part):
+    """A view of a state."""
+
+    state: CameraState = CameraState()
+    view: View = View()
+    tab: TabId = "api"
+
+
+class FrameRequest(Part):
+    """The exact frame of a state."""
+
+    state: CameraState = CameraState()
+    tab: TabId = "api"
+
+
+class SaveRequest(Part):
+    """A file of the exact frame."""
+
+    state: CameraState = CameraState()
+    suffix: Literal[".dng", ".tif", ".png"] = ".dng"
+
+
+class FormRequest(Part):
+    """The fields for a sensor and a scene."""
+
+    sensor: SensorState = SensorState()
+    scene: Text = "macbeth"
+
+
+class Code(Part):
+    """A state as Python code and as a command."""
+
+    python: str
+    command: str
+
+
+class JobInfo(Part):
+    """A job of the queue. `result` is there when `status` is done, `error` when it is failed."""
+
+    id: str
+    kind: str
+    status: Literal["queued", "running", "done", "failed", "cancelled"]
+    done: int = 0
+    total: int = 0
+    what: str = ""
+    seconds: float = 0.0
+    result: Any = None
+    error: str = ""
+
+
+class Error(Part):
+    """Why a request was refused."""
+
+    error: str
+
+
+class ServerInfo(Part):
+    """The server and what it serves."""
+
+    version: str
+    folder: str | None
+    upload_bytes: int
+    cores: int
+
+
+class ParameterInfo(Part):
+    """A parameter of a calibration."""
+
+    name: str
+    label: str
+    unit: str
+
+
+@dataclass
+class Settings:
+    """Settings of the server.
+
+    Parameters
+    ----------
+    folder
+        The served folder; None serves no files.
+    upload_bytes
+        Limit of an upload.
+    pictures, jobs
+        Number of worker processes for pictures and for jobs.
+    job_s, memory_bytes
+        Limits of a job; 0 bytes is three quarters of the machine's memory.
+    """
+
+    folder: Path | None = None
+    upload_bytes: int = 256 << 20
+    pictures: int = field(default_factory=lambda: max(min(os.cpu_count() or 1, 4), 2))
+    jobs: int = 1
+    job_s: float = 1800.0
+    memory_bytes: int = 0
+
+
+class Bench:
+    """The worker processes, uploads and kept frames of a server."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._temporary = tempfile.TemporaryDirectory(prefix="photosite-")
+        self.folder = Path(self._temporary.name)
+        (self.folder / "kept").mkdir()
+        self.uploads: dict[str, Path] = {}
+        self.pool = Pool(settings.pictures)
+        memory = settings.memory_bytes or _machine_bytes() * 3 // 4
+        self.queue = Queue(settings.jobs, time_s=settings.job_s, memory_bytes=memory, finished=self.tidy)
+        for number in range(settings.pictures):  # compile before the first picture is asked for
+            threading.Thread(target=self._warm, args=(f"warm-{number}",), daemon=True).start()
+
+    def _warm(self, tab: str) -> None:
+        try:
+            view = View(height=64, width=96)
+            self.pool.call(tab, view_bytes, CameraState(), self.places, view, self.kept, time_s=_VIEW_S)
+        except (PhotositeError, WorkerError, BusyError, CancelledError):
+            pass  # the first picture says what is wrong
+
+    @property
+    def kept(self) -> Path:
+        """Folder of the frames that are kept."""
+        return self.folder / "kept"
+
+    @property
+    def places(self) -> Places:
+        """The files that states can name."""
+        return Places(folder=self.settings.folder, uploads=dict(self.uploads))
+
+    def tidy(self) -> None:
+        """Delete the frames used least recently where they exceed the limit."""
+        found = sorted(self.kept.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        total = 0
+        for path in found:
+            total += path.stat().st_size
+            if total > _KEPT_BYTES:
+                path.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """End the processes and delete what was kept."""
+        self.pool.close()
+        self.queue.close()
+        self._temporary.cleanup()
+
+
+def _machine_bytes() -> int:
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 8 << 30
+
+
+@contextmanager
+def _page_files() -> Iterator[dict[str, tuple[bytes, str]]]:
+    folder = resources.files("photosite.app") / "static"
+    yield {
+        entry.name: (entry.read_bytes(), _KINDS[Path(entry.name).suffix])
+        for entry in folder.iterdir()
+        if Path(entry.name).suffix in _KINDS
+    }
+
+
+def create_app(bench: Bench, port: int, token: str) -> App:
+    """Return the application, guarded."""
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        yield
+        bench.close()
+
+    refused: dict[int | str, dict[str, Any]] = {
+        status: {"model": Error} for status in (400, 401, 403, 413, 421, 422, 503, 507)
+    }
+    app = FastAPI(
+        title="photosite bench",
+        version=photosite.__version__,
+        summary="The functions of the commands, for the page and for notebooks.",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+        responses=refused,
+    )
+    with _page_files() as files:
+        page = dict(files)
+
+    @app.exception_handler(PhotositeError)
+    async def invalid(_: Request, error: PhotositeError) -> JSONResponse:
+        return JSONResponse({"error": str(error)}, 422)
+
+    @app.exception_handler(RequestValidationError)
+    async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"] if part != "body")
+        return JSONResponse({"error": f"{place}: {first['msg']}".removeprefix(": ")[:500]}, 422)
+
+    @app.exception_handler(HTTPException)
+    async def refused_request(_: Request, error: HTTPException) -> JSONResponse:
+        return JSONResponse({"error": str(error.detail)}, error.status_code, headers=error.headers)
+
+    @app.exception_handler(BusyError)
+    async def busy(_: Request, error: BusyError) -> JSONResponse:
+        return JSONResponse({"error": str(error)}, 503)
+
+    @app.exception_handler(WorkerError)
+    async def failed(_: Request, error: WorkerError) -> JSONResponse:
+        return JSONResponse({"error": str(error)}, 503)
+
+    @app.exception_handler(ClientDisconnect)
+    async def gone(_: Request, __: ClientDisconnect) -> JSONResponse:
+        return JSONResponse({"error": "the request was broken off"}, 400)
+
+    def served(name: str) -> Callable[[], Response]:
+        content, kind = page[name]
+        return lambda: Response(content, media_type=f"{kind}; charset=utf-8")
+
+    for name in page:  # a route for each file: no path of a request is ever a path on disk
+        route = "/" if name == "index.html" else f"/{name}"
+        app.add_api_route(route, served(name), methods=["GET"], include_in_schema=False, response_class=Response)
+
+    @app.get("/api/server")
+    def server() -> ServerInfo:
+        """Return the server's version and limits."""
+        folder = bench.settings.folder
+        return ServerInfo(
+            version=photosite.__version__,
+            folder=None if folder is None else str(folder.resolve()),
+            upload_bytes=bench.settings.upload_bytes,
+            cores=os.cpu_count() or 1,
+        )
+
+    @app.post("/api/form")
+    def fields(request: FormRequest) -> Form:
+        """Return the fields of the camera view, with units, limits and the sensor's values."""
+        return form(request.sensor, request.scene, bench.places)
+
+    @app.post("/api/view", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
+    def view(request: ViewRequest) -> Response:
+        """Return the pixels in view: those of the exact frame where it was computed, else a preview.
+
+        The body is the length of a JSON header (4 bytes, little endian), the header, (rows, cols) digital numbers and
+        mean electrons as float32, and (rows, cols, 3) bytes of the developed picture.
+        """
+        arguments = (request.state, bench.places, request.view, bench.kept)
+        content = bench.pool.call(request.tab, view_bytes, *arguments, time_s=_VIEW_S)
+        return Response(content, media_type="application/octet-stream")
+
+    @app.post("/api/frames", status_code=202)
+    def frame(request: FrameRequest) -> JobInfo:
+        """Compute the exact frame; a new request of a tab cancels its last one."""
+        arguments = (request.state, bench.places, bench.kept)
+        return _info(bench.queue.add("frame", request.tab, exact_frame, *arguments, replaces=True))
+
+    @app.post("/api/save", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
+    def save(request: SaveRequest) -> Response:
+        """Return the exact frame as DNG or TIFF, or its developed picture as PNG."""
+        arguments = (request.state, bench.places, bench.kept, request.suffix)
+        content = bench.pool.call(f"save-{uuid.uuid4()}", saved_frame, *arguments, time_s=_SAVE_S)
+        named = {"content-disposition": f'attachment; filename="shot{request.suffix}"'}
+        return Response(content, media_type="application/octet-stream", headers=named)
+
+    @app.post("/api/code")
+    def code(state: CameraState) -> Code:
+        """Return Python code and a command that reproduce the frame of a state."""
+        places = bench.places
+        return Code(python=python_text(state, places), command=command_text(state, places))
+
+    @app.get("/api/jobs/{job_id}")
+    def job(job_id: str) -> JobInfo:
+        """Return a job, with its result once it is done."""
+        return _info(_job(bench, job_id))
+
+    @app.delete("/api/jobs/{job_id}")
+    def cancel(job_id: str) -> JobInfo:
+        """Cancel a job and free its processor."""
+        found = _job(bench, job_id)
+        bench.queue.cancel(found)
+        return _info(found)
+
+    @app.get("/api/files")
+    def files_of(kind: FileKind | Literal["folder"] = "scene") -> list[FileEntry]:
+        """Return the files, or the folders, of the served folder."""
+        return listed(bench.settings.folder, kind)
+
+    @app.post("/api/uploads", status_code=201)
+    async def upload(
+        request: Request,
+        name: Annotated[str, Query(max_length=200)],
+        kind: FileKind = "scene",
+    ) -> Upload:
+        """Store the body of the request as a file, after a guarded child process could read it."""
+        from starlette.concurrency import run_in_threadpool
+
+        if len(bench.uploads) >= _MOST_UPLOADS:
+            raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
+        path = await store(bench.folder / "uploads", name, kind, request.stream())
+        holds = await run_in_threadpool(check_upload, path, kind)
+        key = path.parent.name
+        bench.uploads[key] = path
+        return Upload(name=f"upload:{key}", file_name=path.name, bytes=path.stat().st_size, holds=holds)
+
+    @app.get("/api/parameters")
+    def parameters() -> list[ParameterInfo]:
+        """Return the parameters of a calibration, for the wants of a plan."""
+        return [ParameterInfo(name=name, label=one.label, unit=one.unit) for name, one in PARAMETER_LABELS.items()]
+
+    for entry in views.VIEWS:
+        _add_view(app, bench, entry)
+    return Guard(app, port, token, bench.settings.upload_bytes)
+
+
+def _add_view(app: FastAPI, bench: Bench, entry: views.JobView) -> None:
+    """Add a request that starts a job, and one for its code."""
+    request_type = entry.request
+
+    def start(request: request_type, tab: TabId = "api") -> JobInfo:  # type: ignore[valid-type]
+        return _info(bench.queue.add(entry.name, tab, entry.compute, request, bench.places, replaces=True))
+
+    def text(request: request_type) -> Code:  # type: ignore[valid-type]
+        python, command = entry.code(request, bench.places)
+        return Code(python=python, command=command)
+
+    start.__doc__, text.__doc__ = entry.summary, f"Return code that does the same as /api/{entry.name}."
+    start.__annotations__["request"] = text.__annotations__["request"] = request_type
+    app.post(f"/api/{entry.name}", status_code=202, operation_id=entry.name)(start)
+    app.post(f"/api/{entry.name}/code", operation_id=f"{entry.name}_code")(text)
+
+
+def _job(bench: Bench, job_id: str) -> Job:
+    found = bench.queue.get(job_id)
+    if found is None:
+        raise InputError("job", value=job_id[:40], expected="the id of a job that is kept")
+    return found
+
+
+def _info(job: Job) -> JobInfo:
+    done, total, what = job.progress
+    return JobInfo(
+        id=job.id,
+        kind=job.kind,
+        status=job.status,
+        done=done,
+        total=total,
+        what=what,
+        seconds=job.seconds,
+        result=job.result if job.status == "done" else None,
+        error=job.error,
+    )
+
+
+def serve(settings: Settings, port: int, started: Callable[[str], object]) -> None:
+    """Serve the page until the process is interrupted.
+
+    Parameters
+    ----------
+    settings
+        The served folder and the limits.
+    port
+        Port on 127.0.0.1; 0 is any free one.
+    started
+        Called with the link once the server is bound.
+
+    Raises
+    ------
+    InputError
+        If the port is in use.
+    """
+    import uvicorn
+
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as bound:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            bound.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError("port", value=port, expected=f"free: {error.strerror}") from None
+        port = bound.getsockname()[1]
+        token = secrets.token_urlsafe(32)
+        app = create_app(Bench(settings), port, token)
+        config = uvicorn.Config(
+            app,
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            limit_concurrency=128,
+            timeout_keep_alive=30,
+            ws="none",
+        )
+        started(f"http://127.0.0.1:{port}/?token={token}")
+        uvicorn.Server(config).run(sockets=[bound])

@@ -1,0 +1,287 @@
+"""What the page shows, as one typed value: scene, lens, sensor and capture settings, and the camera that they make."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from photosite.camera.camera import Camera
+from photosite.camera.file import DEFAULT_EXPOSURE_S, DEFAULT_F_NUMBER, DEFAULT_FOCAL_LENGTH_MM, DEFAULT_SENSOR, SetUp
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.errors import InputError
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.io.formats import load_optics
+from photosite.optics.lens import Optics
+from photosite.scene.charts.chart import DEFAULT_LUMINANCE_CD_M2
+from photosite.scene.scene import Scene
+from photosite.scene.scene_request import BUILT_IN_SCENES, DEFAULT_ILLUMINANT, DEFAULT_SCENE, SceneRequest
+from photosite.sensor.io.sensor_file import load_sensor, preset_names
+from photosite.sensor.model import Sensor
+
+MOST_PIXELS = 64_000_000
+"""Pixels, and cells of the image, that the bench computes a frame of."""
+
+FILE, UPLOAD = "file:", "upload:"
+"""Prefixes of names that are not built in: a file of the served folder, and an uploaded one."""
+
+Text = Annotated[str, Field(max_length=400)]
+Value = bool | int | float | Text | None
+
+
+class Part(BaseModel):
+    """A part of the state; unknown fields are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class SceneState(Part):
+    """The scene and its light."""
+
+    source: Text = Field(
+        DEFAULT_SCENE, description="A built-in scene, or file:NAME of the served folder, or upload:ID."
+    )
+    illuminant: Text | None = Field(
+        DEFAULT_ILLUMINANT, description="CIE illuminant, blackbody such as 3200K, or led 4000. None: the file's own."
+    )
+    mean_luminance_cd_m2: float | None = Field(
+        DEFAULT_LUMINANCE_CD_M2, gt=0, le=1e9, description="Mean luminance. None: the file's own."
+    )
+    distance_m: float | None = Field(None, gt=0, description="Distance from lens to scene. None: 1.2 m.")
+    width_m: float | None = Field(None, gt=0, description="Width of the scene. None: it fills the frame.")
+    options: dict[Text, Value] = Field({}, max_length=20, description="The scene's own options, such as contrast.")
+
+
+class LensState(Part):
+    """A diffraction-limited lens, or an optics file, which replaces it."""
+
+    source: Text | None = Field(None, description="An optics file, file:NAME or upload:ID. None: the fields below.")
+    f_number: float = Field(DEFAULT_F_NUMBER, description="As for `photosite.DiffractionLimited`.")
+    focal_length_mm: float = Field(DEFAULT_FOCAL_LENGTH_MM, description="As for `photosite.DiffractionLimited`.")
+    transmittance: float = Field(1.0, description="As for `photosite.DiffractionLimited`.")
+    falloff: Literal["none", "cos4"] = Field("none", description="As for `photosite.DiffractionLimited`.")
+
+
+class SensorState(Part):
+    """A preset or sensor file, its gain setting, and changed fields."""
+
+    source: Text = Field(DEFAULT_SENSOR, description="A preset, or file:NAME of the served folder, or upload:ID.")
+    gain_setting: float | None = Field(None, description="One of the sensor's gain settings. None: its own.")
+    changes: dict[Text, Any] = Field(
+        {}, max_length=80, description="Fields as for `Sensor.with_`, such as read_noise_e or telegraph_noise."
+    )
+
+
+class CaptureState(Part):
+    """Exposure time, seed and temperature."""
+
+    exposure_s: float = Field(DEFAULT_EXPOSURE_S, gt=0, le=1e5, description="Exposure time in s.")
+    seed: int = Field(0, ge=0, lt=1 << 53, description="Key of the temporal noise.")
+    temperature_c: float | None = Field(
+        None, ge=-273.15, le=500, description="Sensor temperature. None: that of the sensor file."
+    )
+    cells_per_pixel: Literal[1, 3, 5] = Field(1, description="Cells per pixel on which the image is computed.")
+    noise: bool = Field(True, description="False: the noise-free frame, `Camera.clean_dn`.")
+
+
+class CameraState(Part):
+    """The whole state of the camera view."""
+
+    scene: SceneState = SceneState()
+    lens: LensState = LensState()
+    sensor: SensorState = SensorState()
+    capture: CaptureState = CaptureState()
+    brightness: float = Field(
+        1.0, gt=0, le=1e6, description="Factor of the developed picture, as `develop(exposure=)`."
+    )
+
+    @property
+    def mean_key(self) -> str:
+        """Digest of all that the mean image in 1 s depends on, or may depend on."""
+        part = self.model_copy(
+            update={"brightness": 1.0, "capture": CaptureState(cells_per_pixel=self.capture.cells_per_pixel)}
+        )
+        kept = {name: value for name, value in self.sensor.changes.items() if name not in _ONLY_READOUT}
+        part = part.model_copy(update={"sensor": self.sensor.model_copy(update={"changes": kept})})
+        return _digest(part)
+
+    @property
+    def frame_key(self) -> str:
+        """Digest of all that the digital numbers depend on."""
+        return _digest(self.model_copy(update={"brightness": 1.0}))
+
+
+_ONLY_READOUT = frozenset(
+    name + unit for name in ("read_noise", "row_noise", "column_noise", "dsnu") for unit in ("_e", "_mv", "_dn")
+) | {
+    *("prnu_percent", "dark_current_e_per_s", "dark_voltage_mv_per_s", "dark_current_dn_per_s", "dcnu_percent"),
+    *("dark_current_temperature_c", "dark_doubling_c", "black_level_dn", "analog_gain", "bits", "serial"),
+    *("conversion_gain_uv_per_e", "voltage_swing_v", "well_capacity_e", "full_well_e", "system_gain_dn_per_e"),
+    *("system_gain_e_per_dn",),
+}
+"""Fields of a sensor that the mean electrons do not depend on."""
+
+
+def _digest(part: BaseModel) -> str:
+    return hashlib.sha256(part.model_dump_json().encode()).hexdigest()[:32]
+
+
+class Places(Part):
+    """Where the names of files in a state are on disk."""
+
+    folder: Path | None = None
+    uploads: dict[str, Path] = {}
+
+    def path(self, name: str) -> Path | None:
+        """Return the path of `file:NAME` or `upload:ID`; None for any other name.
+
+        Raises
+        ------
+        InputError
+            If the name leaves the served folder, or there is no such file.
+        """
+        if name.startswith(UPLOAD):
+            found = self.uploads.get(name.removeprefix(UPLOAD))
+            if found is None:
+                raise InputError("upload", value=name, expected="a file that was uploaded", hint="Upload it again")
+            return found
+        return inside(self.folder, name.removeprefix(FILE)) if name.startswith(FILE) else None
+
+
+def inside(folder: Path | None, name: str) -> Path:
+    """Return the path of a file or folder in the served folder.
+
+    Parameters
+    ----------
+    folder
+        The served folder.
+    name
+        A relative path with forward slashes.
+
+    Raises
+    ------
+    InputError
+        If nothing is served, the name is absolute or contains "..", a backslash, a colon or a control character, or
+        the file does not exist or lies outside the folder, symbolic links followed.
+
+    Examples
+    --------
+    >>> inside(Path("/data"), "../etc/passwd")
+    Traceback (most recent call last):
+    photosite.errors.InputError: file must be a relative path inside the served folder, got '../etc/passwd'
+    """
+    expected = "a relative path inside the served folder"
+    if folder is None:
+        raise InputError("no folder is served", hint="Start photosite serve with a folder")
+    parts = name.split("/")
+    if any(part in ("", "..", ".") for part in parts) or any(c in '\\:%~*?<>|"' or ord(c) < 32 for c in name):
+        raise InputError("file", value=name, expected=expected)
+    root = folder.resolve()
+    try:
+        found = root.joinpath(*parts).resolve(strict=True)
+    except (OSError, RuntimeError, ValueError):
+        raise InputError("file", value=name, expected="an existing file of the served folder") from None
+    if not found.is_relative_to(root):
+        raise InputError("file", value=name, expected=expected)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The camera and the scene request of a state."""
+
+    state: CameraState
+    camera: Camera
+    request: SceneRequest
+
+    def scene(self) -> Scene:
+        """Make the scene."""
+        return self.request.scene()
+
+    def frame(self, mean_electrons: NDArray[np.float32], scene: Scene, region: Any = None) -> Any:
+        """Return the raw frame of mean electrons, as `Camera.capture` of the state does."""
+        taken = self.state.capture
+        return self.camera.expose(
+            mean_electrons,
+            taken.exposure_s,
+            seed=taken.seed,
+            region=region,
+            temperature_c=taken.temperature_c,
+            scene=scene,
+        )
+
+
+def bench(state: CameraState, places: Places) -> Bench:
+    """Return camera and scene of a state.
+
+    Raises
+    ------
+    PhotositeError
+        If a value is invalid, a file cannot be read, or the frame has too many pixels.
+    """
+    sensor = changed_sensor(state.sensor, places)
+    cells = state.capture.cells_per_pixel
+    if (count := sensor.array.rows * sensor.array.cols * cells**2) > MOST_PIXELS:
+        hint = "Use fewer rows, columns or cells per pixel, or the command photosite simulate"
+        raise InputError("pixels times cells", value=count, expected=f"at most {MOST_PIXELS}", hint=hint)
+    request = scene_request(state.scene, places)
+    optics = lens(state.lens, places)
+    seen = SetUp(sensor=sensor, optics=optics, scene=request, cells_per_pixel=cells)
+    drawn = seen.seen
+    assert isinstance(drawn, SceneRequest)
+    return Bench(state, seen.camera, drawn)
+
+
+def changed_sensor(state: SensorState, places: Places) -> Sensor:
+    """Return the sensor of a state, its gain setting applied before the changes."""
+    path = places.path(state.source)
+    if path is None and state.source not in preset_names():
+        raise InputError("sensor", value=state.source, expected=f"one of {', '.join(preset_names())}, or a file")
+    sensor = _loaded(state.source, None, 0) if path is None else _loaded("", path, path.stat().st_mtime_ns)
+    if path is not None and state.source.startswith(UPLOAD) and sensor.maps is not None:
+        raise InputError("an uploaded sensor file cannot name maps", hint="Put both files into the served folder")
+    if state.gain_setting is not None:
+        sensor = sensor.at_gain_setting(state.gain_setting)
+    if {"maps", "covariance", "gain_settings", "channels"} & state.changes.keys():
+        raise InputError("changes", value=sorted(state.changes), expected="without maps, tables and gain settings")
+    return sensor.with_(**state.changes) if state.changes else sensor
+
+
+@lru_cache(maxsize=16)
+def _loaded(name: str, path: Path | None, changed_ns: int) -> Sensor:
+    """Return a sensor, read again when its file changes."""
+    return load_sensor(name if path is None else path)
+
+
+def lens(state: LensState, places: Places) -> Optics:
+    """Return the lens of a state."""
+    if state.source is None:
+        return DiffractionLimited(state.f_number, state.focal_length_mm, state.transmittance, state.falloff)
+    path = places.path(state.source)
+    if path is None:
+        raise InputError("lens", value=state.source, expected="an optics file")
+    return load_optics(path)
+
+
+def scene_request(state: SceneState, places: Places) -> SceneRequest:
+    """Return the request of a state's scene, without values that leave the choice to the file."""
+    path = places.path(state.source)
+    if path is None and state.source not in BUILT_IN_SCENES:
+        raise InputError("scene", value=state.source, expected=f"one of {', '.join(BUILT_IN_SCENES)}, or a file")
+    names = ("illuminant", "mean_luminance_cd_m2", "distance_m", "width_m")
+    options = {name: value for name in names if (value := getattr(state, name)) is not None}
+    if (light := options.get("illuminant")) is not None:
+        if light.strip().lower().endswith(".csv"):
+            found = places.path(light)
+            if found is None:
+                raise InputError("illuminant", value=light, expected="file:NAME of a CSV file, or a known name")
+            options["illuminant"] = str(found)
+        else:
+            relative_energy(light, [560.0])
+    return SceneRequest(state.source if path is None else str(path), options | state.options)

@@ -1,0 +1,51 @@
+// Calls of the server. Every error becomes an Error with the server's text.
+
+export const tab = crypto.randomUUID();
+
+const alertBox = document.getElementById("alert");
+
+export function showError(text) {
+  alertBox.textContent = text || "";
+  alertBox.hidden = !text;
+}
+
+async function answer(path, options) {
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch {
+    throw new Error("The server does not answer. Is photosite serve still running?");
+  }
+  if (response.ok) return response;
+  let text = `${response.status} ${response.statusText}`;
+  try {
+    text = (await response.json()).error || text;
+  } catch { /* no JSON */ }
+  throw new Error(text);
+}
+
+const posted = (content) => ({
+  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(content),
+});
+
+export const get = async (path) => (await answer(path, {})).json();
+export const post = async (path, content) => (await answer(path, posted(content))).json();
+export const postForBytes = async (path, content) => (await answer(path, posted(content))).arrayBuffer();
+export const remove = async (path) => (await answer(path, { method: "DELETE" })).json();
+
+export async function upload(file, kind) {
+  const path = `/api/uploads?kind=${kind}&name=${encodeURIComponent(file.name)}`;
+  return (await answer(path, { method: "POST", body: file })).json();
+}
+
+// Waits for a job; `report` gets each state of it. Returns the job when it has ended.
+export async function finished(job, report = () => {}) {
+  let wait = 80;
+  while (job.status === "queued" || job.status === "running") {
+    report(job);
+    await new Promise((resolve) => setTimeout(resolve, wait));
+    wait = Math.min(wait * 1.3, 400);
+    job = await get(`/api/jobs/${job.id}`);
+  }
+  return job;
+}

@@ -1,0 +1,51 @@
+// What the views with a job share: a button that runs it, progress, cancel, and the code.
+
+import { finished, post, remove, showError, tab } from "./api.js";
+import { copied, element } from "./dom.js";
+import { toHash } from "./state.js";
+
+export function jobBar(name, view, request, shown) {
+  let job = null;
+  const text = element("span", { class: "hint", role: "status" });
+  const stop = element("button", { type: "button", hidden: true, onclick: () => job && remove(`/api/jobs/${job.id}`).catch(() => {}) }, "Cancel");
+  const run = element("button", { type: "button", class: "primary", onclick: () => start() }, "Compute");
+  const code = async (kind) => {
+    try {
+      const found = (await post(`/api/${name}/code`, request()))[kind];
+      if (found) await copied(kind === "python" ? "Python" : "Command", found);
+      else showError("No command does this with changed sensors; copy it as Python, or save the sensor to a file.");
+    } catch (error) { showError(error.message); }
+  };
+  async function start() {
+    showError("");
+    history.replaceState(null, "", toHash(view, request()));
+    try {
+      job = await post(`/api/${name}?tab=${tab}`, request());
+    } catch (error) { showError(error.message); return; }
+    run.disabled = true;
+    stop.hidden = false;
+    const begun = performance.now();
+    const ended = await finished(job, (now) => {
+      text.textContent = now.status === "queued" ? "waits for other computations" : `computing, ${Math.round((performance.now() - begun) / 1000)} s`;
+    }).catch((error) => ({ status: "failed", error: error.message }));
+    run.disabled = false;
+    stop.hidden = true;
+    text.textContent = { done: `computed in ${ended.seconds?.toFixed(1)} s`, failed: "failed", cancelled: "cancelled" }[ended.status];
+    if (ended.status === "failed") showError(ended.error);
+    if (ended.status === "done") shown(ended.result);
+  }
+  const bar = element("div", { class: "toolbar" }, run, stop,
+    element("button", { type: "button", onclick: () => code("python") }, "Copy as Python"),
+    element("button", { type: "button", onclick: () => code("command") }, "Copy as command"),
+    element("button", { type: "button", onclick: () => copied("Link", location.origin + "/" + toHash(view, request()), "The link restores these settings on this server, in a browser that has opened it.") }, "Copy link"), text);
+  return { bar, start };
+}
+
+export function field(label, unit, attributes, value, changed) {
+  const box = element("input", { step: "any", ...attributes });
+  box.value = value;
+  box.addEventListener("change", () => {
+    if (box.validity.valid && box.value !== "") changed(box.type === "number" ? Number(box.value) : box.value.trim());
+  });
+  return element("label", {}, unit ? `${label} (${unit})` : label, box);
+}

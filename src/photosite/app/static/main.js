@@ -1,0 +1,49 @@
+// Views, appearance, and the state in the link.
+
+import { showError } from "./api.js";
+import * as camera from "./camera.js";
+import * as compare from "./compare.js";
+import * as plan from "./plan.js";
+import { fromHash, merged } from "./state.js";
+
+const VIEWS = { camera: null, compare, plan };
+const root = document.documentElement, appearance = document.getElementById("appearance");
+const APPEARANCES = ["system", "light", "dark"];
+
+function setAppearance(name) {
+  if (name === "system") delete root.dataset.appearance;
+  else root.dataset.appearance = name;
+  appearance.textContent = `Appearance: ${name}`;
+  appearance.setAttribute("aria-label", `Appearance: ${name}. Change`);
+  try { localStorage.setItem("photosite-appearance", name); } catch { /* private mode */ }
+}
+
+appearance.addEventListener("click", () => {
+  const now = root.dataset.appearance ?? "system";
+  setAppearance(APPEARANCES[(APPEARANCES.indexOf(now) + 1) % 3]);
+});
+try { setAppearance(localStorage.getItem("photosite-appearance") ?? "system"); } catch { setAppearance("system"); }
+
+const links = new Map();
+for (const link of document.querySelectorAll("nav a")) links.set(link.dataset.view, link);
+let started = false;
+
+async function route(byHand) {
+  const { view, content } = fromHash(location.hash), name = view in VIEWS ? view : "camera";
+  showError("");
+  for (const [each, link] of links) {
+    if (each === name) link.setAttribute("aria-current", "page"); else link.removeAttribute("aria-current");
+    document.getElementById(`view-${each}`).hidden = each !== name;
+  }
+  document.title = `${links.get(name).textContent} – photosite bench`;
+  try {
+    if (name !== "camera") await VIEWS[name].show(content);
+    else if (!started) { started = true; await camera.start(content); }
+    else if (content && JSON.stringify(merged(content)) !== JSON.stringify(camera.state)) await camera.restore(content);
+  } catch (error) { showError(error.message); }
+  if (byHand) document.getElementById("main").focus({ preventScroll: true });
+}
+
+document.getElementById("code-close").addEventListener("click", () => document.getElementById("code").close());
+window.addEventListener("hashchange", () => route(true));
+route(false);

@@ -1,0 +1,158 @@
+"""The views that run a computation as a job: comparison of sensors, and planning of a measurement."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from photosite.app.copy_text import exposure_text, sensor_lines, source_name
+from photosite.app.state import Part, Places, SensorState, Text, changed_sensor
+from photosite.app.workers import Progress
+from photosite.metrics.snr import noise_budget
+from photosite.studies.planning import Design, Want, plan_frames
+from photosite.studies.sensor_comparison import compare_sensors
+from photosite.studies.virtual_lab import with_pedestal
+
+_POINTS = 120
+_WANTS = "Standard uncertainty of each parameter: 2% of its value, or a number in its unit."
+
+
+@dataclass(frozen=True)
+class JobView:
+    """A view: its name in the API, its request, its computation, and its Python code and command.
+
+    The command is empty where no command can do it.
+    """
+
+    name: str
+    summary: str
+    request: type[BaseModel]
+    compute: Callable[..., dict[str, Any]]
+    code: Callable[..., tuple[str, str]]
+
+
+class Comparison(Part):
+    """Sensors behind the same lens, in the same light."""
+
+    sensors: Annotated[tuple[SensorState, ...], Field(min_length=1, max_length=8)] = (SensorState(),)
+    f_number: float = Field(2.8, description="f-number of the common lens, without losses.")
+    exposure_s: float = Field(1 / 15, gt=0, le=1e5, description="Exposure time in s.")
+    illuminant: Text = Field("3200K", description="Light on the surface.")
+
+
+class PlanRequest(Part):
+    """The precision that a calibration shall reach."""
+
+    sensor: SensorState = SensorState()
+    wants: dict[Text, Text] = Field({"system_gain_dn_per_e": "0.5%"}, min_length=1, max_length=12, description=_WANTS)
+    longest_dark_s: float = Field(5.0, gt=0, le=1e5, description="Longest exposure time of a dark frame in s.")
+    longest_flat_s: float = Field(1 / 20, gt=0, le=1e5, description="Longest exposure time of a flat field in s.")
+    illuminant: Text = Field("D65", description="Light of the flat fields.")
+    seconds_per_frame: float = Field(1.0, ge=0, le=3600, description="Time to read and save a frame, in s.")
+
+
+def _labels(sensors: tuple[SensorState, ...], places: Places) -> list[str]:
+    labels: list[str] = []
+    for state in sensors:
+        base = source_name(state.source, places).replace("\\", "/").rsplit("/", 1)[-1]
+        if state.gain_setting is not None:
+            base += f" at {state.gain_setting:g}"
+        if state.changes:
+            base += ", changed"
+        label, number = base, 2
+        while label in labels:
+            label, number = f"{base} ({number})", number + 1
+        labels.append(label)
+    return labels
+
+
+def compare(request: Comparison, places: Places, progress: Progress | None = None) -> dict[str, Any]:
+    """Return `compare_sensors` of the sensors, and their noise budgets over the signal in volts."""
+    sensors = dict(
+        zip(_labels(request.sensors, places), (changed_sensor(one, places) for one in request.sensors), strict=True)
+    )
+    conditions: dict[str, Any] = {name: getattr(request, name) for name in ("f_number", "exposure_s", "illuminant")}
+    found = compare_sensors(sensors, **conditions).to_dict()
+    budgets = {}
+    for label, sensor in sensors.items():
+        if sensor.captures is None:
+            top = sensor.saturation_capacity_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+            volts = np.geomspace(top * 1e-4, top, _POINTS)
+            total_db = noise_budget(sensor, volts).total_db
+            if np.isfinite(total_db).all():  # a sensor without any noise has no finite ratio
+                budgets[label] = {"volts": volts.tolist(), "snr_db": total_db.tolist()}
+    return {**found, "noise_budgets": budgets}
+
+
+def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
+    """Return the comparison as Python code and as a command, which compares unchanged sensors only."""
+    lines = ["import photosite as ps", "", "sensors = {}"]
+    for label, state in zip(_labels(request.sensors, places), request.sensors, strict=True):
+        lines += [*sensor_lines(state, places), f"sensors[{label!r}] = sensor"]
+    conditions = f"f_number={request.f_number!r}, exposure_s={request.exposure_s!r}, illuminant={request.illuminant!r}"
+    lines += [f"found = ps.compare_sensors(sensors, {conditions})", "print(found)", "found.plot()"]
+    command = ""
+    if not any(state.changes or state.gain_setting is not None for state in request.sensors):
+        words = ["photosite", "sensors", "compare", *(source_name(one.source, places) for one in request.sensors)]
+        words += ["--f-number", repr(request.f_number), "--exposure", exposure_text(request.exposure_s)]
+        command = shlex.join([*words, "--illuminant", request.illuminant])
+    return "\n".join(lines) + "\n", command
+
+
+def plan(request: PlanRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
+    """Return the plan with the fewest frames, and the time that taking them needs."""
+    sensor = changed_sensor(request.sensor, places)
+    raised = sensor if "black_level_dn" in request.sensor.changes else with_pedestal(sensor)
+    found = plan_frames(
+        raised,
+        _wants(request),
+        design=Design(request.longest_dark_s, request.longest_flat_s),
+        illuminant=request.illuminant,
+    )
+    seconds = sum(group.frames * (group.exposure_s + request.seconds_per_frame) for group in found.groups)
+    return {**found.to_dict(), "seconds": seconds, "black_level_dn": raised.readout.black_level_dn.value}
+
+
+def _wants(request: PlanRequest) -> dict[str, Want]:
+    wants = [Want.parse(f"{name}={value}") for name, value in request.wants.items()]
+    return {want.parameter: want for want in wants}
+
+
+def plan_code(request: PlanRequest, places: Places) -> tuple[str, str]:
+    """Return the plan as Python code and as a command, which takes unchanged sensors only."""
+    lines = [
+        "import photosite as ps",
+        "from photosite.studies.planning import Design, Want, plan_frames",
+        "from photosite.studies.virtual_lab import with_pedestal",
+        "",
+        *sensor_lines(request.sensor, places),
+        *([] if "black_level_dn" in request.sensor.changes else ["sensor = with_pedestal(sensor)"]),
+        f"texts = {[f'{name}={value}' for name, value in request.wants.items()]!r}",
+        "wants = {want.parameter: want for want in map(Want.parse, texts)}",
+        f"design = Design({request.longest_dark_s!r}, {request.longest_flat_s!r})",
+        f"plan = plan_frames(sensor, wants, design=design, illuminant={request.illuminant!r})",
+        "print(plan.to_dict())",
+    ]
+    command = ""
+    if not request.sensor.changes:
+        words = ["photosite", "plan", "--sensor", source_name(request.sensor.source, places)]
+        if request.sensor.gain_setting is not None:
+            words += ["--gain-setting", repr(request.sensor.gain_setting)]
+        for name, value in request.wants.items():
+            words += ["--want", f"{name}={value}"]
+        words += ["--longest-flat", exposure_text(request.longest_flat_s)]
+        words += ["--longest-dark", exposure_text(request.longest_dark_s), "--illuminant", request.illuminant]
+        command = shlex.join(words)
+    return "\n".join(lines) + "\n", command
+
+
+VIEWS = (
+    JobView("comparison", "Compare sensors behind the same lens.", Comparison, compare, compare_code),
+    JobView("plan", "Find the fewest frames that reach a precision.", PlanRequest, plan, plan_code),
+)
+"""The views with a job; the server adds the requests of each."""

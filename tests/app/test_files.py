@@ -1,0 +1,115 @@
+"""Names of files: nothing outside the served folder is read, and uploads are limited."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.app.state import Places, SensorState, changed_sensor, inside
+from photosite.errors import InputError
+
+OUTSIDE = [
+    *(
+        "../secret.sensor.yaml",
+        "inner/../../secret.sensor.yaml",
+        "/etc/passwd",
+        "//server/share/x",
+        "\\\\server\\share",
+    ),
+    *("C:/windows", "C:secret", "..", ".", "", "inner//mine.sensor.yaml", "inner/./mine.sensor.yaml", "~/x", "a\0b"),
+    *("%2e%2e/secret.sensor.yaml", "..%2fsecret.sensor.yaml", "..\\secret.sensor.yaml", "link.sensor.yaml"),
+    *(
+        "up/secret.sensor.yaml",
+        "inner/mine.sensor.yaml:stream",
+        "/proc/self/environ",
+        "x" * 5000,
+        "file:x",
+        "\uff0e\uff0e/x",
+    ),
+]
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_no_name_leads_out_of_the_folder(served: Path, client, name: str) -> None:
+    with pytest.raises(InputError):
+        inside(served, name)
+    for part in ({"sensor": {"source": f"file:{name}"}}, {"scene": f"file:{name}"}):
+        if "sensor" in part or name:
+            answer = client.post("/api/form", json=part)
+            assert answer.status_code in (200, 422)
+            assert "secret" not in str(answer.json().get("sensor", ""))
+    state = {"sensor": {"source": f"file:{name}"}, "lens": {}, "scene": {}}
+    assert client.post("/api/view", json={"state": state}).status_code == 422
+    state = {"lens": {"source": name or "x"}}
+    assert client.post("/api/view", json={"state": state}).status_code == 422
+
+
+def test_a_state_names_no_path_by_itself(served: Path, client) -> None:
+    path = str(served.parent / "secret.sensor.yaml")
+    for state in (
+        {"sensor": {"source": path}},
+        {"scene": {"source": path}},
+        {"lens": {"source": path}},
+        {"scene": {"illuminant": str(served.parent / "lamp.csv")}},
+        {"sensor": {"changes": {"maps": {"file": path, "sha256": "0" * 64}}}},
+    ):
+        assert client.post("/api/view", json={"state": state}).status_code == 422, state
+
+
+def test_files_of_the_folder_are_listed_and_read(served: Path, client) -> None:
+    assert [entry["name"] for entry in client.get("/api/files?kind=sensor").json()] == ["inner/mine.sensor.yaml"]
+    found = changed_sensor(SensorState(source="file:inner/mine.sensor.yaml"), Places(folder=served))
+    assert found.name == "Mine"
+
+
+def test_an_upload_is_checked_and_can_be_used(client, tmp_path: Path) -> None:
+    path = tmp_path / "my sensor.sensor.yaml"
+    ps.load_sensor("nikon-d200").with_(name="Uploaded", rows=48, cols=64).save(path)
+    answer = client.post("/api/uploads?kind=sensor&name=../my sensor.sensor.yaml", content=path.read_bytes())
+    stored = answer.json()
+    assert answer.status_code == 201
+    assert (stored["holds"], stored["file_name"]) == ("Uploaded", "my_sensor.sensor.yaml")
+    form = client.post("/api/form", json={"sensor": {"source": stored["name"]}}).json()
+    assert form["sensor"][0]["fields"][0]["value"] == 48
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "status"),
+    [
+        ("x.exe", b"MZ", 422),
+        ("x", b"", 422),
+        ("x.sensor.yaml", b"photosite_sensor: 1\nname: [", 422),
+        ("x.sensor.yaml", b"a" * ((1 << 20) + 1), 413),
+        ("..", b"", 422),
+    ],
+)
+def test_bad_uploads_are_refused_and_deleted(client, bench, name: str, content: bytes, status: int) -> None:
+    folder = bench.folder / "uploads"
+    before = set(folder.rglob("*")) if folder.exists() else set()
+    answer = client.post("/api/uploads", params={"kind": "sensor", "name": name}, content=content)
+    assert answer.status_code == status
+    assert answer.json()["error"]
+    left = {path for path in (set(folder.rglob("*")) if folder.exists() else set()) - before if path.is_file()}
+    assert not left
+
+
+def test_a_damaged_scene_is_refused(client) -> None:
+    rng = np.random.default_rng(1)
+    for suffix in (".png", ".h5", ".exr", ".tif", ".mat"):
+        content = rng.integers(0, 256, 3000, np.uint8).tobytes()
+        assert client.post(f"/api/uploads?kind=scene&name=x{suffix}", content=content).status_code == 422, suffix
+
+
+def test_a_full_disk_is_an_error_of_the_upload(client, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "mkdir", full)
+    answer = client.post("/api/uploads?kind=sensor&name=x.sensor.yaml", content=b"x")
+    assert answer.status_code == 422
+    assert os.strerror(errno.ENOSPC) in answer.json()["error"]
