@@ -12,7 +12,7 @@ from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.files import hdf5
-from photosite.frames.io.formats import read_headers, read_raw
+from photosite.frames.io.formats import read_headers, read_pixels, read_raw
 from photosite.frames.open import open_frames
 from photosite.optics.io.tables import load_hdf5
 from photosite.sensor.io.sensor_file import read_maps
@@ -243,3 +243,34 @@ def test_data_in_another_file_are_not_read(tmp_path, kind, read, name):
     with pytest.raises(FileError) as caught:
         read(path)
     assert caught.value.where == f"/{name}"
+
+
+@pytest.mark.parametrize("shuffle", [False, True])
+@pytest.mark.parametrize("dtype", ["u1", "<u2", ">u2", "u4"])
+@pytest.mark.parametrize("chunks", [(1, 4, 5), (2, 7, 11), (3, 12, 16)])
+def test_compressed_stacks_are_those_of_h5py(tmp_path, chunks, dtype, shuffle):
+    """Chunks that end beyond the frame, with several frames each, and one that was never written."""
+    stack = np.random.default_rng(1).integers(0, 200, (5, 12, 16)).astype(dtype)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        options = {"shape": stack.shape, "dtype": stack.dtype, "chunks": chunks, "compression": "gzip"}
+        data = file.create_dataset("light/10ms", shuffle=shuffle, fillvalue=7, **options)
+        data[:4] = stack[:4]
+        file.attrs["bits"] = 16 if stack.dtype.itemsize < 4 else 20
+        expected = data[()]
+    for k, header in enumerate(read_headers(tmp_path / "a.h5")):
+        np.testing.assert_array_equal(read_pixels(tmp_path / "a.h5", header.location), expected[k])
+
+
+def test_damaged_compression_is_an_error(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset(
+            "frame", data=np.arange(64, dtype=np.uint16).reshape(8, 8), chunks=(8, 8), compression="gzip"
+        )
+        data.attrs["bits"] = 12
+        place = data.id.get_chunk_info(0)
+    content = bytearray((tmp_path / "a.h5").read_bytes())
+    content[place.byte_offset + 4 : place.byte_offset + place.size - 4] = bytes(place.size - 8)
+    (tmp_path / "a.h5").write_bytes(content)
+    with pytest.raises(FileError) as caught:
+        read_raw(tmp_path / "a.h5")
+    assert "a.h5" in str(caught.value)

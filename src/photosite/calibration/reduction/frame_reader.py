@@ -50,7 +50,7 @@ _TOGETHER, _TOGETHER_BYTES = 8, 160 << 20
 """Frames added to the sums in one pass, and their memory limit."""
 
 _AHEAD, _AHEAD_BYTES = 4, 80 << 20
-"""Frames read ahead, and their memory limit; at least two frames."""
+"""Frames read ahead, and their memory limit; at least two frames, and one for each core."""
 
 _SAMPLED_ROWS = 16
 """Rows compared first to find repeated frames."""
@@ -87,8 +87,9 @@ class FrameReader:
         self._shape = frames.rows, frames.cols
         frame_bytes = max(2 * frames.rows * frames.cols, 1)
         self._together = max(1, min(_TOGETHER, _TOGETHER_BYTES // frame_bytes))
-        self._ahead = max(2, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
-        self._threads = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "photosite-read")
+        threads = os.cpu_count() or 1  # compressed frames are decoded on all cores
+        self._ahead = max(2, threads, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
+        self._threads = ThreadPoolExecutor(threads, "photosite-read")
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)
         self._checkpoint = checkpoint

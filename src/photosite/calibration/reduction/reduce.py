@@ -148,7 +148,9 @@ def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float6
         if index == wanted:
             mean = sums.mean_frame()
         if slopes is not None and coefficients is not None:
-            slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(statistics.levels))
+            slopes.add(
+                MeanFrame(sums.sum, sums.count, sums.labels), [float(coefficients[index])] * len(statistics.levels)
+            )
     reference = reference_dark(darks) if darks else None
     if reference is not None and (
         mean is None or reference != wanted

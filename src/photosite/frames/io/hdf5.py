@@ -19,6 +19,7 @@ names do (`photosite.frames.frame_settings`). Other attributes with text or numb
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, message_of
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain
 from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
 from photosite.frames.raw_frame import Numbers, RawFrame
@@ -41,6 +42,8 @@ _GAINS = ("gain_setting", "iso", "gain")
 _PER_FRAME = ("kind", "temperature_c", "photons_per_pixel", *_SECONDS, *_GAINS)
 _WITHOUT_UNIT = ("exposure", "exposure_time", "exposuretime", "exptime", "integration_time")
 _MOST_COLORS = 4
+_DEFLATE, _SHUFFLE = 1, 2
+"""Numbers of the filters of HDF5."""
 
 
 def write_hdf5(frame: RawFrame, path: Path) -> None:
@@ -85,8 +88,71 @@ def read_hdf5_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
     with open_hdf5(path) as file:
         data = file.datasets[str(location.part)]
-        dn = data[location.index] if data.ndim == 3 else data[()]
+        chunks = _compressed_chunks(data, location.index if data.ndim == 3 else None)
+        if chunks is None:
+            dn = data[location.index] if data.ndim == 3 else data[()]
+    if chunks is not None:
+        dn = chunks.decoded(path)
     return np.ascontiguousarray(dn, np.uint32) if dn.dtype.itemsize == 4 else np.ascontiguousarray(dn, np.uint16)
+
+
+@dataclass(frozen=True)
+class _Chunks:
+    """The compressed chunks of a frame: h5py decodes one at a time in a process, threads decode these together."""
+
+    name: str
+    shape: tuple[int, int]  # of the frame
+    chunk: tuple[int, ...]
+    index: int  # of the frame in a chunk of several
+    dtype: np.dtype[Any]
+    shuffled: bool
+    parts: list[tuple[tuple[int, int], bytes]]  # first row and column, and compressed bytes
+
+    def decoded(self, path: Path) -> NDArray[np.unsignedinteger]:
+        """Decode the chunks into (rows, cols) numbers."""
+        from imagecodecs import zlib_decode
+
+        out = np.empty(self.shape, self.dtype.newbyteorder("="))
+        size = math.prod(self.chunk) * self.dtype.itemsize
+        for (row, col), stored in self.parts:
+            try:
+                values = np.frombuffer(zlib_decode(stored, out=size), np.uint8)
+            except Exception as error:  # the decoder's own exceptions
+                raise FileError(path, f"is damaged: it cannot be decoded ({message_of(error)})") from None
+            if values.size != size:
+                raise FileError(path, "is damaged", where=f"dataset {self.name}", value=f"{values.size} bytes")
+            if self.shuffled:  # the first bytes of all values, then the second ones
+                values = np.ascontiguousarray(values.reshape(self.dtype.itemsize, -1).T)
+            part = values.reshape(-1).view(self.dtype).reshape(self.chunk)
+            if part.ndim == 3:
+                part = part[self.index]
+            inside = out[row : row + part.shape[0], col : col + part.shape[1]]
+            inside[:] = part[: inside.shape[0], : inside.shape[1]]
+        return out
+
+
+def _compressed_chunks(data: Any, index: int | None) -> _Chunks | None:
+    """Return the chunks of a frame that are compressed by gzip, None where the dataset is stored in another way."""
+    if data.chunks is None:
+        return None
+    stored = data.id.get_create_plist()
+    filters = [stored.get_filter(n)[0] for n in range(stored.get_nfilters())]
+    if filters not in ([_DEFLATE], [_SHUFFLE, _DEFLATE]):
+        return None
+    chunk, shape = data.chunks, data.shape
+    first = () if index is None else (index // chunk[0] * chunk[0],)
+    parts = []
+    for row in range(0, shape[-2], chunk[-2]):
+        for col in range(0, shape[-1], chunk[-1]):
+            try:
+                mask, content = data.id.read_direct_chunk((*first, row, col))
+            except (OSError, RuntimeError):  # a chunk that was never written has no bytes
+                return None
+            if mask:
+                return None
+            parts.append(((row, col), content))
+    within = 0 if index is None else index % chunk[0]
+    return _Chunks(data.name, (shape[-2], shape[-1]), chunk, within, data.dtype, len(filters) > 1, parts)
 
 
 @dataclass(frozen=True)
