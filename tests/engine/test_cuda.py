@@ -205,8 +205,11 @@ def camera() -> Camera:
 def test_missing_gpu_is_an_input_error() -> None:
     if gpu():
         pytest.skip("there is a GPU")
-    with pytest.raises(InputError, match=r"device 'cuda' needs an NVIDIA GPU and photosite's extra 'gpu'") as caught:
-        camera().expose(np.ones((4, 6), np.float32), 0.1, device="cuda")
+    for work in (lambda: camera().expose(np.ones((4, 6), np.float32), 0.1, device="cuda"), lambda: camera().on_gpu()):
+        with pytest.raises(
+            InputError, match=r"device 'cuda' needs an NVIDIA GPU and photosite's extra 'gpu'"
+        ) as caught:
+            work()
     assert caught.value.arguments == {"device": "cpu"}
     assert caught.value.__suppress_context__, "no chained traceback"
 

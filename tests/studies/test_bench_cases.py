@@ -20,3 +20,8 @@ def test_a_case_without_its_extra_is_left_out_with_the_reason(monkeypatch: pytes
     assert measured == {"second": result}
     assert seen == ["first", "second"]
     assert "spectral" in left_out["first"]
+
+
+def test_cases_on_a_gpu_are_left_out_without_one() -> None:
+    measured, left_out = cases.run_cases(["gpu_noise"], True, lambda name: None)
+    assert measured or "GPU" in left_out["gpu_noise"]

@@ -178,6 +178,10 @@ class GpuCamera:
         )
         return GpuFrame(numbers, self.camera.frame_fields(exposure_s, scene=scene, **place), self._gpu.arrays)
 
+    def wait(self) -> None:
+        """Wait until the GPU has done all work; the other methods return before, as CuPy does."""
+        self._gpu.arrays.wait()
+
     def _rate(self, scene: Scene) -> Any:
         """Return (rows, cols) mean electrons from light per second, as `mean_image.electron_rate`."""
         camera, arrays = self.camera, self._gpu.arrays

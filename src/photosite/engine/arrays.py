@@ -53,6 +53,9 @@ class Arrays:
         """Return an array of zeros on the device; `dtype` is one of `xp`."""
         return self.xp.zeros(shape, dtype=dtype)
 
+    def wait(self) -> None:
+        """Wait until the device has done all work."""
+
     def for_kernel(self, values: Any) -> Any:
         """Return an array of the device as numba's kernels take it; both share memory."""
         return values

@@ -77,6 +77,9 @@ class _CupyArrays(Arrays):
     def get(self, values: Any) -> NDArray[Any]:
         return np.asarray(values.get())
 
+    def wait(self) -> None:
+        self.xp.cuda.get_current_stream().synchronize()
+
     def for_kernel(self, values: Any) -> Any:
         # Kernels and CuPy use the same stream, the default one.
         return cuda.as_cuda_array(values, sync=False)

@@ -28,6 +28,7 @@ from photosite.studies.bench.captures import (
 from photosite.studies.bench.convert_cube import convert_cube
 from photosite.studies.bench.effects import captures_d200, effects_curve_d200, effects_em_d200, moving_d200
 from photosite.studies.bench.frames import accumulate_against_reading, accumulate_d200, calibrate_protocol
+from photosite.studies.bench.gpu import gpu_capture, gpu_noise, gpu_transfers
 from photosite.studies.bench.pairs import pairs_lens, pairs_noise
 from photosite.studies.bench.timing import Case, best_seconds, peak_mb
 
@@ -46,6 +47,9 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "accumulate_d200": accumulate_d200,
     "accumulate_against_reading": accumulate_against_reading,
     "calibrate_protocol": calibrate_protocol,
+    "gpu_noise": gpu_noise,
+    "gpu_capture": gpu_capture,
+    "gpu_transfers": gpu_transfers,
     "pairs_noise": pairs_noise,
     "pairs_lens": pairs_lens,
     "convert_cube": convert_cube,
