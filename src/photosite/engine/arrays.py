@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 class Arrays:
     """Arrays in the memory of a device.
 
-    Host memory that nobody can write, such as the maps of a chip, is copied to the device once, while it exists.
+    Read-only memory of the host, such as the maps of a chip, is copied to the device once, while it exists.
 
     Parameters
     ----------

@@ -149,7 +149,7 @@ def _lightless_border(pattern: FixedPattern, sensor: Sensor, part: Part) -> Fixe
 
 
 def _frozen(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a contiguous map that nobody can write any more, so that a GPU keeps its copy."""
+    """Return a contiguous map in read-only memory, of which a GPU keeps its copy."""
     values = np.ascontiguousarray(values)
     if values.base is None:
         values.flags.writeable = False
