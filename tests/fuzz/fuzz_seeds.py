@@ -396,11 +396,28 @@ _LIBCAMERA = """{"version": 2.0, "target": "bcm2835", "algorithms": [
 {"rpi.black_level": {"black_level": 4096}},
 {"rpi.noise": {"reference_constant": 10, "reference_slope": 2.5}}]}
 """
+_RAWTOACES = """{"header": {"manufacturer": "M", "model": "X", "license": null, "document_creator": "lab"},
+"spectral_data": {"units": "relative", "index": {"main": ["R", "G"]},
+"data": {"main": {"400": [0.1, 0.2], "410": [0.3, 0.4], "420": [1.0, 0.9]}}}}
+"""
+_SENSITIVITY = "wavelength_nm,red,green\n400,0.1,0.2\n410,0.3,0.4\n"
+_CAMERA_INDEX = f"""photosite_camera_index: 1
+cameras:
+- folder: x-1-0a1b2c3d
+  camera: Acme X-1
+  license: CC0-1.0
+  created: 2026-11
+  gain_settings: [100, 400]
+  sha256: {{entry.yaml: {"a" * 64}, sensor.yaml: {"b" * 64}, emva1288.json: {"c" * 64}}}
+"""
 _TEXTS = {
     "descriptor": (_DESCRIPTOR,),
     "protocol": (_PROTOCOL,),
     "spectral": (_SPECTRAL,),
     "chart": (_CHART,),
     "darktable": (_DARKTABLE,),
+    "rawtoaces": (_RAWTOACES,),
+    "sensitivity": (_SENSITIVITY,),
+    "camera index": (_CAMERA_INDEX,),
     "libcamera": (_LIBCAMERA,),
 }

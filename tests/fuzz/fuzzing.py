@@ -192,6 +192,9 @@ def targets(folder: Path) -> dict[str, Target]:
     from photosite.frames.io.formats import read_frame, read_headers
     from photosite.frames.io.libcamera import read_libcamera
     from photosite.frames.open import open_frames
+    from photosite.library.entry import index_file
+    from photosite.library.sources import find_cameras
+    from photosite.library.spectra import csv_camera
     from photosite.sensor.io.sensor_file import load_sensor, read_maps
     from photosite.studies.chart_spectral import open_chart
 
@@ -302,4 +305,7 @@ def targets(folder: Path) -> dict[str, Target]:
         "spectrum": Target(".csv", seeds["spectrum"], read_spectrum, text=True),
         "darktable": Target(".json", seeds["darktable"], lambda path: read_darktable(path, None), text=True),
         "libcamera": Target(".json", seeds["libcamera"], read_libcamera, text=True),
+        "rawtoaces": Target(".json", seeds["rawtoaces"], find_cameras, text=True),
+        "sensitivity": Target(".csv", seeds["sensitivity"], csv_camera, text=True),
+        "camera index": Target(".yaml", seeds["camera index"], index_file, text=True),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,11 @@ from photosite.calibration.spectral.chart import ChartViews
 from photosite.calibration.spectral.result import SpectralCalibration
 from photosite.camera.file import SetUp
 from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
+from photosite.library.profile import CameraProfile
+from photosite.library.sources import CameraSource
+from photosite.library.spectra import SpectralFile, SpectralSensitivity
 from photosite.metrics.sharpness import SlantedEdge
+from photosite.sensor.noise_profile import NoiseProfile
 from photosite.validation.result import Validation
 from photosite.values.estimate import Estimate
 
@@ -136,9 +141,18 @@ def pairs() -> ps.data.PairDataset:
     return ps.data.PairDataset(ps.data.Electrons([np.full((4, 4), 100.0)]), sensor(), crop=(2, 2), draws=2)
 
 
+def camera_profile() -> CameraProfile:
+    spectra = SpectralSensitivity(GRID, {"R": GRID / 700, "G": GRID / 800})
+    file = SpectralFile("Acme", "X-1", "CC0-1.0", "a lab", spectra)
+    source = CameraSource("Acme X-1", "spectral sensitivity", Path("x.json"), "CC0-1.0", "a lab", file)
+    noise = NoiseProfile(("M",), (ps.Measured(1e-3, 1e-4),), (ps.Measured(1e-6),), 400.0)
+    return CameraProfile("Acme X-1", 400.0, noise, spectra, sensor(), (source,), {"well": "unknown"}, ("a note",))
+
+
 INSTANCES: dict[str, Callable[[], Any]] = {
     "AutoExposure": lambda: ps.AutoExposure(0.01),
     "Camera": camera,
+    "CameraProfile": camera_profile,
     "DiffractionLimited": base,
     "Distortion": lambda: lens().distortion,
     "DynamicScene": lambda: ps.DynamicScene(scene(), flicker=ps.SineFlicker(100.0, 0.2)),

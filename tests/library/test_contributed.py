@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from object_instances import series
 from raising import raises
 
 import photosite as ps
@@ -161,6 +162,16 @@ def test_a_second_entry_is_added_and_the_same_one_is_listed_once(loop: Any, tmp_
     assert first.folder == again.folder
     assert [one.entry.camera for one in validate_cameras(tmp_path / "a")] == ["X-1", "X-2"]
     assert not list((tmp_path / "a").glob(".*"))
+
+
+def test_a_series_has_all_its_gain_settings(tmp_path: Path) -> None:
+    contribute(series(), tmp_path / "a", license_id="MIT", camera="Acme Z 9")
+    (found,) = validate_cameras(tmp_path / "a")
+    assert found.entry.gain_settings == found.sensor.all_gain_settings == (100, 200)
+    camera = ps.load_camera_profile("acme z9", iso=200, profiles=tmp_path / "a")
+    assert (camera.iso, camera.missing.keys()) == (200, {"the chip's own pattern"})
+    with raises(InputError, "iso", value=400):
+        ps.load_camera_profile("acme z9", iso=400, profiles=tmp_path / "a")
 
 
 def test_nothing_is_left_of_an_entry_that_cannot_be_written(

@@ -359,7 +359,7 @@ _PLAUSIBLE = {
     "height_um": (0.3, 200.0),
     "prnu_percent": (0.0, 10.0),
 }
-"""Ranges that hold every sensor on the market with room to spare."""
+"""Ranges that are wider than those of any sensor on the market."""
 
 _AGREEMENT = 0.3
 """Largest relative difference of the gain in the table and in the sensor file."""

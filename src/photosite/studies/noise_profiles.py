@@ -25,6 +25,7 @@ from photosite.frames.io.darktable_scale import (
     slope_and_offset,
 )
 from photosite.frames.raw_frame import RawFrame
+from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95
 
@@ -65,18 +66,26 @@ class VirtualCamera(Shown):
 
 @dataclass(frozen=True)
 class ProfiledCamera(Shown):
-    """A camera, the a and b of its profile, and the 95 % interval of the slope that `slope_and_offset` returns."""
+    """A camera, the a and b of its profile, and the 95 % intervals of slope and offset that were found in them."""
 
     camera: VirtualCamera
     a: float
     b: float
-    interval_95: tuple[float, float]
+    slope_95: tuple[float, float]
+    offset_95: tuple[float, float]
 
     @property
     def covered(self) -> bool:
-        """Whether the interval contains the true slope, 1 / electrons at white."""
-        low, high = self.interval_95
+        """Whether the interval of the slope contains the true one, 1 / electrons at white."""
+        low, high = self.slope_95
         return low <= 1.0 / self.camera.electrons_at_white <= high
+
+    @property
+    def offset_covered(self) -> bool:
+        """Whether the interval of the offset contains the variance of read noise and rounding."""
+        rounding = QUANTISATION_DN2 / ((1 << BITS) - 1 - BLACK_DN) ** 2
+        low, high = self.offset_95
+        return low <= (self.camera.read_noise_e / self.camera.electrons_at_white) ** 2 + rounding <= high
 
     @property
     def factor(self) -> float:
@@ -204,9 +213,11 @@ def profile_camera(seed: int, *, prnu: bool = True, shape: tuple[int, int] = SHA
     rng = np.random.default_rng((20_261, seed))
     camera = draw_camera(rng, prnu=prnu)
     a, b = profile_line(green_plane(raw_frame(camera, rng, shape), camera.way))
-    slope, _ = slope_and_offset(a, b)
-    reach = COVERAGE_95 * slope.standard_uncertainty
-    return ProfiledCamera(camera, a, b, (slope.value - reach, slope.value + reach))
+    slope, offset = (
+        (found.value - COVERAGE_95 * found.standard_uncertainty, found.value + COVERAGE_95 * found.standard_uncertainty)
+        for found in slope_and_offset(a, b)
+    )
+    return ProfiledCamera(camera, a, b, slope, offset)
 
 
 def coverage_table(cameras: Sequence[ProfiledCamera]) -> list[dict[str, Any]]:
@@ -228,10 +239,11 @@ def coverage_table(cameras: Sequence[ProfiledCamera]) -> list[dict[str, Any]]:
                 "group": name,
                 "cameras": len(group),
                 "covered": sum(one.covered for one in group) / len(group),
+                "offset_covered": sum(one.offset_covered for one in group) / len(group),
                 "mean_factor": float(factors.mean()),
                 "relative_spread": float(factors.std(ddof=1) / factors.mean()) if len(group) > 1 else 0.0,
                 "half_width": float(
-                    np.median([(high - low) / (high + low) for low, high in (one.interval_95 for one in group)])
+                    np.median([(high - low) / (high + low) for low, high in (one.slope_95 for one in group)])
                 ),
             }
         )

@@ -150,6 +150,7 @@ class DarktableCamera(Shown):
                 f"gain to ±{100 * spread:.0f} % (95 %): the file does not state how the picture was demosaiced, nor "
                 "the nonuniformity of the pixels"
             )
+            notes.append("the uncertainty of the dark noise lacks the profile's sampling error, and can be too small")
             if self.maker.lower().startswith("fuji") and chip != "mono":
                 notes.append("for a Bayer mosaic: the scale for an X-Trans mosaic is not known")
         if iso not in self.isos:

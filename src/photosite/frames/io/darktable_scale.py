@@ -4,7 +4,7 @@ darktable's tool develops one raw frame of a gradient (white balance 1, linear, 
 details of a 2 x 2 Haar transform, and fits a line to their variance in 300 bins of brightness. What it does not state:
 
 - the demosaicing. Of the variance of a raw pixel's noise, the details of green keep between 0.046 and 0.079.
-- the photo response nonuniformity p of the pixels. In one frame it counts as noise p^2 x^2, and adds about 0.87 p^2 to
+- the photo response nonuniformity p of the pixels. In one frame it counts as noise p^2 x^2, and adds about 0.86 p^2 to
   the line's slope; at low gain settings this is as much as the photon noise.
 
 Both are given a distribution, and the interval holds the middle 95 % of the slopes that agree with a (JCGM 101:2008,
@@ -53,10 +53,10 @@ MONO = {"none": Demosaicing(1.0, 0.25, 0.0)}
 PRNU_PERCENT = (0.0, 0.8)
 """Range of the photo response nonuniformity, evenly distributed: an assumption."""
 
-_PRNU_SLOPE, _PRNU_SLOPE_SPREAD = 0.87, 0.14
+_PRNU_SLOPE, _PRNU_SLOPE_SPREAD = 0.86, 0.05
 """What p^2 adds to the slope, and its spread with the brightness of the gradient; simulated."""
 
-_PRNU_OFFSET = -0.107
+_PRNU_OFFSET = -0.148
 """What p^2 adds to the offset: that of the line closest to x^2 over 0 to 0.8, -0.8^2 / 6."""
 
 LARGEST_WELL_E = 200_000.0
