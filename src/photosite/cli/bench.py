@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 @click.command("bench", cls=Command)
 @click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; about a minute.")
 @click.option("--case", "cases", multiple=True, metavar="NAME", help="Measure this case only; repeatable.")
+@click.option("--workers", is_flag=True, help="Measure two workers of a Dask scheduler, and nothing else (Linux).")
 @options.json_option
-def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
+def command(quick: bool, cases: tuple[str, ...], workers: bool, as_json: bool) -> None:
     """Measure time and memory of photosite on this machine.
 
     Each case runs in turn with a baseline, a plain way to do the same work: SciPy transforms per wavelength, NumPy's
@@ -32,6 +33,9 @@ def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
     """
     from photosite.studies.bench.cases import memory, run_cases, scaling
 
+    if workers:
+        _measure_workers(as_json)
+        return
     measured, left_out = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
     whole = not (quick or cases)
     if whole:
@@ -44,6 +48,24 @@ def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
         "memory": asdict(growth) if growth else {},
     }
     show(as_json, content, lambda: _text(measured, left_out, laws, growth))
+
+
+def _measure_workers(as_json: bool) -> None:
+    from photosite.studies.bench.workers import measure_workers
+
+    found, cost = measure_workers(lambda what: click.echo(f"{what} ...", err=True))
+    rows: list[tuple[str, ...]] = [
+        ("load", "tasks", "1 worker", "2 workers", "efficiency", "of plain processes", "busy")
+    ]
+    for name, entry in found.items():
+        seconds = (f"{entry.one_worker_s:.2f} s", f"{entry.two_workers_s:.2f} s")
+        shares = (f"{share:.2f}" for share in (entry.of_workers, entry.of_machine, entry.busy))
+        rows.append((name, str(entry.tasks), *seconds, *shares))
+    seconds_of = {"in all": cost.seconds, "scheduler": cost.scheduler_cpu_s, "client": cost.client_cpu_s}
+    spent = ", ".join(f"{what} {1e3 * seconds:.2f} ms" for what, seconds in seconds_of.items())
+    line = f"a task that does nothing: {spent}; {cost.bytes:.0f} bytes on the network"
+    content = {"efficiency": {name: entry.to_dict() for name, entry in found.items()}, "task": cost.to_dict()}
+    show(as_json, content, lambda: f"{table(rows, '<>>>>>>')}\n\n{line}")
 
 
 def _text(

@@ -1,0 +1,243 @@
+"""Workers of a Dask scheduler on this machine: efficiency of two, and what a task costs the scheduler."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photosite.calibration.calibrate import calibrate
+from photosite.data.dataset import PairDataset
+from photosite.data.light import Electrons
+from photosite.engine.workers import run_tasks
+from photosite.errors import InputError
+from photosite.frames.open import open_frames
+from photosite.sensor.io.sensor_file import load_sensor
+from photosite.studies.bench.frames import write_frames
+
+_PAIRS = 32
+_SIDE = 512
+_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class Efficiency:
+    """Seconds for the same tasks, once workers have done some.
+
+    They run on one and two workers of a scheduler, and in one plain process and in two that share them.
+    """
+
+    tasks: int
+    one_worker_s: float
+    two_workers_s: float
+    one_process_s: float
+    two_processes_s: float
+    # Of two workers: share of the time in which they were at tasks, and processor time of a task relative to one worker
+    busy: float
+    processor_time: float
+
+    @property
+    def of_workers(self) -> float:
+        """Share of two workers' time that is used, against one worker."""
+        return self.one_worker_s / (2.0 * self.two_workers_s)
+
+    @property
+    def of_machine(self) -> float:
+        """The same for plain processes, which is what the machine itself permits."""
+        return self.one_process_s / (2.0 * self.two_processes_s)
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the figures for JSON."""
+        return {**asdict(self), "efficiency": self.of_workers, "efficiency_of_processes": self.of_machine}
+
+
+@dataclass(frozen=True)
+class TaskCost:
+    """What a task costs that does nothing, with a number as argument and a row of a sweep as result.
+
+    `bytes` are all that passed the network, between client, scheduler and workers.
+    """
+
+    tasks: int
+    seconds: float
+    scheduler_cpu_s: float
+    client_cpu_s: float
+    bytes: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the figures for JSON."""
+        return asdict(self)
+
+
+def noise_load(_: str, index: int) -> int:
+    """Draw 32 training pairs of 512 x 512 of a D200."""
+    ramp = np.linspace(0, 4000, _SIDE * _SIDE, dtype=np.float32).reshape(_SIDE, _SIDE)
+    pairs = PairDataset(Electrons([ramp]), load_sensor("nikon-d200"), crop=(_SIDE, _SIDE), draws=1 << 20)
+    return sum(int(pairs[_PAIRS * index + k].noisy[0, 0]) for k in range(_PAIRS))
+
+
+def calibration_load(folder: str, _: int) -> float | None:
+    """Calibrate a camera from 16 frames of a D200, uncompressed and in the page cache."""
+    return calibrate(open_frames(folder)).system_gain_dn_per_e.value
+
+
+LOADS: dict[str, tuple[Callable[[str, int], Any], int]] = {
+    "noise": (noise_load, 16),
+    "calibration": (calibration_load, 6),
+}
+"""Work of a task, and the number of tasks."""
+
+
+def nothing(index: int) -> dict[str, float]:
+    """Return a row as a sweep has it."""
+    return {"signal_e": float(index), "noise_e": 1.0, "snr_db": 20.0}
+
+
+@contextmanager
+def _cluster(workers: int) -> Iterator[tuple[str, int]]:
+    """Start a scheduler in a process of its own and workers of one thread; yield its address and process number."""
+    try:
+        importlib.import_module("distributed")
+    except ImportError:
+        hint = "Run pip install '.[distributed]' in the clone"
+        raise InputError("this measurement needs the package distributed", hint=hint) from None
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "scheduler.json"
+        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+        call = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+        started = [subprocess.Popen([*_dask("scheduler"), *call], **quiet)]
+        try:
+            while not file.exists():
+                time.sleep(0.05)
+            call = ["--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"]
+            for _ in range(workers):
+                started.append(subprocess.Popen([*_dask("worker"), *call], env=os.environ | _ONE_THREAD, **quiet))
+            yield json.loads(file.read_text())["address"], started[0].pid
+        finally:
+            for process in reversed(started):
+                process.terminate()
+            for process in started:
+                process.wait()
+
+
+def _dask(what: str) -> list[str]:
+    return [sys.executable, "-m", f"distributed.cli.dask_{what}"]
+
+
+def efficiency(name: str, folder: str) -> Efficiency:
+    """Measure a load of `LOADS`; the folder has the frames of the calibration."""
+    work, count = LOADS[name]
+    function = partial(_timed, work, folder)
+    workers, spent = [], []
+    for number in (1, 2):
+        with _cluster(number) as (address, _):
+            _wait_for(address, number)
+            list(run_tasks(function, range(4 * number), scheduler=address))  # imports, kernels
+            begun = time.perf_counter()
+            spent.append(np.array([times for _, times in run_tasks(function, range(count), scheduler=address)]))
+            workers.append(time.perf_counter() - begun)
+    alone = _plain(name, folder, [count])
+    both = _plain(name, folder, [count // 2, count // 2])
+    busy = float(spent[1][:, 0].sum()) / (2.0 * workers[1])
+    return Efficiency(
+        count, workers[0], workers[1], alone, both, busy, float(spent[1][:, 1].sum() / spent[0][:, 1].sum())
+    )
+
+
+def _timed(work: Callable[[str, int], Any], folder: str, index: int) -> tuple[float, float]:
+    """Return the seconds and the processor time of a task."""
+    begun = time.perf_counter(), time.process_time()
+    work(folder, index)
+    return time.perf_counter() - begun[0], time.process_time() - begun[1]
+
+
+def _wait_for(address: str, workers: int) -> None:
+    dask: Any = importlib.import_module("distributed")
+    with dask.Client(address, set_as_default=False) as client:
+        client.wait_for_workers(workers, timeout=60)
+
+
+_PLAIN = """
+import sys
+from photosite.studies.bench.workers import LOADS
+name, folder, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
+work = LOADS[name][0]
+work(folder, 0)
+print("ready", flush=True)
+sys.stdin.readline()
+for index in range(count):
+    work(folder, index)
+"""
+
+
+def _plain(name: str, folder: str, counts: list[int]) -> float:
+    """Return the seconds of plain processes that work at the same time, until the last has ended its tasks."""
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", _PLAIN, name, folder, str(count)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | _ONE_THREAD,
+        )
+        for count in counts
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        process.stdout.readline()
+    begun = time.perf_counter()
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+    for process in processes:
+        process.wait()
+    return time.perf_counter() - begun
+
+
+def task_cost(tasks: int = 5000) -> TaskCost:
+    """Measure the cost of a task on two workers of this machine (Linux)."""
+    with _cluster(2) as (address, scheduler):
+        _wait_for(address, 2)
+        list(run_tasks(nothing, range(100), scheduler=address))
+        before = _cpu_s(scheduler), time.process_time(), _loopback_bytes()
+        begun = time.perf_counter()
+        list(run_tasks(nothing, range(tasks), scheduler=address))
+        seconds = time.perf_counter() - begun
+        after = _cpu_s(scheduler), time.process_time(), _loopback_bytes()
+    spent = [(end - start) / tasks for start, end in zip(before, after, strict=True)]
+    return TaskCost(tasks, seconds / tasks, *spent)
+
+
+def _cpu_s(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _loopback_bytes() -> int:
+    line = next(line for line in Path("/proc/net/dev").read_text().splitlines() if line.strip().startswith("lo:"))
+    return int(line.split(":")[1].split()[0])
+
+
+def measure_workers(report: Callable[[str], object]) -> tuple[dict[str, Efficiency], TaskCost]:
+    """Measure the efficiency of each load, and the cost of a task; `report` is called with the name of each step."""
+    with tempfile.TemporaryDirectory() as folder:
+        report("writing frames")
+        write_frames(f"{folder}/frames", 1)
+        found = {}
+        for name in LOADS:
+            report(f"measuring {name} on two workers")
+            found[name] = efficiency(name, f"{folder}/frames")
+    report("measuring the cost of a task")
+    return found, task_cost()
