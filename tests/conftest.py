@@ -84,6 +84,7 @@ def loop() -> ClosedLoop:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    os.environ.setdefault("PHOTOSITE_CACHE", "off")  # tests compute what they test
     gc.set_threshold(100_000, 20, 100)  # collections in a process of 6000 tests take a sixth of its start
     if hasattr(config, "workerinput"):
         _compile_kernels_once()

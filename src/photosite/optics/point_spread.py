@@ -308,8 +308,9 @@ def box_blurred(samples: Array, spacing: float, side: float) -> Array:
     size = scipy.fft.next_fast_len(count + 2 * math.ceil(side / spacing), real=True)
     f = np.fft.fftfreq(size, spacing)
     window = np.sinc(f * side)[:, None] * np.sinc(f[: size // 2 + 1] * side)
-    spectrum = scipy.fft.rfft2(samples, s=(size, size)) * window
-    result: Array = scipy.fft.irfft2(spectrum, s=(size, size))[..., :count, :count]
+    spectrum = scipy.fft.rfft2(samples, s=(size, size), workers=-1)
+    spectrum *= window
+    result: Array = scipy.fft.irfft2(spectrum, s=(size, size), workers=-1, overwrite_x=True)[..., :count, :count]
     return result
 
 

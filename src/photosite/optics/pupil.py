@@ -169,17 +169,17 @@ class Pupil(Shown):
         t = np.asarray((np.arange(count * _SUBROWS) + 0.5) * (2 / (count * _SUBROWS)) - 1, np.float64)
         edges = np.linspace(-1.0, 1.0, count + 1)
         low, high = self._chords(0.0, t)
-        length = np.zeros((t.size, count + 1))
-        moment = np.zeros((t.size, count + 1))
-        for j in range(low.shape[1]):
-            a, b = low[:, j, None], high[:, j, None]
-            x = np.clip(edges, a, b)
-            length += x - a
-            moment += (x * x - a * a) / 2
-        inside = np.diff(length, axis=1)
-        area = inside.reshape(count, _SUBROWS, count).sum(axis=1)
-        x_sum = np.diff(moment, axis=1).reshape(count, _SUBROWS, count).sum(axis=1)
-        y_sum = (inside * t[:, None]).reshape(count, _SUBROWS, count).sum(axis=1)
+        area, x_sum, y_sum = np.empty((3, count, count))
+        for row in range(count):
+            chords = slice(row * _SUBROWS, (row + 1) * _SUBROWS)
+            length, moment = np.zeros((2, _SUBROWS, count + 1))
+            for a, b in zip(low[chords].T[:, :, None], high[chords].T[:, :, None], strict=True):
+                x = np.clip(edges, a, b)
+                length += x - a
+                moment += (x * x - a * a) / 2
+            inside = np.diff(length, axis=1)
+            area[row], x_sum[row] = inside.sum(axis=0), np.diff(moment, axis=1).sum(axis=0)
+            y_sum[row] = t[chords] @ inside
         open_ = area > 1e-9 / count
         middle = (edges[1:] + edges[:-1]) / 2
         y = np.where(open_, y_sum / np.where(open_, area, 1.0), middle[:, None])
@@ -445,14 +445,16 @@ class SampledOtf:
         from scipy.ndimage import map_coordinates
 
         sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
+        inside = np.hypot(sy, sx) < 1
+        result = np.zeros(sy.shape, np.complex128)
+        sy, sx = sy[inside], sx[inside]
         flip = np.where(sx < 0, -1.0, 1.0)
-        where = np.stack([((flip * sy + 1) * self.count).ravel(), (flip * sx * self.count + _MARGIN).ravel()])
+        where = np.stack([(flip * sy + 1) * self.count, flip * sx * self.count + _MARGIN])
         real, imag = (
-            map_coordinates(part, where, order=3, prefilter=False).reshape(sy.shape)
-            for part in (self.change_real, self.change_imag)
+            map_coordinates(part, where, order=3, prefilter=False) for part in (self.change_real, self.change_imag)
         )
-        change = np.where(np.hypot(sy, sx) < 1, real + 1j * flip * imag, 0.0)
-        return (self.pupil.transfer(sy, sx) + change).astype(np.complex128)
+        result[inside] = self.pupil.transfer(sy, sx) + real + 1j * flip * imag
+        return result
 
 
 def _transform(field: Complex) -> Complex:

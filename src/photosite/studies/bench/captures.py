@@ -259,6 +259,11 @@ Kind = Literal["symmetric", "plane", "field", "wavefront", "design", "colors"]
 
 @lru_cache(maxsize=4)
 def _camera(kind: Kind) -> Camera:
+    return new_camera(kind)
+
+
+def new_camera(kind: Kind) -> Camera:
+    """Return a D200 behind a lens of some kind, of which nothing is computed yet."""
     sensor = camera().sensor
     if kind == "symmetric":
         return camera()

@@ -29,6 +29,7 @@ from photosite.studies.bench.convert_cube import convert_cube
 from photosite.studies.bench.effects import captures_d200, effects_curve_d200, effects_em_d200, moving_d200
 from photosite.studies.bench.frames import accumulate_against_reading, accumulate_d200, calibrate_protocol
 from photosite.studies.bench.gpu import gpu_capture, gpu_noise, gpu_transfers
+from photosite.studies.bench.lenses import FIRST_KINDS, fine_color, first_frame, first_frame_cached
 from photosite.studies.bench.pairs import pairs_lens, pairs_noise
 from photosite.studies.bench.timing import Case, best_seconds, peak_mb
 
@@ -39,6 +40,9 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "field_varying_d200": field_varying_d200,
     "lens_d200": lens_d200,
     "lateral_color_d200": lateral_color_d200,
+    **{f"fine_color_{spectra}": partial(fine_color, spectra) for spectra in (1, 3, 8)},
+    **{f"first_frame_{kind}": partial(first_frame, kind) for kind in FIRST_KINDS},
+    **{f"first_frame_{kind}_cached": partial(first_frame_cached, kind) for kind in FIRST_KINDS},
     "noise_d200": noise_d200,
     "effects_em_d200": effects_em_d200,
     "effects_curve_d200": effects_curve_d200,
