@@ -152,9 +152,11 @@ class SlopeMap:
         for whole, parts in zip(total, mean.noise, strict=True):
             row, column = parts.row * lines, parts.column * lines
             noise.append(TemporalParts(whole - row - column, row, column))
+        values = seconds * self.slopes.slopes
+        values += mean.mean
         return replace(
             mean,
-            mean=mean.mean + seconds * self.slopes.slopes,
+            mean=values,
             noise=noise,
             total_noise=total,
             rounding=[self.rounding(weights, k) for k in range(len(noise))],
