@@ -17,6 +17,7 @@ import photosite as ps
 from photosite.data import PairDataset, Scenes
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
+from photosite.studies.bench.pairs import WHITE_CD_M2, lens_electrons_by_numpy
 
 LENS = ps.DiffractionLimited(f_number=2.8, focal_length_mm=4)
 PICTURE = np.random.default_rng(3).integers(0, 256, (120, 150, 3)).astype(np.uint8)
@@ -39,6 +40,17 @@ def test_the_clean_frame_of_a_whole_picture_is_the_cameras() -> None:
     pair = PairDataset(Scenes([codes], LENS, white_luminance_cd_m2=white), sensor, exposure_s=1 / 30, crop=(32, 40))[0]
     clean_e = (pair.clean - pair.metadata["black_level_dn"]) / pair.metadata["system_gain_dn_per_e"]
     assert clean_e == pytest.approx(expected, rel=2e-4, abs=0.02)
+
+
+def test_the_lens_agrees_with_one_transform_pair_per_wavelength() -> None:
+    """The plain way samples squares as large as pixels, with the aliases of their edges; its light is on the axis."""
+    sensor = ps.load_sensor("vendor-2.2um")
+    source = Scenes([PICTURE], LENS, white_luminance_cd_m2=WHITE_CD_M2)
+    pair = PairDataset(source, sensor, crop=(64, 64), exposure_s=1 / 50, unit="electrons", seed=3)[0]
+    corner = pair.metadata["image_row"], pair.metadata["image_col"]
+    assert all(16 <= first <= side - 80 for first, side in zip(corner, PICTURE.shape, strict=False))
+    expected = lens_electrons_by_numpy(PICTURE, corner, 64)
+    assert np.abs(pair.clean - expected).max() < 1e-3 * expected.mean()
 
 
 def luminance_of_white(scene: Scene) -> float:

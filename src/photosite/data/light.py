@@ -141,7 +141,7 @@ class Electrons(Shown):
         whole = self._image(image)
         check_covers(whole.shape, patch.shape, self.images[image] if whole is not self.images[image] else image)
         corner = patch.corner((whole.shape[0], whole.shape[1]))
-        electrons = np.multiply(patch.cut(whole, corner), np.float32(patch.light), dtype=np.float32)
+        electrons = np.multiply(patch.cut(whole, corner), np.float32(patch.light), dtype=np.float32, order="C")
         if isinstance(whole, np.memmap):
             self._check(electrons, str(self.images[image]))
         own = self.own_noise

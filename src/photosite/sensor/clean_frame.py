@@ -74,8 +74,10 @@ def _converted(sensor: Sensor, charge_e: NDArray[Any]) -> NDArray[np.float32]:
     if sensor.effects is not None and (curve := sensor.effects.response_curve) is not None:
         signal_e, step = curve.nodes(sensor.pixel.well_capacity_e.value)
         charge_e = np.interp(charge_e, np.arange(signal_e.size) * step, signal_e).astype(np.float32)
-    dn = charge_e * np.float32(sensor.system_gain_dn_per_e) + np.float32(sensor.readout.black_level_dn.value)
-    return np.asarray(np.minimum(dn, np.float32(sensor.white_level_dn)), np.float32)
+    # In place: new memory takes longer than the arithmetic.
+    dn = np.asarray(charge_e * np.float32(sensor.system_gain_dn_per_e), np.float32)
+    dn += np.float32(sensor.readout.black_level_dn.value)
+    return np.minimum(dn, np.float32(sensor.white_level_dn), out=dn)
 
 
 def _after(output: Output, dn: NDArray[np.float32], sensor: Sensor) -> NDArray[np.float32]:

@@ -50,7 +50,7 @@ class NoiseTerms:
 
     sensor: Sensor
 
-    @property
+    @cached_property
     def _effects(self) -> Effects:
         return self.sensor.effects or Effects()
 
