@@ -93,7 +93,7 @@ class SignalModel(Shown):
     normal distribution, rounding included (`photosite.engine.clipped_normal`).
 
     The light is computed in double precision, without the approximations of `Camera.mean_electrons`, with which it
-    agrees to about 1e-5 of the brightest pixel. Memory is about 32 bytes times pixels, channels and basis spectra.
+    agrees to about 1e-5 of the brightest pixel. Memory is about 25 bytes times pixels, channels and basis spectra.
 
     References
     ----------
