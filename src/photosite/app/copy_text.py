@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from photosite.app.state import CameraState, Places, SensorState, bench
+from photosite.app.state import CameraState, LensState, Places, SensorState, bench
 from photosite.scene.scene_request import BUILT_IN_SCENES
 from photosite.values.exposure import format_exposure, parse_exposure
 
@@ -23,10 +23,7 @@ def python_text(state: CameraState, places: Places) -> str:
     found = bench(state, places)
     taken, request = state.capture, found.request
     lines = ["import photosite as ps", "", *sensor_lines(state.sensor, places)]
-    if state.lens.source is not None:
-        lines.append(f"optics = ps.load_optics({source_name(state.lens.source, places)!r})")
-    else:
-        lines.append(f"optics = ps.DiffractionLimited({_arguments(_lens_fields(state))})")
+    lines.append(lens_line(state.lens, places))
     cells = f", cells_per_pixel={taken.cells_per_pixel}" if taken.cells_per_pixel != 1 else ""
     lines.append(f"camera = ps.Camera(optics, sensor{cells})")
     options = dict(request.options)
@@ -85,7 +82,7 @@ def command_text(state: CameraState, places: Places) -> str:
         words += ["--optics", source_name(lens.source, places)]
     else:
         words += ["--f-number", repr(lens.f_number), "--focal-length", repr(lens.focal_length_mm)]
-        for name, value in _lens_fields(state).items():
+        for name, value in lens_fields(lens).items():
             if name not in ("f_number", "focal_length_mm"):
                 words += ["--lens-option", f"{name}={value}"]
     words += ["--exposure", exposure_text(taken.exposure_s), "--seed", str(taken.seed)]
@@ -111,8 +108,15 @@ def exposure_text(exposure_s: float) -> str:
     return short if parse_exposure(short) == exposure_s else repr(exposure_s)
 
 
-def _lens_fields(state: CameraState) -> dict[str, Any]:
-    lens = state.lens
+def lens_line(lens: LensState, places: Places) -> str:
+    """Return the line of Python code that makes a lens."""
+    if lens.source is not None:
+        return f"optics = ps.load_optics({source_name(lens.source, places)!r})"
+    return f"optics = ps.DiffractionLimited({_arguments(lens_fields(lens))})"
+
+
+def lens_fields(lens: LensState) -> dict[str, Any]:
+    """Return the fields of a diffraction-limited lens that are not at their defaults."""
     found: dict[str, Any] = {"f_number": lens.f_number, "focal_length_mm": lens.focal_length_mm}
     if lens.transmittance != 1.0:
         found["transmittance"] = lens.transmittance

@@ -1,21 +1,38 @@
-"""The views that run a computation as a job: comparison of sensors, and planning of a measurement."""
+"""The views that run a computation as a job: comparison of sensors, planning of a measurement, and sweeps."""
 
 from __future__ import annotations
 
+import base64
+import io
+import json
+import math
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, Field
 
-from photosite.app.copy_text import exposure_text, sensor_lines, source_name
-from photosite.app.state import Part, Places, SensorState, Text, changed_sensor
+from photosite.app.calibrate_view import (
+    CalibrationRequest,
+    FolderRequest,
+    calibration_code,
+    list_frames,
+    run_calibration,
+)
+from photosite.app.copy_text import exposure_text, lens_fields, lens_line, sensor_lines, source_name
+from photosite.app.state import LensState, Part, Places, SensorState, Text, changed_sensor, lens
 from photosite.app.workers import Progress
+from photosite.camera.camera import Camera
+from photosite.errors import InputError
 from photosite.metrics.snr import noise_budget
+from photosite.report.style import new_figure, styled
+from photosite.studies.gray_surface import snr
 from photosite.studies.planning import Design, Want, plan_frames
-from photosite.studies.sensor_comparison import compare_sensors
+from photosite.studies.sensor_comparison import compare_sensors, sensor_figures
+from photosite.studies.sweep import sweep
 from photosite.studies.virtual_lab import with_pedestal
 
 _POINTS = 120
@@ -151,8 +168,145 @@ def plan_code(request: PlanRequest, places: Places) -> tuple[str, str]:
     return "\n".join(lines) + "\n", command
 
 
+class Range(Part):
+    """Values of a field, evenly spaced or in equal factors."""
+
+    field: Text
+    first: float
+    last: float
+    count: int = Field(9, ge=1, le=200)
+    logarithmic: bool = False
+
+    @property
+    def values(self) -> list[float]:
+        """The values, six digits each; whole numbers where the field needs them."""
+        if self.logarithmic:
+            if not (self.first > 0 and self.last > 0):
+                raise InputError(self.field, value=(self.first, self.last), expected="above 0 for equal factors")
+            found = np.geomspace(self.first, self.last, self.count)
+        else:
+            found = np.linspace(self.first, self.last, self.count)
+        if self.field in _WHOLE:
+            return [int(value) for value in dict.fromkeys(found.round())]
+        return list(dict.fromkeys(float(f"{value:.6g}") for value in found))
+
+
+_WHOLE = ("bits", "rows", "cols")
+_MOST_POINTS = 1600
+
+
+class SweepRequest(Part):
+    """A measure of a camera over the values of one or two of its fields."""
+
+    sensor: SensorState = SensorState()
+    lens: LensState = LensState(f_number=2.8)
+    ranges: Annotated[tuple[Range, ...], Field(min_length=1, max_length=2)] = (
+        Range(field="pixel_width_um", first=1, last=8, count=15),
+    )
+    measure: Literal["snr", "sensor_figures"] = Field("snr", description="As for `photosite sweep`.")
+    luminance_cd_m2: float = Field(5.0, gt=0, le=1e9, description="Luminance of the surface, for snr.")
+    exposure_s: float = Field(1 / 60, gt=0, le=1e5, description="Exposure time in s.")
+    illuminant: Text = Field("D65", description="Light on the surface.")
+
+
+def run_sweep(request: SweepRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
+    """Return the columns of `sweep`, their units, and its figure as PNG in base64."""
+    values = _values(request)
+    if (points := math.prod(map(len, values.values()))) > _MOST_POINTS:
+        raise InputError("values", value=points, expected=f"at most {_MOST_POINTS} cameras")
+    camera = Camera(lens(request.lens, places), changed_sensor(request.sensor, places))
+    measure, done = _measure(request), 0
+
+    def counted(changed: Camera) -> Any:
+        nonlocal done
+        found = measure(changed)
+        done += 1
+        if progress is not None:
+            progress(done, points, "cameras")
+        return found
+
+    found = sweep(camera, values, counted, progress=False)
+    picture = io.BytesIO()
+    with styled():
+        figure, axes = new_figure()
+        found.plot(ax=axes)
+        figure.savefig(picture, format="png", dpi=150)
+    columns = {name: [_finite(value) for value in column] for name, column in found.to_dict().items()}
+    return {
+        "fields": list(found.fields),
+        "measured": list(found.measured),
+        "columns": columns,
+        "png": base64.b64encode(picture.getvalue()).decode(),
+    }
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _values(request: SweepRequest) -> dict[str, list[float]]:
+    if len({entry.field for entry in request.ranges}) < len(request.ranges):
+        raise InputError("field", value=request.ranges[0].field, expected="two different fields")
+    return {entry.field: entry.values for entry in request.ranges}
+
+
+def _measure(request: SweepRequest) -> Callable[[Camera], Any]:
+    light: dict[str, Any] = {"exposure_s": request.exposure_s, "illuminant": request.illuminant}
+    if request.measure == "snr":
+        return partial(snr, luminance_cd_m2=request.luminance_cd_m2, **light)
+    return partial(sensor_figures, **light)
+
+
+def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
+    """Return the sweep as Python code and as a sweep file with its command, which takes unchanged sensors only."""
+    light = f"exposure_s={request.exposure_s!r}, illuminant={request.illuminant!r}"
+    if request.measure == "snr":
+        light = f"luminance_cd_m2={request.luminance_cd_m2!r}, {light}"
+    where = "gray_surface" if request.measure == "snr" else "sensor_comparison"
+    lines = [
+        "from functools import partial",
+        "import photosite as ps",
+        f"from photosite.studies.{where} import {request.measure}",
+        "",
+        *sensor_lines(request.sensor, places),
+        lens_line(request.lens, places),
+        f"values = {_values(request)!r}",
+        f"measure = partial({request.measure}, {light})",
+        "table = ps.sweep(ps.Camera(optics, sensor), values, measure)",
+        "print(table)",
+        "table.plot(y=table.measured[-1])",
+    ]
+    command = ""
+    if not request.sensor.changes:
+        camera: dict[str, Any] = {"sensor": source_name(request.sensor.source, places)}
+        if request.sensor.gain_setting is not None:
+            camera["gain_setting"] = request.sensor.gain_setting
+        source = request.lens.source
+        camera["optics"] = lens_fields(request.lens) if source is None else source_name(source, places)
+        measured: dict[str, Any] = {"exposure": exposure_text(request.exposure_s), "illuminant": request.illuminant}
+        if request.measure == "snr":
+            measured["luminance_cd_m2"] = request.luminance_cd_m2
+        content = {
+            "photosite_sweep": 1,
+            "camera": camera,
+            "values": _values(request),
+            "measure": {request.measure: measured},
+        }
+        file = "\n".join(f"{name}: {json.dumps(value)}" for name, value in content.items())
+        command = f"cat > bench.sweep.yaml <<'END'\n{file}\nEND\nphotosite sweep bench.sweep.yaml -o bench.csv\n"
+    return "\n".join(lines) + "\n", command
+
+
+def no_code(request: BaseModel, places: Places) -> tuple[str, str]:
+    """Return no code, for requests that only list something."""
+    return "", ""
+
+
 VIEWS = (
     JobView("comparison", "Compare sensors behind the same lens.", Comparison, compare, compare_code),
     JobView("plan", "Find the fewest frames that reach a precision.", PlanRequest, plan, plan_code),
+    JobView("frames-of-folder", "List the frames of a folder, in groups.", FolderRequest, list_frames, no_code),
+    JobView("calibration", "Calibrate a sensor.", CalibrationRequest, run_calibration, calibration_code),
+    JobView("sweep", "Measure a camera over values of its fields.", SweepRequest, run_sweep, sweep_code),
 )
 """The views with a job; the server adds the requests of each."""

@@ -152,7 +152,7 @@ async function picks() {
     const list = element("select", { id: `pick-${key}`, "data-key": key, onchange: () => chosen(list.value) },
       ...builtIn.map(([value, text]) => element("option", { value }, text)),
       ...(files.length ? [element("optgroup", { label: "Files of the folder" }, ...files.map((file) => element("option", { value: `file:${file.name}` }, file.name)))] : []));
-    if (![...list.options].some((option) => option.value === current)) list.append(element("option", { value: current }, uploads.get(current) ?? current));
+    if (![...list.options].some((option) => option.value === current)) list.append(element("option", { value: current }, uploads.get(current)?.text ?? current));
     list.value = current;
     const file = element("input", { type: "file", id: `upload-${key}`, class: "hidden", tabindex: "-1", "aria-hidden": "true" });
     file.addEventListener("change", async () => {
@@ -160,7 +160,7 @@ async function picks() {
       try {
         showError("");
         const stored = await upload(file.files[0], kind);
-        uploads.set(stored.name, `${stored.file_name} (${stored.holds})`);
+        uploads.set(stored.name, { name: stored.file_name, text: `${stored.file_name} (${stored.holds})` });
         chosen(stored.name);
       } catch (error) { showError(error.message); }
     });
@@ -172,7 +172,7 @@ async function picks() {
       state.scene.source = value;
       state.scene.options = {};
       const own = value.includes(":");
-      state.scene.illuminant = own ? (/\.(png|jpe?g)$/i.test(uploads.get(value) ?? value) ? "D65" : null) : state.scene.illuminant ?? "A";
+      state.scene.illuminant = own ? (/\.(png|jpe?g)$/i.test(uploads.get(value)?.name ?? value) ? "D65" : null) : state.scene.illuminant ?? "A";
       state.scene.mean_luminance_cd_m2 = own && state.scene.illuminant === null ? null : state.scene.mean_luminance_cd_m2 ?? 40;
       loadForm().then(() => changed(performance.now()));
     }),

@@ -54,7 +54,7 @@ export async function show(content) {
 function draw(root, found) {
   const names = Object.keys(found.sensors), plots = element("div", { class: "plots" });
   const one = element("div", { class: "card" }), other = element("div", { class: "card" });
-  const figures = table(`f/${short(found.f_number)}, ${short(found.exposure_s)} s, illuminant ${found.illuminant}`, ["", ...names],
+  const figures = table(`f/${short(found.f_number)}, ${short(found.exposure_s)} s, illuminant ${found.illuminant}`, ["Figure", ...names],
     FIGURES.map(([key, label]) => [label, ...names.map((name) => { const value = found.sensors[name][key]; return typeof value === "string" ? value : value === null ? "not reached" : short(value); })]));
   plot(one, {
     title: "SNR against luminance", lines: names.map((name) => ({ name, x: found.luminance_cd_m2, y: found.snr_db[name].map((v) => v ?? NaN) })),

@@ -4,16 +4,16 @@ import { finished, post, remove, showError, tab } from "./api.js";
 import { copied, element } from "./dom.js";
 import { toHash } from "./state.js";
 
-export function jobBar(name, view, request, shown) {
+export function jobBar(name, view, request, shown, label = "Compute") {
   let job = null;
   const text = element("span", { class: "hint", role: "status" });
   const stop = element("button", { type: "button", hidden: true, onclick: () => job && remove(`/api/jobs/${job.id}`).catch(() => {}) }, "Cancel");
-  const run = element("button", { type: "button", class: "primary", onclick: () => start() }, "Compute");
+  const run = element("button", { type: "button", class: "primary", onclick: () => start() }, label);
   const code = async (kind) => {
     try {
       const found = (await post(`/api/${name}/code`, request()))[kind];
       if (found) await copied(kind === "python" ? "Python" : "Command", found);
-      else showError("No command does this with changed sensors; copy it as Python, or save the sensor to a file.");
+      else showError("No single command does this: the sensor or the groups were changed. Copy it as Python.");
     } catch (error) { showError(error.message); }
   };
   async function start() {
@@ -26,7 +26,7 @@ export function jobBar(name, view, request, shown) {
     stop.hidden = false;
     const begun = performance.now();
     const ended = await finished(job, (now) => {
-      text.textContent = now.status === "queued" ? "waits for other computations" : `computing, ${Math.round((performance.now() - begun) / 1000)} s`;
+      text.textContent = now.status === "queued" ? "waits for other computations" : now.total ? `${now.done} of ${now.total} ${now.what}, ${Math.round((performance.now() - begun) / 1000)} s` : `computing, ${Math.round((performance.now() - begun) / 1000)} s`;
     }).catch((error) => ({ status: "failed", error: error.message }));
     run.disabled = false;
     stop.hidden = true;

@@ -1,12 +1,14 @@
 // Views, appearance, and the state in the link.
 
 import { showError } from "./api.js";
+import * as calibrate from "./calibrate.js";
 import * as camera from "./camera.js";
 import * as compare from "./compare.js";
 import * as plan from "./plan.js";
+import * as sweep from "./sweep.js";
 import { fromHash, merged } from "./state.js";
 
-const VIEWS = { camera: null, compare, plan };
+const VIEWS = { camera: null, calibrate, compare, plan, sweep };
 const root = document.documentElement, appearance = document.getElementById("appearance");
 const APPEARANCES = ["system", "light", "dark"];
 

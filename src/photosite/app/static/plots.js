@@ -68,6 +68,15 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
       }
       pen = inside;
     });
+    if (line.marks) {
+      line.x.forEach((value, k) => {
+        if (!Number.isFinite(line.y[k]) || line.y[k] < y0) return;
+        const half = line.half?.[k], style = line.style || `s${number % 8}`;
+        if (half) drawn.append(svg("line", { class: `bar ${style}`, x1: px(value), x2: px(value), y1: py(Math.min(line.y[k] + half, y1)), y2: py(Math.max(line.y[k] - half, y0)) }));
+        drawn.append(svg("circle", { class: `mark ${style}${line.used && !line.used[k] ? " hollow" : ""}`, cx: px(value), cy: py(line.y[k]), r: 3 }));
+      });
+      return;
+    }
     drawn.append(svg("path", { class: `line ${line.style || `s${number % 8}`}`, d: path }));
   });
   const cursor = svg("line", { class: "hover", y1: TOP, y2: H - BOTTOM, x1: -9, x2: -9 });
@@ -83,7 +92,7 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
     value.textContent = `${x.label} ${short(at)}: ` + lines.map((line) => {
       let best = 0;
       line.x.forEach((candidate, k) => { if (Math.abs(candidate - at) < Math.abs(line.x[best] - at)) best = k; });
-      return `${line.name} ${short(line.y[best])}`;
+      return `${line.name} ${short(line.y[best])}${line.half?.[best] ? ` ± ${short(line.half[best], 2)} (95 %)` : ""}`;
     }).join(", ");
   });
   parent.append(drawn);

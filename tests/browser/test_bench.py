@@ -1,0 +1,224 @@
+"""A person's whole path through each view, at three widths, in both appearances, with axe-core."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.browser
+
+WIDTHS = {390: 844, 1024: 768, 1600: 1000}
+VIEWS = ("camera", "calibrate", "compare", "plan", "sweep")
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+PICTURES = os.environ.get("PICTURES")
+"""Folder to write screenshots to."""
+
+
+def wait(page, script: str, argument: object = None) -> None:
+    """Wait until a script returns true; `page.wait_for_function` needs eval, which the page's policy forbids."""
+    deadline = time.monotonic() + 45
+    while not page.evaluate(script, argument):
+        assert time.monotonic() < deadline, script
+        page.wait_for_timeout(100)
+
+
+def opened(page, link: str, view: str = "camera") -> None:
+    page.goto(link)
+    page.wait_for_url("**/")
+    page.goto(f"{link.split('/?')[0]}/#{view}")
+    ready(page, view)
+
+
+def ready(page, view: str) -> None:
+    if view == "camera":
+        page.wait_for_selector("#badge.exact")
+    elif view == "calibrate":
+        page.wait_for_selector("#view-calibrate table")
+    else:
+        page.wait_for_selector(f"#view-{view} .card table, #view-{view} .card svg")
+        wait(
+            page,
+            "text => document.querySelector(text).textContent.startsWith('computed')",
+            f"#view-{view} [role=status]",
+        )
+
+
+def save(page, name: str) -> None:
+    if PICTURES:
+        page.screenshot(path=str(Path(PICTURES, f"{name}.png")), full_page=True)
+
+
+def set_number(page, label: str, value: object) -> None:
+    page.get_by_label(label, exact=True).first.fill(str(value))
+
+
+@pytest.mark.parametrize("appearance", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("view", VIEWS)
+def test_no_violations_of_accessibility_and_nothing_cut_off(
+    page, link, axe, view: str, width: int, appearance: str
+) -> None:
+    page.set_viewport_size({"width": width, "height": WIDTHS[width]})
+    page.emulate_media(color_scheme=appearance)
+    opened(page, link, view)
+    page.evaluate(axe)
+    page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    result = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")
+    found = [
+        (v["id"], [node["target"] for node in v["nodes"]][:3], v["nodes"][0]["any"][:1]) for v in result["violations"]
+    ]
+    save(page, f"{view}-{width}-{appearance}")
+    assert not found
+    assert len(result["passes"]) > 15
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_the_camera_view_from_slider_to_copied_python(page, link) -> None:
+    views: list = []
+    page.on("response", lambda answer: answer.url.endswith("/api/view") and views.append(answer))
+    opened(page, link)
+    page.select_option("#pick-sensor", "file:small.sensor.yaml")
+    wait(page, "document.getElementById('status-text').textContent.startsWith('Small')")
+    page.select_option("#pick-scene", "siemens-star")
+    page.locator("label.name:text-is('Cycles')").wait_for()
+    set_number(page, "Exposure", 0.02)
+    slider = page.get_by_label("f-number slider", exact=True)
+    slider.focus()
+    for _ in range(3):
+        page.keyboard.press("ArrowLeft")
+    f_number = float(page.get_by_label("f-number", exact=True).input_value())
+    assert f_number < 8
+    page.wait_for_selector("#badge.exact")
+    body = views[-1].body()
+    size = int.from_bytes(body[:4], "little")
+    header = json.loads(body[4 : 4 + size])
+    assert (header["exact"], header["rows"], header["cols"]) == (True, 130, 194)
+    dn = np.frombuffer(body, np.float32, 130 * 194, 4 + size).reshape(130, 194)
+    page.click("#copy-python")
+    page.wait_for_selector("#code[open]")
+    names: dict = {}
+    exec(page.inner_text("#code-text"), names)
+    assert names["optics"].f_number == f_number
+    assert np.array_equal(names["dn"], dn)
+    page.click("#code-close")
+
+    copied = page.url
+    page.goto(link.split("/?")[0] + "/#plan")
+    page.goto(copied)
+    page.reload()
+    ready(page, "camera")
+    assert float(page.get_by_label("f-number", exact=True).input_value()) == f_number
+    assert page.input_value("#pick-scene") == "siemens-star"
+
+
+def test_pixels_regions_layers_and_effects(page, link) -> None:
+    opened(page, link)
+    page.click("#zoom-one")
+    wait(page, "document.getElementById('status-text').textContent.includes('every pixel')")
+    box = page.locator("#picture").bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 150)
+    wait(page, "/Row \\d+, column \\d+, [RGB]: [\\d.]+ DN/.test(document.getElementById('readout').textContent)")
+    page.click("#mode-region")
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 180, box["y"] + 160, steps=4)
+    page.mouse.up()
+    page.wait_for_selector("#regions table")
+    cells = page.locator("#regions tbody tr").first.locator("td").all_inner_texts()
+    assert cells[0] == "R"
+    assert all(float(text) > 0 for text in cells[1:])
+    for layer in ("raw", "mean", "snr", "developed"):
+        page.select_option("#layer", layer)
+    page.check("#overlay")
+    page.get_by_text("Shutter and effects", exact=True).click()
+    page.check("#effect-telegraph_noise")
+    page.get_by_label("Amplitude", exact=True).fill("500")
+    page.wait_for_selector("#badge.preview")
+    page.wait_for_selector("#badge.exact")
+    page.get_by_text("Undo changes of the sensor").click()
+    wait(page, "!document.getElementById('effect-telegraph_noise').checked")
+
+
+@pytest.mark.refused
+def test_a_wrong_value_is_explained_and_the_page_goes_on(page, link) -> None:
+    opened(page, link)
+    set_number(page, "Distance", 0.01)
+    page.wait_for_selector("#alert:not([hidden])")
+    assert "focal length" in page.inner_text("#alert")
+    set_number(page, "Distance", 2)
+    page.wait_for_selector("#badge.exact")
+    assert page.is_hidden("#alert")
+
+
+def test_a_long_frame_can_be_cancelled_and_another_tab_goes_on(page, link, browser) -> None:
+    opened(page, link)
+    page.select_option("#pick-sensor", "sony-a7r2")
+    page.wait_for_selector("#working:not([hidden])")
+    other = page.context.new_page()
+    other.goto(link.split("/?")[0] + "/")
+    other.wait_for_selector("#badge.preview, #badge.exact")
+    page.bring_to_front()
+    page.click("#cancel")
+    page.wait_for_selector("#working", state="hidden")
+    assert "exact frame follows" not in page.inner_text("#status")
+    other.wait_for_selector("#badge.exact")
+    other.close()
+
+
+def test_the_picture_with_the_keyboard(page, link) -> None:
+    opened(page, link)
+    page.focus("#picture")
+    page.keyboard.press("1")
+    wait(page, "document.getElementById('status-text').textContent.includes('every pixel')")
+    before = page.inner_text("#readout")
+    page.keyboard.press("ArrowRight")
+    wait(page, "text => document.getElementById('readout').textContent !== text", before)
+    page.keyboard.press("0")
+    wait(page, "document.getElementById('status-text').textContent.includes('one of')")
+
+
+def test_the_first_keys_reach_the_views_in_order(page, link) -> None:
+    opened(page, link)
+    page.reload()
+    ready(page, "camera")
+    reached = []
+    for _ in range(8):
+        page.keyboard.press("Tab")
+        reached.append(
+            page.evaluate("document.activeElement.textContent.trim().slice(0, 12) || document.activeElement.id")
+        )
+    assert reached[:7] == ["Skip to cont", "Camera", "Calibrate", "Compare", "Plan", "Sweep", "Appearance: "]
+
+
+def test_an_upload_is_simulated(page, link, folder: Path) -> None:
+    opened(page, link)
+    page.set_input_files("#upload-scene", str(folder / "picture.png"))
+    wait(page, "document.getElementById('pick-scene').value.startsWith('upload:')")
+    wait(page, "document.getElementById('picture').getAttribute('aria-label').includes('picture')")
+    page.wait_for_selector("#badge.exact")
+
+
+def test_compare_and_plan_with_code(page, link) -> None:
+    opened(page, link, "compare")
+    page.get_by_label("sony-imx571").check()
+    page.get_by_role("button", name="Compute").click()
+    page.get_by_role("columnheader", name="sony-imx571").wait_for()
+    page.get_by_role("button", name="Copy as command").click()
+    assert "photosite sensors compare nikon-d200 sony-imx174 sony-imx571" in page.inner_text("#code-text")
+    page.click("#code-close")
+    page.goto(link.split("/?")[0] + "/#plan")
+    ready(page, "plan")
+    page.get_by_label("System gain K", exact=False).first.fill("0.02%")
+    page.keyboard.press("Tab")
+    before = page.inner_text("#view-plan .card >> nth=1")
+    page.locator("#view-plan").get_by_role("button", name="Compute").click()
+    wait(page, "text => document.querySelectorAll('#view-plan .card')[1].innerText !== text", before)
+    page.locator("#view-plan").get_by_role("button", name="Copy as Python").click()
+    names: dict = {}
+    exec(page.inner_text("#code-text").replace("print(", "str("), names)
+    assert f"{names['plan'].protocol.frame_count} frames" in page.inner_text("#view-plan .card >> nth=1")
