@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs linkcheck test test-slow fuzz install lint format clean
+.PHONY: demo docs linkcheck test test-slow test-browser fuzz install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
@@ -26,6 +26,13 @@ test: $(VENV)/installed-dev
 # The statistical studies that make test leaves out: minutes to an hour.
 test-slow: $(VENV)/installed-dev
 	$(PYTEST) -m slow
+
+# The page of `photosite serve` in Chromium, with axe-core. PICTURES=folder keeps screenshots. Chromium is the system's
+# (apt-get install chromium); without it, or without npm, tests are skipped with a message.
+test-browser: $(VENV)/installed-dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	-npm install --silent --no-audit --no-fund --no-save --prefix $(VENV)/axe axe-core@4
+	$(BIN)/python -m pytest -m browser tests/browser
 
 # The long run of what tests/fuzz does for some seconds: minutes, on one core.
 fuzz: $(VENV)/installed-dev

@@ -43,9 +43,12 @@ def decoded(content: bytes) -> tuple[dict, np.ndarray, np.ndarray, np.ndarray | 
     length = int.from_bytes(content[:4], "little")
     header = json.loads(content[4 : 4 + length])
     rows, cols = header["rows"], header["cols"]
-    values = np.frombuffer(content, np.float32, 2 * rows * cols, 4 + length).reshape(2, rows, cols)
-    rest = np.frombuffer(content, np.uint8, -1, 4 + length + values.nbytes)
-    return header, values[0], values[1], rest.reshape(rows, cols, 3) if rest.size else None
+    count, start = rows * cols, 4 + length
+    mean = np.frombuffer(content, np.float32, count, start)
+    dn = np.frombuffer(content, header["dn_type"], count, start + mean.nbytes)
+    rest = np.frombuffer(content, np.uint8, -1, start + mean.nbytes + dn.nbytes)
+    picture = rest.reshape(rows, cols, 3) if rest.size else None
+    return header, dn.reshape(rows, cols).astype(np.float32), mean.reshape(rows, cols), picture
 
 
 @pytest.mark.filterwarnings("ignore::photosite.errors.PhotositeWarning")

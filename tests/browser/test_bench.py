@@ -98,7 +98,8 @@ def test_the_camera_view_from_slider_to_copied_python(page, link) -> None:
     size = int.from_bytes(body[:4], "little")
     header = json.loads(body[4 : 4 + size])
     assert (header["exact"], header["rows"], header["cols"]) == (True, 130, 194)
-    dn = np.frombuffer(body, np.float32, 130 * 194, 4 + size).reshape(130, 194)
+    assert (header["mean"], header["dn_type"]) == (True, "uint16")
+    dn = np.frombuffer(body, np.uint16, 130 * 194, 4 + size + 4 * 130 * 194).reshape(130, 194)
     page.click("#copy-python")
     page.wait_for_selector("#code[open]")
     names: dict = {}

@@ -11,6 +11,7 @@ import secrets
 import socket
 import tempfile
 import threading
+import time
 import uuid
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -41,7 +42,7 @@ from photosite.errors import InputError, PhotositeError
 _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _KEPT_BYTES = 2 << 30
 """Frames and mean images kept on disk, the ones used last."""
-_VIEW_S, _SAVE_S = 120.0, 300.0
+_VIEW_S = 120.0
 _MOST_UPLOADS = 32
 
 TabId = Annotated[str, Field(pattern="^[0-9a-zA-Z-]{1,40}$", description="Any name of the caller's tab.")]
@@ -133,7 +134,7 @@ class Settings:
     pictures, jobs
         Number of worker processes for pictures and for jobs.
     job_s, memory_bytes
-        Limits of a job; 0 bytes is three quarters of the machine's memory.
+        Time limit of a job, and memory limit of each process; 0 bytes is three quarters of the machine's memory.
     """
 
     folder: Path | None = None
@@ -153,8 +154,8 @@ class Bench:
         self.folder = Path(self._temporary.name)
         (self.folder / "kept").mkdir()
         self.uploads: dict[str, Path] = {}
-        self.pool = Pool(settings.pictures)
         memory = settings.memory_bytes or _machine_bytes() * 3 // 4
+        self.pool = Pool(settings.pictures, memory)
         self.queue = Queue(settings.jobs, time_s=settings.job_s, memory_bytes=memory, finished=self.tidy)
         for number in range(settings.pictures):  # compile before the first picture is asked for
             threading.Thread(target=self._warm, args=(f"warm-{number}",), daemon=True).start()
@@ -286,8 +287,8 @@ def create_app(bench: Bench, port: int, token: str) -> App:
     def view(request: ViewRequest) -> Response:
         """Return the pixels in view: those of the exact frame where it was computed, else a preview.
 
-        The body is the length of a JSON header (4 bytes, little endian), the header, (rows, cols) digital numbers and
-        mean electrons as float32, and (rows, cols, 3) bytes of the developed picture.
+        The body is the length of a JSON header (4 bytes, little endian), the header, (rows, cols) mean
+        electrons as float32, digital numbers as the header's `dn_type`, and (rows, cols, 3) bytes of the picture.
         """
         arguments = (request.state, bench.places, request.view, bench.kept)
         content = bench.pool.call(request.tab, view_bytes, *arguments, time_s=_VIEW_S)
@@ -303,7 +304,12 @@ def create_app(bench: Bench, port: int, token: str) -> App:
     def save(request: SaveRequest) -> Response:
         """Return the exact frame as DNG or TIFF, or its developed picture as PNG."""
         arguments = (request.state, bench.places, bench.kept, request.suffix)
-        content = bench.pool.call(f"save-{uuid.uuid4()}", saved_frame, *arguments, time_s=_SAVE_S)
+        job = bench.queue.add("save", f"save-{uuid.uuid4()}", saved_frame, *arguments)
+        while job.status in ("queued", "running"):
+            time.sleep(0.02)
+        content, job.result = job.result, None  # not kept
+        if job.status != "done":
+            raise WorkerError(job.error or "the job was cancelled")
         named = {"content-disposition": f'attachment; filename="shot{request.suffix}"'}
         return Response(content, media_type="application/octet-stream", headers=named)
 

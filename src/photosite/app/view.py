@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 import time
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -27,8 +29,9 @@ from pydantic import Field
 from photosite.app.state import Bench, CameraState, Part, Places, bench
 from photosite.camera.camera import Camera
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
-from photosite.develop.develop import develop
+from photosite.develop.develop import develop, save_picture
 from photosite.errors import InputError, PhotositeWarning
+from photosite.frames.io.clean_mosaic import write_clean_mosaic
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.capture_snr import capture_budget
 from photosite.optics.point_spread import RadialPsf
@@ -64,6 +67,7 @@ class View(Part):
     width: Annotated[int, Field(ge=16, le=4096)] = 900
     regions: Annotated[tuple[tuple[Index, Index, Index, Index], ...], Field(max_length=8)] = ()
     developed: bool = True
+    mean: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +91,9 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
     -------
     bytes
         Length of the header as 4 bytes, little endian; the header, JSON in UTF-8, padded with spaces to a multiple of
-        4; (rows, cols) digital numbers and mean electrons, both float32; (rows, cols, 3) bytes of the developed picture
-        where `view.developed`.
+        4; where `view.mean`, (rows, cols) mean electrons from light, float32; (rows, cols) digital numbers, float32 or
+        uint16 as the header's `dn_type` says; where its `developed` is true, (rows, cols, 3) bytes of the developed
+        picture.
     """
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
@@ -99,16 +104,43 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
         notes = [*shown.notes]
         if view.developed:
             try:
-                developed = develop(shown.raw, exposure=state.brightness)
-                picture = (developed * np.float32(255) + np.float32(0.5)).astype(np.uint8).tobytes()
+                picture = _developed(shown.raw, state.brightness).tobytes()
             except InputError as error:
                 notes.append(f"not developed: {error}")
     notes += dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning))
-    header = _header(found, shown, view, folder) | {"notes": notes, "developed": bool(picture)}
+    header = _header(found, shown, view, folder) | {"notes": notes, "developed": bool(picture), "mean": view.mean}
+    whole = state.capture.noise and shown.raw.dn.dtype == np.uint16
+    dn = shown.raw.dn if whole else shown.dn
+    header["dn_type"] = str(dn.dtype)
     header["seconds"] = time.perf_counter() - started
     text = json.dumps(header, allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
-    return b"".join((len(text).to_bytes(4, "little"), text, shown.dn.tobytes(), shown.mean_e.tobytes(), picture))
+    mean = shown.mean_e.tobytes() if view.mean else b""
+    return b"".join((len(text).to_bytes(4, "little"), text, mean, dn.tobytes(), picture))
+
+
+_MARGIN = 12
+"""Rows, whole tiles of most arrays, that parts of a picture overlap by when they are developed."""
+
+
+def _developed(raw: RawFrame, brightness: float) -> NDArray[np.uint8]:
+    """Return `develop` with 8 bits, in two threads where each pixel depends on its neighbors alone."""
+
+    def part(frame: RawFrame) -> NDArray[np.uint8]:
+        linear = develop(frame, exposure=brightness)
+        linear *= np.float32(255)
+        linear += np.float32(0.5)
+        return linear.astype(np.uint8)
+
+    rows, tile = raw.dn.shape[0], len(raw.cfa)
+    local = raw.as_shot_neutral is not None or len(raw.channels) == 1
+    if not local or rows < 8 * _MARGIN or _MARGIN % tile:
+        return part(raw)
+    middle = rows // 2 // tile * tile
+    halves = [replace(raw, dn=raw.dn[: middle + _MARGIN]), replace(raw, dn=raw.dn[middle - _MARGIN :])]
+    with ThreadPoolExecutor(2) as threads:
+        top, bottom = threads.map(part, halves)
+    return np.concatenate([top[:middle], bottom[_MARGIN:]])
 
 
 def exact_frame(
@@ -146,23 +178,32 @@ def digital_numbers(state: CameraState, folder: Path) -> NDArray[Any] | None:
     return _kept(_frame_file(folder, state))
 
 
-def saved_frame(state: CameraState, places: Places, folder: Path, suffix: str) -> bytes:
-    """Return the exact frame as a raw file, .dng or .tif, or its developed picture, .png."""
-    import tempfile
+def saved_frame(
+    state: CameraState,
+    places: Places,
+    folder: Path,
+    suffix: str,
+    progress: Callable[[int, int, str], object] | None = None,
+) -> bytes:
+    """Return the exact frame as a raw file, .dng or .tif, or its developed picture, .png.
 
-    from photosite.develop.develop import save_picture
-
-    if _kept(_frame_file(folder, state)) is None:
-        exact_frame(state, places, folder)
-    found = bench(state, places)
-    rate = _kept(_mean_file(folder, state))
+    The noise-free frame is a .tif of 32-bit floats, as that of `photosite simulate --clean`.
+    """
+    if suffix == ".dng" and not state.capture.noise:
+        raise InputError("a noise-free frame is not whole numbers", hint="Save it as TIFF")
+    exact_frame(state, places, folder, progress)
+    found, rate = bench(state, places), _kept(_mean_file(folder, state))
     if rate is None:
         raise InputError("the frame is not kept any more", hint="Wait for the exact frame")
-    raw = found.frame(rate * np.float32(state.capture.exposure_s), scene_of(found))
-    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+    mean = rate * np.float32(state.capture.exposure_s)
+    raw = found.frame(mean, scene_of(found))
+    clean = None if state.capture.noise else found.camera.clean_dn(mean)
+    with tempfile.TemporaryDirectory(dir=folder.parent) as temporary:
         path = Path(temporary, f"shot{suffix}")
         if suffix == ".png":
-            save_picture(develop(raw, exposure=state.brightness), path)
+            save_picture(develop(raw if clean is None else _with_numbers(raw, clean), exposure=state.brightness), path)
+        elif clean is not None:
+            write_clean_mosaic(clean, raw, path)
         else:
             raw.save(path)
         return path.read_bytes()

@@ -206,18 +206,20 @@ def _limit_memory(size: int) -> None:
 
 
 class Pool:
-    """Some workers for short calls; the calls of one tab go to the same worker, which keeps its scene.
+    """Some workers for short calls.
+
+    The calls of one tab go to the same worker, which keeps its scene, unless that one is busy and another is not.
 
     Parameters
     ----------
-    count
-        Number of workers.
+    count, memory_bytes
+        Number of workers, and the limit of each one's memory.
     most_waiting
         Calls that wait for one worker; more raise `BusyError`.
     """
 
-    def __init__(self, count: int, most_waiting: int = 16) -> None:
-        self.workers = [Worker() for _ in range(count)]
+    def __init__(self, count: int, memory_bytes: int = 0, most_waiting: int = 16) -> None:
+        self.workers = [Worker(0, memory_bytes) for _ in range(count)]
         self._waiting = [0] * count
         self._most_waiting = most_waiting
         self._lock = threading.Lock()
@@ -229,6 +231,8 @@ class Pool:
             if len(self._of_tab) > 1000:
                 self._of_tab.clear()
             number = self._of_tab.setdefault(tab, len(self._of_tab) % len(self.workers))
+            if self._waiting[number] and 0 in self._waiting:
+                number = self._waiting.index(0)
             if self._waiting[number] >= self._most_waiting:
                 raise BusyError("too many pictures wait to be computed")
             self._waiting[number] += 1

@@ -40,10 +40,10 @@ class _Server(Command):
 def command(folder: Path | None, port: int, opens: bool, upload_mb: int, job_minutes: int, as_json: bool) -> None:
     """Serve the bench, a page in the browser on this machine, until Ctrl-C.
 
-    The page simulates cameras and compares and plans measurements with the functions of the commands. It can read
-    scenes, sensor files and lenses in FOLDER, and nothing else on the disk; without FOLDER, uploaded files only. The
-    printed link holds the server's key: whoever has the link can use the server, and only from this machine. Nothing is
-    sent anywhere.
+    The page simulates cameras, calibrates folders, compares sensors, plans measurements and sweeps, with the functions
+    of the commands. It can read scenes, sensor files, lenses and frames in FOLDER, and nothing else on the disk;
+    without FOLDER, uploaded files only. The printed link holds the server's key: whoever has the link can use the
+    server, and only from this machine. Nothing is sent anywhere.
 
     Needs the extra app: pip install 'photosite[app]'.
 

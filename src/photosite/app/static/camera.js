@@ -223,7 +223,10 @@ async function request(when = null) {
   const begun = since;
   since = null;
   try {
-    const data = decode(await postForBytes("/api/view", { state, view: picture.view(), tab }));
+    const view = picture.view();
+    // While a slider moves, the picture has what it shows and no more; all of it follows with the exact frame.
+    view.mean = begun === null || ["mean", "snr"].includes(picture.layer);
+    const data = decode(await postForBytes("/api/view", { state, view, tab }));
     showError("");
     picture.setFrame(data.header.frame_rows, data.header.frame_cols);
     picture.show(data);
@@ -334,7 +337,7 @@ function cancel(byHand) {
   const running = job;
   job = null;
   at("working").hidden = true;
-  if (byHand) { exactWanted = false; clearTimeout(idle); if (last && !last.exact) describeView(last, null); }
+  if (byHand) { exactWanted = false; clearTimeout(idle); request(); }
   if (running) remove(`/api/jobs/${running.id}`).catch(() => {});
 }
 

@@ -14,12 +14,13 @@ export function viridis(share) {
 export function decode(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  const count = header.rows * header.cols, at = 4 + length;
+  const count = header.rows * header.cols, at = 4 + length, atDn = at + (header.mean ? 4 * count : 0);
+  const Kind = header.dn_type === "uint16" ? Uint16Array : Float32Array;
   return {
     header,
-    dn: new Float32Array(buffer, at, count),
-    mean: new Float32Array(buffer, at + 4 * count, count),
-    rgb: header.developed ? new Uint8Array(buffer, at + 8 * count, 3 * count) : null,
+    mean: header.mean ? new Float32Array(buffer, at, count) : null,
+    dn: new Kind(buffer, atDn, count),
+    rgb: header.developed ? new Uint8Array(buffer, atDn + Kind.BYTES_PER_ELEMENT * count, 3 * count) : null,
   };
 }
 
@@ -110,7 +111,7 @@ export class Picture {
     return {
       row: r0, col: c0, rows: Math.max(rows, 1), cols: Math.max(cols, 1),
       height: Math.max(Math.min(Math.ceil(rows * scale), 4096), 16), width: Math.max(Math.min(Math.ceil(cols * scale), 4096), 16),
-      regions: this.regions, developed: this.layer === "developed",
+      regions: this.regions, developed: this.layer === "developed", mean: true,
     };
   }
 
@@ -121,7 +122,7 @@ export class Picture {
   }
 
   setLayer(layer, overlay) {
-    const again = layer === "developed" && !this.data?.rgb;
+    const again = layer === "developed" ? !this.data?.rgb : !this.data?.mean;
     this.layer = layer;
     this.overlay = overlay;
     if (again) this.onview();
@@ -136,7 +137,7 @@ export class Picture {
     this.image.width = cols;
     this.image.height = rows;
     const context = this.image.getContext("2d"), picture = context.createImageData(cols, rows), out = picture.data;
-    const white = header.white_level_dn, tile = header.cfa, layer = rgb || this.layer !== "developed" ? this.layer : "raw";
+    const white = header.white_level_dn, tile = header.cfa, layer = (this.layer === "developed" ? rgb : this.layer === "raw" || mean) ? this.layer : "raw";
     const channelAt = tile.map((line) => line.map((name) => "RGB".indexOf(name)));
     const snr = layer === "snr" ? snrLookup(header.snr) : null;
     const colors = snr ? Array.from({ length: 256 }, (_, k) => viridis(k / 255)) : null;
@@ -226,7 +227,7 @@ export class Picture {
     const at = (k, first, length) => first + Math.floor(k / length) * length * header.step + k % length;
     return {
       row: at(i, header.row, tile[0]), col: at(j, header.col, tile[1]), channel: header.cfa[i % tile[0]][j % tile[1]],
-      dn: dn[i * header.cols + j], mean: mean[i * header.cols + j],
+      dn: dn[i * header.cols + j], mean: mean ? mean[i * header.cols + j] : null,
       electrons: (dn[i * header.cols + j] - header.black_level_dn) / header.system_gain_dn_per_e,
     };
   }
@@ -302,5 +303,5 @@ function snrLookup(snr) {
 export function describe(pixel) {
   if (!pixel) return "Point at the picture to read a pixel.";
   const text = `Row ${pixel.row}, column ${pixel.col}, ${pixel.channel}: ${short(pixel.dn, 5)} DN = ${short(pixel.electrons, 4)} e⁻ above black`;
-  return `${text}; mean from light ${short(pixel.mean, 4)} e⁻`;
+  return pixel.mean === null ? text : `${text}; mean from light ${short(pixel.mean, 4)} e⁻`;
 }
