@@ -75,6 +75,9 @@ def test_figures_of_sensors_and_scenes(photosite: Any, file: Path) -> None:
         ("1/15", "-1", ":7: measure.snr.exposure"),
         ("[1.1, 2.2]", "[]", ":5: "),
         ("vendor-2.2um", "vendor", ":3: sensor must be a preset"),
+        ("cd_m2: 20", "cd_m2: 20, illuminant: X9", ":7: illuminant must be a known name"),
+        ("cd_m2: 20", "cd_m2: 20, illuminant: lamp.csv", "/lamp.csv: there is no such file"),
+        ("f_number: [2", "distance_m: [2", ":6: field must be"),
         ("photosite_sweep", "photosite_camera", "is a camera file, not a sweep file"),
         ("measure: {", "scene: {source: macbet}\nmeasure: {", ":7: scene: source must be"),
     ],
@@ -84,4 +87,30 @@ def test_errors_have_the_line(photosite: Any, file: Path, tmp_path: Path, old: s
     done = photosite("sweep", file, "-o", tmp_path / "a.csv")
     assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
     assert said in done.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sweep.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--x", "f_number"], "--figure"),
+        (["--figure", "a.png", "--x", "snr_db"], "--x must be a field"),
+        (["--figure", "a.png", "--y", "f_number"], "--y must be one of signal_e, noise_e, snr_db"),
+    ],
+)
+def test_errors_of_figures(
+    photosite: Any, file: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], said: str
+) -> None:
+    monkeypatch.chdir(file.parent)
+    done = photosite("sweep", file, *options)
+    assert (done.status, done.out) == (2, "")
+    assert said in done.err
+    assert not Path("a.png").exists()
+
+
+def test_an_address_without_a_scheduler_leaves_nothing_behind(photosite: Any, file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    done = photosite("sweep", file, "-o", tmp_path / "a.csv", "--dask", "nowhere")
+    assert (done.status, done.err.count("\n")) == (2, 1)
+    assert "--dask" in done.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sweep.yaml"]

@@ -246,14 +246,26 @@ def _scene(file: Path, section: Any, line: int | None, known: tuple[str, ...]) -
     return SceneRequest(source, options, place)
 
 
+def parse_illuminant(value: Any, file: Path) -> str | float:
+    """Return the illuminant that a file states; the name of a CSV file is relative to that file.
+
+    Raises
+    ------
+    InputError
+        If there is no such illuminant.
+    """
+    if isinstance(value, str) and value.strip().lower().endswith(".csv"):
+        value = fspath(file.parent / value.strip())
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError("illuminant", value=value, expected="a name, or a temperature in K")
+    relative_energy(value, [560.0])
+    return value
+
+
 def _checked(source: str, argument: str, value: Any, file: Path) -> Any:
     """The value of an argument, once a request accepts it."""
     if argument == "illuminant":
-        if isinstance(value, str) and value.strip().lower().endswith(".csv"):
-            value = fspath(file.parent / value.strip())
-        if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise InputError("illuminant", value=value, expected="a name, or a temperature in K")
-        relative_energy(value, [560.0])
+        value = parse_illuminant(value, file)
     if isinstance(value, list):
         value = list(value)
     SceneRequest(source, {argument: value})

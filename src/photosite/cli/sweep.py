@@ -12,6 +12,7 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import say_if_compiling, show
+from photosite.errors import InputError
 
 if TYPE_CHECKING:
     from photosite.studies.sweep import Sweep
@@ -63,7 +64,11 @@ def command(
     from photosite.studies.sweep import sweep
     from photosite.studies.sweep_file import load_sweep
 
+    if figure is None and (x, y) != (None, None):
+        raise click.UsageError(f"{'--x' if y is None else '--y'} applies to --figure only")
     wanted = load_sweep(path)
+    if x is not None and x not in wanted.values:
+        raise InputError("x", value=x, expected=f"a field of the sweep: {', '.join(wanted.values)}")
     say_if_compiling()
     partial = None if output is None else output.with_name(output.name + _PARTIAL)
     found = sweep(

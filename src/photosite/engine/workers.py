@@ -285,6 +285,8 @@ def _on_scheduler(
             "a scheduler needs the package distributed", hint=hint, arguments={"scheduler": scheduler}
         ) from None
     try:
+        # Checked here, because a client whose address cannot be read hangs when it is deleted.
+        importlib.import_module("distributed.comm").resolve_address(scheduler)
         client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         expected, hint = "the address of a Dask scheduler, such as tcp://10.0.0.1:8786", message_of(error)

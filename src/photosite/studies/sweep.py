@@ -10,7 +10,7 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import version
 from os import PathLike
@@ -36,7 +36,7 @@ Measure = Callable[..., Mapping[str, float] | float]
 """(camera) or, with a scene, (camera, scene) -> a number, or several by name."""
 
 PIXEL_WIDTH = "pixel_width_um"
-_LIGHT = ("illuminant", "mean_luminance_cd_m2")
+_OF_SCENE = ("illuminant", "mean_luminance_cd_m2", "distance_m", "width_m")
 _BAR_AFTER_S = 2.0
 
 
@@ -100,7 +100,7 @@ class Sweep(Tabular):
         Parameters
         ----------
         x, y
-            Names of a field and of a measured column; the first ones by default.
+            Names of a field and of a measured column; by default the first field and the last measured column.
         ax
             Matplotlib axes; None makes new ones.
 
@@ -112,6 +112,9 @@ class Sweep(Tabular):
         from photosite.report.plots import plot_lines
 
         x, y = x or self.fields[0], y or self.measured[-1]
+        for axis, name, names in (("x", x, self.fields), ("y", y, self.measured)):
+            if name not in names:
+                raise InputError(axis, value=name, expected=f"one of {', '.join(names)}")
         lines: dict[str, list[tuple[float, float]]] = {}
         for row, point in zip(self.rows, zip(self[x].tolist(), self[y].tolist(), strict=True), strict=True):
             settings = zip(self.fields, row, strict=False)
@@ -260,7 +263,7 @@ def _with(camera: Camera, scene: Scene | None, name: str, value: Any) -> tuple[C
         return replace(camera, sensor=camera.sensor.with_pixel_width(value)), scene
     if name == "gain_setting":
         return replace(camera, sensor=camera.sensor.at_gain_setting(value)), scene
-    of_scene = {*_LIGHT, "distance_m", "width_m"} if scene is not None else set()
+    of_scene = _OF_SCENE if scene is not None else ()
     places = {
         "sensor": camera.sensor.field_names.count(name),
         "lens": _all_fields(camera.optics).count(name),
@@ -273,7 +276,10 @@ def _with(camera: Camera, scene: Scene | None, name: str, value: Any) -> tuple[C
         expected = "a field of sensor, lens or scene"
         if held:
             expected = f"a field of one part only, not of several ({', '.join(dict.fromkeys(held))})"
-        raise InputError(_UNKNOWN, value=name, expected=expected, hint="" if held else did_you_mean(name, known))
+        hint = "" if held else did_you_mean(name, known)
+        if scene is None and name in _OF_SCENE:
+            hint = "It is a field of a scene, and the sweep has none"
+        raise InputError(_UNKNOWN, value=name, expected=expected, hint=hint)
     if held == ["sensor"]:
         return replace(camera, sensor=camera.sensor.with_(**{name: value})), scene
     if held == ["lens"]:
@@ -340,6 +346,7 @@ class _Checkpoint:
 
     def __init__(self, folder: str | PathLike[str], task: _Task, points: list[tuple[Any, ...]]) -> None:
         self._folder = Path(folder)
+        self._is_new = not self._folder.exists()
         self._path = self._folder / _RESULTS
         self.found: dict[int, dict[str, float]] = {}
         identity = {"photosite": version("photosite"), "sweep": described(task), "points": described(points)}
@@ -377,6 +384,7 @@ class _Checkpoint:
 
     def add(self, index: int, result: dict[str, float]) -> None:
         """Keep the result of a camera."""
+        self._is_new = False
         self._file.write(json.dumps([index, result]) + "\n")
         self._file.flush()
 
@@ -385,4 +393,9 @@ class _Checkpoint:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+        if self._is_new:  # without results: an address without a scheduler, for example
+            self._path.unlink(missing_ok=True)
         self._lock.release()
+        if self._is_new:
+            with suppress(OSError):
+                self._folder.rmdir()

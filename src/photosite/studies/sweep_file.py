@@ -24,8 +24,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from photosite.camera.camera import Camera
-from photosite.camera.file import SetUp, load_camera, parse_camera, parse_scene
-from photosite.errors import FileError, InputError
+from photosite.camera.file import SetUp, load_camera, parse_camera, parse_illuminant, parse_scene
+from photosite.errors import FileError, InputError, in_file
 from photosite.files.yaml import check_version, line_of, read_yaml, validated
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import PlanesRequest
@@ -131,9 +131,13 @@ def load_sweep(path: str | PathLike[str]) -> SweepRequest:
         if content.measure.sensor_figures is not None:
             raise FileError(file, "sensor_figures has no scene", line_of(data, "scene"), hint="Omit the scene")
         scene = _scene(file, data)
+    settings = data.get("measure")
+    section = next(iter(settings.values())) if isinstance(settings, Mapping) else None
+    with in_file(file, (isinstance(section, Mapping) and line_of(section, "illuminant")) or line_of(data, "measure")):
+        light = parse_illuminant(_plain(chosen.illuminant), file)
     values = {name: [_plain(value) for value in entries] for name, entries in content.values.items()}
     _check_values(file, data, camera, values, scene)
-    return SweepRequest(camera, values, chosen.measure(), scene, content.name)
+    return SweepRequest(camera, values, chosen.model_copy(update={"illuminant": light}).measure(), scene, content.name)
 
 
 def _plain(value: Any) -> Any:
@@ -160,11 +164,13 @@ def _scene(file: Path, data: Mapping[str, Any]) -> Scene:
 def _check_values(
     file: Path, data: Mapping[str, Any], camera: Camera, values: Mapping[str, list[Any]], scene: Scene | None
 ) -> None:
-    """Try each value of a field with the first values of the others, so that an error has its line."""
-    first = {name: entries[0] for name, entries in values.items()}
-    for name, index in ((name, index) for name, entries in values.items() for index in range(len(entries))):
-        try:
-            check_point(camera, {**first, name: values[name][index]}, scene)
-        except InputError as error:
-            line = line_of(data["values"][name], index) or line_of(data["values"], name)
-            raise error.in_file(file, line) from None
+    """Try each value of a field with the first values of the fields before it, so that an error has its line."""
+    before: dict[str, Any] = {}
+    for name, entries in values.items():
+        for index, value in enumerate(entries):
+            try:
+                check_point(camera, {**before, name: value}, scene)
+            except InputError as error:
+                line = line_of(data["values"][name], index) or line_of(data["values"], name)
+                raise error.in_file(file, line) from None
+        before[name] = entries[0]
