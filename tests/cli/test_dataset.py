@@ -23,7 +23,7 @@ def picture(tmp_path: Path) -> Path:
 def test_pairs_of_pictures_and_charts(photosite: Any, picture: Path, tmp_path: Path) -> None:
     call = ["dataset", picture, "macbeth", "--sensor", "vendor-2.2um", "--crop", "32x48", "--crops", 2, "--draws", 2]
     call += ["--exposure", "1/1000:1/30", "--illuminant", "A", "--illuminant", "5000K", "--flips", "--seed", 5]
-    call += ["--f-number", 2.8, "--focal-length", 4, "--chips", 3, "--pairs-per-shard", 3, "--licence", "CC0 1.0"]
+    call += ["--f-number", 2.8, "--focal-length", 4, "--chips", 3, "--pairs-per-shard", 3, "--license", "CC0 1.0"]
     done = photosite(*call, "-o", tmp_path / "pairs", "--json")
     assert done.status == 0
     assert (done.json["pairs"], done.json["shards"], done.json["rows"], done.json["cols"]) == (8, 3, 32, 48)
@@ -32,7 +32,7 @@ def test_pairs_of_pictures_and_charts(photosite: Any, picture: Path, tmp_path: P
     assert {fact["scene"] for fact in facts} >= {"a"}
     assert all(1 / 1000 <= fact["exposure_s"] <= 1 / 30 for fact in facts)
     assert {fact["serial"] for fact in facts} <= {"0", "1", "2"}
-    assert json.loads((tmp_path / "pairs" / "manifest.json").read_text())["licence_of_inputs"] == "CC0 1.0"
+    assert json.loads((tmp_path / "pairs" / "manifest.json").read_text())["license_of_inputs"] == "CC0 1.0"
     again = photosite(*call, "-o", tmp_path / "pairs")
     assert again.status == 0
     assert again.out.startswith("wrote 8 pairs of 32 x 48 pixels in 3 shards to")

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.data import Electrons, PairDataset, Scenes, ShardDataset, write_shards
+from photosite.data import Electrons, PairDataset, RawFrames, Scenes, ShardDataset, write_shards
 from photosite.errors import FileError, InputError
 
 RAMP = np.linspace(0, 3000, 64 * 64, dtype=np.float32).reshape(64, 64)
@@ -144,12 +144,53 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     assert wrong.value.what == "pairs_per_shard"
 
 
+def test_a_folder_without_shards_takes_other_settings(tmp_path: Path) -> None:
+    def stop(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_shards(dataset(seed=2), tmp_path / "a", pairs_per_shard=20, report=stop)
+    (tmp_path / "a" / "shard-000000.h5").unlink()
+    write_shards(dataset(), tmp_path / "a", pairs_per_shard=5)
+    write_shards(dataset(), tmp_path / "b", pairs_per_shard=5)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_a_shard_that_has_changed_is_not_accepted(tmp_path: Path) -> None:
+    write_shards(dataset(), tmp_path, pairs_per_shard=5)
+    before = contents(tmp_path)
+    shard = tmp_path / "shard-000000.h5"
+    whole = bytearray(shard.read_bytes())
+    whole[-1] ^= 1
+    shard.write_bytes(whole)
+    with pytest.raises(FileError) as caught:
+        write_shards(dataset(), tmp_path, pairs_per_shard=5)
+    assert caught.value.path == str(shard)
+    shard.unlink()
+    write_shards(dataset(), tmp_path, pairs_per_shard=5)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        lambda name: Electrons([np.ones((8, 8)), name]),
+        lambda name: RawFrames([name]),
+        lambda name: Scenes(["macbeth", name], ps.DiffractionLimited(2.8, 4)),
+    ],
+)
+def test_a_missing_input_is_an_error_at_once(source: Any, tmp_path: Path) -> None:
+    with pytest.raises(FileError) as caught:
+        source(str(tmp_path / "none.png"))
+    assert caught.value.path == str(tmp_path / "none.png")
+
+
 def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:
     lens = ps.DiffractionLimited(f_number=2.8, focal_length_mm=4)
     pairs = PairDataset(
         Scenes(["macbeth"], lens, illuminants=("A", "D65")), SENSOR, crop=(16, 16), exposure_s=(0.01, 0.1), light=0.5
     )
-    write_shards(pairs, tmp_path / "scenes", licence="CC0 1.0")
+    write_shards(pairs, tmp_path / "scenes", license="CC0 1.0")
     card = (tmp_path / "scenes" / "CARD.md").read_text()
     for text in (
         "1 pairs of 16 x 16",
@@ -161,7 +202,7 @@ def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:
     ):
         assert text in card
     write_shards(dataset(), tmp_path / "other")
-    assert "Licence: not stated" in (tmp_path / "other" / "CARD.md").read_text()
+    assert "License: not stated" in (tmp_path / "other" / "CARD.md").read_text()
 
 
 def test_a_damaged_shard_is_an_error(tmp_path: Path) -> None:

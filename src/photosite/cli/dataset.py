@@ -104,7 +104,7 @@ _number, _time = _range_of(options.above()), _range_of(options.exposure_time)
 )
 @click.option("--pairs-per-shard", type=options.Whole(1), default=64, metavar="N", help="Pairs in a file.")
 @options.workers_options()
-@click.option("--licence", default="", metavar="TEXT", help="Licence of the inputs, for the data card.")
+@click.option("--license", default="", metavar="TEXT", help="License of the inputs, for the data card.")
 @options.folder_option(options.shared_folder, "Folder to write; an interrupted dataset is resumed.")
 @options.json_option
 def command(
@@ -115,7 +115,7 @@ def command(
     pairs_per_shard: int,
     processes: int,
     scheduler: str | None,
-    licence: str,
+    license: str,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -142,7 +142,7 @@ def command(
         pairs_per_shard=pairs_per_shard,
         processes=processes,
         scheduler=scheduler,
-        licence=licence,
+        license=license,
         report=partial(progress, unit="shards"),
     )
     facts = {

@@ -13,7 +13,7 @@ _MOST_INPUTS = 50
 
 
 def card_text(manifest: Mapping[str, Any], dataset: PairDataset) -> str:
-    """Return the card in Markdown: counts, sensors, light, inputs with their licence, and how to make it again."""
+    """Return the card in Markdown: counts, sensors, light, inputs with their license, and how to make it again."""
     settings, source = manifest["dataset"]["settings"], manifest["dataset"]["source"]
     rows, cols = dataset.shape
     lines = [
@@ -39,7 +39,7 @@ def card_text(manifest: Mapping[str, Any], dataset: PairDataset) -> str:
         "",
         "## Inputs",
         "",
-        f"Licence: {manifest['licence_of_inputs']}",
+        f"License: {manifest['license_of_inputs']}",
         "",
         *_input_lines(source["images"]),
         "",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -88,6 +89,8 @@ class Electrons(Shown):
     InputError
         If there are no images, or one is not a two-dimensional array of finite numbers; without `own_noise` they must
         not be negative.
+    FileError
+        If a file is missing.
 
     Examples
     --------
@@ -101,6 +104,7 @@ class Electrons(Shown):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "images", listed("images", self.images))
+        check_exist(self.images)
         for number, image in enumerate(self.images):
             if not isinstance(image, str | PathLike):
                 self._check(image, f"images[{number}]")
@@ -174,6 +178,8 @@ class RawFrames(Shown):
     ------
     InputError
         If there are no frames, or a frame states no noise profile and no sensor is given.
+    FileError
+        If a file is missing.
 
     Examples
     --------
@@ -192,6 +198,7 @@ class RawFrames(Shown):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frames", listed("frames", self.frames))
+        check_exist(self.frames)
         if self.averaged < 1:
             raise InputError("averaged", value=self.averaged, expected="1 or more")
         if self.sensor is not None and (self.sensor.effects is not None or self.sensor.captures is not None):
@@ -290,6 +297,13 @@ def check_covers(shape: tuple[int, ...], wanted: tuple[int, int], what: object) 
     """Raise `InputError` if an image is smaller than a patch."""
     if shape[0] < wanted[0] or shape[1] < wanted[1]:
         raise InputError("crop", where=f"image {what}", value=wanted, expected=f"at most the image, {shape}")
+
+
+def check_exist(inputs: Sequence[Any]) -> None:
+    """Raise `FileError` if an input is the name of a file that is missing."""
+    for given in inputs:
+        if isinstance(given, str | PathLike) and not Path(given).is_file():
+            raise FileError(given, "there is no such file")
 
 
 def place_facts(corner: tuple[int, int], patch: Patch) -> dict[str, Any]:

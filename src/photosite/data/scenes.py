@@ -19,7 +19,7 @@ from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.data.digest import described, described_files
 from photosite.data.kept import Kept
-from photosite.data.light import Light, listed, place_facts
+from photosite.data.light import Light, check_exist, listed, place_facts
 from photosite.data.patch import Patch, between
 from photosite.errors import InputError
 from photosite.optics.lens import Optics
@@ -98,6 +98,8 @@ class Scenes(Shown):
     ------
     InputError
         If there are no scenes, or an argument is invalid.
+    FileError
+        If a file is missing.
 
     Examples
     --------
@@ -134,6 +136,7 @@ class Scenes(Shown):
             raise InputError("white_luminance_cd_m2", value=self.white_luminance_cd_m2, expected="above 0")
         for light in self.illuminants:
             relative_energy(light, PICTURE_WAVELENGTH_NM)
+        check_exist([scene for scene in self.scenes if isinstance(scene, str | os.PathLike) and _is_picture(scene)])
         for number, scene in enumerate(self.scenes):
             if isinstance(scene, str) and not _is_picture(scene):
                 SceneRequest(scene, self.options)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -89,7 +89,7 @@ def write_shards(
     pairs_per_shard: int = 64,
     processes: int | None = 1,
     scheduler: str | None = None,
-    licence: str = "",
+    license: str = "",
     report: Report | None = None,
 ) -> Path:
     """Write a dataset to a folder of shards, with a manifest and a data card; return the manifest's path.
@@ -111,8 +111,8 @@ def write_shards(
     processes, scheduler
         Number of local processes (None: one for each core), or address of a Dask scheduler, whose workers must see the
         inputs and the folder under the same names. With several processes, scripts need `if __name__ == "__main__":`.
-    licence
-        Licence of the inputs, for the card and the manifest; empty: not stated.
+    license
+        License of the inputs, for the card and the manifest; empty: not stated.
     report
         Called with the shards done, and of how many.
 
@@ -121,8 +121,8 @@ def write_shards(
     InputError
         If an argument is invalid, or there is no scheduler.
     FileError
-        If the folder holds something else, such as another dataset, another process writes to it, or it cannot be
-        written.
+        If the folder holds something else, such as another dataset, a shard has changed since the manifest was written,
+        another process writes to the folder, or it cannot be written.
     WorkerError
         If a shard ends its workers.
 
@@ -153,7 +153,7 @@ def write_shards(
         for done, _ in enumerate(written, 1):
             if report is not None:
                 report(plan.count - len(missing) + done, plan.count)
-        return _finish(plan, licence)
+        return _finish(plan, license, written_now=frozenset(missing))
     finally:
         lock.release()
 
@@ -168,12 +168,13 @@ def _begin(plan: _Plan) -> None:
             raise FileError(
                 plan.folder, f"holds '{entry.name}', which is no part of a dataset", hint="Use another folder"
             )
-    if path.exists():
+    has_shards = any(entry.name.startswith("shard-") for entry in plan.folder.iterdir())
+    if path.exists() and has_shards:
         if read_json(path) != plan.description:
             hint = "Use another folder, or the settings and inputs that it was begun with"
             raise FileError(plan.folder, "holds another dataset, or one of other settings", hint=hint)
         return
-    if any(entry.name.startswith("shard-") for entry in plan.folder.iterdir()):
+    if has_shards:
         raise FileError(plan.folder, f"holds shards without {PLAN}", hint="Use another folder")
     _write_json(path, plan.description)
 
@@ -185,14 +186,18 @@ def _remove_unfinished(folder: Path) -> None:
             entry.unlink()
 
 
-def _finish(plan: _Plan, licence: str) -> Path:
+def _finish(plan: _Plan, license: str, written_now: Set[int]) -> Path:
     _remove_unfinished(plan.folder)
+    listed = read_json(plan.folder / MANIFEST).get("shards", []) if (plan.folder / MANIFEST).exists() else []
+    before = {entry["file"]: entry for entry in listed}
     shards = []
     for shard in range(plan.count):
         path, indices = plan.path(shard), plan.indices(shard)
         entry = {"file": path.name, "first": indices.start, "pairs": len(indices)}
         shards.append({**entry, "bytes": path.stat().st_size, "sha256": sha256_of(path)})
-    manifest = {**plan.description, "licence_of_inputs": licence or "not stated", "shards": shards}
+        if shard not in written_now and before.get(path.name, shards[-1]) != shards[-1]:
+            raise FileError(path, f"has changed since {MANIFEST} was written", hint="Remove it, and call again")
+    manifest = {**plan.description, "license_of_inputs": license or "not stated", "shards": shards}
     with atomic_path(plan.folder / CARD) as temporary:
         temporary.write_text(card_text(manifest, plan.dataset), encoding="utf-8")
     _write_json(plan.folder / MANIFEST, manifest)
