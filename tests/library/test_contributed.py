@@ -146,7 +146,7 @@ def test_the_sources_of_presets_are_no_personal_data(name: str) -> None:
     check_no_personal_data({key: value for key, value in content.items() if key != "provenance"})
 
 
-def test_licence_and_base_are_required(loop: Any, tmp_path: Path) -> None:
+def test_license_and_base_are_required(loop: Any, tmp_path: Path) -> None:
     with raises(InputError, "license_id", value=None):
         contribute(loop.calibration, tmp_path / "a", license_id=None)
     with raises(InputError, "license_id", value="CC-BY-NC-4.0"):

@@ -1,4 +1,4 @@
-"""Cameras found by name in several files, their noise at an ISO speed, and what the files do not tell."""
+"""Cameras found by name in several files, their noise at an ISO speed, and what the files do not contain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from camera_files import darktable_content, rawtoaces_content, write_json
 from raising import raises
 
 import photosite as ps
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.io.darktable import read_darktable_cameras
 from photosite.frames.io.darktable_scale import slope_and_offset
 from photosite.library.sources import find_cameras
@@ -52,7 +52,7 @@ def test_several_and_no_matches(profiles: Path) -> None:
 
 def test_iso_missing_outside_and_between(profiles: Path) -> None:
     """Linear in ISO: these profiles are proportional to the ISO, and so is what lies between."""
-    with raises(InputError, "iso", value=None):
+    with raises(InputError, "iso"):
         ps.load_camera_profile("D850", profiles=profiles)
     for iso in (63.0, 12800.0):
         with raises(InputError, "iso", value=iso, where="Nikon D850"):
@@ -95,8 +95,12 @@ def test_levels_give_the_gain_in_dn(profiles: Path) -> None:
     assert camera.noise is not None
     assert camera.noise.system_gain_dn_per_e.value == pytest.approx(camera.noise.slope[0].value * 15_492)
     assert "bit depth and black level" not in camera.missing
-    with raises(InputError, "black_level_dn, white_level_dn"):
+    with raises(InputError, "white_level_dn"):
         ps.load_camera_profile("D850", iso=400, profiles=profiles, black_level_dn=400)
+    with raises(InputError, "black_level_dn"):
+        ps.load_camera_profile("D850", iso=400, profiles=profiles, white_level_dn=400)
+    with raises(InputError, "white_level_dn", value=400):
+        ps.load_camera_profile("D850", iso=400, profiles=profiles, black_level_dn=400, white_level_dn=400)
 
 
 def test_spectra_alone_have_no_iso(tmp_path: Path) -> None:
@@ -123,6 +127,16 @@ def test_places_of_the_environment(profiles: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("PHOTOSITE_PROFILES", str(tmp_path / "none"))
     with raises(FileError, "there is no such file or folder"):
         find_cameras()
+
+
+def test_an_invalid_file_of_a_folder_is_skipped(profiles: Path) -> None:
+    (profiles.parent / "other.json").write_text('{"a": 1}')
+    assert len(find_cameras(profiles.parent)) == 4
+    (profiles.parent / "cut.json").write_text("{")
+    (profiles.parent / "table.csv").write_text("a,b")
+    with pytest.warns(PhotositeWarning, match="skipped") as caught:
+        assert len(find_cameras(profiles.parent)) == 4
+    assert len(caught) == 2
 
 
 def test_x_trans_is_not_covered(tmp_path: Path) -> None:

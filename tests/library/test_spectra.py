@@ -24,7 +24,7 @@ def test_json_of_rawtoaces() -> None:
     assert camera.sensitivity.channels["G"][WAVELENGTHS.index(540)] == 1.0
 
 
-def test_older_json_of_rawtoaces_has_a_quantity_and_no_licence() -> None:
+def test_older_json_of_rawtoaces_has_a_quantity_and_no_license() -> None:
     content = rawtoaces_content()
     content["spectral_data"]["quantity"] = content["spectral_data"].pop("units")
     content["header"]["license"] = None

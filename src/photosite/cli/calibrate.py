@@ -95,7 +95,7 @@ if TYPE_CHECKING:
     "--license",
     "license_id",
     metavar="SPDX",
-    help="Licence of the entry: CC0-1.0, CC-BY-4.0, CC-BY-SA-4.0, PDDL-1.0, ODC-By-1.0, ODbL-1.0, Apache-2.0 or MIT.",
+    help="License of the entry: CC0-1.0, CC-BY-4.0, CC-BY-SA-4.0, PDDL-1.0, ODC-By-1.0, ODbL-1.0, Apache-2.0 or MIT.",
 )
 @click.option("--camera", metavar="TEXT", help="Maker and model for the entry.  [default: the name of the sensor]")
 @click.option("--attribution", metavar="TEXT", help="Whom to name in the entry.  [default: nobody]")

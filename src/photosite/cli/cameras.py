@@ -36,7 +36,7 @@ def command(context: click.Context) -> None:
     photosite ships no such file. It reads darktable's noise profiles (noiseprofiles.json), rawtoaces' spectral
     sensitivities (JSON, CSV) and cameras that others contributed with `photosite calibrate --contribute`.
 
-    Example: photosite cameras --profiles noiseprofiles.json
+    Example: photosite cameras list --profiles noiseprofiles.json
     """
     if context.invoked_subcommand is None:
         context.invoke(list_, query=(), profiles=(), as_json=False)
@@ -47,7 +47,7 @@ def command(context: click.Context) -> None:
 @_profiles_option
 @options.json_option
 def list_(query: tuple[str, ...], profiles: tuple[Path, ...], as_json: bool) -> None:
-    """List the cameras whose names contain all words of QUERY, with file, licence and provenance.
+    """List the cameras whose names contain all words of QUERY, with file, license and provenance.
 
     Example: photosite cameras list nikon d8 --profiles noiseprofiles.json
     """
@@ -72,7 +72,7 @@ def _list_text(sources: list[CameraSource]) -> str:
             "PHOTOSITE_PROFILES; docs/howto/cameras.md lists the places that are searched"
         )
     files = list(dict.fromkeys(source.path for source in sources if source.kind != "contributed"))
-    rows = [("camera", "kind", "ISO", "licence", "provenance")]
+    rows = [("camera", "kind", "ISO", "license", "provenance")]
     rows += [(source.name, source.kind, _isos(source.isos), source.license, source.provenance) for source in sources]
     return "\n\n".join([table(rows, "<<<<<"), *([listed("files:", map(str, files))] if files else [])])
 
@@ -94,7 +94,7 @@ def _isos(isos: tuple[float, ...]) -> str:
 @options.quantity(
     "--white-level", "white_level_dn", unit="DN", text="White level of the raw files, for noise profiles."
 )
-@options.sensor_option(text="Sensor for all that the files do not tell. Required for -o.")
+@options.sensor_option(text="Sensor for all that the files do not contain. Required for -o.")
 @options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
 @options.json_option
 def show_camera(
@@ -108,7 +108,7 @@ def show_camera(
     output: Path | None,
     as_json: bool,
 ) -> None:
-    """Show what the files tell of a camera, and what they do not; with -o and --sensor, write a sensor file.
+    """Show what the files contain on a camera, and what is missing; with -o and --sensor, write a sensor file.
 
     Maker and model in any spelling. Between two ISO speeds of a noise profile, a and b are linear in ISO.
 
@@ -121,7 +121,7 @@ def show_camera(
     )
     if output is not None:
         if sensor_name is None and camera.measured is None:
-            raise click.UsageError("-o needs --sensor, which has what the files do not tell")
+            raise click.UsageError("-o needs --sensor for what the files do not contain")
         camera.sensor(sensor_name or "nikon-d200").save(output)
     for note in camera.notes:
         say(note)
@@ -174,20 +174,20 @@ def _camera_text(camera: CameraProfile) -> str:
         grid = camera.spectra.wavelength_nm
         span = f"{grid[0]:g} to {grid[-1]:g} nm"
         rows.append(("spectral sensitivity", span, "", f"relative, channels {', '.join(camera.spectra.channels)}"))
-    told = table([("", "value", "uncertainty", ""), *rows], "<>><")
+    facts = table([("", "value", "uncertainty", ""), *rows], "<>><")
     sources = [
-        f"{source.kind}: {source.path}; licence: {source.license}; provenance: {source.provenance}"
+        f"{source.kind}: {source.path}; license: {source.license}; provenance: {source.provenance}"
         for source in camera.sources
     ]
     missing = [f"{what}: {why}" for what, why in camera.missing.items()]
-    return "\n\n".join([f"{heading}\n{told}", listed("not told:", missing), listed("sources:", sources)])
+    return "\n\n".join([f"{heading}\n{facts}", listed("missing:", missing), listed("sources:", sources)])
 
 
 @command.command("validate")
 @click.argument("path", type=click.Path(path_type=Path))
 @options.json_option
 def validate(path: Path, as_json: bool) -> None:
-    """Check contributed cameras: format, digests, licence, plausible numbers, no personal data.
+    """Check contributed cameras: format, digests, license, plausible numbers, no personal data.
 
     PATH is an index (cameras.yaml), a folder with one, or an entry. The exit status is 0 if all entries are valid,
     otherwise 2 with the file, the line and the reason.
@@ -197,7 +197,7 @@ def validate(path: Path, as_json: bool) -> None:
     from photosite.library.contribute import validate_cameras
 
     found = validate_cameras(path)
-    rows = [("camera", "licence", "created", "frames", "folder")]
+    rows = [("camera", "license", "created", "frames", "folder")]
     rows += [
         (one.entry.camera, one.entry.license, one.entry.created, str(one.entry.frames), one.folder.name)
         for one in found

@@ -98,7 +98,7 @@ def contribute(
     Raises
     ------
     InputError
-        If the licence is missing or unknown, the name is missing, or a text holds personal data.
+        If the license is missing or unknown, the name is missing, or a text holds personal data.
     CalibrationError
         If the calibration has no base sensor.
     FileError
@@ -182,7 +182,7 @@ def _write(folder: Path, name: str, texts: Mapping[str, bytes]) -> LoadedEntry:
 
 
 def validate_cameras(path: Path) -> tuple[LoadedEntry, ...]:
-    """Check an index, or the entry in a folder: format, digests, licence, plausible numbers, no personal data.
+    """Check an index, or the entry in a folder: format, digests, license, plausible numbers, no personal data.
 
     Parameters
     ----------

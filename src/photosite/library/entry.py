@@ -1,4 +1,4 @@
-"""Contributed cameras: a measured sensor with its EMVA 1288 table, a licence and digests, and indexes of them."""
+"""Contributed cameras: a measured sensor with its EMVA 1288 table, a license and digests, and indexes of them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ License = Literal[
     "Apache-2.0",
     "MIT",
 ]
-"""SPDX identifiers of licences that allow others to use and pass on data."""
+"""SPDX identifiers of licenses that allow others to use and pass on data."""
 
 LICENSES: tuple[str, ...] = get_args(License)
 
@@ -67,7 +67,7 @@ class Entry(Section):
         max_length=80,
         pattern=r"^\S.*\S$",
     )
-    license: License = about("Licence of the entry, an SPDX identifier.", NO_UNIT, "CC0-1.0")
+    license: License = about("License of the entry, an SPDX identifier.", NO_UNIT, "CC0-1.0")
     attribution: str | None = about(
         "Whom to name, if the contributor wants to be named.",
         NO_UNIT,

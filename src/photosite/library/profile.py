@@ -1,4 +1,4 @@
-"""A camera of the library: what its files tell of it at one gain setting."""
+"""A camera of the library: what its files contain at one gain setting."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from photosite.sensor.noise_profile import NoiseProfile, sensor_noise_profile
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95
 
-NOT_TOLD = {
+MISSING_IN_PROFILE = {
     "pixel size": "a noise profile is of numbers, not of areas",
     "well capacity": "the profile ends at the white level, which may lie below the well",
-    "bit depth and black level": "the format has no field for them; pass black_level_dn and white_level_dn",
+    "bit depth and black level": "the format has no field for them; give the black and the white level",
     "PRNU": "its effect is in the profile's noise and cannot be separated",
     "dark current": "a profile is of one exposure time, which it does not state",
     "read noise and DSNU": "one frame does not separate them",
 }
-"""What a noise profile cannot tell, each with the reason."""
+"""What a noise profile does not contain, each with the reason."""
 
-_NO_NOISE = "no noise profile was found; give the file that has one with --profiles or profiles="
-_NO_SPECTRA = "no spectral sensitivity was found; give the file that has one with --profiles or profiles="
+_NO_NOISE = "none of the files has a noise profile of the camera"
+_NO_SPECTRA = "none of the files has the spectral sensitivity of the camera"
 _RELATIVE = "the spectral sensitivity is relative"
 
 
@@ -49,9 +49,9 @@ class CameraProfile(Shown):
     measured
         The measured sensor of a contributed entry, or None.
     sources
-        The files, with licence and provenance.
+        The files, with license and provenance.
     missing
-        What the files do not tell, each with the reason.
+        What the files do not contain, each with the reason.
     notes
         Assumptions and interpolations.
     """
@@ -156,10 +156,7 @@ def load_camera_profile(
     >>> camera.name, [round(electrons) for electrons in camera.electrons_at_white_95]
     ('Acme X-1', [69, 130])
     """
-    if (black_level_dn is None) != (white_level_dn is None):
-        raise InputError(
-            "black_level_dn, white_level_dn", value=(black_level_dn, white_level_dn), expected="both or none"
-        )
+    _check_levels(black_level_dn, white_level_dn)
     found = _matched(name, find_cameras(profiles))
     parts = {source.kind: source for source in reversed(found)}
     contributed = [source for source in found if source.kind == "contributed"]
@@ -179,7 +176,7 @@ def load_camera_profile(
     if (table := parts.get("spectral sensitivity")) is not None:
         assert isinstance(table.content, SpectralFile)
         spectra, relative = table.content.sensitivity, _RELATIVE
-    missing = {**(NOT_TOLD if noise is not None else {"noise": _NO_NOISE})}
+    missing = {**(MISSING_IN_PROFILE if noise is not None else {"noise": _NO_NOISE})}
     if noise is not None and noise.white_level_dn is not None:
         del missing["bit depth and black level"]
     missing["quantum efficiency"] = relative or _NO_SPECTRA
@@ -188,6 +185,16 @@ def load_camera_profile(
     return CameraProfile(
         used[0].name, None if noise is None else noise.gain_setting, noise, spectra, None, used, missing, notes
     )
+
+
+def _check_levels(black_dn: float | None, white_dn: float | None) -> None:
+    if black_dn is not None and white_dn is not None:
+        if not black_dn < white_dn:
+            raise InputError("white_level_dn", value=white_dn, expected=f"above the black level, {black_dn:g}")
+    elif black_dn is not None:
+        raise InputError("white_level_dn", expected="given with the black level")
+    elif white_dn is not None:
+        raise InputError("black_level_dn", expected="given with the white level")
 
 
 def _matched(name: str, sources: Sequence[CameraSource]) -> list[CameraSource]:
@@ -217,7 +224,7 @@ def _setting(source: CameraSource, iso: float | None) -> float:
     if len(source.isos) == 1:
         return source.isos[0]
     listed = ", ".join(f"{known:g}" for known in source.isos)
-    raise InputError("iso", where=source.name, value=None, expected=f"given: the profiles have {listed}")
+    raise InputError("iso", where=source.name, expected=f"given: the profiles have {listed}")
 
 
 def _one_with(sources: Sequence[CameraSource], iso: float | None) -> CameraSource:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from photosite.errors import FileError
+from photosite.errors import FileError, PhotositeWarning
 from photosite.files.small_files import read_json_object
 from photosite.frames.io.darktable import DarktableCamera, darktable_cameras
 from photosite.library.entry import ENTRY_NAME, INDEX_NAME, LoadedEntry, entry_in_folder, read_index
@@ -51,7 +52,7 @@ class CameraSource(Shown):
     kind
         "noise profile" (darktable), "spectral sensitivity" (rawtoaces, CSV) or "contributed" (photosite).
     path, license, provenance
-        The file; the licence and origin that it states.
+        The file; the license and origin that it states.
     content
         `DarktableCamera`, `SpectralFile` or `LoadedEntry`.
     """
@@ -73,7 +74,7 @@ class CameraSource(Shown):
         return ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return name, kind, file, licence, provenance and ISO speeds."""
+        """Return name, kind, file, license, provenance and ISO speeds."""
         fields = {"name": self.name, "kind": self.kind, "file": str(self.path), "license": self.license}
         return {**fields, "provenance": self.provenance, "isos": list(self.isos)}
 
@@ -123,7 +124,10 @@ def _in_path(path: Path) -> Iterable[CameraSource]:
 
 
 def _in_folder(folder: Path) -> Iterator[CameraSource]:
-    """Yield the cameras of a folder with files of other programs; files of other kinds are passed over."""
+    """Yield the cameras of a folder with files of other programs.
+
+    JSON files of other kinds are skipped, and invalid files with a warning.
+    """
     count = 0
     places = (folder, folder / "camera", folder / "data" / "camera")
     for path in (path for place in places if place.is_dir() for path in sorted(place.iterdir())):
@@ -131,9 +135,12 @@ def _in_folder(folder: Path) -> Iterator[CameraSource]:
             continue
         if (count := count + 1) > _MOST_FILES:
             raise FileError(folder, f"has more than {_MOST_FILES} files", hint="Name the files")
-        if path.suffix.lower() == ".json" and not _is_known_json(path):
+        try:
+            found = () if path.suffix.lower() == ".json" and not _is_known_json(path) else _in_file(path)
+        except FileError as error:
+            warnings.warn(PhotositeWarning(f"{error}. The file is skipped"), stacklevel=2)
             continue
-        yield from _in_file(path)
+        yield from found
 
 
 def _is_known_json(path: Path) -> bool:

@@ -148,6 +148,8 @@ def csv_camera(path: Path) -> SpectralFile:
         width = len(names) + has_heading
         if not names or len(set(names)) != len(names) or any(len(row) != width for row in rows):
             raise ValueError(f"not every row has {width} cells, one for each channel")
+        if len(rows) < 2:
+            raise ValueError("it needs 2 or more wavelengths")
         table = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
         if has_heading:
             wavelength_nm, values = table[:, 0], table[:, 1:]
