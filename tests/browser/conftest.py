@@ -27,11 +27,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     import photosite as ps
     from photosite.develop.develop import save_picture
+    from photosite.frames.raw_frame import RawFrame
 
     found = tmp_path_factory.mktemp("served")
     ps.load_sensor("vendor-2.2um").with_(name="Small", rows=130, cols=194).save(found / "small.sensor.yaml")
     shade = np.linspace(0, 1, 90, dtype=np.float32)
     save_picture(np.stack(np.broadcast_arrays(shade[:60, None], shade, np.float32(0.4)), axis=2), found / "picture.png")
+    noise = np.random.default_rng(3)
+    (found / "stack").mkdir()
+    for kind, time_ms in [("dark", 10), *(("flat", t) for t in (10, 20, 30, 40))]:
+        for number in range(3):
+            electrons = 0 if kind == "dark" else noise.poisson(100 * time_ms, (64, 64))
+            dn = np.uint16(64.5 + 0.5 * electrons + noise.normal(0, 2, (64, 64)))
+            RawFrame(dn, bits=12).save(found / "stack" / f"{kind}_{time_ms}ms_{number}.png")
     return found
 
 

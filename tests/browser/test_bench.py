@@ -38,6 +38,7 @@ def ready(page, view: str) -> None:
     if view == "camera":
         page.wait_for_selector("#badge.exact")
     elif view == "calibrate":
+        page.get_by_label("Folder on this machine").select_option("stack")
         page.wait_for_selector("#view-calibrate table")
     else:
         page.wait_for_selector(f"#view-{view} .card table, #view-{view} .card svg")
@@ -204,12 +205,44 @@ def test_an_upload_is_simulated(page, link, folder: Path) -> None:
     page.wait_for_selector("#badge.exact")
 
 
+def test_a_folder_is_calibrated_with_a_changed_group(page, link) -> None:
+    opened(page, link, "calibrate")
+    view = page.locator("#view-calibrate")
+    view.get_by_label("Kind of group 5").select_option("omit")
+    view.get_by_role("button", name="Calibrate", exact=True).click()
+    view.get_by_role("heading", name="Parameters", exact=True).wait_for()
+    gain = view.locator("tr", has=page.get_by_role("rowheader", name="System gain K")).first
+    low, high = (float(text) for text in gain.locator("td").nth(1).inner_text().split(" to "))
+    assert low < 0.5 < high
+    assert view.locator("svg.plot").count() >= 4
+    view.get_by_role("button", name="Copy as Python").click()
+    page.wait_for_selector("#code[open]")
+    assert "replace(groups[3]" in page.inner_text("#code-text")
+    assert "groups[4]" not in page.inner_text("#code-text")
+    page.click("#code-close")
+    with page.expect_download() as download:
+        view.get_by_role("button", name="Download report.html").click()
+    assert download.value.suggested_filename == "report.html"
+
+
+def test_a_sweep_over_two_fields(page, link) -> None:
+    opened(page, link, "sweep")
+    view = page.locator("#view-sweep")
+    assert view.locator("svg.plot rect").count() > 17 * 5
+    view.locator("#sweep-results select").nth(1).select_option("curves")
+    assert view.locator("svg.plot path.line").count() == 5
+    with page.expect_download() as download:
+        view.get_by_role("button", name="Save CSV").click()
+    assert download.value.path().read_text().startswith("pixel_width_um,f_number,signal_e")
+
+
 def test_compare_and_plan_with_code(page, link) -> None:
     opened(page, link, "compare")
     page.get_by_label("sony-imx571").check()
     page.get_by_role("button", name="Compute").click()
     page.get_by_role("columnheader", name="sony-imx571").wait_for()
     page.get_by_role("button", name="Copy as command").click()
+    page.wait_for_selector("#code[open]")
     assert "photosite sensors compare nikon-d200 sony-imx174 sony-imx571" in page.inner_text("#code-text")
     page.click("#code-close")
     page.goto(link.split("/?")[0] + "/#plan")
@@ -220,6 +253,7 @@ def test_compare_and_plan_with_code(page, link) -> None:
     page.locator("#view-plan").get_by_role("button", name="Compute").click()
     wait(page, "text => document.querySelectorAll('#view-plan .card')[1].innerText !== text", before)
     page.locator("#view-plan").get_by_role("button", name="Copy as Python").click()
+    page.wait_for_selector("#code[open]")
     names: dict = {}
     exec(page.inner_text("#code-text").replace("print(", "str("), names)
     assert f"{names['plan'].protocol.frame_count} frames" in page.inner_text("#view-plan .card >> nth=1")

@@ -18,6 +18,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -384,15 +385,19 @@ def approximate_rate(camera: Camera, scene: Scene, rows: I64, cols: I64, step: i
     transfer, padding = _transfer(camera, scene, coupling, step, notes)
     sampled_rows = _samples(rows, padding, step, where.row_start, where.row_step, scene.shape[0])
     sampled_cols = _samples(cols, padding, step, where.col_start, where.col_step, scene.shape[1])
-    images = _channel_images(scene, per_map, sampled_rows, sampled_cols)
-    if transfer is not None:
-        images = transfer(images, (step * pitch[0], step * pitch[1]))[
-            :, padding : padding + rows.size, padding : padding + cols.size
-        ]
+    image_of = _channel_images(scene, per_map, sampled_rows, sampled_cols)
     rate = np.empty((rows.size, cols.size), np.float32)
-    for name, image in zip(names, images, strict=True):
-        for r, c in channel_sites(cfa, name):
-            rate[r :: len(cfa), c :: len(cfa[0])] = image[r :: len(cfa), c :: len(cfa[0])]
+    for channel, name in enumerate(names):
+        sites = [(slice(r, None, len(cfa)), slice(c, None, len(cfa[0]))) for r, c in channel_sites(cfa, name)]
+        if transfer is None:
+            for site in sites:
+                rate[site] = image_of(channel, site)
+            continue
+        image = transfer(image_of(channel, _WHOLE), channel)[
+            padding : padding + rows.size, padding : padding + cols.size
+        ]
+        for site in sites:
+            rate[site] = image[site]
     np.maximum(rate, np.float32(0), out=rate)
     y_m = (rows + 0.5 - sensor.array.rows / 2) * pitch[0]
     x_m = (cols + 0.5 - sensor.array.cols / 2) * pitch[1]
@@ -418,6 +423,10 @@ class _Samples(NamedTuple):
     last: I64
     share: F32
 
+    def at(self, part: slice) -> _Samples:
+        """Return those of some pixels."""
+        return _Samples(self.first[part], self.last[part], self.share[part])
+
 
 def _samples(pixels: I64, padding: int, step: int, start: float, per_pixel: float, size: int) -> _Samples:
     """Return the samples in pixels and in padding on both sides; beyond the scene, those of its border."""
@@ -433,33 +442,51 @@ def _samples(pixels: I64, padding: int, step: int, start: float, per_pixel: floa
 
 def _sampled(maps: F32, rows: _Samples, cols: _Samples) -> F32:
     """Return (K, h, w) means of (K, rows, cols) maps over pixels, from two samples on each axis."""
-    lines = maps[:, rows.first]
+    lines = np.take(maps, rows.first, axis=1)
     if rows.share.any():
-        lines += (maps[:, rows.last] - lines) * rows.share[:, None]
-    values = lines[:, :, cols.first]
+        lines += (np.take(maps, rows.last, axis=1) - lines) * rows.share[:, None]
+    values = np.take(lines, cols.first, axis=2)
     if cols.share.any():
-        values += (lines[:, :, cols.last] - values) * cols.share
+        following = np.take(lines, cols.last, axis=2)
+        following -= values
+        following *= cols.share
+        values += following
     return values
 
 
 _gathered: OrderedDict[tuple[Any, ...], tuple[Scene, F32]] = OrderedDict()
 
 
-def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) -> F32:
-    """Return (channels, h, w) electrons per second of each channel at samples of the scene."""
+_WHOLE = slice(None), slice(None)
+
+_OfChannel = Callable[[int, tuple[slice, slice]], F32]
+
+
+def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) -> _OfChannel:
+    """Return a function of a channel and a part of the pixels, which returns its electrons per second there."""
     maps = scene.weights
     if maps[0].size <= rows.first.size * cols.first.size:
-        return _sampled((per_map @ maps.reshape(len(maps), -1)).reshape(-1, *maps.shape[1:]), rows, cols)
+        images = (per_map @ maps.reshape(len(maps), -1)).reshape(-1, *maps.shape[1:])
+
+        def sampled(channel: int, part: tuple[slice, slice]) -> F32:
+            found: F32 = _sampled(images[channel : channel + 1], rows.at(part[0]), cols.at(part[1]))[0]
+            return found
+
+        return sampled
     key = (id(scene), *(part.tobytes() for of_axis in (rows, cols) for part in of_axis))
     if key not in _gathered:
         while len(_gathered) >= _KEPT_SCENES:
             _gathered.popitem(last=False)
         _gathered[key] = scene, _sampled(maps, rows, cols)  # with the scene, so that its id stays its own
     few = _gathered[key][1]
-    return (per_map @ few.reshape(len(few), -1)).reshape(-1, *few.shape[1:])
+
+    def mixed(channel: int, part: tuple[slice, slice]) -> F32:
+        return np.asarray(np.tensordot(per_map[channel], few[:, part[0], part[1]], axes=1), np.float32)
+
+    return mixed
 
 
-_Transfer = Callable[[F32, tuple[float, float]], F32]
+_Transfer = Callable[[F32, int], F32]
 
 
 def _transfer(
@@ -490,30 +517,37 @@ def _transfer(
         return None, 0
     reach = max(spread.reach_m(float(grid[w])) for w in few)
     padding = int(min(np.ceil(0.3 * reach / (step * min(pitch))) + 1, _MOST_PADDING))
-    side = np.sqrt(sensor.pixel.fill_factor.value)
+    side = float(np.sqrt(sensor.pixel.fill_factor.value))
 
-    def blurred(images: F32, spacing: tuple[float, float]) -> F32:
-        shape = [scipy.fft.next_fast_len(n, real=True) for n in images.shape[1:]]
-        fy = np.fft.fftfreq(shape[0], spacing[0]).astype(np.float32)
-        fx = np.fft.rfftfreq(shape[1], spacing[1]).astype(np.float32)
-        place = np.sqrt(fy[:, None] ** 2 + fx**2)
-        place *= np.float32((_TABLE - 1) / longest)
-        index = place.astype(np.int32)
-        aperture_y = np.sinc(fy * np.float32(pitch[0] * side)).astype(np.float32)[:, None]
-        aperture_x = np.sinc(fx * np.float32(pitch[1] * side)).astype(np.float32)
-        # Mirrored at the far border, so that the transform's period is not seen.
-        padded = np.pad(images, ((0, 0), (0, shape[0] - images.shape[1]), (0, shape[1] - images.shape[2])), mode="edge")
-        result = np.empty_like(images)
-        for channel, image in enumerate(padded):
-            spectrum = scipy.fft.rfft2(image, workers=-1)
-            spectrum *= table[channel].astype(np.float32)[index]
-            spectrum *= aperture_y * aperture_x
-            result[channel] = scipy.fft.irfft2(spectrum, s=shape, workers=-1, overwrite_x=True)[
-                : images.shape[1], : images.shape[2]
-            ]
-        return result
+    spacing = step * pitch[0], step * pitch[1]
+
+    def blurred(image: F32, channel: int) -> F32:
+        shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in image.shape)
+        response = _response(table[channel].tobytes(), longest, shape, spacing, (pitch[0] * side, pitch[1] * side))
+        spectrum = scipy.fft.rfft2(image, s=shape, workers=-1)  # what is beyond the padding does not reach the view
+        spectrum *= response
+        found: F32 = scipy.fft.irfft2(spectrum, s=shape, workers=-1, overwrite_x=True)
+        return found[: image.shape[0], : image.shape[1]]
 
     return blurred, padding
+
+
+@lru_cache(maxsize=8)
+def _response(
+    table: bytes, longest: float, shape: tuple[int, ...], spacing: tuple[float, float], sides: tuple[float, float]
+) -> F32:
+    """Return the transfer of lens and photodetector at the frequencies of a transform.
+
+    `table` holds the lens's at frequencies from 0 to `longest`, `sides` are those of the photodetector in m.
+    """
+    fy = np.fft.fftfreq(shape[0], spacing[0]).astype(np.float32)
+    fx = np.fft.rfftfreq(shape[1], spacing[1]).astype(np.float32)
+    place = np.sqrt(fy[:, None] ** 2 + fx**2)
+    place *= np.float32((_TABLE - 1) / longest)
+    found: F32 = np.frombuffer(table).astype(np.float32)[place.astype(np.int32)]
+    found *= np.sinc(fy * np.float32(sides[0])).astype(np.float32)[:, None]
+    found *= np.sinc(fx * np.float32(sides[1])).astype(np.float32)
+    return found
 
 
 # What the page writes beside the picture.

@@ -164,6 +164,7 @@ class Worker:
 def _serve(requests: Connection, cancelled: Any, niceness: int, memory_bytes: int) -> None:
     """Run calls until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; its products here are small
     if niceness and hasattr(os, "nice"):
         os.nice(niceness)
     _limit_memory(memory_bytes)

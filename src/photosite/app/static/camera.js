@@ -203,7 +203,7 @@ async function picks() {
 const uploads = new Map();
 
 function remember() {
-  history.replaceState(null, "", toHash("camera", state));
+  if (!at("view-camera").hidden) history.replaceState(null, "", toHash("camera", state));
 }
 
 // A value was changed at time `when`: a preview now, the exact frame when nothing changes for a while.
