@@ -132,8 +132,10 @@ class Electrons(Shown):
             return image
         try:
             found: NDArray[Any] = np.load(image, mmap_mode="r", allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise FileError(image, f"cannot be read as an array of NumPy ({message_of(error)})") from None
+        except OSError as error:
+            raise FileError(image, f"cannot be read: {message_of(error)}") from None
+        except (ValueError, EOFError):  # the reason in NumPy's message is a guess
+            raise FileError(image, "is not an .npy file of numbers, or is damaged") from None
         return found
 
     def check(self, sensor: Sensor, light: float) -> None:

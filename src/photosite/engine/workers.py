@@ -11,6 +11,7 @@ import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import chdir, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from multiprocessing import connection
@@ -313,9 +314,11 @@ def _on_scheduler(
                 if isinstance(failure, dask.KilledWorker):
                     what = f"the task ended {failure.allowed_failures + 1} workers ({failure.last_worker.address})"
                     raise WorkerError(what, where=name(tasks[index]), hint="Their logs may have the reason")
-                if isinstance(failure, Exception):
+                if isinstance(failure, Exception) and not isinstance(failure, CancelledError):
                     raise failure
-                raise WorkerError("the scheduler lost the task", where=name(tasks[index]), hint="Run it again")
+                raise WorkerError(
+                    "the scheduler was lost, or lost the task", where=name(tasks[index]), hint="Run it again"
+                )
             if (following := next(left, None)) is not None:
                 completed.add(submit(following))
             yield index, result.result

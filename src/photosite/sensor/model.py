@@ -349,7 +349,8 @@ class Sensor(Tabular, Section):
         if entry is None:
             known = ", ".join(f"{known:g}" for known in self.all_gain_settings)
             hint = None if known else "The sensor file states values for one gain setting only"
-            raise InputError("gain_setting", value=setting, expected=f"one of {known or 'none'}", hint=hint)
+            expected = f"one of {known}" if known else "omitted"
+            raise InputError("gain_setting", value=setting, expected=expected, hint=hint)
         if self.maps is not None:
             problem = f"the measured maps are those of gain setting {self.gain_setting:g}"
             drawn = "the fixed pattern is drawn from the serial"
