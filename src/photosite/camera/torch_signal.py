@@ -20,7 +20,7 @@ def torch_moments(model: SignalModel, values: Mapping[str, Any]) -> tuple[Any, A
     try:
         torch = importlib.import_module("torch")
     except ImportError:
-        raise InputError("torch is not installed", hint="Install the extra `ml`") from None
+        raise InputError("torch is not installed", hint="Run pip install '.[ml]' in the clone") from None
     names = tuple(values)
     mean, variance = _function(torch).apply(model, names, *(values[name] for name in names))
     return mean, variance

@@ -45,7 +45,7 @@ def command(folder: Path | None, port: int, opens: bool, upload_mb: int, job_min
     without FOLDER, uploaded files only. The printed link holds the server's key: whoever has the link can use the
     server, and only from this machine. Nothing is sent anywhere.
 
-    Needs the extra app: pip install 'photosite[app]'.
+    Needs the extra app: pip install '.[app]' in the clone.
 
     Example: photosite serve measurements --open
     """
@@ -54,7 +54,7 @@ def command(folder: Path | None, port: int, opens: bool, upload_mb: int, job_min
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in ("fastapi", "uvicorn", "starlette"):
             raise
-        hint = "Install the extra: pip install 'photosite[app]'"
+        hint = "Run pip install '.[app]' in the clone"
         raise InputError(f"the package {error.name} is not installed", hint=hint) from None
     if folder is not None and not folder.is_dir():
         raise InputError("folder", value=str(folder), expected="an existing folder")
