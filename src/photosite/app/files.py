@@ -71,7 +71,7 @@ def listed(folder: Path | None, kind: FileKind | Literal["folder"]) -> list[File
 
 
 async def store(folder: Path, file_name: str, kind: FileKind, content: AsyncIterator[bytes]) -> Path:
-    """Write an upload to a folder of its own.
+    """Write an upload to a new folder.
 
     Raises
     ------

@@ -257,7 +257,7 @@ def create_app(bench: Bench, port: int, token: str) -> App:
 
     @app.exception_handler(ClientDisconnect)
     async def gone(_: Request, __: ClientDisconnect) -> JSONResponse:
-        return JSONResponse({"error": "the request was broken off"}, 400)
+        return JSONResponse({"error": "the connection was closed"}, 400)
 
     def served(name: str) -> Callable[[], Response]:
         content, kind = page[name]
