@@ -34,7 +34,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def bench(served: Path) -> Iterator[Bench]:
-    made = Bench(Settings(folder=served, upload_bytes=1 << 20, pictures=1, job_s=60.0))
+    made = Bench(Settings(folder=served, upload_bytes=1 << 20, pictures=1, jobs=1, job_s=60.0))
     yield made
     made.close()
 

@@ -140,7 +140,7 @@ class Settings:
     folder: Path | None = None
     upload_bytes: int = 256 << 20
     pictures: int = field(default_factory=lambda: max(min(os.cpu_count() or 1, 4), 2))
-    jobs: int = 1
+    jobs: int = 2
     job_s: float = 1800.0
     memory_bytes: int = 0
 

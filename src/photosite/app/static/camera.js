@@ -42,6 +42,7 @@ export async function start(content) {
     if (!(r1 > r0 && c1 > c0)) { showError("The last row and column of a region must be greater than the first."); return; }
     addRegion([r0, r1, c0, c1]);
   });
+  window.addEventListener("pagehide", () => { if (job) fetch(`/api/jobs/${job.id}`, { method: "DELETE", keepalive: true }); });
   await loadForm();
   changed(performance.now());
 }
@@ -337,7 +338,7 @@ function cancel(byHand) {
   const running = job;
   job = null;
   at("working").hidden = true;
-  if (byHand) { exactWanted = false; clearTimeout(idle); request(); }
+  if (byHand) { exactWanted = false; clearTimeout(idle); if (last && !last.exact) describeView(last, null); request(); }
   if (running) remove(`/api/jobs/${running.id}`).catch(() => {});
 }
 
