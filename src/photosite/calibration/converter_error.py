@@ -43,7 +43,7 @@ ideal converters."""
 
 SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.02
 """Errors of the smooth density, as standard uncertainties: those of exact counts of an ideal converter are below. A
-smaller error of a converter is not told."""
+smaller error of a converter is not found. They are too small for widths that err independently of each other."""
 
 LEAST_SHARE = 0.8
 """Share of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
@@ -73,7 +73,7 @@ class ConverterCodes(Shown):
     inl_lsb, inl_uncertainty_lsb
         Error of the codes, from the sum of the widths up to each, and its standard uncertainty.
     smooth_codes
-        Number of codes over which a slower error is not told from the density of the light.
+        Number of codes over which a slower error cannot be distinguished from the density of the light.
     dnl_rms_lsb, inl_rms_lsb
         Root mean squares over the covered codes, noise taken off.
     significant

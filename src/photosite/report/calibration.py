@@ -400,7 +400,9 @@ def _converter_blocks(calibration: Calibration) -> tuple[Block, ...]:
         converter_figure(found),
         "Differential and integral nonlinearity of the converter against the code",
         "Errors of the converter from the code density of the flat fields. Above: width of each code less 1. Below: "
-        "error of the code, from the sum of the widths. Bands: where 95 % of the values of an ideal converter lie.",
+        "error of the code, from the sum of the widths. Bands: where 95 % of the values of an ideal converter lie. "
+        "Where the widths err independently of each other, a part of their sum is taken for the density of the "
+        "light and is missing here.",
     )
     return heading, figure, table
 
