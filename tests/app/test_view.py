@@ -36,6 +36,33 @@ STATES = [
         "capture": {"temperature_c": 37.5, "cells_per_pixel": 3, "exposure_s": 1 / 125},
     },
     {"sensor": {"changes": SMALL}, "capture": {"noise": False}},
+    {
+        "scene": {
+            "flicker": {"kind": "pulse", "frequency_hz": 130, "duty": 0.3, "phase_deg": 75},
+            "motion": {"cols_per_s": 300, "rotation_deg_per_s": 5, "scale_per_s": 0.1},
+        },
+        "sensor": {"changes": SMALL | {
+            "shutter": {"kind": "rolling", "line_time_us": 60},
+            "infrared_filter": {"wavelength_nm": [380, 640, 700, 1100], "transmittance": [0.95, 0.95, 0, 0]},
+            "crosstalk": {"electrical": {key: [[0, 0.01, 0], [0.01, 0.96, 0.01], [0, 0.01, 0]] for key in "RGB"}},
+            "response_curve": {"charge_e": [0, 20000, 40000], "deviation_percent": [0, -0.4, -1.9]},
+        }},
+        "capture": {"exposure_s": 0.004},
+    },
+    {
+        "scene": {"flicker": {"kind": "table", "frequency_hz": 99.5, "table": [1, 2.7, 0.4]}},
+        "sensor": {"changes": SMALL | {
+            "cfa": "mono", "shutter": {"line_time_us": 40},
+            "channels": {"M": {"wavelength_nm": [400, 550, 700], "quantum_efficiency": [0.2, 0.6, 0.3]}},
+        }, "binning": {"factor": 2, "kind": "mean"}},
+        "capture": {"exposure_s": 0.003, "noise": False},
+    },
+    {
+        "sensor": {"changes": SMALL | {"captures": {
+            "parts": [{"name": "long"}, {"name": "short", "relative_exposure": 0.0625, "read_noise_e": 9}],
+            "combination": {"dn_per_e": 1.5, "bits": 16},
+        }}},
+    },
 ]  # fmt: skip
 
 
@@ -124,6 +151,37 @@ def test_a_view_of_single_pixels_is_exact_once_the_mean_image_is_known(tmp_path:
     assert np.array_equal(dn, whole[header["row"] : header["row"] + 40, header["col"] : header["col"] + 60])
 
 
+def test_the_preview_shows_the_bands_of_a_flickering_lamp(tmp_path: Path) -> None:
+    state = CameraState.model_validate(
+        {
+            "scene": {"source": "uniform", "flicker": {"frequency_hz": 100, "depth": 0.5, "phase_deg": 30}},
+            "sensor": {"changes": {"rows": 600, "cols": 40, "shutter": {"line_time_us": 50}}},
+            "capture": {"exposure_s": 0.002},
+        }
+    )
+    _, _, mean, _ = decoded(view_bytes(state, Places(), View(height=150, width=20), tmp_path))
+    found = bench(state, Places())
+    exact = found.mean_image(scene_of(found))
+    rows = np.arange(600).reshape(-1, 2)[::4].ravel()
+    assert mean.shape[0] == rows.size
+    assert mean[:, 0] == pytest.approx(exact[rows, 0], rel=1e-4)
+    assert mean.max() > 1.5 * mean[:, 0].min()
+
+
+def test_electrons_of_a_pixel_follow_the_response_of_the_sensor(tmp_path: Path) -> None:
+    """The digital numbers of a noise-free frame give back the electrons from light that they come from."""
+    captures = STATES[6]["sensor"]["changes"] | {"read_noise_e": 0, "black_level_dn": 10}
+    bent = SMALL | {"response_curve": {"polynomial_percent": [0.0, -20.0]}}
+    for changes in (captures, bent, SMALL | {"output": {"companding": "square_root"}}):
+        state = CameraState.model_validate({"sensor": {"changes": changes}, "capture": {"noise": False}})
+        header, dn, mean, _ = decoded(view_bytes(state, Places(), View(height=130, width=194), tmp_path))
+        found = np.interp(dn, header["response"]["dn"], header["response"]["electrons"])
+        below = mean < 0.9 * header["saturation_e"]
+        # a code of the square root of 12 bits spans up to 2 sqrt(4095) / 4095 of the range
+        limit = 0.02 * mean.max() if "output" in changes else 2.0
+        assert np.abs(found - mean)[below].max() < limit
+
+
 def test_the_noise_of_a_preview_has_the_statistics_of_the_frame(tmp_path: Path) -> None:
     state = CameraState.model_validate(
         {"scene": {"source": "uniform"}, "sensor": {"changes": {"rows": 600, "cols": 600}}}
@@ -166,12 +224,15 @@ def test_every_kind_of_sensor_has_a_preview(sensor: str, tmp_path: Path) -> None
 def test_every_number_field_of_the_form_has_a_description_and_every_quantity_a_unit(client) -> None:
     form = client.post("/api/form", json={}).json()
     fields = [f for part in ("scene", "lens", "sensor", "capture") for group in form[part] for f in group["fields"]]
-    assert len(fields) > 70
+    for field in fields:  # grows: parts of parts follow
+        if field["kind"] != "entries":
+            fields += field["fields"]
+    assert len(fields) > 150
     assert not [f["name"] for f in fields if not f["description"]]
     suffixed = [
         f for f in fields if f["name"].endswith(("_um", "_mm", "_e", "_s", "_m", "_percent", "_dn", "_c", "_v"))
     ]
-    assert not [f["name"] for f in suffixed if not f["unit"]]
+    assert not [f["name"] for f in suffixed if not f["unit"] and f["kind"] != "table"]
     values = {f["name"]: f["value"] for f in fields}
     assert values["read_noise_e"] == pytest.approx(17.3333, abs=1e-3)
     assert parameters_of(ps.DiffractionLimited)["f_number"]

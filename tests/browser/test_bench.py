@@ -49,6 +49,16 @@ def ready(page, view: str) -> None:
         )
 
 
+def drop(page, target: str, path: Path) -> None:
+    """Drop a file on an element, as a file manager does."""
+    transfer = page.evaluate_handle(
+        "([name, text]) => { const made = new DataTransfer(); made.items.add(new File([text], name)); return made; }",
+        [path.name, path.read_text()],
+    )
+    for event in ("dragenter", "dragover", "drop"):
+        page.dispatch_event(target, event, {"dataTransfer": transfer})
+
+
 def save(page, name: str) -> None:
     if PICTURES:
         page.screenshot(path=str(Path(PICTURES, f"{name}.png")), full_page=True)
@@ -138,12 +148,44 @@ def test_pixels_regions_layers_and_effects(page, link) -> None:
         page.select_option("#layer", layer)
     page.check("#overlay")
     page.get_by_text("Shutter and effects", exact=True).click()
-    page.check("#effect-telegraph_noise")
+    page.check("[data-part=telegraph_noise]")
     page.get_by_label("Amplitude", exact=True).fill("500")
     page.wait_for_selector("#badge.preview")
     page.wait_for_selector("#badge.exact")
     page.get_by_text("Undo changes of the sensor").click()
-    wait(page, "!document.getElementById('effect-telegraph_noise').checked")
+    wait(page, "!document.querySelector('[data-part=telegraph_noise]').checked")
+
+
+def test_tables_captures_and_dropped_files_are_simulated(page, link, folder: Path) -> None:
+    opened(page, link)
+    drop(page, "#picture", folder / "small.sensor.yaml")
+    wait(page, "document.getElementById('status-text').textContent.startsWith('Small')")
+    page.get_by_text("Spectral response", exact=True).click()
+    page.locator("summary", has_text="G").last.click()
+    table = page.get_by_label("Quantum efficiency, table").nth(1)
+    table.fill("400 0.1\n500 0.6 0.2 7")
+    table.blur()
+    assert table.get_attribute("aria-invalid") == "true"
+    csv = folder / "green.csv"
+    csv.write_text("wavelength,efficiency\n400,0.1\n550,0.7\n700,0.05\n")
+    drop(page, "#" + table.get_attribute("id"), csv)
+    assert table.input_value().startswith("wavelength")
+    assert table.get_attribute("aria-invalid") is None
+    page.get_by_text("Captures", exact=True).first.click()
+    page.check("[data-part=captures]")
+    page.get_by_role("button", name="Add to Parts").click()
+    page.get_by_label("Name", exact=True).last.fill("shortest")
+    page.get_by_label("Name", exact=True).last.blur()
+    page.get_by_label("Flicker", exact=True).check()
+    page.wait_for_selector("#badge.exact")
+    page.click("#copy-python")
+    page.wait_for_selector("#code[open]")
+    names: dict = {}
+    exec(page.inner_text("#code-text"), names)
+    sensor = names["sensor"]
+    assert sensor.channels["G"].quantum_efficiency == (0.1, 0.7, 0.05)
+    assert sensor.captures.names[-1] == "shortest"
+    assert names["scene"].flicker.frequency_hz == 100.0
 
 
 @pytest.mark.refused

@@ -89,7 +89,7 @@ def test_misspelt_field_names_line_and_meaning(refused: Any, tmp_path: Path) -> 
         ("--distance", "0.01", "focal length"),
         ("--black-level", "4096", "--black-level must be below"),
         ("--rows", "0", "--rows"),
-        ("--flicker", "100Hz", "100Hz:0.2 or 250Hz:duty=0.3"),
+        ("--flicker", "100Hz", "100Hz:0.2, 250Hz:duty=0.3 or 100Hz:table=1,2,1"),
         ("--flicker", "100Hz:1.5", "depth must be from 0 to 1"),
         ("--motion", "5", "ROWS,COLS"),
         ("--fps", "30", "at most 1 / fps"),

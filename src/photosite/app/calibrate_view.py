@@ -233,7 +233,7 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
         sensor = ", sensor"
     lines += [f"cal = ps.calibrate(frames{sensor})", "print(cal)", 'cal.report("report.html")']
     command = ""
-    changed = request.sensor is not None and (request.sensor.changes or request.sensor.gain_setting is not None)
+    changed = request.sensor is not None and (request.sensor.changed or request.sensor.gain_setting is not None)
     if not request.groups and not changed:
         words = ["photosite", "calibrate", path]
         if request.sensor is not None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shlex
 from pathlib import Path
 from typing import Any
 
-from photosite.app.state import CameraState, LensState, Places, SensorState, bench
+from photosite.app.state import CameraState, FlickerState, LensState, MotionState, Places, SensorState, bench
 from photosite.scene.scene_request import BUILT_IN_SCENES
 from photosite.values.exposure import format_exposure, parse_exposure
 
@@ -31,6 +32,10 @@ def python_text(state: CameraState, places: Places) -> str:
         lines.append(f"scene = ps.charts.{request.source.replace('-', '_')}({_arguments(options)})")
     else:
         lines.append(f"scene = ps.read_scene({_arguments({'': request.source, **options})})")
+    if state.scene.dynamic:
+        seen = {name: part for name, part in (("flicker", state.scene.flicker), ("motion", state.scene.motion)) if part}
+        made = ", ".join(f"{name}={_dynamic(part)}" for name, part in seen.items())
+        lines.append(f"scene = ps.DynamicScene(scene, {made})")
     lines.append(f"exposure_s = {taken.exposure_s!r}")
     place: dict[str, Any] = {"seed": taken.seed}
     if taken.temperature_c is not None:
@@ -43,6 +48,30 @@ def python_text(state: CameraState, places: Places) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _dynamic(part: FlickerState | MotionState) -> str:
+    """Return Python code that makes a flicker or a motion."""
+    value = part.flicker() if isinstance(part, FlickerState) else part.motion()
+    fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(part, FlickerState) and part.kind == "table":
+        fields["table"] = part.table  # as it was given: dividing it by its mean again can change its last digit
+    return f"ps.{type(value).__name__}({_arguments(fields)})"
+
+
+def _flicker_text(flicker: FlickerState) -> str:
+    """Return a flicker as the option --flicker takes it.
+
+    Examples
+    --------
+    >>> _flicker_text(FlickerState(kind="pulse", frequency_hz=250, duty=0.4, phase_deg=90))
+    '250.0Hz:duty=0.4:phase=90.0'
+    """
+    if flicker.kind == "table":
+        return f"{flicker.frequency_hz!r}Hz:table={','.join(map(repr, flicker.table))}"
+    size = repr(flicker.depth) if flicker.kind == "sine" else f"duty={flicker.duty!r}"
+    phase = f":phase={flicker.phase_deg!r}" if flicker.phase_deg else ""
+    return f"{flicker.frequency_hz!r}Hz:{size}{phase}"
+
+
 def sensor_lines(state: SensorState, places: Places) -> list[str]:
     """Return lines of Python code that make a sensor."""
     lines = [f"sensor = ps.load_sensor({source_name(state.source, places)!r})"]
@@ -50,6 +79,8 @@ def sensor_lines(state: SensorState, places: Places) -> list[str]:
         lines.append(f"sensor = sensor.at_gain_setting({state.gain_setting!r})")
     if state.changes:
         lines.append(f"sensor = sensor.with_(**{dict(state.changes)!r})")
+    if state.binning is not None:
+        lines.append(f"sensor = sensor.binned({state.binning.factor!r}, {state.binning.kind!r})")
     return lines
 
 
@@ -67,6 +98,8 @@ def command_text(state: CameraState, places: Places) -> str:
         words += ["--gain-setting", repr(state.sensor.gain_setting)]
     for name, value in state.sensor.changes.items():
         words += ["--sensor-option", f"{name}={json.dumps(value)}"]
+    if (binning := state.sensor.binning) is not None:
+        words += ["--bin", str(binning.factor), "--bin-kind", binning.kind]
     words += ["--scene", source_name(scene.source, places)]
     for flag, value in (
         ("--illuminant", None if scene.illuminant is None else source_name(scene.illuminant, places)),
@@ -78,6 +111,11 @@ def command_text(state: CameraState, places: Places) -> str:
             words += [flag, str(value)]
     for name, value in scene.options.items():
         words += ["--scene-option", f"{name}={json.dumps(value)}"]
+    if scene.flicker is not None:
+        words += ["--flicker", _flicker_text(scene.flicker)]
+    if (motion := scene.motion) is not None:
+        rates = (motion.rows_per_s, motion.cols_per_s, motion.rotation_deg_per_s, motion.scale_per_s)
+        words += [f"--motion={','.join(map(repr, rates))}"]
     if lens.source is not None:
         words += ["--optics", source_name(lens.source, places)]
     else:

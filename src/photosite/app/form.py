@@ -1,4 +1,8 @@
-"""The fields of the page, with descriptions, units and limits from the models and docstrings of the library."""
+"""The fields of the page, with descriptions, units and limits from the models and docstrings of the library.
+
+A field is a number, text or choice, or consists of others: a section of a sensor file, a table of columns over a grid,
+a list of sections, or entries by name. `Field.value` is that of the sensor, in the form that a sensor file has.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +10,25 @@ import inspect
 import math
 import re
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from photosite.app.state import CaptureState, LensState, Part, Places, SceneState, SensorState, changed_sensor
+from photosite.app.state import (
+    BinningState,
+    CaptureState,
+    FlickerState,
+    LensState,
+    MotionState,
+    Part,
+    Places,
+    SceneState,
+    SensorState,
+    changed_sensor,
+)
 from photosite.optics.checks import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.charts.chart import Chart
@@ -23,15 +38,35 @@ from photosite.sensor.effects.model import Effects
 from photosite.sensor.file_units import ASSUMED_SWING, CONVERSION, SWING, in_file_units
 from photosite.sensor.io.sensor_file import preset_names
 from photosite.sensor.model import Sensor
+from photosite.sensor.optical_stack import OpticalStack
+from photosite.sensor.quantity import Bounds, as_file_value
 from photosite.sensor.sections import SECTIONS, Array
-from photosite.sensor.shutter import Shutter
+from photosite.values.cfa import NAMED, tile_text
 from photosite.values.uncertain import Measured
 
-Kind = Literal["number", "whole", "choice", "flag", "text"]
+Kind = Literal[
+    "number", "whole", "choice", "choices", "flag", "text", "numbers", "matrix", "table", "section", "list", "entries"
+]
 
 
 class FormField(Part):
-    """One field of the page."""
+    """One field of the page.
+
+    Parameters
+    ----------
+    value, example
+        Value of the sensor, or the default; value to begin with where an optional part is added.
+    slider, logarithmic
+        Range of the slider, which the number field beside it can exceed.
+    choices
+        Values of a choice, or words that are valid in place of numbers.
+    fields
+        Of a section or of each entry of a list; the columns of a table, the grid first; the one item of entries.
+    keys
+        Names that entries have: the channels. Empty: any.
+    only
+        Fields beside this one, and their values with which this one applies.
+    """
 
     name: str
     label: str
@@ -39,25 +74,24 @@ class FormField(Part):
     unit: str
     kind: Kind
     value: Any = None
+    example: Any = None
     lowest: float | None = None
     highest: float | None = None
     slider: tuple[float, float] | None = None
     logarithmic: bool = False
     choices: tuple[str, ...] = ()
     optional: bool = False
+    fields: tuple[FormField, ...] = ()
+    keys: tuple[str, ...] = ()
+    only: Mapping[str, tuple[str, ...]] | None = None
 
 
 class FormGroup(Part):
-    """Fields under one heading. An optional group is an effect of the sensor that can be switched on."""
+    """Fields under one heading."""
 
     name: str
     title: str
-    description: str = ""
-    optional: bool = False
-    enabled: bool = True
-    example: Any = None
     fields: tuple[FormField, ...] = ()
-    note: str = ""
 
 
 class Form(Part):
@@ -66,6 +100,7 @@ class Form(Part):
     scene: tuple[FormGroup, ...]
     lens: tuple[FormGroup, ...]
     sensor: tuple[FormGroup, ...]
+    binning: FormField
     capture: tuple[FormGroup, ...]
     sensors: tuple[str, ...]
     scenes: tuple[str, ...]
@@ -77,7 +112,10 @@ _SHOWN_UNITS = {
     "none": "", "1": "", "um": "µm", "uV/e-": "µV/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/e-": "DN/e⁻", "us": "µs",
     "deg C": "°C", "deg": "°",
 }  # fmt: skip
-_SUFFIXES = {"_cd_m2": "cd/m²", "_m": "m", "_mm": "mm", "_s": "s", "_deg": "°", "_nm": "nm", "_c": "°C"}
+_SUFFIXES = {
+    "_cd_m2": "cd/m²", "_m": "m", "_mm": "mm", "_deg_per_s": "°/s", "_per_s": "1/s", "_s": "s", "_deg": "°",
+    "_nm": "nm", "_c": "°C", "_hz": "Hz",
+}  # fmt: skip
 
 _LIGHT: dict[str, dict[str, Any]] = {
     "illuminant": {},
@@ -98,15 +136,18 @@ _OF_SENSOR = {
 """The fields on the page; noise in electrons."""
 
 _TITLES = {"pixel": "Pixel", "noise": "Noise", "readout": "Readout"}
+_PROVENANCE = ("source", "assumed")
 
 
 def form(sensor: SensorState, scene: str, places: Places) -> Form:
     """Return the fields for a sensor and a scene, with the sensor's values."""
     found = changed_sensor(sensor, places)
+    binning = SensorState.model_fields["binning"]
     return Form(
         scene=tuple(_scene_groups(scene)),
         lens=(FormGroup(name="lens", title="Lens", fields=_lens_fields()),),
         sensor=tuple(_sensor_groups(found)),
+        binning=_field("binning", binning, None, example=BinningState().model_dump()),
         capture=(FormGroup(name="capture", title="Exposure", fields=_capture_fields()),),
         sensors=preset_names(),
         scenes=BUILT_IN_SCENES,
@@ -121,22 +162,23 @@ def _scene_groups(scene: str) -> Iterator[FormGroup]:
     about["illuminant"] = infos["illuminant"].description or ""
     fields = [_field(name, info, info.default, about[name]) for name, info in infos.items()]
     fields = [found.model_copy(update=_LIGHT[found.name]) for found in fields]
+    examples = {"flicker": FlickerState().model_dump(), "motion": MotionState(cols_per_s=100.0).model_dump()}
+    for name, example in examples.items():
+        fields.append(_field(name, SceneState.model_fields[name], None, example=example))
     yield FormGroup(name="light", title="Light and place", fields=tuple(fields))
     if scene in BUILT_IN_SCENES:
         function = chart_function(scene)
         model: type[BaseModel] = function.options
-        words = parameters_of(function)
-        fields = [_field(name, info, info.default, words.get(name, "")) for name, info in model.model_fields.items()]
+        words, names = parameters_of(function), tuple(model.model_fields)
         title = f"Options of {scene}"
     else:
-        words = parameters_of(ReadOptions)
-        own = ("units", "tolerance", "no_data", "negative", "method", "out_of_gamut", "variable")
-        fields = [
-            _field(name, info, info.default, words.get(name, ""))
-            for name, info in ReadOptions.model_fields.items()
-            if name in own
-        ]
-        title = "Options of reading the file"
+        model, words, title = ReadOptions, parameters_of(ReadOptions), "Options of reading the file"
+        names = tuple(name for name in ReadOptions.model_fields if name not in SceneState.model_fields)
+    fields = [
+        _field(name, info, info.default, words.get(name, ""))
+        for name, info in model.model_fields.items()
+        if name in names
+    ]
     if fields:
         yield FormGroup(name="options", title=title, fields=tuple(fields))
 
@@ -173,9 +215,14 @@ def _capture_fields() -> tuple[FormField, ...]:
 
 
 def _sensor_groups(sensor: Sensor) -> Iterator[FormGroup]:
+    own, channels = Sensor.model_fields, sensor.channel_names
     infos = Array.model_fields
-    yield FormGroup(name="array", title="Array", fields=tuple(
-        _field(name, infos[name], getattr(sensor.array, name)) for name in ("rows", "cols")
+    tile = _field("cfa", infos["cfa"], tile_text(sensor.array.cfa))
+    yield FormGroup(name="array", title="Array", fields=(
+        *(_field(name, infos[name], getattr(sensor.array, name)) for name in ("rows", "cols")),
+        tile.model_copy(update={"choices": tuple(NAMED)}),
+        _field("stacked", infos["stacked"], sensor.array.stacked),
+        _field("serial", own["serial"], sensor.serial),
     ))  # fmt: skip
     for section, names in _OF_SENSOR.items():
         infos = {**SECTIONS[section][0].model_fields, **SECTIONS[section][1].model_fields}
@@ -184,10 +231,23 @@ def _sensor_groups(sensor: Sensor) -> Iterator[FormGroup]:
         values = _values(sensor, names)
         fields = tuple(_field(name, infos[name], values[name]) for name in names)
         yield FormGroup(name=section, title=_TITLES[section], fields=fields)
-    for section, kind in {"shutter": Shutter}.items():
-        yield _optional(section, Sensor.model_fields[section], kind, getattr(sensor, section))
-    for name, info in Effects.model_fields.items():
-        yield _optional(name, info, _model_of(info.annotation), getattr(sensor.effects, name, None))
+    yield FormGroup(name="response", title="Spectral response", fields=(
+        _field("channels", own["channels"], sensor.channels, channels=channels),
+    ))  # fmt: skip
+    for name, title, model in (
+        ("optical_stack", "Optical stack", OpticalStack),
+        ("effects", "Shutter and effects", Effects),
+    ):
+        fields = tuple(
+            _field(part, info, getattr(getattr(sensor, name), part, None), channels=channels)
+            for part, info in model.model_fields.items()
+        )
+        if name == "effects":
+            fields = (_field("shutter", own["shutter"], sensor.shutter), *fields)
+        yield FormGroup(name=name, title=title, fields=fields)
+    yield FormGroup(name="captures", title="Captures", fields=(
+        _field("captures", own["captures"], sensor.captures, channels=channels),
+    ))  # fmt: skip
 
 
 def _values(sensor: Sensor, names: tuple[str, ...]) -> dict[str, Any]:
@@ -200,78 +260,152 @@ def _values(sensor: Sensor, names: tuple[str, ...]) -> dict[str, Any]:
     return {name: own[name] if name in own else converted[name] for name in names}
 
 
-def _optional(name: str, info: FieldInfo, kind: type[BaseModel] | None, value: Any) -> FormGroup:
-    example = info.examples[0] if info.examples else {}
-    dumped = {} if value is None else value.model_dump(mode="json", exclude_none=True)
-    fields, others = [], []
-    for field, of_field in (kind.model_fields if kind is not None else {}).items():
-        if _kind_of(of_field.annotation) is None:
-            others.append(field)
-            continue
-        default = None if of_field.is_required() else of_field.default
-        fields.append(_field(field, of_field, dumped.get(field, example.get(field, default))))
-    note = f"Tables are set in the sensor file: {', '.join(others)}." if others else ""
-    return FormGroup(
-        name=name,
-        title=_label(name),
-        description=info.description or "",
-        optional=True,
-        enabled=value is not None,
-        example=dumped or example,
-        fields=tuple(fields),
-        note=note,
-    )
-
-
-def _model_of(annotation: Any) -> type[BaseModel] | None:
-    return next((part for part in _parts(annotation) if isinstance(part, type) and issubclass(part, BaseModel)), None)
-
-
 def _parts(annotation: Any) -> list[Any]:
+    """Return the types of a union, without None."""
     if get_origin(annotation) is Annotated:
         return _parts(get_args(annotation)[0])
     if get_origin(annotation) in (Union, types.UnionType):
         return [inner for part in get_args(annotation) for inner in _parts(part)]
-    return [annotation]
+    return [] if annotation is type(None) else [annotation]
 
 
-def _kind_of(annotation: Any) -> Kind | None:
-    """Return how a field is edited; None for tables and nested sections."""
+_OF_TUPLE: dict[Kind | None, Kind] = {
+    "section": "list",
+    "number": "numbers",
+    "whole": "numbers",
+    "numbers": "matrix",
+    "choice": "choices",
+}
+
+
+def _kind_of(annotation: Any) -> tuple[Kind | None, Any]:
+    """Return how a field is edited, and the model of its section, the type of its entries, or None."""
     parts = _parts(annotation)
+    for part in parts:
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            return "section", part
+    for part in parts:
+        if get_origin(part) is tuple:
+            inner, model = _kind_of(get_args(part)[0])
+            return _OF_TUPLE.get(inner), model
+    for part in parts:
+        if get_origin(part) is dict:
+            return "entries", get_args(part)[1]
     if any(get_origin(part) is Literal for part in parts):
-        return "choice"
+        return "choice", None
     for kinds, kind in (((bool,), "flag"), ((float, Measured), "number"), ((int,), "whole"), ((str,), "text")):
         if any(part in kinds for part in parts):
-            return kind  # type: ignore[return-value]
-    return None
+            return kind, None  # type: ignore[return-value]
+    return None, None
 
 
-def _field(name: str, info: FieldInfo, value: Any, description: str | None = None) -> FormField:
+def _literals(annotation: Any) -> tuple[str, ...]:
+    found: list[str] = []
+    for part in _parts(annotation):
+        if get_origin(part) is Literal:
+            found += [str(choice) for choice in get_args(part)]
+        elif get_origin(part) is tuple:
+            found += _literals(get_args(part)[0])
+    return tuple(found)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as a sensor file has it, without fields that are None."""
+    if isinstance(value, Measured):
+        value = as_file_value(value)
+    if isinstance(value, BaseModel):
+        return {name: _plain(part) for name, part in value if part is not None}
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _for_channels(example: Any, channels: tuple[str, ...]) -> Any:
+    """Return an example of a monochrome sensor for other channels."""
+    if isinstance(example, dict):
+        if list(example) == ["M"]:
+            return dict.fromkeys(channels, _for_channels(example["M"], channels))
+        return {name: _for_channels(part, channels) for name, part in example.items()}
+    return example
+
+
+def _field(
+    name: str,
+    info: FieldInfo,
+    value: Any,
+    description: str | None = None,
+    *,
+    channels: tuple[str, ...] = ("M",),
+    example: Any = None,
+) -> FormField:
     """Return the field of a model's field."""
-    kind = _kind_of(info.annotation) or "text"
+    kind, inner = _kind_of(info.annotation)
+    extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
     number = value.value if isinstance(value, Measured) else value
     lowest, highest = _limits(info)
     finite = isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number)
-    example = info.examples[0] if info.examples else None
+    example = info.examples[0] if info.examples and example is None else example
+    if kind == "section" and example is not None and not isinstance(example, dict):
+        example = inner.model_validate(example)  # a short form, such as one number for a filter
     slider, logarithmic = None, False
     if kind in ("number", "whole"):
         slider, logarithmic = _slider(number if finite else None, example, lowest, highest, kind == "whole")
-    extra = info.json_schema_extra
-    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-    choices = [str(c) for part in _parts(info.annotation) if get_origin(part) is Literal for c in get_args(part)]
+    unit = str(extra.get("unit", ""))
+    fields: tuple[FormField, ...] = ()
+    if kind in ("section", "list"):
+        fields = _section_fields(inner, channels)
+    elif kind == "entries":
+        fields = (_field(name, FieldInfo(annotation=inner), None, "", channels=channels),)
     return FormField(
         name=name,
         label=_label(name),
         description=(description if description is not None else info.description or "").partition(" Instead of ")[0],
         unit=_SHOWN_UNITS.get(unit, unit) if unit else _unit_of(name),
-        kind=kind,
-        value=number if finite or not isinstance(number, float) else str(number),
+        kind=kind or "text",
+        value=_plain(value) if kind in _OF_TUPLE.values() or fields else _plain(number),
+        example=None if kind in ("number", "whole", "flag", "text") else _for_channels(_plain(example), channels),
         lowest=lowest,
         highest=highest,
         slider=slider,
         logarithmic=logarithmic,
-        choices=tuple(choices),
-        optional=type(None) in _parts(info.annotation) and (not info.is_required()),
+        choices=_literals(info.annotation),
+        optional=info.annotation is not None and type(None) in get_args(info.annotation) and not info.is_required(),
+        fields=fields,
+        keys=channels if extra.get("keys") == "channels" else (),
+        only=extra.get("only"),
+    )
+
+
+def _section_fields(model: type[BaseModel], channels: tuple[str, ...]) -> tuple[FormField, ...]:
+    """Return the fields of a section; those over a grid become a table."""
+    made = {
+        name: _field(name, info, None if info.is_required() else info.default, channels=channels)
+        for name, info in model.model_fields.items()
+        if name not in _PROVENANCE
+    }
+    over: dict[str, list[str]] = {}
+    for name, info in model.model_fields.items():
+        if isinstance(info.json_schema_extra, dict) and (grid := info.json_schema_extra.get("over")) is not None:
+            over.setdefault(str(grid), []).append(name)
+    columns = {name for names in over.values() for name in names}
+    return tuple(
+        found if name not in over else _table(found, [made[column] for column in over[name]])
+        for name, found in made.items()
+        if name not in columns
+    )
+
+
+def _table(grid: FormField, columns: list[FormField]) -> FormField:
+    return FormField(
+        name=grid.name,
+        label=columns[0].label,
+        description=columns[0].description,
+        unit="",
+        kind="table",
+        fields=(grid, *columns),
+        optional=grid.optional,
     )
 
 
@@ -282,6 +416,9 @@ def _limits(info: FieldInfo) -> tuple[float | None, float | None]:
             metadata += entry.metadata if isinstance(entry, FieldInfo) else [entry]
     low = next((m.gt if isinstance(m, Gt) else m.ge for m in metadata if isinstance(m, Gt | Ge)), None)
     high = next((m.lt if isinstance(m, Lt) else m.le for m in metadata if isinstance(m, Lt | Le)), None)
+    for bounds in (getattr(m, "func", None) for m in metadata):
+        if isinstance(bounds, Bounds):
+            low, high = bounds.lowest, bounds.highest
     return tuple(  # type: ignore[return-value]
         float(m) if isinstance(m, int | float) and math.isfinite(m) else None for m in (low, high)
     )
@@ -304,8 +441,15 @@ def _slider(
 
 
 def _label(name: str) -> str:
-    words = re.sub(r"_(um|mm|nm|mv|uv_per_e|e_per_s|e|v|percent|dn|us|s|deg|m|cd_m2|c)$", "", name).replace("_", " ")
-    shown = {"dsnu": "DSNU", "prnu": "PRNU", "dcnu": "DCNU", "f number": "f-number", "cols": "Columns"}
+    words = re.sub(
+        r"_(um|mm|nm|mv|uv_per_e|deg_per_s|e_per_s|per_s|e|v|percent|dn|us|s|deg|m|hz|lsb|cd_m2|c)$", "", name
+    )
+    words = words.replace("_", " ")
+    shown = {
+        "dsnu": "DSNU", "prnu": "PRNU", "dcnu": "DCNU", "f number": "f-number", "cols": "Columns",
+        "cfa": "Color filter array", "em gain": "EM gain", "dn per": "DN per electron", "decay pixels": "Decay",
+        "charge of": "Charge of capture", "overscan cols": "Overscan columns",
+    }  # fmt: skip
     return shown.get(words, words[:1].upper() + words[1:])
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict, JsonValue
 
 from photosite.camera.camera import Camera
 from photosite.camera.file import DEFAULT_EXPOSURE_S, DEFAULT_F_NUMBER, DEFAULT_FOCAL_LENGTH_MM, DEFAULT_SENSOR, SetUp
@@ -20,8 +21,12 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.io.formats import load_optics
 from photosite.optics.lens import Optics
 from photosite.scene.charts.chart import DEFAULT_LUMINANCE_CD_M2
+from photosite.scene.dynamic_scene import DynamicScene
+from photosite.scene.flicker import Flicker, PulseFlicker, SineFlicker, TableFlicker
+from photosite.scene.motion import Motion
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import BUILT_IN_SCENES, DEFAULT_ILLUMINANT, DEFAULT_SCENE, SceneRequest
+from photosite.sensor.binning import Binning
 from photosite.sensor.io.sensor_file import load_sensor, preset_names
 from photosite.sensor.model import Sensor
 
@@ -32,13 +37,63 @@ FILE, UPLOAD = "file:", "upload:"
 """Prefixes of names that are not built in: a file of the served folder, and an uploaded one."""
 
 Text = Annotated[str, Field(max_length=400)]
-Value = bool | int | float | Text | None
+Numbers = Annotated[tuple[float, ...], Field(max_length=10_000)]
+Value = bool | int | float | Text | Numbers | None
 
 
 class Part(BaseModel):
     """A part of the state; unknown fields are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _only_of(*kinds: JsonValue) -> JsonDict:
+    """Return what the schema states of a field that applies to some kinds."""
+    return {"only": {"kind": list(kinds)}}
+
+
+class FlickerState(Part):
+    """Flicker of the light; fields of another kind are ignored."""
+
+    kind: Literal["sine", "pulse", "table"] = Field(
+        "sine", description="sine as of lamps on the mains, pulse as of LEDs, or a table over one period."
+    )
+    frequency_hz: float = Field(100.0, gt=0, le=1e9, description="Periods per second; twice that of the mains.")
+    depth: float = Field(
+        0.3, ge=0, le=1, description="Highest less lowest light over their sum.", json_schema_extra=_only_of("sine")
+    )
+    duty: float = Field(
+        0.3, gt=0, le=1, description="Share of the period with light.", json_schema_extra=_only_of("pulse")
+    )
+    phase_deg: float = Field(
+        0.0,
+        description="Phase at time 0, at which the first row's exposure begins; a sine is brightest at 0.",
+        json_schema_extra=_only_of("sine", "pulse"),
+    )
+    table: Annotated[tuple[float, ...], Field(min_length=1, max_length=10_000)] = Field(
+        (0.5, 1.5), description="Relative light at even times over a period.", json_schema_extra=_only_of("table")
+    )
+
+    def flicker(self) -> Flicker:
+        """Return the flicker."""
+        if self.kind == "table":
+            return TableFlicker(self.frequency_hz, self.table)
+        if self.kind == "pulse":
+            return PulseFlicker(self.frequency_hz, self.duty, self.phase_deg)
+        return SineFlicker(self.frequency_hz, self.depth, self.phase_deg)
+
+
+class MotionState(Part):
+    """Motion of the image, as for `photosite.Motion`."""
+
+    rows_per_s: float = Field(0.0, description="Velocity downwards.", json_schema_extra={"unit": "pixels/s"})
+    cols_per_s: float = Field(0.0, description="Velocity to the right.", json_schema_extra={"unit": "pixels/s"})
+    rotation_deg_per_s: float = Field(0.0, description="Rotation about the center of the frame, clockwise.")
+    scale_per_s: float = Field(0.0, description="Relative growth: 0.1 for an image that is 10 % larger after 1 s.")
+
+    def motion(self) -> Motion:
+        """Return the motion."""
+        return Motion(self.rows_per_s, self.cols_per_s, self.rotation_deg_per_s, self.scale_per_s)
 
 
 class SceneState(Part):
@@ -55,7 +110,16 @@ class SceneState(Part):
     )
     distance_m: float | None = Field(None, gt=0, description="Distance from lens to scene. None: 1.2 m.")
     width_m: float | None = Field(None, gt=0, description="Width of the scene. None: it fills the frame.")
+    flicker: FlickerState | None = Field(
+        None, description="Flicker of the light, which the rows of a rolling shutter see one after the other."
+    )
+    motion: MotionState | None = Field(None, description="Motion of the scene, or of the camera.")
     options: dict[Text, Value] = Field({}, max_length=20, description="The scene's own options, such as contrast.")
+
+    @property
+    def dynamic(self) -> bool:
+        """Whether the scene changes during an exposure."""
+        return self.flicker is not None or self.motion is not None
 
 
 class LensState(Part):
@@ -68,14 +132,27 @@ class LensState(Part):
     falloff: Literal["none", "cos4"] = Field("none", description="As for `photosite.DiffractionLimited`.")
 
 
+class BinningState(Part):
+    """Blocks of pixels that are read as one, as for `Sensor.binned`."""
+
+    factor: int = Field(2, ge=2, le=16, description="Rows and columns of a block, of one color.")
+    kind: Binning = Field("charge", description="Electrons are added, or digital numbers added or averaged.")
+
+
 class SensorState(Part):
-    """A preset or sensor file, its gain setting, and changed fields."""
+    """A preset or sensor file, its gain setting, changed fields, and binning."""
 
     source: Text = Field(DEFAULT_SENSOR, description="A preset, or file:NAME of the served folder, or upload:ID.")
     gain_setting: float | None = Field(None, description="One of the sensor's gain settings. None: its own.")
     changes: dict[Text, Any] = Field(
         {}, max_length=80, description="Fields as for `Sensor.with_`, such as read_noise_e or telegraph_noise."
     )
+    binning: BinningState | None = Field(None, description="Blocks of pixels of one color that are read as one.")
+
+    @property
+    def changed(self) -> bool:
+        """Whether the sensor differs from that of its file at a gain setting."""
+        return bool(self.changes) or self.binning is not None
 
 
 class CaptureState(Part):
@@ -103,10 +180,11 @@ class CameraState(Part):
 
     @property
     def mean_key(self) -> str:
-        """Digest of all that the mean image in 1 s depends on, or may depend on."""
-        part = self.model_copy(
-            update={"brightness": 1.0, "capture": CaptureState(cells_per_pixel=self.capture.cells_per_pixel)}
-        )
+        """Digest of all that the mean image depends on, or may depend on: that in 1 s, or of a changing scene."""
+        taken: dict[str, Any] = {"cells_per_pixel": self.capture.cells_per_pixel}
+        if self.scene.dynamic:
+            taken["exposure_s"] = self.capture.exposure_s
+        part = self.model_copy(update={"brightness": 1.0, "capture": CaptureState(**taken)})
         kept = {name: value for name, value in self.sensor.changes.items() if name not in _ONLY_READOUT}
         part = part.model_copy(update={"sensor": self.sensor.model_copy(update={"changes": kept})})
         return _digest(part)
@@ -204,6 +282,24 @@ class Bench:
         """Make the scene."""
         return self.request.scene()
 
+    def seen(self, scene: Scene) -> Scene | DynamicScene:
+        """Return a scene with the flicker and motion of the state."""
+        flicker, motion = self.state.scene.flicker, self.state.scene.motion
+        if not self.state.scene.dynamic:
+            return scene
+        return DynamicScene(
+            scene, None if flicker is None else flicker.flicker(), None if motion is None else motion.motion()
+        )
+
+    def mean_image(self, scene: Scene, progress: Any = None) -> NDArray[np.float32]:
+        """Return the mean electrons in 1 s; in the exposure time for a scene that changes."""
+        exposure_s = self.state.capture.exposure_s if self.state.scene.dynamic else 1.0
+        return self.camera.mean_electrons(self.seen(scene), exposure_s, progress=progress)
+
+    def exposed(self, mean_image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the mean electrons in the exposure time, from those of `mean_image`."""
+        return mean_image if self.state.scene.dynamic else mean_image * np.float32(self.state.capture.exposure_s)
+
     def frame(self, mean_electrons: NDArray[np.float32], scene: Scene, region: Any = None) -> Any:
         """Return the raw frame of mean electrons, as `Camera.capture` of the state does."""
         taken = self.state.capture
@@ -239,7 +335,7 @@ def bench(state: CameraState, places: Places) -> Bench:
 
 
 def changed_sensor(state: SensorState, places: Places) -> Sensor:
-    """Return the sensor of a state, its gain setting applied before the changes."""
+    """Return the sensor of a state: its gain setting is applied first, then the changes, then the binning."""
     path = places.path(state.source)
     if path is None and state.source not in preset_names():
         raise InputError("sensor", value=state.source, expected=f"one of {', '.join(preset_names())}, or a file")
@@ -248,9 +344,10 @@ def changed_sensor(state: SensorState, places: Places) -> Sensor:
         raise InputError("an uploaded sensor file cannot name maps", hint="Put both files into the served folder")
     if state.gain_setting is not None:
         sensor = sensor.at_gain_setting(state.gain_setting)
-    if {"maps", "covariance", "gain_settings", "channels"} & state.changes.keys():
-        raise InputError("changes", value=sorted(state.changes), expected="without maps, tables and gain settings")
-    return sensor.with_(**state.changes) if state.changes else sensor
+    if {"maps", "covariance", "gain_settings"} & state.changes.keys():
+        raise InputError("changes", value=sorted(state.changes), expected="without maps, covariance and gain settings")
+    sensor = sensor.with_(**state.changes) if state.changes else sensor
+    return sensor if state.binning is None else sensor.binned(state.binning.factor, state.binning.kind)
 
 
 @lru_cache(maxsize=16)

@@ -37,6 +37,8 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.capture_snr import capture_budget
 from photosite.optics.point_spread import RadialPsf
 from photosite.scene.scene import Scene
+from photosite.sensor.capture_readout import largest_light_e
+from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.model import Sensor
 from photosite.studies.gray_surface import light_capacity_e, total_variance_e2
 from photosite.values.cfa import channel_names, channel_sites
@@ -154,9 +156,9 @@ def exact_frame(
         warnings.simplefilter("always", PhotositeWarning)
         rate = _kept(_mean_file(folder, state))
         if rate is None:
-            rate = found.camera.mean_electrons(scene, 1.0, progress=progress)
+            rate = found.mean_image(scene, progress)
             _keep(_mean_file(folder, state), rate)
-        mean = rate * np.float32(state.capture.exposure_s)
+        mean = found.exposed(rate)
         if progress is not None:
             progress(0, 1, "noise")
         raw = found.frame(mean, scene)
@@ -169,7 +171,7 @@ def exact_frame(
         "mean_dn": float(dn.mean()),
         "max_dn": float(dn.max()),
         "saturated_fraction": float((dn >= raw.white_level_dn).mean()),
-        "suggested_exposure_s": found.camera.auto_exposure_s(np.asarray(rate)) if rate.any() else None,
+        "suggested_exposure_s": found.camera.auto_exposure_s(mean / state.capture.exposure_s) if rate.any() else None,
         "warnings": list(dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning))),
     }
 
@@ -196,7 +198,7 @@ def saved_frame(
     found, rate = bench(state, places), _kept(_mean_file(folder, state))
     if rate is None:
         raise InputError("the frame is not kept any more", hint="Wait for the exact frame")
-    mean = rate * np.float32(state.capture.exposure_s)
+    mean = found.exposed(rate)
     raw = found.frame(mean, scene_of(found))
     clean = None if state.capture.noise else found.camera.clean_dn(mean)
     with tempfile.TemporaryDirectory(dir=folder.parent) as temporary:
@@ -285,9 +287,11 @@ def _shown(found: Bench, view: View, folder: Path) -> Shown:
     notes: list[str] = []
     if rate is None:
         light, notes = approximate_rate(found.camera, scene, rows, cols, step)
+        mean_e = light * np.float32(state.capture.exposure_s) * _relative_light(found, rows)
+        if state.scene.motion is not None:
+            notes.append("the preview is without motion")
     else:
-        light = _picked(rate, rows, cols)
-    mean_e = light * np.float32(state.capture.exposure_s)
+        mean_e = found.exposed(_picked(rate, rows, cols))
     of_view = Bench(state, replace(found.camera, sensor=_of_size(sensor, rows.size, cols.size, notes)), found.request)
     contiguous = step == 1 and sensor.effects is None and sensor.captures is None and sensor.maps is None
     exact = whole is not None or (contiguous and rate is not None)
@@ -305,6 +309,16 @@ def _shown(found: Bench, view: View, folder: Path) -> Shown:
             dn = of_view.camera.clean_dn(mean_e)
             raw = _with_numbers(raw, dn)
     return Shown(rows, cols, step, raw, dn.astype(np.float32), mean_e, exact, tuple(notes) if not exact else ())
+
+
+def _relative_light(found: Bench, rows: I64) -> F32:
+    """Return (rows, 1) light of a flickering lamp that reaches rows of the frame, relative to its mean."""
+    state = found.state
+    if state.scene.flicker is None:
+        return np.ones((1, 1), np.float32)
+    start_s, exposure_s = found.camera.sensor.row_start_s[rows], state.capture.exposure_s
+    light = state.scene.flicker.flicker().integral_s(start_s, start_s + exposure_s) / exposure_s
+    return light.astype(np.float32)[:, None]
 
 
 def _template(of_view: Bench, scene: Scene, tile: tuple[int, int], dn: NDArray[Any]) -> RawFrame:
@@ -573,7 +587,7 @@ def _header(found: Bench, shown: Shown, view: View, folder: Path) -> dict[str, A
         "black_level_dn": raw.black_level_dn,
         "white_level_dn": raw.white_level_dn,
         "bits": raw.bits,
-        "system_gain_dn_per_e": sensor.system_gain_dn_per_e,
+        "response": _response_table(sensor),
         "saturation_e": capacity,
         "sensor": sensor.name,
         "scene": scene_of(found).name,
@@ -583,6 +597,40 @@ def _header(found: Bench, shown: Shown, view: View, folder: Path) -> dict[str, A
         "saturated_fraction": float((shown.dn >= raw.white_level_dn).mean()),
         "regions": [_statistics(found, shown, region, folder) for region in view.regions],
     }
+
+
+_RESPONSE_POINTS = 513
+_BENDING = ("response_curve", "em_gain", "output")
+"""Effects that change the digital number of a charge."""
+
+
+def _response_table(sensor: Sensor) -> dict[str, list[float]]:
+    """Return electrons from light, and the digital numbers that they have without noise: linear in between."""
+    effects = sensor.effects
+    bending = [] if effects is None else [name for name in _BENDING if getattr(effects, name) is not None]
+    if sensor.captures is None and not bending:
+        black_dn = sensor.output_levels_dn[0]
+        return {"dn": [black_dn, black_dn + sensor.system_gain_dn_per_e], "electrons": [0.0, 1.0]}
+    top_e = sensor.saturation_capacity_e if sensor.captures is None else largest_light_e(sensor)
+    light = np.linspace(0.0, top_e, _RESPONSE_POINTS)
+    tile = len(sensor.array.cfa), len(sensor.array.cfa[0])
+    others = (
+        {} if effects is None else {name: None for name, part in effects if part is not None and name not in bending}
+    )
+    small = _of_size(sensor.with_(**others), tile[0], tile[1] * _RESPONSE_POINTS, [])
+    mosaic = np.repeat(np.repeat(light, tile[1])[None], tile[0], axis=0).astype(np.float32)
+    dn, first = np.unique(clean_numbers(small, mosaic)[0, :: tile[1]], return_index=True)
+    return {"dn": dn.tolist(), "electrons": light[first].tolist()}
+
+
+def _electrons(dn: NDArray[np.float64], response: dict[str, list[float]]) -> NDArray[np.float64]:
+    """Return the electrons of digital numbers; below the table, those of its first two entries' line."""
+    numbers, electrons = response["dn"], response["electrons"]
+    if len(numbers) < 2:
+        return np.zeros_like(dn)
+    ends = [(electrons[k + 1] - electrons[k]) / (numbers[k + 1] - numbers[k]) for k in (0, len(numbers) - 2)]
+    beyond = np.minimum(dn - numbers[0], 0.0) * ends[0] + np.maximum(dn - numbers[-1], 0.0) * ends[1]
+    return np.asarray(np.interp(dn, numbers, electrons) + beyond)
 
 
 def _snr_table(sensor: Sensor, exposure_s: float, capacity_e: float) -> dict[str, list[float]]:
@@ -614,7 +662,7 @@ def _statistics(found: Bench, shown: Shown, region: Rectangle, folder: Path) -> 
     """Return mean, standard deviation and SNR of each channel in a region of the frame."""
     sensor = found.camera.sensor
     r0, r1, c0, c1 = region
-    cfa, raw = sensor.array.cfa, shown.raw
+    cfa, response = sensor.array.cfa, _response_table(sensor)
     whole = _kept(_frame_file(folder, found.state))
     if whole is not None:
         rows, cols = np.arange(r0, min(r1, whole.shape[0])), np.arange(c0, min(c1, whole.shape[1]))
@@ -631,14 +679,14 @@ def _statistics(found: Bench, shown: Shown, region: Rectangle, folder: Path) -> 
         if values.size < 2:
             channels[name] = None
             continue
-        mean, spread = float(values.mean()), float(values.std(ddof=1))
-        signal = mean - raw.black_level_dn
+        electrons = _electrons(values, response)
+        signal, spread = float(electrons.mean()), float(electrons.std(ddof=1))
         ratio = 20.0 * np.log10(signal / spread) if signal > 0 and spread > 0 else None
         channels[name] = {
             "pixels": values.size,
-            "mean_dn": mean,
-            "sd_dn": spread,
-            "mean_e": signal / sensor.system_gain_dn_per_e,
+            "mean_dn": float(values.mean()),
+            "sd_dn": float(values.std(ddof=1)),
+            "mean_e": signal,
             "snr_db": None if ratio is None else float(ratio),
         }
     return {"region": list(region), "exact": whole is not None or shown.exact, "channels": channels}

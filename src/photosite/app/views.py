@@ -79,7 +79,7 @@ def _labels(sensors: tuple[SensorState, ...], places: Places) -> list[str]:
         base = source_name(state.source, places).replace("\\", "/").rsplit("/", 1)[-1]
         if state.gain_setting is not None:
             base += f" at {state.gain_setting:g}"
-        if state.changes:
+        if state.changed:
             base += ", changed"
         label, number = base, 2
         while label in labels:
@@ -114,7 +114,7 @@ def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
     conditions = f"f_number={request.f_number!r}, exposure_s={request.exposure_s!r}, illuminant={request.illuminant!r}"
     lines += [f"found = ps.compare_sensors(sensors, {conditions})", "print(found)", "found.plot()"]
     command = ""
-    if not any(state.changes or state.gain_setting is not None for state in request.sensors):
+    if not any(state.changed or state.gain_setting is not None for state in request.sensors):
         words = ["photosite", "sensors", "compare", *(source_name(one.source, places) for one in request.sensors)]
         words += ["--f-number", repr(request.f_number), "--exposure", exposure_text(request.exposure_s)]
         command = shlex.join([*words, "--illuminant", request.illuminant])
@@ -156,7 +156,7 @@ def plan_code(request: PlanRequest, places: Places) -> tuple[str, str]:
         "print(plan.to_dict())",
     ]
     command = ""
-    if not request.sensor.changes:
+    if not request.sensor.changed:
         words = ["photosite", "plan", "--sensor", source_name(request.sensor.source, places)]
         if request.sensor.gain_setting is not None:
             words += ["--gain-setting", repr(request.sensor.gain_setting)]
@@ -277,7 +277,7 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
         "table.plot(y=table.measured[-1])",
     ]
     command = ""
-    if not request.sensor.changes:
+    if not request.sensor.changed:
         camera: dict[str, Any] = {"sensor": source_name(request.sensor.source, places)}
         if request.sensor.gain_setting is not None:
             camera["gain_setting"] = request.sensor.gain_setting

@@ -87,30 +87,41 @@ def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | floa
 
 
 def flicker_of(text: str) -> Flicker:
-    """Parse the flicker of a light: 100Hz:0.2, the depth of a sine, or 250Hz:duty=0.3, of pulses."""
-    from photosite.scene.flicker import PulseFlicker, SineFlicker
+    """Parse the flicker of a light.
 
-    frequency, _, size = text.partition(":")
-    duty = size.startswith("duty=")
+    100Hz:0.2 is the depth of a sine, 250Hz:duty=0.3 that of pulses, each also with :phase=90, and 100Hz:table=1,2,1 is
+    a table over one period.
+    """
+    from photosite.scene.flicker import PulseFlicker, SineFlicker, TableFlicker
+
+    frequency, _, rest = text.partition(":")
+    size, _, phase = rest.partition(":phase=")
     try:
-        numbers = float(frequency.lower().removesuffix("hz")), float(size.removeprefix("duty="))
+        hertz, phase_deg = float(frequency.lower().removesuffix("hz")), float(phase or 0.0)
+        kind, _, numbers = size.rpartition("=")
+        table = [float(part) for part in numbers.split(",")]
+        if kind not in ("", "duty", "table") or (kind == "table" and phase) or (kind != "table" and len(table) > 1):
+            raise ValueError
     except ValueError:
-        raise click.BadParameter(f"must be 100Hz:0.2 or 250Hz:duty=0.3, got '{text}'") from None
+        raise click.BadParameter(f"must be 100Hz:0.2, 250Hz:duty=0.3 or 100Hz:table=1,2,1, got '{text}'") from None
     try:
-        return PulseFlicker(*numbers) if duty else SineFlicker(*numbers)
+        if kind == "table":
+            return TableFlicker(hertz, table)
+        return PulseFlicker(hertz, table[0], phase_deg) if kind else SineFlicker(hertz, table[0], phase_deg)
     except InputError as error:
         raise click.BadParameter(str(error)) from None
 
 
 def motion_of(text: str) -> Motion:
-    """Parse a motion: rows and columns per second, and degrees per second after a second comma."""
+    """Parse a motion: rows and columns per second, then degrees per second, then relative growth per second."""
     from photosite.scene.motion import Motion
 
     try:
         rows, cols, *turn = (float(part) for part in text.split(","))
         return Motion(rows, cols, *turn)
     except (ValueError, TypeError, InputError):
-        raise click.BadParameter(f"must be ROWS,COLS or ROWS,COLS,DEGREES per second, got '{text}'") from None
+        expected = "ROWS,COLS, ROWS,COLS,DEGREES or ROWS,COLS,DEGREES,GROWTH per second"
+        raise click.BadParameter(f"must be {expected}, got '{text}'") from None
 
 
 def wavelengths_of(text: str) -> list[float]:

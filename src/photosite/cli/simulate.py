@@ -85,7 +85,8 @@ if TYPE_CHECKING:
     "--flicker",
     type=options.flicker_of,
     metavar="HZ:DEPTH",
-    help="Flicker of the light: 100Hz:0.2 is a sine of depth 0.2, 250Hz:duty=0.3 an LED with pulse width modulation.",
+    help="Flicker of the light: 100Hz:0.2 is a sine of depth 0.2, 250Hz:duty=0.3 an LED with pulse width modulation, "
+    "both also with :phase=90 in degrees; 100Hz:table=1,2,1 is a table over one period.",
 )
 @options.quantity(
     "--line-time",
@@ -97,7 +98,8 @@ if TYPE_CHECKING:
     "--motion",
     type=options.motion_of,
     metavar="ROWS,COLS",
-    help="Motion of the image, pixels per second down and to the right; a third number is a rotation in degrees/s.",
+    help="Motion of the image, pixels per second down and to the right; a third number is a rotation in degrees/s, a "
+    "fourth the relative growth per second.",
 )
 @options.quantity(
     "--fps", unit="N", text="Frames per second: frame n starts at n / N seconds. By default all frames start at time 0."

@@ -33,6 +33,7 @@ class Capture(Section):
         "Share of the electrons of another capture's photodiode that arrive in this one, by its name.",
         "1",
         {"large": 0.001},
+        keys="captures",
         default={},
     )
     relative_gain: Positive = about(
@@ -88,7 +89,7 @@ class Companding(Section):
         min_length=2,
     )
     companded_dn: tuple[_Number, ...] = about(
-        "Companded numbers of the knees, ascending.", "DN", [0, 1024, 2560, 4095], min_length=2
+        "Companded numbers of the knees, ascending.", "DN", [0, 1024, 2560, 4095], over="linear_dn", min_length=2
     )
     bits: int = about("Bit depth of the companded numbers.", "bit", 12, ge=1, le=16, strict=True)
 

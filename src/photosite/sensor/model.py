@@ -146,6 +146,7 @@ class Sensor(Tabular, Section):
         "A quantum efficiency for each channel of the color filter array; M for a monochrome sensor.",
         NO_UNIT,
         {"M": {"wavelength_nm": [450, 550], "quantum_efficiency": [0.45, 0.65]}},
+        keys="channels",
     )
     noise: Noise = about(
         "Temporal noise and fixed pattern.", NO_UNIT, {"read_noise_e": 2.4, "dsnu_e": 1.1, "prnu_percent": 0.6}

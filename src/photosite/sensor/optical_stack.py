@@ -58,7 +58,9 @@ class Transmittance(Section):
     wavelength_nm: Increasing | None = about(
         "Wavelengths of the table, increasing; none for one number.", "nm", [400.0, 700.0], default=None
     )
-    transmittance: tuple[UnitInterval, ...] = about("Transmittance at each wavelength, or one number.", "1", 0.92)
+    transmittance: tuple[UnitInterval, ...] = about(
+        "Transmittance at each wavelength, or one number.", "1", 0.92, over="wavelength_nm"
+    )
     source: str | None = about("Origin of the values.", NO_UNIT, "data sheet of the filter", default=None)
     assumed: bool = about("Whether the values are an assumption.", NO_UNIT, True, default=False)
 
@@ -131,6 +133,8 @@ class AngularResponse(Section):
         "Response at each angle, relative to 0 degrees: one table for all channels, or one for each.",
         "1",
         [1.0, 0.97, 0.9],
+        over="angle_deg",
+        keys="channels",
     )
     exit_pupil_mm: Positive | None = about(
         "Distance of the lens's exit pupil from the sensor; by default that of a thin lens, its image distance.",
@@ -190,12 +194,14 @@ class Crosstalk(Section):
         "Per channel, where light that passed its filter is collected: odd square kernel with sum 1.",
         "1",
         {"M": [[0.0, 0.01, 0.0], [0.01, 0.96, 0.01], [0.0, 0.01, 0.0]]},
+        keys="channels",
         default=None,
     )
     electrical: dict[str, Kernel] | None = about(
         "Per channel, where charge that it generated is collected: odd square kernel with sum 1.",
         "1",
         {"M": [[0.0, 0.01, 0.0], [0.01, 0.96, 0.01], [0.0, 0.01, 0.0]]},
+        keys="channels",
         default=None,
     )
 
@@ -235,7 +241,7 @@ class OpticalStack(Section):
     infrared_filter: Transmittance | None = about(
         "Transmittance of the infrared filter.",
         "1",
-        {"wavelength_nm": [380, 640, 700, 1100], "transmittance": [0.95, 0.95, 0.0, 0.0]},
+        {"wavelength_nm": [300, 640, 700, 1100], "transmittance": [0.95, 0.95, 0.0, 0.0]},
         default=None,
     )
     cover_glass: Transmittance | None = about("Transmittance of the cover glass.", "1", 0.92, default=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Self
 
@@ -30,9 +31,16 @@ ROUNDING = 1e-5
 _DIGITS = 10
 
 
-def about(description: str, unit: str, example: Any, **constraints: Any) -> Any:
-    """Return a field with its description, unit and example, as the JSON Schema states them."""
-    stated: dict[str, Any] = {"unit": unit}
+def about(
+    description: str, unit: str, example: Any, *, over: str | None = None, keys: str | None = None, **constraints: Any
+) -> Any:
+    """Return a field with its description, unit and example, as the JSON Schema states them.
+
+    `over` is the field of the same section that has the grid of this one, such as the wavelengths of an efficiency.
+    `keys` is what the keys of a mapping name: channels or captures.
+    """
+    links = {"over": over, "keys": keys}
+    stated: dict[str, Any] = {"unit": unit} | {name: link for name, link in links.items() if link is not None}
     if isinstance(default := constraints.get("default"), Measured):
         stated["default"] = default.value
     return Field(description=description, json_schema_extra=stated, examples=[example], **constraints)
@@ -69,16 +77,26 @@ def as_file_value(quantity: Measured) -> float | dict[str, Any]:
     return {"value": quantity.value, **given} if given else quantity.value
 
 
-def _bounded(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> AfterValidator:
-    def check(quantity: Measured) -> Measured:
+@dataclass(frozen=True)
+class Bounds:
+    """The range of a quantity's value, as the function of a validator."""
+
+    lowest: float
+    highest: float = math.inf
+    open_below: bool = False
+
+    def __call__(self, quantity: Measured) -> Measured:
+        """Return the quantity; raise `InputError` if its value is outside the range."""
         value = quantity.value
-        if value < lowest or value > highest or (open_below and value == lowest):
-            floor = f"above {lowest:g}" if open_below else f"{lowest:g} or more"
-            ceiling = "" if highest == math.inf else f" and at most {highest:g}"
+        if value < self.lowest or value > self.highest or (self.open_below and value == self.lowest):
+            floor = f"above {self.lowest:g}" if self.open_below else f"{self.lowest:g} or more"
+            ceiling = "" if self.highest == math.inf else f" and at most {self.highest:g}"
             raise InputError("value", value=value, expected=f"{floor}{ceiling}")
         return quantity
 
-    return AfterValidator(check)
+
+def _bounded(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> AfterValidator:
+    return AfterValidator(Bounds(lowest, highest, open_below))
 
 
 _Value = Annotated[

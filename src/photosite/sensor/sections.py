@@ -106,9 +106,10 @@ class Channel(Section):
         "for unpolarized light.",
         "1",
         [0.45, 0.65, 0.5],
+        over="wavelength_nm",
     )
     standard_uncertainty: tuple[Annotated[float, Field(ge=0.0)], ...] | None = about(
-        "Standard uncertainty of each efficiency.", "1", [0.01, 0.01, 0.01], default=None
+        "Standard uncertainty of each efficiency.", "1", [0.01, 0.01, 0.01], over="wavelength_nm", default=None
     )
     source: str | None = about("Origin of the table.", NO_UNIT, "data sheet, figure 4", default=None)
     assumed: bool = about("Whether the table is an assumption.", NO_UNIT, True, default=False)

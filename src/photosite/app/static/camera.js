@@ -1,8 +1,9 @@
 // The camera view: form, preview, exact frame, plots and regions.
 
-import { finished, get, post, postForBytes, remove, showError, tab, upload } from "./api.js";
+import { finished, post, postForBytes, remove, showError, tab } from "./api.js";
 import { copied, element, short, table } from "./dom.js";
-import { fieldRow } from "./fields.js";
+import { partRow } from "./parts.js";
+import { dropOnView, picks } from "./picks.js";
 import { Picture, SNR_RANGE, decode, describe, viridis } from "./picture.js";
 import { plot } from "./plots.js";
 import { merged, toHash } from "./state.js";
@@ -13,7 +14,7 @@ const LIGHTS = ["A", "D50", "D65", "3200K", "daylight 5600", "led 4000", "FL2", 
 
 export let state = merged(null);
 let form = null, picture = null, job = null, idle = null, exactWanted = false;
-let inFlight = false, again = false, since = null, last = null;
+let inFlight = false, again = false, since = null, last = null, undo = null;
 const open = new Set(["Light and place", "Lens", "Exposure", "Noise"]);
 
 export async function start(content) {
@@ -43,6 +44,7 @@ export async function start(content) {
     addRegion([r0, r1, c0, c1]);
   });
   window.addEventListener("pagehide", () => { if (job) fetch(`/api/jobs/${job.id}`, { method: "DELETE", keepalive: true }); });
+  dropOnView(at("view-camera"), () => state, reload);
   await loadForm();
   changed(performance.now());
 }
@@ -56,18 +58,15 @@ export async function restore(content) {
 
 async function loadForm() {
   try {
-    form = await post("/api/form", { sensor: { ...state.sensor, changes: arraySize() }, scene: state.scene.source });
+    // The form shows the sensor's own values; changes are marked beside them.
+    form = await post("/api/form", { sensor: { ...state.sensor, changes: {}, binning: null }, scene: state.scene.source });
   } catch (error) {
     showError(error.message);
     return;
   }
   await build();
-  const [rows, cols] = ["rows", "cols"].map((name) => state.sensor.changes[name] ?? form.sensor[0].fields.find((field) => field.name === name).value);
-  picture.setFrame(rows, cols);
+  picture.setFrame(...array());
 }
-
-// Changes do not alter the values that the form shows as the sensor's own.
-const arraySize = () => ({});
 
 function group(title, content, note) {
   const details = element("details", { ontoggle: () => open[details.open ? "add" : "delete"](title) }, element("summary", {}, title), ...content);
@@ -80,128 +79,52 @@ async function build() {
   const controls = at("camera-controls"), top = controls.scrollTop, focused = document.activeElement?.dataset?.key;
   const part = (name) => (field) => {
     const own = state[name];
-    return fieldRow(field, own[field.name], (value) => {
+    return partRow(field, own[field.name], (value) => {
       own[field.name] = field.name === "cells_per_pixel" ? Number(value) : value;
       changed(performance.now());
     });
   };
   const scene = form.scene.flatMap((each) => each.name === "options"
     ? [element("fieldset", {}, element("legend", {}, each.title), ...each.fields.map(optionRow))]
-    : each.fields.map((field) => part("scene")(field.name === "illuminant" ? { ...field, list: "lights" } : field)));
-  const [array, ...others] = form.sensor;
-  const sensorGroups = others.filter((each) => !each.optional), effects = others.filter((each) => each.optional);
+    : each.fields.map((field) => part("scene")(field.name === "illuminant" ? { ...field, choices: LIGHTS } : field)));
   const lens = state.lens.source ? [element("p", { class: "hint" }, "The optics file defines the lens.")] : form.lens[0].fields.map(part("lens"));
+  undo = element("button", { type: "button", onclick: () => { Object.assign(state.sensor, { changes: {}, binning: null }); reload(); } }, "Undo changes of the sensor");
   controls.replaceChildren(
-    element("datalist", { id: "lights" }, ...LIGHTS.map((value) => element("option", { value }))),
-    element("div", { class: "pick" }, ...(await picks())),
+    element("div", { class: "pick" }, ...(await picks(form, state, reload)), undo),
     group("Light and place", scene),
     group("Lens", lens),
     group("Exposure", form.capture[0].fields.map(part("capture"))),
-    group("Array", array.fields.map((field) => sensorRow(field, true))),
-    ...sensorGroups.map((each) => group(each.title, each.fields.map((field) => sensorRow(field)), each.note)),
-    group("Shutter and effects", effects.map(effectRow)),
+    ...form.sensor.map((each) => group(each.title, [...each.fields.map(sensorRow), ...(each.name === "readout" ? [part("sensor")(form.binning)] : [])])),
   );
   controls.scrollTop = top;
   if (focused) controls.querySelector(`[data-key="${focused}"]`)?.focus();
 }
 
 function optionRow(field) {
-  return fieldRow(field, state.scene.options[field.name] ?? field.value, (value) => {
+  return partRow(field, state.scene.options[field.name] ?? field.value, (value) => {
     if (value === null || value === field.value) delete state.scene.options[field.name];
     else state.scene.options[field.name] = value;
     changed(performance.now());
   });
 }
 
-function sensorRow(field, resizes = false) {
-  const changes = state.sensor.changes;
-  return fieldRow(field, changes[field.name] ?? field.value, (value) => {
-    if (value === null || value === field.value) delete changes[field.name];
+function sensorRow(field) {
+  const changes = state.sensor.changes, isPart = ["section", "entries", "list"].includes(field.kind);
+  return partRow(field, field.name in changes ? changes[field.name] : field.value, (value) => {
+    const own = isPart ? JSON.stringify(value) === JSON.stringify(field.value) : value === null || value === field.value;
+    if (own) delete changes[field.name];
     else changes[field.name] = value;
-    if (resizes) picture.setFrame(...array());
+    if (["rows", "cols"].includes(field.name)) picture.setFrame(...array());
     changed(performance.now());
   });
+}
+
+function reload() {
+  picture.regions = [];
+  loadForm().then(() => changed(performance.now()));
 }
 
 const array = () => ["rows", "cols"].map((name) => state.sensor.changes[name] ?? form.sensor[0].fields.find((field) => field.name === name).value);
-
-function effectRow(effect) {
-  const changes = state.sensor.changes, own = changes[effect.name];
-  const enabled = own === undefined ? effect.enabled : own !== null;
-  const box = element("input", { type: "checkbox", id: `effect-${effect.name}`, "data-key": effect.name });
-  box.checked = enabled;
-  box.addEventListener("change", () => {
-    if (box.checked === effect.enabled) delete changes[effect.name];
-    else changes[effect.name] = box.checked ? structuredClone(effect.example) : null;
-    changed(performance.now());
-    build();
-  });
-  const rows = enabled ? effect.fields.map((field) => fieldRow(field, own?.[field.name] ?? field.value, (value) => {
-    const next = { ...(changes[effect.name] ?? effect.example) };
-    if (value === null) delete next[field.name]; else next[field.name] = value;
-    changes[effect.name] = next;
-    changed(performance.now());
-  })) : [];
-  return element("div", { class: "effect" },
-    element("div", { class: "label" }, element("label", { for: box.id }, box, ` ${effect.title}`)),
-    element("p", { class: "hint" }, effect.description, enabled && effect.note ? ` ${effect.note}` : ""), ...rows);
-}
-
-async function picks() {
-  const lists = await Promise.all(["scene", "sensor", "lens"].map((kind) => get(`/api/files?kind=${kind}`).catch(() => [])));
-  const pick = (key, label, kind, builtIn, files, current, chosen) => {
-    const list = element("select", { id: `pick-${key}`, "data-key": key, onchange: () => chosen(list.value) },
-      ...builtIn.map(([value, text]) => element("option", { value }, text)),
-      ...(files.length ? [element("optgroup", { label: "Files of the folder" }, ...files.map((file) => element("option", { value: `file:${file.name}` }, file.name)))] : []));
-    if (![...list.options].some((option) => option.value === current)) list.append(element("option", { value: current }, uploads.get(current)?.text ?? current));
-    list.value = current;
-    const file = element("input", { type: "file", id: `upload-${key}`, class: "hidden", tabindex: "-1", "aria-hidden": "true" });
-    file.addEventListener("change", async () => {
-      if (!file.files.length) return;
-      try {
-        showError("");
-        const stored = await upload(file.files[0], kind);
-        uploads.set(stored.name, { name: stored.file_name, text: `${stored.file_name} (${stored.holds})` });
-        chosen(stored.name);
-      } catch (error) { showError(error.message); }
-    });
-    const button = element("button", { type: "button", onclick: () => file.click(), "aria-label": `Upload a ${label.toLowerCase()} file` }, "Upload …");
-    return element("div", {}, element("div", { class: "label row" }, element("label", { class: "name", for: `pick-${key}` }, label), button), list, file);
-  };
-  const found = [
-    pick("scene", "Scene", "scene", form.scenes.map((name) => [name, name]), lists[0], state.scene.source, (value) => {
-      state.scene.source = value;
-      state.scene.options = {};
-      const own = value.includes(":");
-      state.scene.illuminant = own ? (/\.(png|jpe?g)$/i.test(uploads.get(value)?.name ?? value) ? "D65" : null) : state.scene.illuminant ?? "A";
-      state.scene.mean_luminance_cd_m2 = own && state.scene.illuminant === null ? null : state.scene.mean_luminance_cd_m2 ?? 40;
-      loadForm().then(() => changed(performance.now()));
-    }),
-    pick("lens", "Lens", "lens", [["", "diffraction-limited lens"]], lists[2], state.lens.source ?? "", (value) => {
-      state.lens.source = value || null;
-      loadForm().then(() => changed(performance.now()));
-    }),
-    pick("sensor", "Sensor", "sensor", form.sensors.map((name) => [name, name]), lists[1], state.sensor.source, (value) => {
-      state.sensor = { source: value, gain_setting: null, changes: {} };
-      picture.regions = [];
-      loadForm().then(() => changed(performance.now()));
-    }),
-  ];
-  if (form.gain_settings.length > 1) {
-    const list = element("select", { id: "pick-gain", "data-key": "gain", onchange: () => {
-      state.sensor.gain_setting = Number(list.value);
-      loadForm().then(() => changed(performance.now()));
-    } }, ...form.gain_settings.map((value) => element("option", { value }, String(value))));
-    list.value = String(state.sensor.gain_setting ?? form.gain_setting);
-    found.push(element("div", {}, element("label", { for: "pick-gain" }, "Gain setting"), list));
-  }
-  if (Object.keys(state.sensor.changes).length) {
-    found.push(element("button", { type: "button", onclick: () => { state.sensor.changes = {}; loadForm().then(() => changed(performance.now())); } }, "Undo changes of the sensor"));
-  }
-  return found;
-}
-
-const uploads = new Map();
 
 function remember() {
   if (!at("view-camera").hidden) history.replaceState(null, "", toHash("camera", state));
@@ -209,6 +132,7 @@ function remember() {
 
 // A value was changed at time `when`: a preview now, the exact frame when nothing changes for a while.
 function changed(when) {
+  if (undo) undo.hidden = !Object.keys(state.sensor.changes).length && !state.sensor.binning;
   cancel(false);
   request(when);
   clearTimeout(idle);

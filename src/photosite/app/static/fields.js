@@ -1,6 +1,6 @@
 // Rows of the form: a label, a slider, a number field and the unit, from the server's description of a field.
 
-import { element, short } from "./dom.js";
+import { element } from "./dom.js";
 
 const STEPS = 1000;
 let count = 0;
@@ -28,9 +28,10 @@ export function fieldRow(field, value, changed) {
     list.value = value === null || value === undefined ? "" : String(value);
     row.append(element("div", { class: "label" }, label, element("span", { class: "entry" }, list)));
   } else if (field.kind === "text") {
-    const box = element("input", { type: "text", id, list: field.list, ...described, onchange: () => set(box.value.trim() || null) });
+    const suggestions = field.choices.length ? element("datalist", { id: `${id}-list` }, ...field.choices.map((choice) => element("option", { value: choice }))) : null;
+    const box = element("input", { type: "text", id, list: suggestions?.id, ...described, onchange: () => set(box.value.trim() || null) });
     box.value = value ?? "";
-    row.append(element("div", { class: "label" }, label, element("span", { class: "entry" }, box)));
+    row.append(element("div", { class: "label" }, label, element("span", { class: "entry" }, box, suggestions)));
   } else {
     const box = element("input", {
       type: "number", id, step: field.kind === "whole" ? 1 : "any", ...described,
@@ -81,5 +82,3 @@ function fromPosition(field, at) {
   if (field.kind === "whole") return Math.round(value);
   return Number(Number(value).toPrecision(3));
 }
-
-export const shown = (value, unit) => `${short(value)}${unit ? ` ${unit}` : ""}`;

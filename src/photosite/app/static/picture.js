@@ -228,7 +228,7 @@ export class Picture {
     return {
       row: at(i, header.row, tile[0]), col: at(j, header.col, tile[1]), channel: header.cfa[i % tile[0]][j % tile[1]],
       dn: dn[i * header.cols + j], mean: mean ? mean[i * header.cols + j] : null,
-      electrons: (dn[i * header.cols + j] - header.black_level_dn) / header.system_gain_dn_per_e,
+      electrons: electronsOf(dn[i * header.cols + j], header.response),
     };
   }
 
@@ -287,6 +287,14 @@ export class Picture {
     });
     canvas.addEventListener("focus", () => this.onpoint(this.pixel(canvas.width / 2, canvas.height / 2)));
   }
+}
+
+// The electrons of a digital number: linear between the entries of the response, and beyond its ends.
+function electronsOf(dn, { dn: numbers, electrons }) {
+  if (numbers.length < 2) return NaN;
+  let k = numbers.findIndex((each) => each > dn);
+  k = k < 0 ? numbers.length - 2 : Math.min(Math.max(k - 1, 0), numbers.length - 2);
+  return electrons[k] + (dn - numbers[k]) * (electrons[k + 1] - electrons[k]) / (numbers[k + 1] - numbers[k]);
 }
 
 function snrLookup(snr) {

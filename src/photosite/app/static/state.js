@@ -1,9 +1,9 @@
 // The state of the camera view, in the link too.
 
 export const initial = () => ({
-  scene: { source: "macbeth", illuminant: "A", mean_luminance_cd_m2: 40, distance_m: null, width_m: null, options: {} },
+  scene: { source: "macbeth", illuminant: "A", mean_luminance_cd_m2: 40, distance_m: null, width_m: null, flicker: null, motion: null, options: {} },
   lens: { source: null, f_number: 8, focal_length_mm: 50, transmittance: 1, falloff: "none" },
-  sensor: { source: "nikon-d200", gain_setting: null, changes: {} },
+  sensor: { source: "nikon-d200", gain_setting: null, changes: {}, binning: null },
   capture: { exposure_s: 1 / 3, seed: 0, temperature_c: null, cells_per_pixel: 1, noise: true },
   brightness: 1,
 });

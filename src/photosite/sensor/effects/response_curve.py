@@ -37,10 +37,11 @@ class ResponseCurve(Section):
         "Deviation of the signal at each charge; between entries a monotonic cubic, beyond the last one its value.",
         "%",
         [0, -0.4, -1.9],
+        over="charge_e",
         default=None,
     )
     standard_uncertainty_percent: tuple[Annotated[float, Field(ge=0.0)], ...] | None = about(
-        "Standard uncertainty of each deviation.", "%", [0, 0.1, 0.1], default=None
+        "Standard uncertainty of each deviation.", "%", [0, 0.1, 0.1], over="charge_e", default=None
     )
     polynomial_percent: tuple[Number, ...] | None = about(
         "Deviation as a polynomial in charge / well_capacity_e: factors of its first, second, ... power. Instead of a "
