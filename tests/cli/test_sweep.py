@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import csv
+import json
+import subprocess
+import sys
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +111,56 @@ def test_errors_of_figures(
     assert (done.status, done.out) == (2, "")
     assert said in done.err
     assert not Path("a.png").exists()
+
+
+@pytest.mark.slow
+def test_a_sweep_whose_scheduler_is_lost_is_resumed(photosite: Any, file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    widths = ", ".join(f"{1 + k / 1000}" for k in range(1000))
+    file.write_text(TEXT.replace("1.1, 2.2", widths))
+    scheduler_file, results = tmp_path / "scheduler.json", tmp_path / "a.csv.partial" / "results.jsonl"
+    programs = [
+        ("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", scheduler_file),
+        ("worker", "--scheduler-file", scheduler_file, "--nthreads", "1", "--no-nanny"),
+    ]
+    started = []
+    try:
+        for name, *call in programs:
+            program = [sys.executable, "-m", f"distributed.cli.dask_{name}", "--no-dashboard", *map(str, call)]
+            started.append(subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+            while not scheduler_file.exists():
+                time.sleep(0.05)
+
+        def kill() -> None:
+            while not (results.exists() and results.read_bytes().count(b"\n") > 20):
+                time.sleep(0.01)
+            started[0].kill()
+
+        address = json.loads(scheduler_file.read_text())["address"]
+        threading.Thread(target=kill, daemon=True).start()
+        done = photosite("sweep", file, "-o", tmp_path / "a.csv", "--dask", address)
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+    last = done.err.rstrip("\n").replace("\r", "\n").splitlines()[-1]
+    assert (done.status, done.out) == (2, "")
+    assert last.startswith(f"photosite: {address}: the scheduler was lost")
+    assert "distributed" not in done.err
+    assert not (tmp_path / "a.csv").exists()
+    assert 20 < results.read_bytes().count(b"\n") < 2000
+    assert photosite("sweep", file, "-o", tmp_path / "a.csv").status == 0
+    assert photosite("sweep", file, "-o", tmp_path / "b.csv").status == 0
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert not results.parent.exists()
+
+
+def test_processes_do_not_apply_to_a_scheduler(photosite: Any, file: Path, tmp_path: Path) -> None:
+    for options in (["--processes", 1, "--dask", "nowhere"], ["--dask", "nowhere", "--processes", 2]):
+        done = photosite("sweep", file, "-o", tmp_path / "a.csv", *options)
+        assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
+        assert "--processes" in done.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sweep.yaml"]
 
 
 def test_an_address_without_a_scheduler_leaves_nothing_behind(photosite: Any, file: Path, tmp_path: Path) -> None:

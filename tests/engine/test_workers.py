@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -99,10 +102,61 @@ def test_calls_that_cannot_work() -> None:
         ({"processes": 0}, "processes"),
         ({"processes": True}, "processes"),
         ({"scheduler": "nowhere"}, "scheduler"),
+        ({"scheduler": "tls://127.0.0.1:9"}, "scheduler"),  # TLS without certificates
+        ({"scheduler": "inproc://here"}, "scheduler"),
     ):
         with pytest.raises(InputError) as caught:
             everything(tasks.double, 2, **call)
         assert caught.value.what == what
+
+
+@pytest.mark.slow
+def test_an_address_that_does_not_answer_is_an_error_within_seconds() -> None:
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        for port in (silent.getsockname()[1], 9):
+            begun = time.monotonic()
+            with pytest.raises(InputError) as caught:
+                everything(tasks.double, 2, scheduler=f"tcp://127.0.0.1:{port}")
+            assert caught.value.what == "scheduler"
+            assert time.monotonic() - begun < 20
+
+
+def test_an_address_of_a_worker_is_an_error(scheduler: str) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.Client(scheduler, set_as_default=False) as client:
+        worker = next(iter(client.scheduler_info()["workers"]))
+    with pytest.raises(InputError) as caught:
+        everything(tasks.double, 2, scheduler=worker)
+    assert "Worker" in (caught.value.hint or "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_lost_scheduler_is_an_error_without_log_lines(
+    number: signal.Signals, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed")
+    file = tmp_path / "scheduler.json"
+    call = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    program = [sys.executable, "-m", "distributed.cli.dask_scheduler", *call]
+    with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            deadline = time.monotonic() + 60
+            while not file.exists() and time.monotonic() < deadline:
+                time.sleep(0.05)
+            address = json.loads(file.read_text())["address"]
+
+            class Tasks(list[int]):
+                def __getitem__(self, index: Any) -> Any:  # called when a task is sent; no worker takes it
+                    threading.Timer(0.5, process.send_signal, [number]).start()
+                    return super().__getitem__(index)
+
+            with pytest.raises(WorkerError) as caught:
+                within(60, lambda: list(run_tasks(tasks.double, Tasks([3]), scheduler=address)))
+        finally:
+            process.kill()
+    assert caught.value.where == address
+    assert capfd.readouterr() == ("", "")
 
 
 SCRIPT = """

@@ -6,8 +6,9 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -400,7 +401,20 @@ def seed_option(default: int = 0) -> Callable[[F], F]:
 
 
 def workers_options(processes: int = 1) -> Callable[[F], F]:
-    """Add --processes and --dask, for work that is the same on any number of workers."""
+    """Add --processes and --dask, of which a call gives one, for work that is the same on any number of workers."""
+
+    def one_of_both(function: F) -> F:
+        @wraps(function)
+        def checked(*args: Any, **given: Any) -> Any:
+            context = click.get_current_context()
+            if given["scheduler"] is not None and is_given(context, "processes"):
+                raise click.UsageError(
+                    "--processes does not apply to --dask, whose workers do the work; omit one", context
+                )
+            return function(*args, **given)
+
+        return cast(F, checked)
+
     return stacked(
         click.option(
             "--processes",
@@ -416,6 +430,7 @@ def workers_options(processes: int = 1) -> Callable[[F], F]:
             help="Dask scheduler, such as tcp://10.0.0.1:8786, whose workers do the work instead (needs the extra "
             "distributed).",
         ),
+        one_of_both,
     )
 
 

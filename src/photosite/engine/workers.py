@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib
+import logging
 import multiprocessing
 import os
 import pickle
@@ -11,8 +13,8 @@ import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import chdir, contextmanager, nullcontext, suppress
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import ExitStack, chdir, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from multiprocessing import connection
 from typing import Any, TypeVar
@@ -285,14 +287,15 @@ def _on_scheduler(
         raise InputError(
             "a scheduler needs the package distributed", hint=hint, arguments={"scheduler": scheduler}
         ) from None
-    try:
-        # Checked here, because a client whose address cannot be read hangs when it is deleted.
-        importlib.import_module("distributed.comm").resolve_address(scheduler)
-        client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        expected, hint = "the address of a Dask scheduler, such as tcp://10.0.0.1:8786", message_of(error)
-        raise InputError("scheduler", value=scheduler, expected=expected, hint=hint) from None
-    try:
+    with ExitStack() as stack:
+        # Errors reach the caller as exceptions; what Dask logs about a lost connection repeats them.
+        stack.enter_context(importlib.import_module("distributed.utils").silence_logging_cmgr(logging.CRITICAL))
+        _check_scheduler(scheduler)
+        try:
+            client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+        except OSError as error:
+            raise _no_scheduler(scheduler, error) from None
+        stack.callback(client.close)  # cancels what is left
         run, folder = uuid4().hex[:12], os.getcwd()
         # A task of its own, so that its result is computed again when the workers that hold it die.
         kept = client.submit(_same, function, key=f"photosite-function-{run}", pure=False)
@@ -316,14 +319,44 @@ def _on_scheduler(
                     raise WorkerError(what, where=name(tasks[index]), hint="Their logs may have the reason")
                 if isinstance(failure, Exception) and not isinstance(failure, CancelledError):
                     raise failure
-                raise WorkerError(
-                    "the scheduler was lost, or lost the task", where=name(tasks[index]), hint="Run it again"
-                )
+                raise _lost(scheduler)
             if (following := next(left, None)) is not None:
+                if client.status == "closed":  # while the caller was at work
+                    raise _lost(scheduler)
                 completed.add(submit(following))
             yield index, result.result
-    finally:
-        client.close()  # cancels what is left
+
+
+def _check_scheduler(address: str) -> None:
+    """Raise an error if no scheduler answers at an address; a Dask client hangs there for half a minute."""
+    with ThreadPoolExecutor(1) as pool:  # a thread without an event loop, which that of a notebook has
+        try:
+            kind = pool.submit(asyncio.run, _kind_of_server(address)).result()
+        except Exception as error:  # the packages of each protocol have their own
+            raise _no_scheduler(address, error) from None
+    if kind != "Scheduler":
+        raise _no_scheduler(address, ValueError(f"A Dask {kind} answers there"))
+
+
+async def _kind_of_server(address: str) -> str:
+    connect: Any = importlib.import_module("distributed.comm").connect
+    security = importlib.import_module("distributed.security").Security()  # of Dask's configuration
+    async with asyncio.timeout(_CONNECT_S):
+        connection = await connect(address, timeout=_CONNECT_S, **security.get_connection_args("client"))
+        try:
+            await connection.write({"op": "identity", "reply": True})
+            return str((await connection.read())["type"])
+        finally:
+            connection.abort()
+
+
+def _no_scheduler(address: str, error: Exception) -> InputError:
+    expected = "the address of a Dask scheduler, such as tcp://10.0.0.1:8786"
+    return InputError("scheduler", value=address, expected=expected, hint=message_of(error))
+
+
+def _lost(address: str) -> WorkerError:
+    return WorkerError("the scheduler was lost, or lost a task", where=address, hint="Start it, and run this again")
 
 
 def _same(function: Result) -> Result:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import os
 import subprocess
@@ -108,11 +108,6 @@ def nothing(index: int) -> dict[str, float]:
 @contextmanager
 def _cluster(workers: int) -> Iterator[tuple[str, int]]:
     """Start a scheduler in a process of its own and workers of one thread; yield its address and process number."""
-    try:
-        importlib.import_module("distributed")
-    except ImportError:
-        hint = "Run pip install '.[distributed]' in the clone"
-        raise InputError("this measurement needs the package distributed", hint=hint) from None
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scheduler.json"
         quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
@@ -232,6 +227,9 @@ def _loopback_bytes() -> int:
 
 def measure_workers(report: Callable[[str], object]) -> tuple[dict[str, Efficiency], TaskCost]:
     """Measure the efficiency of each load, and the cost of a task; `report` is called with the name of each step."""
+    if importlib.util.find_spec("distributed") is None:
+        hint = "Run pip install '.[distributed]' in the clone"
+        raise InputError("this measurement needs the package distributed", hint=hint)
     with tempfile.TemporaryDirectory() as folder:
         report("writing frames")
         write_frames(f"{folder}/frames", 1)
