@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 
 import photosite as ps
 from photosite.data import Electrons, PairDataset, RawFrames, Scenes, ShardDataset, write_shards
+from photosite.data.digest import sha256_of
 from photosite.errors import FileError, InputError
 
 RAMP = np.linspace(0, 3000, 64 * 64, dtype=np.float32).reshape(64, 64)
@@ -205,12 +207,37 @@ def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:
     assert "License: not stated" in (tmp_path / "other" / "CARD.md").read_text()
 
 
-def test_a_damaged_shard_is_an_error(tmp_path: Path) -> None:
-    for shard_format in ("hdf5", "webdataset"):
-        folder = tmp_path / shard_format
-        write_shards(dataset(), folder, shard_format=shard_format)  # type: ignore[arg-type]
-        shard = next(folder.glob("shard-*"))
-        shard.write_bytes(shard.read_bytes()[:3000])
+@pytest.mark.parametrize("shard_format", ["hdf5", "webdataset"])
+def test_a_shard_that_is_not_the_manifests_is_an_error(shard_format: Any, tmp_path: Path) -> None:
+    manifest = write_shards(dataset(), tmp_path, shard_format=shard_format, pairs_per_shard=5)
+    listed = json.loads(manifest.read_text())["shards"][1]
+    shard = tmp_path / listed["file"]
+    whole = shard.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1
+    for content, what in ((whole[:3000], "bytes"), (whole + b"0", "bytes"), (bytes(flipped), "sha256")):
+        shard.write_bytes(content)
+        stored = ShardDataset(tmp_path)
+        stored[4]  # of the other shard
         with pytest.raises(FileError) as caught:
-            ShardDataset(folder)[9]
-        assert os.path.basename(caught.value.path) == shard.name
+            stored[5]
+        error, found = caught.value, {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+        assert (error.path, error.what, error.value) == (str(shard), what, found[what])
+        assert str(listed[what]) in (error.expected or "")
+        assert error.hint
+    shard.unlink()
+    with pytest.raises(FileError) as caught:
+        ShardDataset(tmp_path)[5]
+    assert caught.value.path == str(shard)
+    write_shards(dataset(), tmp_path, shard_format=shard_format, pairs_per_shard=5)
+    assert shard.read_bytes() == whole
+
+
+def test_a_shard_is_checked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_shards(dataset(), tmp_path, pairs_per_shard=5)
+    stored, read = ShardDataset(tmp_path), []
+    monkeypatch.setattr("photosite.data.shards.sha256_of", lambda path: read.append(path.name) or sha256_of(path))
+    for index in (0, 4, 9, 1, 5):
+        stored[index]
+    pickle.loads(pickle.dumps(stored))[2]
+    assert read == ["shard-000000.h5", "shard-000001.h5"]

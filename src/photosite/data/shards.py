@@ -261,6 +261,9 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
 class ShardDataset(Shown):
     """The pairs in a folder of `write_shards`, as a map-style dataset.
 
+    When an item of a shard is first read, size and SHA-256 of the shard are compared with the manifest, once in each
+    process.
+
     Parameters
     ----------
     folder
@@ -269,7 +272,8 @@ class ShardDataset(Shown):
     Raises
     ------
     FileError
-        If the folder has no manifest, because it is incomplete or something else, or a shard is missing or damaged.
+        If the folder has no manifest, because it is incomplete or something else. An item raises it if its shard is
+        missing, or is not the file that the manifest lists.
 
     Examples
     --------
@@ -295,6 +299,7 @@ class ShardDataset(Shown):
         if manifest.get("format") != FORMAT_NAME or manifest.get("version") != FORMAT_VERSION:
             raise FileError(path, "is no manifest of this version of a dataset")
         object.__setattr__(self, "manifest", manifest)
+        object.__setattr__(self, "_checked", set())
 
     def __len__(self) -> int:
         return int(self.manifest["pairs"])  # type: ignore[attr-defined]  # set in __post_init__
@@ -306,6 +311,10 @@ class ShardDataset(Shown):
         manifest: dict[str, Any] = self.manifest  # type: ignore[attr-defined]  # set in __post_init__
         shard, place = divmod(int(index) % len(self), manifest["pairs_per_shard"])
         path = Path(self.folder) / manifest["shards"][shard]["file"]
+        checked: set[int] = self._checked  # type: ignore[attr-defined]  # set in __post_init__
+        if shard not in checked:
+            _check_shard(path, manifest["shards"][shard])
+            checked.add(shard)
         if manifest["shard_format"] == "hdf5":
             with open_hdf5(path) as found:
                 clean, noisy = found.datasets["clean"][place], found.datasets["noisy"][place]
@@ -321,3 +330,18 @@ class ShardDataset(Shown):
             return Pair(clean, noisy, json.loads(content["json"]))
         except (OSError, KeyError, ValueError, tarfile.TarError) as error:
             raise FileError(path, f"cannot be read: {message_of(error)}") from None
+
+
+def _check_shard(path: Path, listed: Mapping[str, Any]) -> None:
+    """Raise `FileError` unless a shard is the file that the manifest lists; the size is compared first."""
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {message_of(error)}", hint=_WRITE_AGAIN) from None
+    for name, found in (("bytes", lambda: size), ("sha256", lambda: sha256_of(path))):
+        if (value := found()) != listed[name]:
+            expected = f"{listed[name]}, as in {MANIFEST}"
+            raise FileError(path, name, value=value, expected=expected, hint=f"Remove the file. {_WRITE_AGAIN}")
+
+
+_WRITE_AGAIN = "The call that wrote the dataset writes missing shards again"
