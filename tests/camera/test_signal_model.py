@@ -39,7 +39,13 @@ FULL = D200.with_(
     angular_response={"angle_deg": [0.0, 30.0], "relative_response": [1.0, 0.6], "exit_pupil_mm": 0.5},
     crosstalk={"optical": kernels(R=0.05, G=0.02, B=0.01), "electrical": kernels(R=0.03, G=0.02, B=0.04)},
 )
-"""A D200 with all that has derivatives; well and converter limit the signal at nearly the same light."""
+"""A D200 with all that has derivatives but effects; well and converter limit the signal at nearly the same light."""
+
+EFFECTS = FULL.with_(
+    response_curve={"polynomial_percent": [-3.0, 0.0, -4.0]},
+    interpixel_capacitance={"coupling_percent": 2.0, "diagonal_percent": 0.4},
+)
+TABLE = {"charge_e": [0, 10000, 22000, 31000], "deviation_percent": [0, -0.5, -2.5, -3.0]}
 
 
 def scene(rows: int = 9, cols: int = 14, count: int = 3, seed: int = 1) -> ps.Scene:
@@ -54,9 +60,19 @@ def full_model(**changes: Any) -> SignalModel:
     return SignalModel(replace(ps.Camera(lens, FULL), **changes), scene(), EXPOSURE_S)
 
 
+MODELS = {
+    "full": full_model(),
+    "effects": full_model(sensor=EFFECTS),
+    "table": full_model(sensor=FULL.with_(response_curve=TABLE)),
+}
+CASES = [("full", name) for name in MODELS["full"].parameters]
+CASES += [("effects", name) for name in MODELS["effects"].parameters if name != "black_level_dn"]
+CASES += [("table", name) for name in ("weights", "system_gain_dn_per_e", "well_capacity_e", "read_noise_e")]
+
+
 @pytest.fixture(scope="module")
 def model() -> SignalModel:
-    return full_model()
+    return MODELS["full"]
 
 
 def directions(model: SignalModel, seed: int = 2) -> dict[str, Array]:
@@ -84,7 +100,8 @@ def test_light_is_that_of_the_camera(camera: ps.Camera) -> None:
     assert np.abs(found - expected).max() < 5e-6 * expected.max()
 
 
-def test_other_values_are_those_of_another_camera(model: SignalModel) -> None:
+def test_other_values_are_those_of_another_camera() -> None:
+    model = MODELS["effects"]
     values: dict[str, Any] = {
         "fill_factor": 0.5,
         "f_number": 5.6,
@@ -98,6 +115,9 @@ def test_other_values_are_those_of_another_camera(model: SignalModel) -> None:
         "dcnu_percent": 10.0,
         "black_level_dn": 40.0,
         "well_capacity_e": 30_000.0,
+        "quantum_efficiency": 0.9 * model.values["quantum_efficiency"] + 0.02,
+        "polynomial_percent": [-2.0, -5.0, 1.0],
+        "diagonal_percent": 0.2,
     }
     weights, time_s = 0.5 * scene().weights, 0.03
     camera = model.camera_at(values)
@@ -109,11 +129,13 @@ def test_other_values_are_those_of_another_camera(model: SignalModel) -> None:
     assert np.abs(model.mean_electrons(values | changed) - light).max() < 5e-6 * light.max()
 
 
-@pytest.mark.parametrize("name", full_model().parameters)
-def test_derivatives_agree_with_finite_differences(name: str, model: SignalModel) -> None:
+@pytest.mark.parametrize(("of", "name"), CASES)
+def test_derivatives_agree_with_finite_differences(of: str, name: str) -> None:
     """Within 1e-6 of the largest derivative, over dark, lit and saturated pixels."""
+    model = MODELS[of]
     values = model.values
-    values["weights"] = values["weights"] + 0.05  # both sides are positive
+    for positive in ("weights", "quantum_efficiency"):
+        values[positive] = values[positive] + 0.05  # both sides are positive
     direction = directions(model)[name]
     assert values[name].any()
     step = 1e-4
@@ -131,6 +153,7 @@ def test_derivatives_agree_with_finite_differences(name: str, model: SignalModel
             assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_the_gradient_is_the_adjoint_of_the_derivative(model: SignalModel) -> None:
     """<c, J t> = <J^T c, t> for each parameter alone and for all together."""
     rng = np.random.default_rng(3)
@@ -171,6 +194,15 @@ COLUMNS, ROWS, CHIPS, FALSE_ALARM = 48, 4096, 6, 1e-3
         pytest.param(D200.with_(well_capacity_e=20_000), 1.0, id="well"),
         pytest.param(D200.with_(dark_current_e_per_s=2e3, dcnu_percent=3), 1.0, id="dark current"),
         pytest.param(D200.with_(black_level_dn=0, read_noise_e=8, dsnu_e=2), 0.004, id="clipped blacks"),
+        pytest.param(D200.with_(response_curve=TABLE), 1.0, id="response curve"),
+        pytest.param(
+            PI.with_(
+                interpixel_capacitance={"coupling_percent": 2.5, "diagonal_percent": 0.5},
+                response_curve={"polynomial_percent": [0.0, -4.0]},
+            ),
+            1.0,
+            id="coupled and bent",
+        ),
     ],
 )
 def test_moments_are_those_of_frames(sensor: ps.Sensor, brightest: float) -> None:
@@ -189,6 +221,8 @@ def test_moments_are_those_of_frames(sensor: ps.Sensor, brightest: float) -> Non
     electrons = np.tile(camera.mean_electrons(light, time_s)[24], (ROWS, 1))
     chips = [replace(camera, sensor=sensor.with_(rows=ROWS, serial=str(n))) for n in range(CHIPS)]
     frames = [chip.expose(electrons, time_s, seed=n).dn for n, chip in enumerate(chips)]
+    if sensor.effects is not None and sensor.effects.interpixel_capacitance is not None:
+        frames = [frame[1:-1:3] for frame in frames]  # pixels without a common neighbor
     dn = np.concatenate(frames).astype(np.float64)
     assert variance.min() < variance.max() / 2
     from_mean = dn - mean
@@ -207,9 +241,12 @@ def test_moments_are_those_of_frames(sensor: ps.Sensor, brightest: float) -> Non
 
 def test_torch_gradients() -> None:
     torch = pytest.importorskip("torch", reason="torch is not installed (extra ml)")
-    camera = ps.Camera(AT_F8, FULL.with_(rows=4, cols=6, low_pass_filter=None))
+    camera = ps.Camera(AT_F8, EFFECTS.with_(rows=4, cols=6, low_pass_filter=None))
     model = SignalModel(camera, scene(3, 4, 2), EXPOSURE_S)
-    names = ("weights", "fill_factor", "f_number", "electrical_crosstalk", "read_noise_e", "exposure_s")
+    names = (
+        *("weights", "quantum_efficiency", "fill_factor", "f_number", "electrical_crosstalk", "read_noise_e"),
+        *("exposure_s", "polynomial_percent", "coupling_percent"),
+    )
     tensors = [torch.tensor(model.values[name] + 0.05, requires_grad=True) for name in names]
 
     def moments(*given: Any) -> Any:
@@ -243,7 +280,7 @@ def test_a_camera_without_derivatives_is_an_error() -> None:
         ("optics", ps.Camera(ps.Lens(lens, table), D200), plain),
         ("optics.distortion", ps.Camera(ps.Lens(lens, distortion=ps.Distortion.polynomial(-0.1)), D200), plain),
         ("optics.veiling_glare", ps.Camera(ps.Lens(lens, veiling_glare=ps.VeilingGlare(0.02)), D200), plain),
-        ("sensor.effects", ps.Camera(lens, D200.with_(interpixel_capacitance={"coupling_percent": 1})), plain),
+        ("sensor.effects.blooming", ps.Camera(lens, EFFECTS.with_(blooming={"drained": 0.9})), plain),
         ("sensor.captures", ps.Camera(lens, ps.load_sensor("dual-gain-phone").with_(rows=8, cols=8)), plain),
         ("scene", ps.Camera(lens, D200), ps.DynamicScene(plain, motion=ps.Motion(cols_per_s=3))),
     ]
@@ -263,6 +300,7 @@ def test_a_camera_without_derivatives_is_an_error() -> None:
         ({"weights": np.zeros((3, 9, 13))}, "weights"),
         ({"weights": np.full((3, 9, 14), -1.0)}, "electrons from light"),
         ({"fill": 0.5}, "unknown parameter 'fill'"),
+        ({"quantum_efficiency": np.full((3, 41), 1.1)}, "quantum_efficiency"),
     ],
 )
 def test_invalid_values_are_errors(values: dict[str, Any], what: str, model: SignalModel) -> None:
@@ -278,6 +316,19 @@ def test_parameters_that_a_camera_lacks_are_errors() -> None:
         with pytest.raises(InputError) as caught:
             fixed.jvp({}, {name: 1.0})
         assert caught.value.hint
+    for name in ("polynomial_percent", "coupling_percent"):
+        with pytest.raises(InputError) as caught:
+            MODELS["table"].jvp({}, {name: 1.0})
+        assert caught.value.hint
+    other = {name: one.model_dump() for name, one in D200.channels.items()}
+    other["R"] |= {"wavelength_nm": (400, 700), "quantum_efficiency": (0.1, 0.2), "standard_uncertainty": None}
+    uneven = SignalModel(ps.Camera(AT_F8, D200.with_(channels=other)), scene(), EXPOSURE_S)
+    with pytest.raises(InputError) as caught:
+        uneven({"quantum_efficiency": np.ones((3, 2))})
+    assert caught.value.hint
+    with pytest.raises(InputError) as caught:
+        MODELS["effects"]({"polynomial_percent": [0.0, 0.0, -90.0]})
+    assert caught.value.what == "polynomial_percent"
     wide = SignalModel(ps.Camera(AT_F8, D200), replace(scene(), width_m=0.004), EXPOSURE_S)
     assert "focal_length_mm" not in wide.parameters
     assert "f_number" in wide.parameters

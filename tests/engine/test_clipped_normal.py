@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from photosite.engine.clipped_normal import clipped_moments
+from photosite.engine.clipped_normal import clipped_charge, clipped_moments
 
 Array = NDArray[np.float64]
 
@@ -78,3 +78,23 @@ def test_without_read_noise_the_well_alone_limits() -> None:
 def test_saturated_pixels_have_the_noise_behind_the_limit() -> None:
     assert moments((500.0, 400.0, 9.0, 200.0)) == pytest.approx([200.0, 9 + 1 / 12], rel=1e-9)
     assert moments((500.0, 400.0, 9.0, 900.0)) == pytest.approx([WHITE, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("mean", [100.0, 190.0, 200.0, 230.0])
+def test_charge_below_the_well_agrees_with_quadrature_and_finite_differences(mean: float) -> None:
+    def kept(case: Array | tuple[float, ...]) -> Array:
+        found = clipped_charge(np.array(case[:1]), np.array(case[1:2]), float(case[2]))
+        return np.array([found.mean[0], found.variance[0]])
+
+    case = mean, 100.0, 200.0
+    charge = mean + 10.0 * np.linspace(-10, 10, 20_001)
+    share = norm.pdf(charge, mean, 10.0) / norm.pdf(charge, mean, 10.0).sum()
+    below = np.minimum(charge, 200.0)
+    first = share @ below
+    assert kept(case) == pytest.approx([first, share @ (below - first) ** 2], rel=1e-6)
+    found = clipped_charge(np.array([mean]), np.array([100.0]), 200.0)
+    for n, name in enumerate(("mean", "before", "well")):
+        step = 1e-3 * np.eye(3)[n]
+        near, far = (kept(case + k * step) - kept(case - k * step) for k in (1, 2))
+        exact = [getattr(found.of_mean, name)[0], getattr(found.of_variance, name)[0]]
+        assert exact == pytest.approx((8 * near - far) / 12e-3, rel=1e-6, abs=1e-7)

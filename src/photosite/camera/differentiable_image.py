@@ -13,6 +13,7 @@ image is linear in the weights. H is real and even, so that the adjoint is the s
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from photosite.camera.camera import Camera
 
 Array = NDArray[np.float64]
+
+_EFFICIENCY = "quantum_efficiency"
 
 
 @dataclass(frozen=True)
@@ -90,8 +93,40 @@ class DifferentiableImage:
             self._resampling(axis, starts[axis], steps[axis], scene.shape[axis]) for axis in (0, 1)
         )
         self._coupling = electrons_per_weight(scene, camera) * factor
+        self._camera, self._factor = camera, factor
+        self._blurs: dict[bool, Array] | None = None
         self._latest: tuple[Array, list[NDArray[np.complex128]]] | None = None
         self._sites = [channel_sites(array.cfa, name) for name in camera.sensor.channel_names]
+
+    def with_efficiencies(self, efficiencies: Array) -> DifferentiableImage:
+        """Return the image with other (channels, n) quantum efficiencies, at the wavelengths of the sensor.
+
+        From now on both keep what does not depend on these.
+        """
+        if self._blurs is None:
+            self._blurs = {}
+        coupling = self._coupling_of(efficiencies)
+        again = copy.copy(self)
+        for name in ("_transfers", "_by_working_f_number"):
+            again.__dict__.pop(name, None)
+        again._coupling = coupling
+        return again
+
+    def _coupling_of(self, efficiencies: Array) -> Array:
+        """Return (channels, K, wavelengths), linear in the quantum efficiencies."""
+        per_efficiency, on_scene = self._per_efficiency
+        return np.asarray(per_efficiency * (efficiencies @ on_scene.T)[:, None])
+
+    @cached_property
+    def _per_efficiency(self) -> tuple[Array, Array]:
+        """Coupling for a quantum efficiency of 1, and (wavelengths, n) from the sensor's samples to the scene's."""
+        sensor = self._sensor
+        channels = {name: sensor.channels[name] for name in sensor.channel_names}
+        own_nm = next(iter(channels.values())).wavelength_nm
+        ones = {name: one.model_copy(update={_EFFICIENCY: (1.0,) * len(own_nm)}) for name, one in channels.items()}
+        even = replace(self._camera, sensor=sensor.with_(channels={**sensor.channels, **ones}))
+        hats = [np.interp(self._scene.wavelength_nm, own_nm, hat, left=0.0, right=0.0) for hat in np.eye(len(own_nm))]
+        return electrons_per_weight(self._scene, even) * self._factor, np.stack(hats, axis=1)
 
     def _resampling(self, axis: int, start: float, step: float, samples: int) -> csr_array:
         cover = self._grid.overlap(axis, start, step, samples)
@@ -141,6 +176,14 @@ class DifferentiableImage:
                     total[1, n] += slope * otf
         return total
 
+    def _blur(self, of_lens: bool) -> Array:
+        """Return `_folded`, which is kept for other quantum efficiencies once these have changed."""
+        if self._blurs is None:
+            return self._folded(of_lens)
+        if of_lens not in self._blurs:
+            self._blurs[of_lens] = self._folded(of_lens)
+        return self._blurs[of_lens]
+
     def _shifted(self, axis: int, frequency_per_m: Array) -> tuple[Array, float, Array, Array]:
         """Return frequencies on an axis, the least, and the aperture at them with its derivative by the fill factor."""
         detector = self._sampling.detector_m[axis] * frequency_per_m
@@ -153,20 +196,20 @@ class DifferentiableImage:
     @cached_property
     def _transfers(self) -> tuple[Array, Array]:
         """(channels, K, fy, fx) transfers, and their derivatives by the fill factor."""
-        value, slope = self._coupled(self._folded(False))
+        value, slope = self._coupled(self._blur(False), self._coupling)
         return value, slope + value / self._values.fill_factor
 
-    def _coupled(self, folded: Array) -> Array:
+    def _coupled(self, folded: Array, coupling: Array) -> Array:
         """Return (n, channels, K, fy, fx) from (n, wavelengths, fy, fx)."""
-        channels, maps, wavelengths = self._coupling.shape
-        flat: Array = self._coupling.reshape(-1, wavelengths) @ folded.reshape(*folded.shape[:2], -1)
+        channels, maps, wavelengths = coupling.shape
+        flat: Array = coupling.reshape(-1, wavelengths) @ folded.reshape(*folded.shape[:2], -1)
         return flat.reshape(len(folded), channels, maps, *folded.shape[2:])
 
     @cached_property
     def _by_working_f_number(self) -> Array:
         assert isinstance(self._lens, DiffractionLimited)
         number = self._lens.working_f_number(self._scene.distance_m)
-        (slope,) = self._coupled(self._folded(True))
+        (slope,) = self._coupled(self._blur(True), self._coupling)
         return np.asarray(slope - self._transfers[0] * (8.0 * number / (1.0 + 4.0 * number**2)))
 
     # Images.
@@ -177,16 +220,7 @@ class DifferentiableImage:
 
     def adjoint(self, mosaic: Array) -> Array:
         """Return (K, R, C): the adjoint of `image`, with <mosaic, image(weights)> = <adjoint(mosaic), weights>."""
-        cells, tile = self._cells, self._grid.tile
-        per_pixel = self._grid.cells_per_pixel
-        spectra = []
-        for sites in self._sites:
-            sparse = np.zeros(cells)
-            for r, c in sites:
-                sparse[self._centers(0, r, tile[0] * per_pixel), self._centers(1, c, tile[1] * per_pixel)] = (
-                    mosaic * self._falloff
-                )[r :: tile[0], c :: tile[1]]
-            spectra.append(scipy.fft.rfft2(sparse, workers=WORKERS))
+        cells, spectra = self._cells, self._channel_spectra(mosaic)
         out = np.empty((len(self._scene.basis), *self._scene.shape))
         for k in range(len(out)):
             total = sum(
@@ -195,6 +229,41 @@ class DifferentiableImage:
             blurred = scipy.fft.irfft2(total, s=cells, workers=WORKERS)
             out[k] = (self._across.T @ (self._down.T @ blurred).T).T
         return out
+
+    def _channel_spectra(self, mosaic: Array) -> list[NDArray[np.complex128]]:
+        """Return the spectra of each channel's pixels of a mosaic, on the cells' grid, 0 elsewhere."""
+        tile, per_pixel, spectra = self._grid.tile, self._grid.cells_per_pixel, []
+        seen = mosaic * self._falloff
+        for sites in self._sites:
+            sparse = np.zeros(self._cells)
+            for r, c in sites:
+                rows, cols = self._centers(0, r, tile[0] * per_pixel), self._centers(1, c, tile[1] * per_pixel)
+                sparse[rows, cols] = seen[r :: tile[0], c :: tile[1]]
+            spectra.append(scipy.fft.rfft2(sparse, workers=WORKERS))
+        return spectra
+
+    def along_efficiencies(self, weights: Array, efficiencies: Array) -> Array:
+        """Return the derivative of the image along a direction of the quantum efficiencies, in which it is linear."""
+        (transfers,) = self._coupled(self._blur(False)[:1], self._coupling_of(efficiencies))
+        return np.asarray(self._image(self._spectra(weights), transfers) * self._falloff)
+
+    def by_efficiencies(self, weights: Array, mosaic: Array) -> Array:
+        """Return (channels, n): the adjoint of `along_efficiencies`."""
+        per_efficiency, on_scene = self._per_efficiency
+        rows, cols = self._cells
+        # Parseval: each frequency of the half plane stands for two, but those of the first and the last column.
+        share = np.full(cols // 2 + 1, 2.0 / (rows * cols))
+        share[0] /= 2.0
+        if cols % 2 == 0:
+            share[-1] /= 2.0
+        blur = self._blur(False)[0]
+        found = np.empty((len(self._sites), on_scene.shape[0]))
+        for c, of_channel in enumerate(self._channel_spectra(mosaic)):
+            products = [(np.conj(of_channel) * spectrum).real * share for spectrum in self._spectra(weights)]
+            quarters = np.stack([self._on_quarter(product) for product in products])
+            by_coupling = np.tensordot(quarters, blur, ((1, 2), (1, 2)))  # (K, wavelengths)
+            found[c] = (per_efficiency[c] * by_coupling).sum(axis=0)
+        return np.asarray(found @ on_scene)
 
     def derivatives(self, weights: Array, names: set[str]) -> dict[str, Array]:
         """Return (rows, cols) derivatives of the image by the named ones of `ImageValues`."""
@@ -227,6 +296,13 @@ class DifferentiableImage:
         """Return (rows, cols // 2 + 1) of the grid from a quarter of the frequencies."""
         rows = self._grid.cells(0)
         return np.concatenate([transfer, transfer[(rows - 1) // 2 : 0 : -1]])
+
+    def _on_quarter(self, values: Array) -> Array:
+        """Return the adjoint of `_on_grid`."""
+        rows = self._grid.cells(0)
+        quarter = values[: rows // 2 + 1].copy()
+        quarter[1 : (rows - 1) // 2 + 1] += values[rows // 2 + 1 :][::-1]
+        return quarter
 
     def _centers(self, axis: int, site: int, step: int) -> slice:
         """Return the cells in the centers of the frame's pixels of a site."""

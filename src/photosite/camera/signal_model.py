@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.camera.camera import Camera
+from photosite.camera.charge_conversion import COUPLING, DIFFERENTIABLE_EFFECTS, ChargeConversion
 from photosite.camera.differentiable_image import DifferentiableImage, ImageValues
 from photosite.camera.mean_image import warn_of_missing_light
 from photosite.camera.optical_stack import (
@@ -25,6 +26,8 @@ from photosite.errors import InputError, did_you_mean
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import RadialPsf
 from photosite.scene.scene import Scene
+from photosite.sensor.effects.response_curve import ResponseCurve
+from photosite.sensor.model import Sensor
 from photosite.values.exposure import check_exposure
 from photosite.values.shown import Shown
 
@@ -32,6 +35,8 @@ Array = NDArray[np.float64]
 
 _IMAGE = ("fill_factor", "f_number", "focal_length_mm")
 _KERNELS = ("optical_crosstalk", "electrical_crosstalk")
+_EFFICIENCY = "quantum_efficiency"
+_POLYNOMIAL = "polynomial_percent"
 _CONDITIONS = {
     "exposure_s": "above 0",
     "fill_factor": "above 0 and at most 1",
@@ -61,7 +66,8 @@ class SignalModel(Shown):
     ----------
     camera
         The lens has a rotationally symmetric blur, the same over the whole field, and no distortion or veiling glare,
-        such as `DiffractionLimited`. The sensor has no measured maps, effects, several captures or stacked channels.
+        such as `DiffractionLimited`. The sensor has no measured maps, several captures or stacked channels, and of the
+        effects at most response curve and interpixel capacitance.
     scene
         A flat scene that does not move.
     exposure_s
@@ -81,19 +87,29 @@ class SignalModel(Shown):
     `exposure_s`                                        s
     `f_number`, `focal_length_mm`                       of a `DiffractionLimited` lens
     `fill_factor`                                       above 0, at most 1
+    `quantum_efficiency`                                (channels, wavelengths) of a sensor whose channels have the same
+                                                        wavelengths, 0 to 1
     `optical_crosstalk`, `electrical_crosstalk`         (channels, n, n) kernels of a sensor that has them, n as there
     `system_gain_dn_per_e`, `black_level_dn`            of the converter
     `well_capacity_e`                                   e-
     `read_noise_e`, `dsnu_e`                            e-
     `prnu_percent`, `dcnu_percent`                      %
     `dark_current_e_per_s`                              e-/s
+    `polynomial_percent`                                (n,) of a response curve that is a polynomial
+    `coupling_percent`, `diagonal_percent`              of interpixel capacitance
     ==================================================  ===============================================================
 
     The mean is exact where neither well nor converter clips a frame. Near these limits it is the mean of a clipped
     normal distribution, rounding included (`photosite.engine.clipped_normal`).
 
+    A response curve counts as straight over the noise of a pixel, which neglects s'' v / 2 electrons of the mean: for a
+    deviation of -2 % at the well, 0.02 electrons. With interpixel capacitance, what a pixel gets from its neighbors
+    counts as normal noise.
+
     The light is computed in double precision, without the approximations of `Camera.mean_electrons`, with which it
-    agrees to about 1e-5 of the brightest pixel. Memory is about 25 bytes times pixels, channels and basis spectra.
+    agrees to about 1e-5 of the brightest pixel. Memory is about 25 bytes times pixels, channels and basis spectra;
+    about 4 bytes times pixels and wavelengths more where the quantum efficiency varies, and 600 bytes times pixels with
+    interpixel capacitance.
 
     References
     ----------
@@ -173,14 +189,7 @@ class SignalModel(Shown):
             Derivatives of mean and variance.
         """
         state, directions = self._state(values), self._arrays(tangents, "tangents")
-        light = state.light_along(directions)
-        of_inputs = [np.zeros_like(light) for _ in range(4)]
-        for name, slopes in state.scalar_slopes().items():
-            if name in directions:
-                for total, slope in zip(of_inputs, slopes, strict=True):
-                    total += slope * directions[name]
-        for total, slope in zip(of_inputs, state.light_slopes(), strict=True):
-            total += slope * light
+        of_inputs = state.inputs_along(directions)
         moments = state.moments
         return SignalMoments(moments.of_mean.along(*of_inputs), moments.of_variance.along(*of_inputs))
 
@@ -215,16 +224,11 @@ class SignalModel(Shown):
             if each.shape != state.light_e.shape:
                 raise InputError("cotangents", value=each.shape, expected=f"two arrays of {state.light_e.shape}")
         moments = state.moments
-        of_inputs = [
+        of_inputs = tuple(
             of_mean * getattr(moments.of_mean, name) + of_variance * getattr(moments.of_variance, name)
             for name in ("mean", "before", "after", "well")
-        ]
-        light = sum(of * slope for of, slope in zip(of_inputs, state.light_slopes(), strict=True))
-        gradient = state.light_gradient(light, set(names))
-        for name, slopes in state.scalar_slopes().items():
-            if name in names:
-                direct = sum(float((of * slope).sum()) for of, slope in zip(of_inputs, slopes, strict=True))
-                gradient[name] = gradient.get(name, 0.0) + np.asarray(direct)
+        )
+        gradient = state.gradient(of_inputs, set(names))
         return {name: gradient[name] for name in names}
 
     def torch(self, values: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -274,6 +278,18 @@ class SignalModel(Shown):
                 pairs = zip(sensor.channel_names, of_channels.tolist(), strict=True)
                 crosstalk[name.removesuffix("_crosstalk")] = dict(pairs)
             sensor = sensor.with_(crosstalk=crosstalk)
+        if (efficiencies := given.pop(_EFFICIENCY, None)) is not None:
+            pairs = zip(sensor.channel_names, efficiencies.tolist(), strict=True)
+            without = {"standard_uncertainty": None}
+            changed = {name: sensor.channels[name].model_dump() | without | {_EFFICIENCY: row} for name, row in pairs}
+            sensor = sensor.with_(channels={**sensor.channels, **changed})
+        if (factors := given.pop(_POLYNOMIAL, None)) is not None:
+            sensor = sensor.with_(response_curve={_POLYNOMIAL: factors.tolist()})
+        if percents := {name: float(given.pop(name)) for name in COUPLING if name in given}:
+            assert sensor.effects is not None
+            assert sensor.effects.interpixel_capacitance is not None
+            own_percents = {name: getattr(sensor.effects.interpixel_capacitance, name).value for name in COUPLING}
+            sensor = sensor.with_(interpixel_capacitance=own_percents | percents)
         changes = {name: float(value) for name, value in given.items() if name not in ("weights", "exposure_s")}
         return replace(self.camera, optics=lens, sensor=sensor.with_(**changes) if changes else sensor)
 
@@ -309,6 +325,13 @@ class SignalModel(Shown):
             for name, kernels in (("optical", crosstalk.optical), ("electrical", crosstalk.electrical)):
                 if kernels is not None:
                     found[f"{name}_crosstalk"] = kernels_of_channels(kernels, sensor.channel_names)
+        if _grid_nm(sensor) is not None:
+            found[_EFFICIENCY] = [sensor.channels[name].quantum_efficiency for name in sensor.channel_names]
+        if (effects := sensor.effects) is not None:
+            if (curve := effects.response_curve) is not None and curve.polynomial_percent is not None:
+                found[_POLYNOMIAL] = curve.polynomial_percent
+            if (coupling := effects.interpixel_capacitance) is not None:
+                found |= {name: getattr(coupling, name).value for name in COUPLING}
         return {name: np.asarray(value, np.float64) for name, value in found.items()}
 
     @cached_property
@@ -340,6 +363,12 @@ class SignalModel(Shown):
         if name in _KERNELS:
             hint = "Give the sensor kernels, which may be those of no crosstalk"
             raise InputError(f"the sensor has no '{name}'", where=where, hint=hint)
+        if name == _EFFICIENCY:
+            hint = "Give all channels the same wavelengths"
+            raise InputError(f"the channels have '{name}' at different wavelengths", where=where, hint=hint)
+        if name in (_POLYNOMIAL, *COUPLING):
+            part = "a response curve that is a polynomial" if name == _POLYNOMIAL else "interpixel capacitance"
+            raise InputError(f"the sensor has no '{name}'", where=where, hint=f"Give the sensor {part}")
         raise InputError(f"unknown parameter '{name}'", where=where, hint=did_you_mean(name, self._own))
 
     def _arrays(self, given: Mapping[str, ArrayLike] | None, what: str) -> dict[str, Array]:
@@ -358,15 +387,25 @@ class SignalModel(Shown):
     def _state(self, values: Mapping[str, ArrayLike] | None) -> _State:
         given = self._arrays(values, "values")
         for name, value in given.items():
-            if name in ("weights", *_KERNELS):
+            if name == _EFFICIENCY and not (value.min() >= 0.0 and value.max() <= 1.0):
+                worst = float(value.min() if value.min() < 0.0 else value.max())
+                raise InputError(name, where="values", value=worst, expected="0 to 1")
+            if name in ("weights", _EFFICIENCY, _POLYNOMIAL, *_KERNELS):
                 continue
             number, condition = float(value), _CONDITIONS.get(name, "0 or above")
             if number < 0 or (number == 0 and name in _CONDITIONS) or (number > 1 and name == "fill_factor"):
                 raise InputError(name, where="values", value=number, expected=condition)
+        if _POLYNOMIAL in given:
+            well_e = float(given.get("well_capacity_e", self._own["well_capacity_e"]))
+            try:
+                ResponseCurve(polynomial_percent=tuple(given[_POLYNOMIAL].tolist())).check(well_e)
+            except InputError as error:
+                expected = "factors of a signal that rises with the charge up to the well capacity"
+                raise InputError(_POLYNOMIAL, where="values", value=error.value, expected=expected) from None
         key = tuple((name, value.tobytes()) for name, value in sorted(given.items()))
         kept = self._kept.get("state")
         if kept is None or kept[0] != key:
-            kept = self._kept["state"] = key, _State(self, self._own | given)
+            kept = self._kept["state"] = key, _State(self, self._own | given, given.get(_EFFICIENCY))
         state: _State = kept[1]
         return state
 
@@ -381,10 +420,12 @@ class SignalModel(Shown):
 class _State:
     """A model at some values: light, moments, and derivatives of each stage."""
 
-    def __init__(self, model: SignalModel, values: dict[str, Array]) -> None:
+    def __init__(self, model: SignalModel, values: dict[str, Array], efficiencies: Array | None) -> None:
         self._values, self._angular, self._cfa = values, model._angular, model.camera.sensor.array.cfa
         own = {name: float(values[name]) for name in _IMAGE if name in values}
         self._image = model._image(replace(ImageValues.of_camera(model.camera), **own))
+        if efficiencies is not None:
+            self._image = self._image.with_efficiencies(efficiencies)
         self._time_s = float(values["exposure_s"])
         before = self._seen(self._image.image(values["weights"]))
         _check_light(before)
@@ -401,22 +442,14 @@ class _State:
             self._gather = CrosstalkGather(self._before.shape, combined_shares(*self._kernels.values()))
         rate = self._before if self._gather is None else self._gather.apply(self._before)
         self.light_e = self._time_s * rate
-        # The pixel: mean and variance of the collected charge, and the variance behind the well.
-        gain = self._number("system_gain_dn_per_e")
-        black, well = self._number("black_level_dn"), self._number("well_capacity_e")
+        # The pixel: mean and variance of the collected charge
         self._dark_e = self._number("dark_current_e_per_s") * self._time_s
         self._prnu, self._dcnu = self._number("prnu_percent") / 100.0, self._number("dcnu_percent") / 100.0
-        self._collected_e = self.light_e + self._dark_e
-        spread_e2 = (self._prnu * self.light_e) ** 2 + (self._dcnu * self._dark_e) ** 2
-        self._before_e2 = self._collected_e + spread_e2
-        self._after_e2 = self._number("read_noise_e") ** 2 + self._number("dsnu_e") ** 2
-        self.moments: ClippedMoments = clipped_moments(
-            black + gain * self._collected_e,
-            gain**2 * self._before_e2,
-            gain**2 * self._after_e2,
-            black + gain * well,
-            model.camera.sensor.white_level_dn,
-        )
+        mean_e = self.light_e + self._dark_e
+        variance_e2 = mean_e + (self._prnu * self.light_e) ** 2 + (self._dcnu * self._dark_e) ** 2
+        sensor = model.camera.sensor
+        self._conversion = ChargeConversion(sensor.effects, values, mean_e, variance_e2)
+        self.moments: ClippedMoments = clipped_moments(*self._conversion.inputs, sensor.white_level_dn)
 
     def _number(self, name: str) -> float:
         return float(self._values[name])
@@ -424,32 +457,29 @@ class _State:
     def _seen(self, image: Array) -> Array:
         return image if self._angular is None else np.asarray(image * self._angular)
 
-    def light_slopes(self) -> tuple[Array | float, ...]:
-        """Return the derivatives by the light of the four inputs of `clipped_moments`: mean, before, after, well."""
-        gain = self._number("system_gain_dn_per_e")
-        return gain, gain**2 * (1.0 + 2.0 * self._prnu**2 * self.light_e), 0.0, 0.0
+    def inputs_along(self, directions: Mapping[str, Array]) -> tuple[Any, ...]:
+        """Return the derivatives of the inputs of `clipped_moments` along a direction."""
+        rate, time, prnu, dcnu = (
+            directions.get(name, 0.0) for name in ("dark_current_e_per_s", "exposure_s", "prnu_percent", "dcnu_percent")
+        )
+        light = self.light_along(directions)
+        dark = rate * self._time_s + self._number("dark_current_e_per_s") * time
+        of_prnu = 2.0 * self._prnu * self.light_e * (self._prnu * light + prnu / 100.0 * self.light_e)
+        of_dcnu = 2.0 * self._dcnu * self._dark_e * (self._dcnu * dark + dcnu / 100.0 * self._dark_e)
+        return self._conversion.along(light + dark, light + dark + of_prnu + of_dcnu, directions)
 
-    def scalar_slopes(self) -> dict[str, tuple[Array | float, ...]]:
-        """Return the derivatives of the same inputs by the sensor's numbers, at the same light."""
-        gain, rate, time_s = self._number("system_gain_dn_per_e"), self._number("dark_current_e_per_s"), self._time_s
-        square = gain**2
-        by_dark_e = gain, square * (1.0 + 2.0 * self._dcnu**2 * self._dark_e), 0.0, 0.0
-        return {
-            "exposure_s": tuple(rate * slope for slope in by_dark_e),
-            "dark_current_e_per_s": tuple(time_s * slope for slope in by_dark_e),
-            "system_gain_dn_per_e": (
-                self._collected_e,
-                2.0 * gain * self._before_e2,
-                2.0 * gain * self._after_e2,
-                self._number("well_capacity_e"),
-            ),
-            "black_level_dn": (1.0, 0.0, 0.0, 1.0),
-            "well_capacity_e": (0.0, 0.0, 0.0, gain),
-            "read_noise_e": (0.0, 0.0, 2.0 * square * self._number("read_noise_e"), 0.0),
-            "dsnu_e": (0.0, 0.0, 2.0 * square * self._number("dsnu_e"), 0.0),
-            "prnu_percent": (0.0, 0.02 * square * self._prnu * self.light_e**2, 0.0, 0.0),
-            "dcnu_percent": (0.0, 0.02 * square * self._dcnu * self._dark_e**2, 0.0, 0.0),
-        }
+    def gradient(self, of_inputs: tuple[Array, ...], names: set[str]) -> dict[str, Array]:
+        """Return the gradient by values, from the derivatives of a number by the inputs of `clipped_moments`."""
+        of_mean_e, of_variance_e2, found = self._conversion.gradient(*of_inputs)
+        of_light = of_mean_e + of_variance_e2 * (1.0 + 2.0 * self._prnu**2 * self.light_e)
+        of_dark = of_mean_e.sum() + of_variance_e2.sum() * (1.0 + 2.0 * self._dcnu**2 * self._dark_e)
+        found["prnu_percent"] = np.asarray((of_variance_e2 * 0.02 * self._prnu * self.light_e**2).sum())
+        found["dcnu_percent"] = np.asarray(of_variance_e2.sum() * 0.02 * self._dcnu * self._dark_e**2)
+        found["dark_current_e_per_s"] = np.asarray(of_dark * self._time_s)
+        found |= self.light_gradient(of_light, names)
+        if "exposure_s" in names:
+            found["exposure_s"] = found["exposure_s"] + of_dark * self._number("dark_current_e_per_s")
+        return found
 
     def light_along(self, directions: Mapping[str, Array]) -> Array:
         """Return the derivative of `light_e` along a direction."""
@@ -461,6 +491,8 @@ class _State:
             before += directions[name] * slope
         if "weights" in directions:
             before += self._seen(self._image.image(directions["weights"]))
+        if _EFFICIENCY in directions:
+            before += self._seen(self._image.along_efficiencies(self._values["weights"], directions[_EFFICIENCY]))
         if self._gather is None:
             return total + self._time_s * before
         total += self._time_s * self._gather.apply(before)
@@ -490,6 +522,8 @@ class _State:
             found[name] = np.asarray((before * slope).sum())
         if "weights" in names:
             found["weights"] = self._image.adjoint(before)
+        if _EFFICIENCY in names:
+            found[_EFFICIENCY] = self._image.by_efficiencies(self._values["weights"], before)
         return found
 
     def _image_slopes(self, names: set[str], *, seen: bool = True) -> dict[str, Array]:
@@ -503,6 +537,12 @@ class _State:
     def _shares_of(self, name: str, kernels: Array) -> Array:
         """Return the gathering kernels with one of the two kernels replaced."""
         return combined_shares(*(self._kernels | {name: kernels[self._site_channel]}).values())
+
+
+def _grid_nm(sensor: Sensor) -> tuple[float, ...] | None:
+    """Return the wavelengths of the quantum efficiencies, or None if they differ between channels."""
+    grids = {sensor.channels[name].wavelength_nm for name in sensor.channel_names}
+    return grids.pop() if len(grids) == 1 else None
 
 
 def _check_light(rate: Array) -> None:
@@ -529,17 +569,16 @@ def _check(camera: Camera, scene: Scene) -> None:
         expected = "a lens with a rotationally symmetric blur, the same over the whole field"
         raise InputError("optics", where="SignalModel", value=type(spread).__name__, expected=expected)
     glare = lens.veiling_glare
-    effects = None
-    if sensor.effects is not None:
-        effects = [name for name in type(sensor.effects).model_fields if getattr(sensor.effects, name) is not None]
-    parts = {
+    parts: dict[str, Any] = {
         "optics.distortion": None if lens.mapping(scene.distance_m) is None else "a mapping",
         "optics.veiling_glare": None if glare is None or glare.fraction == 0 else glare.fraction,
-        "sensor.effects": effects,
         "sensor.captures": None if sensor.captures is None else "several",
         "sensor.maps": None if sensor.maps is None else sensor.maps.file,
         "sensor.array.stacked": sensor.array.stacked or None,
     }
+    for name in () if sensor.effects is None else type(sensor.effects).model_fields:
+        if name not in DIFFERENTIABLE_EFFECTS:
+            parts[f"sensor.effects.{name}"] = None if getattr(sensor.effects, name) is None else "given"
     for name, value in parts.items():
         if value is not None:
             hint = "Use with_(maps=None)" if name == "sensor.maps" else None

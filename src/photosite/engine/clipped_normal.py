@@ -58,12 +58,15 @@ class ClippedMoments:
     of_variance: Partials
 
 
-def clipped_moments(mean: Array, before: Array, after: float, well: float, white: float) -> ClippedMoments:
+def clipped_moments(
+    mean: Array, before: Array, after: Array | float, well: Array | float, white: float
+) -> ClippedMoments:
     """Return mean and variance of the digital numbers of pixels, with derivatives.
 
     - `mean`, `before`: Arrays of one shape: mean and variance of X. The variance is above 0 near the limits.
     - `after`: Variance of R, 0 or above.
-    - `well`, `white`: The limit of X, and the highest number; above 0.
+    - `well`: The limit of X.
+    - `white`: The highest number; above 0.
 
     Examples
     --------
@@ -79,22 +82,51 @@ def clipped_moments(mean: Array, before: Array, after: float, well: float, white
     values[[2, 7, 8]] = 1.0
     near = (before > 0) & ((well - mean < _FAR * np.sqrt(before)) | (white - mean < reach))
     if near.any():
-        values[:, near] = _below_limits(mean[near], before[near], max(after, _LEAST_DN**2), well, white)
+        after, well = (np.broadcast_to(each, mean.shape)[near] for each in (after, well))
+        values[:, near] = _below_limits(mean[near], before[near], np.maximum(after, _LEAST_DN**2), well, white)
     dark = (total > 0) & (mean < reach)
     if dark.any():
         values[:, dark] = _above_zero(values[:, dark], mean[dark], total[dark])
     return ClippedMoments(values[0], values[1], Partials(*values[2:6]), Partials(*values[6:]))
 
 
-def _below_limits(mean: Array, before: Array, after: float, well: float, white: float) -> Array:
+def clipped_charge(mean: Array, variance: Array, well: float) -> ClippedMoments:
+    """Return mean and variance of min(X, well), X normal, with derivatives.
+
+    Examples
+    --------
+    >>> kept = clipped_charge(np.array([100.0, 4000.0]), np.full(2, 400.0), 4000.0)
+    >>> kept.mean.round(3), kept.variance.round(3)
+    (array([ 100.   , 3992.021]), array([400.   , 136.338]))
+    """
+    values = np.zeros((8, *mean.shape))  # mean, variance, three derivatives each by mean, variance and well
+    values[0], values[1] = mean, variance
+    values[[2, 6]] = 1.0
+    near = well - mean < _FAR * np.sqrt(variance)
+    if near.any():
+        s = np.sqrt(variance[near])
+        a = (well - mean[near]) / s
+        below, density = ndtr(a), _density(a)
+        h1, h2 = s * (a * below + density), variance[near] * ((a * a + 1.0) * below + a * density)
+        by_mean, by_variance, by_well = below, -0.5 * density / s, ndtr(-a)
+        # Of the variance of h = (well - X)+, E[h^2] - E[h]^2
+        of_variance = -2.0 * h1 * ndtr(-a), below + 2.0 * h1 * by_variance, 2.0 * h1 * by_well
+        values[:, near] = well - h1, h2 - h1 * h1, by_mean, by_variance, by_well, *of_variance
+    zero = np.zeros_like(mean)
+    of_mean, of_variance_2 = (Partials(values[k], values[k + 1], zero, values[k + 2]) for k in (2, 5))
+    return ClippedMoments(values[0], values[1], of_mean, of_variance_2)
+
+
+def _below_limits(mean: Array, before: Array, after: Array, well: Array, white: float) -> Array:
     """Return the (10, n) values after well and white level, in the order of `clipped_moments`."""
-    s, r, t = np.sqrt(before), math.sqrt(after), np.sqrt(before + after)
+    s, r, t = np.sqrt(before), np.sqrt(after), np.sqrt(before + after)
     far = well + (_FAR + 3.0) * r
-    limit = min(white, far)  # what lies far above the well's limit is never reached; a nearer limit loses no digits
+    # What lies far above the well's limit is never reached; a nearer limit loses no digits.
+    limit = np.minimum(white, far)
     a, k, u = (well - mean) / s, (limit - mean) / t, (limit - well) / r
     alpha = (a - s / t * k) * (t / r)
-    density_a, density_k, density_u = _density(a), _density(k), float(_density(u))
-    above, below_u, below_alpha = ndtr(-a), float(ndtr(u)), ndtr(alpha)
+    density_a, density_k, density_u = _density(a), _density(k), _density(u)
+    above, below_u, below_alpha = ndtr(-a), ndtr(u), ndtr(alpha)
     both = _bivariate(a, k, s / t, r / t)
     # Moments of (u - z)+, z standard normal; and of h+ over t, and over t^2, where X is below the well's limit
     psi_1, psi_2 = u * below_u + density_u, (u * u + 1.0) * below_u + u * density_u
@@ -113,18 +145,18 @@ def _below_limits(mean: Array, before: Array, after: float, well: float, white: 
     )
     squares = np.stack([-2.0 * t * first, both + at_well * r * psi_1, both + above * below_u, -2.0 * above * r * psi_1])
     of_variance = squares + 2.0 * h1 * slopes
-    rounded = np.ones_like(mean)
-    if white < far:  # some numbers are clipped, and not rounded
-        rounded = both + above * below_u
-        bend, cross = k * at_white / t, density_k * _density(alpha) / t**2
-        of_variance += ROUNDING_DN2 * np.stack(
-            [
-                -at_white,
-                -0.5 * (bend - cross * r / s),
-                -0.5 * (bend + cross * s / r + above * u * density_u / after),
-                -above * density_u / r,
-            ]
-        )
+    clipped = white < far  # some numbers are clipped, and not rounded
+    rounded = np.where(clipped, both + above * below_u, 1.0)
+    bend, cross = k * at_white / t, density_k * _density(alpha) / t**2
+    of_rounded = np.stack(
+        [
+            -at_white,
+            -0.5 * (bend - cross * r / s),
+            -0.5 * (bend + cross * s / r + above * u * density_u / after),
+            -above * density_u / r,
+        ]
+    )
+    of_variance += ROUNDING_DN2 * np.where(clipped, of_rounded, 0.0)
     return np.concatenate([[limit - h1, h2 - h1 * h1 + ROUNDING_DN2 * rounded], slopes, of_variance])
 
 
