@@ -183,7 +183,8 @@ def measured_pixel(
     exposure: Exposure,
 ) -> Pixel:
     """Return a pixel's parameters from its values in `MeasuredMaps`, whose last two fields all pixels share."""
-    dark, noise = float(dark_rate), float(noise_dn)
+    # numba's `float` keeps 32 bits.
+    dark, noise = np.float64(dark_rate), np.float64(noise_dn)
     return Pixel(
         max(1.0 + float(prnu), 0.0),
         max(dark, 0.0) * (exposure.exposure_s / map_gain_dn_per_e),
