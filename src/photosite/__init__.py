@@ -49,6 +49,7 @@ _MODULE_OF = {
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
+    "compare_cameras": "photosite.studies.camera_comparison",
     "compare_sensors": "photosite.studies.sensor_comparison",
     "convert": "photosite.scene.io.formats",
     "load_camera": "photosite.camera.file",
@@ -138,6 +139,7 @@ if TYPE_CHECKING:
     from photosite.scene.scene import Scene as Scene
     from photosite.sensor.io.sensor_file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor
+    from photosite.studies.camera_comparison import compare_cameras as compare_cameras
     from photosite.studies.chart_spectral import open_chart as open_chart
     from photosite.studies.gray_surface import snr as snr
     from photosite.studies.sensor_comparison import compare_sensors as compare_sensors

@@ -74,7 +74,7 @@ def decoded(content: bytes) -> tuple[dict, np.ndarray, np.ndarray, np.ndarray | 
     mean = np.frombuffer(content, np.float32, count, start)
     dn = np.frombuffer(content, header["dn_type"], count, start + mean.nbytes)
     rest = np.frombuffer(content, np.uint8, -1, start + mean.nbytes + dn.nbytes)
-    picture = rest.reshape(rows, cols, 3) if rest.size else None
+    picture = rest.reshape(rows, cols, 4)[..., :3] if rest.size else None
     return header, dn.reshape(rows, cols).astype(np.float32), mean.reshape(rows, cols), picture
 
 

@@ -21,12 +21,9 @@ from photosite.app.calibrate_view import (
 )
 from photosite.app.state import LensState, Places, SensorState
 from photosite.app.views import (
-    Comparison,
     PlanRequest,
     Range,
     SweepRequest,
-    compare,
-    compare_code,
     plan,
     plan_code,
     run_sweep,
@@ -57,22 +54,7 @@ def json_of(command: str, capsys: pytest.CaptureFixture[str]) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-def test_a_comparison_and_its_code_agree(capsys: pytest.CaptureFixture[str]) -> None:
-    request = Comparison(sensors=(SensorState(), SensorState(source="vendor-1.4um")), exposure_s=1 / 30)
-    found = compare(request, NOWHERE)
-    python, command = compare_code(request, NOWHERE)
-    assert executed(python)["found"].to_dict() == {k: v for k, v in found.items() if k != "noise_budgets"}
-    assert json_of(command, capsys)["sensors"] == found["sensors"]
-    budget = found["noise_budgets"]["nikon-d200"]
-    assert budget["snr_db"] == ps.noise_budget(ps.load_sensor("nikon-d200"), budget["volts"]).total_db.tolist()
-
-
-def test_changed_sensors_have_labels_of_their_own_and_no_command() -> None:
-    request = Comparison(sensors=(SensorState(), CHANGED, CHANGED))
-    found = compare(request, NOWHERE)
-    assert list(found["sensors"]) == ["nikon-d200", "nikon-d200, changed", "nikon-d200, changed (2)"]
-    assert found["sensors"]["nikon-d200, changed"]["read_noise_e"] == pytest.approx(2.0)
-    assert compare_code(request, NOWHERE)[1] == ""
+def test_changed_sensors_have_no_command() -> None:
     assert plan_code(PlanRequest(sensor=CHANGED), NOWHERE)[1] == ""
     assert sweep_code(SweepRequest(sensor=CHANGED), NOWHERE)[1] == ""
 

@@ -33,6 +33,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ps.load_sensor("vendor-2.2um").with_(name="Small", rows=130, cols=194).save(found / "small.sensor.yaml")
     shade = np.linspace(0, 1, 90, dtype=np.float32)
     save_picture(np.stack(np.broadcast_arrays(shade[:60, None], shade, np.float32(0.4)), axis=2), found / "picture.png")
+    small = ps.load_sensor("nikon-d200").with_(name="Chart", rows=264, cols=392, black_level_dn=64)
+    small.save(found / "chart.sensor.yaml")
+    (found / "chart").mkdir()
+    camera = ps.Camera(ps.DiffractionLimited(4, 50), small.with_(serial="measured"))
+    for seed in (1, 2):
+        camera.capture(ps.charts.macbeth("A", 40), 1 / 20, seed=seed).save(found / "chart" / f"{seed}.dng")
     noise = np.random.default_rng(3)
     (found / "stack").mkdir()
     for kind, time_ms in [("dark", 10), *(("flat", t) for t in (10, 20, 30, 40))]:

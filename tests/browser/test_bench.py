@@ -278,17 +278,86 @@ def test_a_sweep_over_two_fields(page, link) -> None:
     assert download.value.path().read_text().startswith("pixel_width_um,f_number,signal_e")
 
 
-def test_compare_and_plan_with_code(page, link) -> None:
+def test_sensors_are_compared_with_linked_pictures_and_code(page, link) -> None:
     opened(page, link, "compare")
-    page.get_by_label("sony-imx571").check()
-    page.get_by_role("button", name="Compute").click()
-    page.get_by_role("columnheader", name="sony-imx571").wait_for()
-    page.get_by_role("button", name="Copy as command").click()
+    view = page.locator("#view-compare")
+    view.get_by_label("google-pixel-4a").uncheck()
+    view.get_by_label("small.sensor.yaml").check()
+    view.get_by_role("columnheader", name="small.sensor.yaml").first.wait_for()
+    wait(page, "document.querySelectorAll('#view-compare .badge.exact').length === 2")
+    error = view.locator("tr", has=page.get_by_role("rowheader", name="Color error, mean ΔE 2000")).locator("td")
+    shown = [float(text) for text in error.all_inner_texts()]
+    view.get_by_role("button", name="Copy as Python").click()
     page.wait_for_selector("#code[open]")
-    assert "photosite sensors compare nikon-d200 sony-imx174 sony-imx571" in page.inner_text("#code-text")
+    names: dict = {}
+    exec(page.inner_text("#code-text").replace("print(", "str(").replace("found.plot()", ""), names)
+    own = [facts.to_dict()["mean_delta_e_2000"] for facts in names["found"].cameras.values()]
+    assert shown == pytest.approx(own, rel=1e-3)
     page.click("#code-close")
+    view.get_by_role("button", name="Copy as command").click()
+    page.wait_for_selector("#code[open]")
+    assert "photosite cameras compare bench-1.camera.yaml bench-2.camera.yaml" in page.inner_text("#code-text")
+    page.click("#code-close")
+    view.get_by_role("button", name="Compute").click()
+    wait(page, "location.hash.startsWith('#compare=')")
+    copied = page.url
     page.goto(link.split("/?")[0] + "/#plan")
-    ready(page, "plan")
+    page.goto(copied)
+    page.reload()
+    ready(page, "compare")
+    assert not view.get_by_label("google-pixel-4a").is_checked()
+
+
+def test_lenses_are_compared_and_their_pictures_move_together(page, link) -> None:
+    opened(page, link, "compare")
+    view = page.locator("#view-compare")
+    view.get_by_label("Lenses").check()
+    view.get_by_label("Scene of the pictures").select_option("siemens-star")
+    view.get_by_role("button", name="Add a lens").click()
+    view.get_by_role("group", name="Lens 3").get_by_label("f-number").fill("32")
+    page.keyboard.press("Tab")
+    view.get_by_role("columnheader", name="f/32, 50 mm").first.wait_for()
+    mtf = view.locator("tr", has=page.get_by_role("rowheader", name="MTF50 of lens and pixel")).locator("td")
+    values = [float(text) for text in mtf.all_inner_texts()]
+    assert values == sorted(values, reverse=True)
+    wait(page, "document.querySelectorAll('#view-compare .badge.exact').length === 3")
+    view.locator("canvas[tabindex]").first.focus()
+    page.keyboard.press("1")
+    page.keyboard.press("ArrowRight")
+    wait(
+        page,
+        """[...document.querySelectorAll('#view-compare .readout')].every(each => / DN = /.test(each.textContent))
+        && new Set([...document.querySelectorAll('#view-compare .readout')].map(
+            each => each.textContent.split(',').slice(0, 2).join())).size === 1""",
+    )
+
+
+def test_measured_frames_are_compared_with_their_simulation(page, link) -> None:
+    opened(page, link, "compare")
+    view = page.locator("#view-compare")
+    view.get_by_label("Measured frames and their simulation").check()
+    view.get_by_label("Measured frames of one scene and setting").select_option("file:chart")
+    view.get_by_label("Sensor simulated").select_option(label="chart.sensor.yaml")
+    view.get_by_label("f-number").fill("4")
+    page.keyboard.press("Tab")
+    view.get_by_role("button", name="Compare with simulation").click()
+    view.get_by_text("measured and simulated agree").wait_for()
+    assert view.locator("svg.plot").count() == 2
+    save(page, "compare-measured")
+    view.get_by_role("button", name="Copy as command").click()
+    page.wait_for_selector("#code[open]")
+    assert "photosite validate --measured" in page.inner_text("#code-text")
+    page.click("#code-close")
+    view.get_by_label("Tolerance").fill("0")
+    view.get_by_label("Light level").select_option("")
+    view.get_by_label("Mean luminance of the patches").fill("60")
+    page.keyboard.press("Tab")
+    view.get_by_role("button", name="Compare with simulation").click()
+    view.get_by_text("measured and simulated differ").wait_for()
+
+
+def test_a_plan_with_code(page, link) -> None:
+    opened(page, link, "plan")
     page.get_by_label("System gain K", exact=False).first.fill("0.02%")
     page.keyboard.press("Tab")
     before = page.inner_text("#view-plan .card >> nth=1")

@@ -13,16 +13,21 @@ from typing import Literal
 from photosite.app.state import Part
 from photosite.errors import FileError, InputError
 from photosite.files.child import ChildError, call_in_child
+from photosite.frames.io.formats import SUFFIXES as RAW_SUFFIXES
+from photosite.frames.io.formats import read_raw
 from photosite.optics.io.formats import load_optics
 from photosite.scene.io.formats import FORMATS, read_scene
 from photosite.sensor.io.sensor_file import load_sensor
+from photosite.validation.lamp import read_lamp
 
-FileKind = Literal["scene", "sensor", "lens"]
+FileKind = Literal["scene", "sensor", "lens", "raw", "lamp"]
 
 SUFFIXES: dict[FileKind, tuple[str, ...]] = {
     "scene": tuple(dict.fromkeys(suffix for kind in FORMATS for suffix in kind.suffixes)),
     "sensor": (".sensor.yaml", ".sensor.yml", ".yaml", ".yml"),
     "lens": (".optics.yaml", ".optics.yml", ".yaml", ".yml"),
+    "raw": tuple(sorted(RAW_SUFFIXES)),
+    "lamp": (".csv",),
 }
 """Names that the page offers and takes, by what the file holds."""
 
@@ -124,6 +129,11 @@ def content_of(path: Path, kind: FileKind) -> str:
         return sensor.name
     if kind == "lens":
         return type(load_optics(path)).__name__
+    if kind == "raw":
+        rows, cols = read_raw(path).shape
+        return f"{rows} x {cols} pixels"
+    if kind == "lamp":
+        return read_lamp(path).name
     try:
         scene = read_scene(path)
     except FileError as error:

@@ -288,7 +288,7 @@ def create_app(bench: Bench, port: int, token: str) -> App:
         """Return the pixels in view: those of the exact frame where it was computed, else a preview.
 
         The body is the length of a JSON header (4 bytes, little endian), the header, (rows, cols) mean
-        electrons as float32, digital numbers as the header's `dn_type`, and (rows, cols, 3) bytes of the picture.
+        electrons as float32, digital numbers as the header's `dn_type`, and (rows, cols, 4) bytes of the picture.
         """
         arguments = (request.state, bench.places, request.view, bench.kept)
         content = bench.pool.call(request.tab, view_bytes, *arguments, time_s=_VIEW_S)

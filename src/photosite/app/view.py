@@ -95,8 +95,8 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
     bytes
         Length of the header as 4 bytes, little endian; the header, JSON in UTF-8, padded with spaces to a multiple of
         4; where `view.mean`, (rows, cols) mean electrons from light, float32; (rows, cols) digital numbers, float32 or
-        uint16 as the header's `dn_type` says; where its `developed` is true, (rows, cols, 3) bytes of the developed
-        picture.
+        uint16 as the header's `dn_type` says; where its `developed` is true, (rows, cols, 4) bytes of the developed
+        picture: red, green, blue and 255.
     """
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
@@ -127,13 +127,15 @@ _MARGIN = 12
 
 
 def _developed(raw: RawFrame, brightness: float) -> NDArray[np.uint8]:
-    """Return `develop` with 8 bits, in two threads where each pixel depends on its neighbors alone."""
+    """Return `develop` as 8-bit RGBA, in two threads where each pixel depends on its neighbors alone."""
 
     def part(frame: RawFrame) -> NDArray[np.uint8]:
         linear = develop(frame, exposure=brightness)
         linear *= np.float32(255)
         linear += np.float32(0.5)
-        return linear.astype(np.uint8)
+        out = np.full((*linear.shape[:2], 4), 255, np.uint8)
+        out[..., :3] = linear
+        return out
 
     rows, tile = raw.dn.shape[0], len(raw.cfa)
     local = raw.as_shot_neutral is not None or len(raw.channels) == 1

@@ -1,4 +1,4 @@
-"""The views that run a computation as a job: comparison of sensors, planning of a measurement, and sweeps."""
+"""The views that run a computation as a job: planning of a measurement, sweeps, and those of other files."""
 
 from __future__ import annotations
 
@@ -22,20 +22,26 @@ from photosite.app.calibrate_view import (
     list_frames,
     run_calibration,
 )
+from photosite.app.compare_view import (
+    Comparison,
+    ValidationRequest,
+    compare,
+    compare_code,
+    run_validation,
+    validation_code,
+)
 from photosite.app.copy_text import exposure_text, lens_fields, lens_line, sensor_lines, source_name
 from photosite.app.state import LensState, Part, Places, SensorState, Text, changed_sensor, lens
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
-from photosite.metrics.snr import noise_budget
 from photosite.report.style import new_figure, styled
 from photosite.studies.gray_surface import snr
 from photosite.studies.planning import Design, Want, plan_frames
-from photosite.studies.sensor_comparison import compare_sensors, sensor_figures
+from photosite.studies.sensor_comparison import sensor_figures
 from photosite.studies.sweep import sweep
 from photosite.studies.virtual_lab import with_pedestal
 
-_POINTS = 120
 _WANTS = "Standard uncertainty of each parameter: 2% of its value, or a number in its unit."
 
 
@@ -53,15 +59,6 @@ class JobView:
     code: Callable[..., tuple[str, str]]
 
 
-class Comparison(Part):
-    """Sensors behind the same lens, in the same light."""
-
-    sensors: Annotated[tuple[SensorState, ...], Field(min_length=1, max_length=8)] = (SensorState(),)
-    f_number: float = Field(2.8, description="f-number of the common lens, without losses.")
-    exposure_s: float = Field(1 / 15, gt=0, le=1e5, description="Exposure time in s.")
-    illuminant: Text = Field("3200K", description="Light on the surface.")
-
-
 class PlanRequest(Part):
     """The precision that a calibration shall reach."""
 
@@ -71,54 +68,6 @@ class PlanRequest(Part):
     longest_flat_s: float = Field(1 / 20, gt=0, le=1e5, description="Longest exposure time of a flat field in s.")
     illuminant: Text = Field("D65", description="Light of the flat fields.")
     seconds_per_frame: float = Field(1.0, ge=0, le=3600, description="Time to read and save a frame, in s.")
-
-
-def _labels(sensors: tuple[SensorState, ...], places: Places) -> list[str]:
-    labels: list[str] = []
-    for state in sensors:
-        base = source_name(state.source, places).replace("\\", "/").rsplit("/", 1)[-1]
-        if state.gain_setting is not None:
-            base += f" at {state.gain_setting:g}"
-        if state.changed:
-            base += ", changed"
-        label, number = base, 2
-        while label in labels:
-            label, number = f"{base} ({number})", number + 1
-        labels.append(label)
-    return labels
-
-
-def compare(request: Comparison, places: Places, progress: Progress | None = None) -> dict[str, Any]:
-    """Return `compare_sensors` of the sensors, and their noise budgets over the signal in volts."""
-    sensors = dict(
-        zip(_labels(request.sensors, places), (changed_sensor(one, places) for one in request.sensors), strict=True)
-    )
-    conditions: dict[str, Any] = {name: getattr(request, name) for name in ("f_number", "exposure_s", "illuminant")}
-    found = compare_sensors(sensors, **conditions).to_dict()
-    budgets = {}
-    for label, sensor in sensors.items():
-        if sensor.captures is None:
-            top = sensor.saturation_capacity_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
-            volts = np.geomspace(top * 1e-4, top, _POINTS)
-            total_db = noise_budget(sensor, volts).total_db
-            if np.isfinite(total_db).all():  # a sensor without any noise has no finite ratio
-                budgets[label] = {"volts": volts.tolist(), "snr_db": total_db.tolist()}
-    return {**found, "noise_budgets": budgets}
-
-
-def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
-    """Return the comparison as Python code and as a command, which compares unchanged sensors only."""
-    lines = ["import photosite as ps", "", "sensors = {}"]
-    for label, state in zip(_labels(request.sensors, places), request.sensors, strict=True):
-        lines += [*sensor_lines(state, places), f"sensors[{label!r}] = sensor"]
-    conditions = f"f_number={request.f_number!r}, exposure_s={request.exposure_s!r}, illuminant={request.illuminant!r}"
-    lines += [f"found = ps.compare_sensors(sensors, {conditions})", "print(found)", "found.plot()"]
-    command = ""
-    if not any(state.changed or state.gain_setting is not None for state in request.sensors):
-        words = ["photosite", "sensors", "compare", *(source_name(one.source, places) for one in request.sensors)]
-        words += ["--f-number", repr(request.f_number), "--exposure", exposure_text(request.exposure_s)]
-        command = shlex.join([*words, "--illuminant", request.illuminant])
-    return "\n".join(lines) + "\n", command
 
 
 def plan(request: PlanRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
@@ -303,7 +252,14 @@ def no_code(request: BaseModel, places: Places) -> tuple[str, str]:
 
 
 VIEWS = (
-    JobView("comparison", "Compare sensors behind the same lens.", Comparison, compare, compare_code),
+    JobView("comparison", "Compare cameras in the same light.", Comparison, compare, compare_code),
+    JobView(
+        "validation",
+        "Compare measured frames with their simulation.",
+        ValidationRequest,
+        run_validation,
+        validation_code,
+    ),
     JobView("plan", "Find the fewest frames that reach a precision.", PlanRequest, plan, plan_code),
     JobView("frames-of-folder", "List the frames of a folder, in groups.", FolderRequest, list_frames, no_code),
     JobView("calibration", "Calibrate a sensor.", CalibrationRequest, run_calibration, calibration_code),

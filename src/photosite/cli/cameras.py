@@ -1,4 +1,4 @@
-"""`photosite cameras`: list, show and simulate-ready export of cameras from profile files; check contributed ones."""
+"""`photosite cameras`: list and show cameras from profile files, compare camera files, check contributed cameras."""
 
 from __future__ import annotations
 
@@ -181,6 +181,33 @@ def _camera_text(camera: CameraProfile) -> str:
     ]
     missing = [f"{what}: {why}" for what, why in camera.missing.items()]
     return "\n\n".join([f"{heading}\n{facts}", listed("missing:", missing), listed("sources:", sources)])
+
+
+@command.command("compare")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@options.exposure_option(text="Common exposure time in s, such as 0.01 or 1/15.", default="1/15")
+@options.option("--illuminant", default="3200K", metavar="NAME", help=options.ILLUMINANT_HELP)
+@options.luminance_option("Mean luminance of the chart's patches, in cd/m2.", default=40.0)
+@options.distance_option("Distance from lens to chart, in m.", default=1.2)
+@options.seed_option()
+@options.json_option
+def compare(files: tuple[Path, ...], as_json: bool, **conditions: Any) -> None:
+    """Compare cameras in the same light: noise, dynamic range, sharpness, and the color error of a ColorChecker.
+
+    FILE is a camera file (docs/formats/camera.md); its sensor, gain setting and lens are compared. Scene and exposure
+    time are those of the options.
+
+    Example: photosite cameras compare wide.camera.yaml tele.camera.yaml --exposure 1/60 --illuminant D65
+    """
+    from photosite.camera.file import load_camera
+    from photosite.studies.camera_comparison import compare_cameras
+
+    set_ups = [load_camera(file) for file in files]
+    names = [set_up.name or str(file) for set_up, file in zip(set_ups, files, strict=True)]
+    if len(set(names)) < len(names):
+        raise InputError("name", value=names, expected="different for each camera file")
+    found = compare_cameras({name: each.camera for name, each in zip(names, set_ups, strict=True)}, **conditions)
+    show(as_json, found.to_dict(), lambda: repr(found))
 
 
 @command.command("validate")

@@ -170,7 +170,7 @@ class SensorComparison(Tabular):
         from photosite.report.plots import new_or_given
 
         axes = new_or_given(ax)
-        _draw(axes, self)
+        draw_snr(axes, self.sensors, self.luminance_cd_m2)
         return axes
 
     def report(self, path: str | PathLike[str]) -> None:
@@ -227,16 +227,21 @@ def compare_sensors(
     time_s = check_exposure(exposure_s)
     lens = DiffractionLimited(f_number=f_number, focal_length_mm=_FOCAL_LENGTH_MM)
     facts = {
-        label: _facts(Camera(lens, sensor), time_s, illuminant, f"sensor '{label}'")
+        label: sensor_facts(Camera(lens, sensor), time_s, illuminant, f"sensor '{label}'")
         for label, sensor in sensors.items()
     }
-    dark_e = {label: math.sqrt(float(total_variance_e2(f.sensor, 0.0, time_s))) for label, f in facts.items()}
+    return SensorComparison(facts, luminance_grid(facts), float(f_number), time_s, f"{illuminant}")
+
+
+def luminance_grid(facts: Mapping[str, SensorFacts]) -> Array:
+    """Return luminances in cd/m2 of curves: from a ratio of about -10 dB to the highest saturation."""
+    dark_e = {label: math.sqrt(float(total_variance_e2(f.sensor, 0.0, f.exposure_s))) for label, f in facts.items()}
     lowest = min(0.3 * dark_e[label] / f.electrons_per_cd_m2 for label, f in facts.items())
-    grid = np.geomspace(lowest, max(f.saturation_cd_m2 for f in facts.values()), _POINTS)
-    return SensorComparison(facts, grid, float(f_number), time_s, f"{illuminant}")
+    return np.geomspace(lowest, max(f.saturation_cd_m2 for f in facts.values()), _POINTS)
 
 
-def _facts(camera: Camera, time_s: float, illuminant: str | float, name: str) -> SensorFacts:
+def sensor_facts(camera: Camera, time_s: float, illuminant: str | float, name: str) -> SensorFacts:
+    """Return the facts of a sensor behind its own lens; errors have the name."""
     rates = electron_rates(camera, illuminant)
     best = int(rates.argmax())
     if not rates[best] > 0:
@@ -260,7 +265,7 @@ def sensor_figures(
     >>> round(figures["snr10_lux"], 1), round(figures["dynamic_range_db"], 1)
     (310.9, 46.1)
     """
-    found: dict[str, Any] = _facts(camera, check_exposure(exposure_s), illuminant, "the sensor").to_dict()
+    found: dict[str, Any] = sensor_facts(camera, check_exposure(exposure_s), illuminant, "the sensor").to_dict()
     return {name: math.nan if (value := found[name]) is None else value for name in _FIGURES}
 
 
@@ -341,18 +346,18 @@ def _text(value: Cell) -> str:
 def comparison_figure(found: SensorComparison) -> Figure:
     """Draw the ratios against luminance."""
     figure, axes = new_figure(height_in=4.6)
-    _draw(axes, found)
+    draw_snr(axes, found.sensors, found.luminance_cd_m2)
     return figure
 
 
 @styled()
-def _draw(axes: Axes, found: SensorComparison) -> None:
-    for position, (label, curve) in enumerate(found.snr_db().items()):
+def draw_snr(axes: Axes, sensors: Mapping[str, SensorFacts], luminance_cd_m2: Array) -> None:
+    """Draw the ratios against luminance, with a point at SNR10."""
+    for position, (label, facts) in enumerate(sensors.items()):
         color, marker, line = line_style(position)
-        facts = found.sensors[label]
-        inside = found.luminance_cd_m2 < facts.saturation_cd_m2
-        x = np.append(found.luminance_cd_m2[inside], facts.saturation_cd_m2)
-        axes.plot(x, np.append(curve[inside], facts.snr_max_db), line, color=color, label=label)
+        inside = luminance_cd_m2 < facts.saturation_cd_m2
+        x = np.append(luminance_cd_m2[inside], facts.saturation_cd_m2)
+        axes.plot(x, np.append(facts.snr_db(luminance_cd_m2[inside]), facts.snr_max_db), line, color=color, label=label)
         if facts.snr10_cd_m2 is not None:
             axes.plot([facts.snr10_cd_m2], [SNR10_DB], marker, color=color)
     axes.axhline(SNR10_DB, color=GRAY, linewidth=0.8, linestyle=":")

@@ -4,7 +4,7 @@ import { finished, post, postForBytes, remove, showError, tab } from "./api.js";
 import { copied, element, short, table } from "./dom.js";
 import { partRow } from "./parts.js";
 import { dropOnView, picks } from "./picks.js";
-import { Picture, SNR_RANGE, decode, describe, viridis } from "./picture.js";
+import { Picture, decode, describe, snrLegend } from "./picture.js";
 import { plot } from "./plots.js";
 import { merged, toHash } from "./state.js";
 
@@ -203,9 +203,7 @@ function legend() {
   const box = at("legend");
   box.hidden = at("layer").value !== "snr";
   if (box.hidden || box.childElementCount) return;
-  const bar = element("canvas", { width: 192, height: 1, "aria-hidden": "true" }), context = bar.getContext("2d");
-  for (let k = 0; k < 192; k++) { context.fillStyle = `rgb(${viridis(k / 191).join(",")})`; context.fillRect(k, 0, 1, 1); }
-  box.append(`SNR ${SNR_RANGE[0]} dB`, bar, `${SNR_RANGE[1]} dB`);
+  box.append(...snrLegend());
 }
 
 function layered() {

@@ -4,7 +4,8 @@ import { finished, post, remove, showError, tab } from "./api.js";
 import { copied, element } from "./dom.js";
 import { toHash } from "./state.js";
 
-export function jobBar(name, view, request, shown, label = "Compute") {
+// `content` is what the link restores; by default the request.
+export function jobBar(name, view, request, shown, label = "Compute", content = request) {
   let job = null;
   const text = element("span", { class: "hint", role: "status" });
   const stop = element("button", { type: "button", hidden: true, onclick: () => job && remove(`/api/jobs/${job.id}`).catch(() => {}) }, "Cancel");
@@ -18,16 +19,19 @@ export function jobBar(name, view, request, shown, label = "Compute") {
   };
   async function start() {
     showError("");
-    history.replaceState(null, "", toHash(view, request()));
+    history.replaceState(null, "", toHash(view, content()));
+    let mine;
     try {
-      job = await post(`/api/${name}?tab=${tab}`, request());
+      mine = job = await post(`/api/${name}?tab=${tab}`, request());
     } catch (error) { showError(error.message); return; }
     run.disabled = true;
     stop.hidden = false;
     const begun = performance.now();
-    const ended = await finished(job, (now) => {
+    const ended = await finished(mine, (now) => {
+      if (job.id !== mine.id) return;
       text.textContent = now.status === "queued" ? "waits for other computations" : now.total ? `${now.done} of ${now.total} ${now.what}, ${Math.round((performance.now() - begun) / 1000)} s` : `computing, ${Math.round((performance.now() - begun) / 1000)} s`;
     }).catch((error) => ({ status: "failed", error: error.message }));
+    if (job.id !== mine.id) return;
     run.disabled = false;
     stop.hidden = true;
     text.textContent = { done: `computed in ${ended.seconds?.toFixed(1)} s`, failed: "failed", cancelled: "cancelled" }[ended.status];
@@ -37,7 +41,7 @@ export function jobBar(name, view, request, shown, label = "Compute") {
   const bar = element("div", { class: "toolbar" }, run, stop,
     element("button", { type: "button", onclick: () => code("python") }, "Copy as Python"),
     element("button", { type: "button", onclick: () => code("command") }, "Copy as command"),
-    element("button", { type: "button", onclick: () => copied("Link", location.origin + "/" + toHash(view, request()), "The link restores these settings on this server, in a browser that has opened it.") }, "Copy link"), text);
+    element("button", { type: "button", onclick: () => copied("Link", location.origin + "/" + toHash(view, content()), "The link restores these settings on this server, in a browser that has opened it.") }, "Copy link"), text);
   return { bar, start };
 }
 

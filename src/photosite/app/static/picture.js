@@ -3,7 +3,7 @@
 import { short } from "./dom.js";
 
 const VIRIDIS = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]];
-export const SNR_RANGE = [0, 45];
+const SNR_RANGE = [0, 45];
 
 export function viridis(share) {
   const at = Math.min(Math.max(share, 0), 1) * (VIRIDIS.length - 1), k = Math.min(Math.floor(at), VIRIDIS.length - 2);
@@ -20,7 +20,7 @@ export function decode(buffer) {
     header,
     mean: header.mean ? new Float32Array(buffer, at, count) : null,
     dn: new Kind(buffer, atDn, count),
-    rgb: header.developed ? new Uint8Array(buffer, atDn + Kind.BYTES_PER_ELEMENT * count, 3 * count) : null,
+    rgba: header.developed ? new Uint8ClampedArray(buffer, atDn + Kind.BYTES_PER_ELEMENT * count, 4 * count) : null,
   };
 }
 
@@ -62,6 +62,27 @@ export class Picture {
     this.fit(false);
   }
 
+  // What is in view as shares of the frame, to show the same part of other frames.
+  share() {
+    const { row, col, scale } = this.place, [rows, cols] = this.size, { width, height } = this.canvas;
+    return { fitted: this.fitted, y: (row + height / scale / 2) / rows, x: (col + width / scale / 2) / cols, span: width / scale / cols };
+  }
+
+  shareAt(x, y) {
+    return { y: (this.place.row + y / this.place.scale) / this.size[0], x: (this.place.col + x / this.place.scale) / this.size[1] };
+  }
+
+  follow({ fitted, x, y, span }) {
+    if (fitted) this.fit(false);
+    else {
+      const [rows, cols] = this.size, { width, height } = this.canvas, scale = Math.min(width / (span * cols), 64);
+      this.place = { scale, row: y * rows - height / scale / 2, col: x * cols - width / scale / 2 };
+      this.fitted = false;
+      this.clamp();
+    }
+    this.draw();
+  }
+
   fit(report = true) {
     const [rows, cols] = this.size, { width, height } = this.canvas;
     const scale = Math.min(width / cols, height / rows);
@@ -93,13 +114,17 @@ export class Picture {
   }
 
   moved() {
+    this.clamp();
+    this.draw();
+    this.onview();
+  }
+
+  clamp() {
     const { scale } = this.place;
     for (const [axis, name, length] of [[0, "row", this.canvas.height], [1, "col", this.canvas.width]]) {
       const span = length / scale, size = this.size[axis];
       this.place[name] = span >= size ? (size - span) / 2 : Math.min(Math.max(this.place[name], 0), size - span);
     }
-    this.draw();
-    this.onview();
   }
 
   // The part in view, as the server takes it.
@@ -122,7 +147,7 @@ export class Picture {
   }
 
   setLayer(layer, overlay) {
-    const again = layer === "developed" ? !this.data?.rgb : !this.data?.mean;
+    const again = layer === "developed" ? !this.data?.rgba : !this.data?.mean;
     this.layer = layer;
     this.overlay = overlay;
     if (again) this.onview();
@@ -133,11 +158,18 @@ export class Picture {
   }
 
   paint() {
-    const { header, dn, mean, rgb } = this.data, { rows, cols } = header;
-    this.image.width = cols;
-    this.image.height = rows;
-    const context = this.image.getContext("2d"), picture = context.createImageData(cols, rows), out = picture.data;
-    const white = header.white_level_dn, tile = header.cfa, layer = (this.layer === "developed" ? rgb : this.layer === "raw" || mean) ? this.layer : "raw";
+    const { header, dn, mean, rgba } = this.data, { rows, cols } = header;
+    if (this.image.width !== cols || this.image.height !== rows) {
+      this.image.width = cols;
+      this.image.height = rows;
+    }
+    const context = this.image.getContext("2d");
+    if (this.layer === "developed" && rgba && !(this.overlay && dn)) {
+      context.putImageData(new ImageData(rgba, cols, rows), 0, 0);
+      return;
+    }
+    const picture = context.createImageData(cols, rows), out = picture.data;
+    const white = header.white_level_dn, tile = header.cfa, layer = (this.layer === "developed" ? rgba : this.layer === "raw" || mean) ? this.layer : "raw";
     const channelAt = tile.map((line) => line.map((name) => "RGB".indexOf(name)));
     const snr = layer === "snr" ? snrLookup(header.snr) : null;
     const colors = snr ? Array.from({ length: 256 }, (_, k) => viridis(k / 255)) : null;
@@ -147,7 +179,7 @@ export class Picture {
         const o = 4 * k;
         out[o + 3] = 255;
         if (layer === "developed") {
-          out[o] = rgb[3 * k]; out[o + 1] = rgb[3 * k + 1]; out[o + 2] = rgb[3 * k + 2];
+          out[o] = rgba[o]; out[o + 1] = rgba[o + 1]; out[o + 2] = rgba[o + 2];
         } else if (layer === "snr") {
           const color = colors[Math.round(255 * Math.min(Math.max((snr(mean[k]) - SNR_RANGE[0]) / (SNR_RANGE[1] - SNR_RANGE[0]), 0), 1))];
           out[o] = color[0]; out[o + 1] = color[1]; out[o + 2] = color[2];
@@ -215,7 +247,7 @@ export class Picture {
 
   // The pixel of the frame at a place of the canvas, with what is known of it.
   pixel(x, y) {
-    if (!this.data || !this.place) return null;
+    if (!this.data?.dn || !this.place) return null;
     const { header, dn, mean } = this.data, { row, col, scale } = this.place;
     const index = (at, first, tile, length) => {
       const block = header.step * tile, off = at - first, k = Math.floor(off / block) * tile + Math.min(Math.floor((off % block) / header.step), tile - 1);
@@ -243,6 +275,7 @@ export class Picture {
       Math.min(Math.max(Math.floor(this.place.row + y / this.place.scale), 0), this.size[0] - 1),
       Math.min(Math.max(Math.floor(this.place.col + x / this.place.scale), 0), this.size[1] - 1),
     ];
+    const point = () => this.place && this.onpoint(this.pixel(canvas.width / 2, canvas.height / 2), this.shareAt(canvas.width / 2, canvas.height / 2));
     canvas.addEventListener("pointerdown", (event) => {
       if (!this.place || event.button) return;
       canvas.setPointerCapture(event.pointerId);
@@ -251,7 +284,7 @@ export class Picture {
     canvas.addEventListener("pointermove", (event) => {
       if (!this.place) return;
       const point = at(event);
-      this.onpoint(this.pixel(...point));
+      this.onpoint(this.pixel(...point), this.shareAt(...point));
       if (!start) return;
       if (this.mode === "region" || event.shiftKey) {
         const [a, b] = [start.cell, cell(point)];
@@ -283,9 +316,9 @@ export class Picture {
       if (!keys[event.key]) return;
       event.preventDefault();
       keys[event.key]();
-      this.onpoint(this.pixel(canvas.width / 2, canvas.height / 2));
+      point();
     });
-    canvas.addEventListener("focus", () => this.onpoint(this.pixel(canvas.width / 2, canvas.height / 2)));
+    canvas.addEventListener("focus", point);
   }
 }
 
@@ -295,6 +328,17 @@ function electronsOf(dn, { dn: numbers, electrons }) {
   let k = numbers.findIndex((each) => each > dn);
   k = k < 0 ? numbers.length - 2 : Math.min(Math.max(k - 1, 0), numbers.length - 2);
   return electrons[k] + (dn - numbers[k]) * (electrons[k + 1] - electrons[k]) / (numbers[k + 1] - numbers[k]);
+}
+
+// The key of the SNR map.
+export function snrLegend() {
+  const bar = document.createElement("canvas");
+  bar.width = 192;
+  bar.height = 1;
+  bar.setAttribute("aria-hidden", "true");
+  const context = bar.getContext("2d");
+  for (let k = 0; k < 192; k++) { context.fillStyle = `rgb(${viridis(k / 191).join(",")})`; context.fillRect(k, 0, 1, 1); }
+  return [`SNR ${SNR_RANGE[0]} dB`, bar, `${SNR_RANGE[1]} dB`];
 }
 
 function snrLookup(snr) {
