@@ -6,12 +6,16 @@ import errno
 import os
 import shutil
 import stat
+import sys
 from pathlib import Path
 
 import pytest
+from killed_writers import kill_while_writing, temporaries
 
 from photosite.errors import FileError
-from photosite.files.writing import atomic_folder, atomic_path
+from photosite.files.writing import TemporaryFolder, atomic_folder, atomic_path, remove_abandoned
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up on Linux only")
 
 
 def names(folder: Path) -> list[str]:
@@ -192,3 +196,110 @@ def test_added_to_what_is_there(tmp_path: Path) -> None:
     with atomic_folder(tmp_path / "new", add=True):
         pass
     assert (tmp_path / "new").is_dir()
+
+
+@on_linux
+@pytest.mark.parametrize("folder", [False, True])
+def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, folder: bool) -> None:
+    left = kill_while_writing(tmp_path / "a.txt", folder=folder)
+    with atomic_path(tmp_path / "b.txt"):
+        assert not left.exists()
+        assert len(temporaries(tmp_path)) == 1
+    assert names(tmp_path) == ["b.txt"]
+
+
+@on_linux
+def test_what_somebody_may_still_write_stays(tmp_path: Path) -> None:
+    """Of a running process; of another machine, or one that was restarted, until a day has passed."""
+    left = kill_while_writing(tmp_path / "a.txt")
+    system = left.name.split("-")[1]
+    elsewhere = left.rename(tmp_path / left.name.replace(system, "0123abcd"))
+    folder = tmp_path / left.name.replace(system, "0123abce").removesuffix(".txt")
+    (folder / "below").mkdir(parents=True)
+    (folder / "below" / "a").touch()
+    unrelated = tmp_path / ".photosite-notes"
+    unrelated.touch()
+    with atomic_path(tmp_path / "b.txt") as temporary:
+        remove_abandoned(tmp_path)
+        assert {temporary, elsewhere, folder, unrelated} == set(tmp_path.iterdir())
+    days_ago = elsewhere.stat().st_mtime - 2 * 86400
+    for path in (elsewhere, folder, folder / "below"):
+        os.utime(path, (days_ago, days_ago))
+    remove_abandoned(tmp_path)
+    assert {folder, unrelated, tmp_path / "b.txt"} == set(tmp_path.iterdir())  # a file in the folder has just changed
+    os.utime(folder / "below" / "a", (days_ago, days_ago))
+    remove_abandoned(tmp_path)
+    assert {unrelated, tmp_path / "b.txt"} == set(tmp_path.iterdir())
+
+
+@on_linux
+def test_the_number_of_a_process_may_be_in_use_again(tmp_path: Path) -> None:
+    left = kill_while_writing(tmp_path / "a.txt")
+    process = left.name.split("-")[2]
+    left = left.rename(tmp_path / left.name.replace(f"-{process}-", f"-{os.getpid()}-"))
+    remove_abandoned(tmp_path)
+    assert not left.exists()
+
+
+@on_linux
+def test_temporary_folders_of_killed_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    left = kill_while_writing(tmp_path / "a", folder=True).rename(tmp_path / "x")
+    own = TemporaryFolder()
+    left.rename(tmp_path / own.path.name.replace(f"-{os.getpid()}-", f"-{2**22 + 1}-"))
+    remove_abandoned(tmp_path)
+    assert list(tmp_path.iterdir()) == [own.path]
+    own.close()
+    assert not list(tmp_path.iterdir())
+
+
+class _Calls:
+    """Records renames and syncs, by the name that the file had or gets."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.made: list[str] = []
+        replace, fsync = os.replace, os.fsync
+
+        def note_replace(source: Path, target: Path) -> None:
+            self.made.append(f"rename {Path(target).name}")
+            replace(source, target)
+
+        def note_sync(handle: int) -> None:
+            self.made.append(f"sync {Path(os.readlink(f'/proc/self/fd/{handle}')).suffix or 'folder'}")
+            fsync(handle)
+
+        monkeypatch.setattr(os, "replace", note_replace)
+        monkeypatch.setattr(os, "fsync", note_sync)
+
+
+@on_linux
+def test_the_disk_holds_a_file_before_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = _Calls(monkeypatch)
+    with atomic_path(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+    assert calls.made == ["sync .txt", "rename a.txt", "sync folder"]
+    calls.made.clear()
+    with atomic_folder(tmp_path / "stack") as place:
+        (place / "b").mkdir()
+        for number in range(3):
+            with atomic_path(place / "b" / f"{number}.txt"):
+                pass
+        assert calls.made == [f"rename {number}.txt" for number in range(3)]
+        calls.made.clear()
+    assert calls.made == [*["sync .txt"] * 3, "sync folder", "sync folder", "rename stack", "sync folder"]
+    calls.made.clear()
+    with atomic_path(tmp_path / "a.txt", durable=False):
+        pass
+    assert calls.made == ["rename a.txt"]
+
+
+def test_a_sync_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(handle: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    (tmp_path / "a.txt").write_text("before")
+    monkeypatch.setattr(os, "fsync", fails)
+    with pytest.raises(FileError, match=os.strerror(errno.EIO)), atomic_path(tmp_path / "a.txt") as temporary:
+        temporary.write_text("after")
+    assert (tmp_path / "a.txt").read_text() == "before"
+    assert names(tmp_path) == ["a.txt"]

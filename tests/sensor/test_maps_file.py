@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import warnings
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -11,9 +15,10 @@ import pytest
 from raising import raises
 
 from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.files.writing import is_temporary
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.io import sensor_file
-from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
+from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor, write_sensor
 from photosite.sensor.sections import Maps
 
 ROWS, COLS = 6, 8
@@ -90,6 +95,53 @@ def test_maps_are_copied_with_the_sensor_file(tmp_path) -> None:
         assert again.with_(read_noise_e=1, maps=None).maps is None
     assert again.with_(serial="2").maps is None
     assert load_measured_chip(again.with_(maps=None)) is None
+
+
+class _StopError(Exception):
+    """The process is killed here: what would be tidied up afterwards stays."""
+
+
+def stop_at(monkeypatch: pytest.MonkeyPatch, call: int, function: str) -> None:
+    """Stop at a call of `os.replace` or `os.fsync`, counted from 0, and let nothing happen to files after it."""
+    made, real = 0, getattr(os, function)
+
+    def stops(*arguments: Any) -> None:
+        nonlocal made
+        made += 1
+        if made > call:
+            for name in ("replace", "unlink", "remove"):
+                monkeypatch.setattr(os, name, lambda *_: None)
+            raise _StopError
+        real(*arguments)
+
+    monkeypatch.setattr(os, function, stops)
+
+
+@pytest.mark.parametrize("function", ["replace", "fsync"])
+def test_a_sensor_file_and_its_maps_are_one_unit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, function: str
+) -> None:
+    """Ended at any rename or sync, over an older pair: the older pair, or the new one; the next run tidies up."""
+    base = load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS)
+    before, after = chip(), chip(row_noise_dn=0.6)
+    path, found = tmp_path / "mine.sensor.yaml", []
+    for call in range(20):
+        write_sensor(base.with_(name="before"), path, before)
+        with monkeypatch.context() as patched, suppress(_StopError):
+            stop_at(patched, call, function)
+            write_sensor(base.with_(name="after"), path, after)
+            break
+        sensor = load_sensor(path)
+        found.append(sensor.name)
+        same(load_measured_chip(sensor), {"before": before, "after": after}[sensor.name])
+        sensor.save(tmp_path / "copy.sensor.yaml")  # whatever the file of its maps is called now
+        (tmp_path / "copy.sensor.yaml").unlink()
+    assert found == sorted(found, reverse=True)
+    assert set(found) == {"before", "after"}
+    monkeypatch.undo()
+    write_sensor(base.with_(name="after"), path, after)
+    left = {file.name for file in tmp_path.iterdir() if not is_temporary(file.name)}  # this process runs
+    assert left == {"mine.sensor.yaml", "mine.maps.h5"}
 
 
 def test_missing_and_changed_maps(tmp_path) -> None:

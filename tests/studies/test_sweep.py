@@ -192,8 +192,8 @@ def test_a_killed_sweep_resumes_with_the_same_table(tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         ps.sweep(CAMERA, {"f_number": [2]}, measure, checkpoint=tmp_path / "kept")
     assert caught.value.what == "holds the results of another sweep"
-    with (tmp_path / "kept" / "results.jsonl").open("a") as stream:
-        stream.write('[4, {"third": 0.1')  # half a line
+    with (tmp_path / "kept" / "results.jsonl").open("ab") as stream:
+        stream.write(b'\0\0\xff\x0c\n[4, {"third": 0.5}]\n[5, {"third": 0.1')  # a power failure, half a line
     resumed = ps.sweep(CAMERA, APERTURES, measure, checkpoint=tmp_path / "kept")
     assert len(list(notes.iterdir())) == 5
     assert repr(ps.sweep(CAMERA, APERTURES, measure, checkpoint=tmp_path / "kept").rows) == repr(resumed.rows)

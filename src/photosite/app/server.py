@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import secrets
 import socket
-import tempfile
 import threading
 import time
 import uuid
@@ -38,6 +37,7 @@ from photosite.app.view import View, exact_frame, saved_frame, view_bytes
 from photosite.app.workers import BusyError, CancelledError, Job, Pool, Queue, WorkerError
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.errors import InputError, PhotositeError
+from photosite.files.writing import TemporaryFolder
 
 _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _KEPT_BYTES = 2 << 30
@@ -150,8 +150,8 @@ class Bench:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self._temporary = tempfile.TemporaryDirectory(prefix="photosite-")
-        self.folder = Path(self._temporary.name)
+        self._temporary = TemporaryFolder()
+        self.folder = self._temporary.path
         (self.folder / "kept").mkdir()
         self.uploads: dict[str, Path] = {}
         memory = settings.memory_bytes or _machine_bytes() * 3 // 4
@@ -190,7 +190,7 @@ class Bench:
         """End the processes and delete what was kept."""
         self.pool.close()
         self.queue.close()
-        self._temporary.cleanup()
+        self._temporary.close()
 
 
 def _machine_bytes() -> int:

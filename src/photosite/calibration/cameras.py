@@ -15,7 +15,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, PhotositeError, message_of
-from photosite.files.writing import FolderLock, atomic_path
+from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
 from photosite.frames.open import open_frames
 from photosite.sensor.model import Sensor
 
@@ -85,9 +85,7 @@ def calibrate_cameras(
         raise FileError(folder, f"cannot be made: {message_of(error)}") from None
     lock = FolderLock(place)
     try:
-        for entry in place.iterdir():  # left by a killed process
-            if entry.name.startswith(tuple(f".{name}{sign}" for name in names for sign in "-.")):
-                entry.unlink()
+        remove_abandoned(place)
         found = {name: _result(place / f"{name}{_RESULT}") for name in names}
         missing = [(name, str(path)) for name, path in zip(names, paths, strict=True) if ERROR in found[name]]
         done = run_tasks(

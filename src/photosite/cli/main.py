@@ -28,8 +28,6 @@ from photosite.errors import PhotositeError, PhotositeWarning, printable
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells return."""
-EXIT_TERMINATED = 143
-"""128 + SIGTERM."""
 EXIT_BROKEN_PIPE = 1
 """As click ends where the reader of the output has gone."""
 
@@ -106,7 +104,10 @@ def cli() -> None:
 
 def main() -> NoReturn:
     """Run the console script."""
-    signal.signal(signal.SIGTERM, _terminated)
+    for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP; nohup ignores it
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _terminated)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal's encoding may lack characters of names and units
             stream.reconfigure(errors="backslashreplace")
@@ -215,5 +216,5 @@ def _one_line(message: str) -> str:
 
 
 def _terminated(signum: int, frame: FrameType | None) -> NoReturn:
-    """Unwind, so that temporary output is removed."""
-    sys.exit(EXIT_TERMINATED)
+    """Unwind, so that temporary output is removed, with the exit status of shells."""
+    sys.exit(128 + signum)

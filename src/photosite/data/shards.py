@@ -25,8 +25,8 @@ from photosite.data.digest import sha256_of
 from photosite.data.pair import Pair
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, message_of
-from photosite.files.hdf5 import open_hdf5
-from photosite.files.writing import FolderLock, atomic_path
+from photosite.files.hdf5 import create_hdf5, open_hdf5
+from photosite.files.writing import FolderLock, atomic_path, is_temporary, remove_abandoned
 from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
 
@@ -162,9 +162,9 @@ def _begin(plan: _Plan) -> None:
     """Check that a folder is empty or holds the beginning of the same dataset; remove what a killed process left."""
     path = plan.folder / PLAN
     known = {PLAN, MANIFEST, CARD}
-    _remove_unfinished(plan.folder)
+    remove_abandoned(plan.folder)
     for entry in plan.folder.iterdir():
-        if entry.name not in known and not entry.name.startswith((".lock", "shard-")):
+        if not (entry.name in known or entry.name.startswith((".lock", "shard-")) or is_temporary(entry.name)):
             raise FileError(
                 plan.folder, f"holds '{entry.name}', which is no part of a dataset", hint="Use another folder"
             )
@@ -179,15 +179,7 @@ def _begin(plan: _Plan) -> None:
     _write_json(path, plan.description)
 
 
-def _remove_unfinished(folder: Path) -> None:
-    """Remove the files that killed processes were writing."""
-    for entry in folder.iterdir():
-        if entry.name.startswith((".shard-", ".plan-", ".manifest-", ".CARD-")):
-            entry.unlink()
-
-
 def _finish(plan: _Plan, license: str, written_now: Set[int]) -> Path:
-    _remove_unfinished(plan.folder)
     listed = read_json(plan.folder / MANIFEST).get("shards", []) if (plan.folder / MANIFEST).exists() else []
     before = {entry["file"]: entry for entry in listed}
     shards = []
@@ -221,9 +213,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _write_hdf5(path: Path, pairs: Iterator[Pair], count: int) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
+    with create_hdf5(path) as file:
         for number, pair in enumerate(pairs):
             if number == 0:
                 shape = pair.clean.shape

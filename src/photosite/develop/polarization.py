@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.develop.demosaic import demosaic_bilinear
 from photosite.errors import InputError
+from photosite.files.hdf5 import create_hdf5
 from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
@@ -178,8 +179,6 @@ def save_stokes(seen: Stokes, path: str | PathLike[str]) -> None:
     FileError
         If the file cannot be written.
     """
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, create_hdf5(temporary) as file:
         for name in ("s0", "s1", "s2", "dolp", "aolp_deg"):
             file.create_dataset(name, data=np.asarray(getattr(seen, name), np.float32), compression="gzip")

@@ -8,6 +8,7 @@ import os
 import pickle
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
@@ -17,6 +18,9 @@ from typing import Any
 from numba.core.caching import FunctionCache
 
 _DIGEST_BYTES = hashlib.sha256().digest_size
+_TEMPORARY = ".tmp"
+_ABANDONED_S = 3600.0
+"""Age of a temporary file, which is written in milliseconds, that a killed process has left behind."""
 
 
 class KernelCache(FunctionCache):
@@ -54,19 +58,27 @@ class KernelCache(FunctionCache):
         content = self._cache_file._dump(self._impl.reduce(data))  # type: ignore[no-untyped-call]
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+            _remove_abandoned(path.parent)
+            handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=_TEMPORARY)
             try:
                 with open(handle, "wb") as stream:
                     stream.write(hashlib.sha256(content).digest() + content)
                 os.replace(temporary, path)
-            except OSError:
+            except BaseException:
                 os.unlink(temporary)
+                raise
 
     def _path(self, sig: Any, codegen: Any) -> Path:
         compiled_for = self._index_key(sig, codegen)  # type: ignore[no-untyped-call]
         key = self._cache_file._version, self._impl.locator.get_source_stamp(), compiled_for
         name = hashlib.sha256(repr(key).encode()).hexdigest()[:20]
         return Path(self.cache_path) / f"{self._impl.filename_base}.{name}.nbc"
+
+
+def _remove_abandoned(folder: Path) -> None:
+    for path in folder.glob(f"*{_TEMPORARY}"):
+        if time.time() - path.stat().st_mtime > _ABANDONED_S:
+            path.unlink()
 
 
 @lru_cache(maxsize=1)

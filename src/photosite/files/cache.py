@@ -219,7 +219,7 @@ def _write(path: Path, key: str, arrays: Arrays, largest_bytes: int) -> None:
         return
     with suppress(OSError, FileError):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with atomic_path(path) as temporary:
+        with atomic_path(path, durable=False) as temporary:
             temporary.write_bytes(_header(key, content) + content)
         _trim(path.parent, largest_bytes)
 

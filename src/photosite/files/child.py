@@ -10,8 +10,10 @@ from __future__ import annotations
 import atexit
 import contextlib
 import importlib
+import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -22,6 +24,8 @@ from photosite.errors import PhotositeError, message_of
 
 _START_S = 120.0
 """Time limit for starting the child and importing a module, on a busy machine."""
+_LEFT_ALONE_S = 5.0
+"""Time after a call's limit at which the child ends by itself."""
 
 
 class ChildError(Exception):
@@ -90,7 +94,7 @@ class _Child:
         timer = threading.Timer(time_s, self.process.kill)
         timer.start()
         try:
-            pickle.dump(request, self.process.stdin)
+            pickle.dump((*request, time_s), self.process.stdin)
             self.process.stdin.flush()
             answer: tuple[bool, Any] = pickle.load(self.process.stdout)
             return answer
@@ -142,10 +146,12 @@ def _limit_memory(size: int) -> None:
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     while True:
         try:
-            function, arguments, memory_bytes, folder = pickle.load(requests)
+            function, arguments, memory_bytes, folder, time_s = pickle.load(requests)
         except EOFError:
             return
         _limit_memory(memory_bytes)
+        if hasattr(signal, "alarm"):  # a parent that was killed cannot end this process while a library hangs
+            signal.alarm(math.ceil(time_s + _LEFT_ALONE_S))
         try:
             os.chdir(folder)  # arguments may be relative paths, and the parent may have moved
             result = function(*arguments)
@@ -154,6 +160,8 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
             answer = pickle.dumps((True, error))
         except Exception as error:
             answer = pickle.dumps((True, message_of(error)))
+        if hasattr(signal, "alarm"):
+            signal.alarm(0)
         answers.write(answer)
         answers.flush()
 

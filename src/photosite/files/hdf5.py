@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import mmap
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -117,6 +118,92 @@ def open_hdf5(path: Path) -> Iterator[Hdf5File]:
         raise FileError(
             path, f"cannot be read as HDF5 ({message_of(error)})", hint="Check that the file is complete"
         ) from None
+
+
+@contextmanager
+def create_hdf5(path: Path, **options: Any) -> Iterator[Any]:
+    """Create a file for writing, and yield it as h5py's file; `options` are those of `h5py.File`.
+
+    libhdf5 (1.14 and 2.0) cannot close a file after a failed write: the process crashes there or when it ends. So it
+    writes through a stream that reports no failure, which is raised here when the file is closed.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the first failure, such as that of a full disk.
+    """
+    import h5py
+
+    with path.open("w+b", buffering=0) as file:
+        stream = _Stream(file.fileno())
+        try:
+            with h5py.File(stream, "w", **options) as opened:
+                yield opened
+                stream.check()
+        except BaseException:
+            stream.check()  # what follows a failed write is not its own error
+            raise
+        stream.check()
+
+
+class _Stream:
+    """A file for libhdf5, which remembers the first failure and ignores all that follows it."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle, self._place, self._size = handle, 0, 0
+        self._failure: BaseException | None = None
+
+    def check(self) -> None:
+        """Raise the failure, if there was one."""
+        if self._failure is not None:
+            raise self._failure
+
+    def seek(self, place: int, whence: int = os.SEEK_SET) -> int:
+        self._place = place + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._size}[whence]
+        return self._place
+
+    def tell(self) -> int:
+        return self._place
+
+    def write(self, content: Any) -> int:
+        left = memoryview(content).cast("B")
+        size = len(left)
+        try:
+            while self._failure is None and left:
+                done = os.pwrite(self._handle, left, self._place + size - len(left))
+                left = left[done:]
+        except BaseException as error:  # an interruption, too: it must not reach libhdf5
+            self._failure = error
+        self._place += size
+        self._size = max(self._size, self._place)
+        return size
+
+    def read(self, size: int) -> bytes:
+        content = bytearray(size)
+        self.readinto(content)
+        return bytes(content)
+
+    def readinto(self, target: Any) -> int:
+        view = memoryview(target).cast("B")
+        try:
+            content = b"" if self._failure is not None else os.pread(self._handle, len(view), self._place)
+        except BaseException as error:
+            self._failure, content = error, b""
+        view[:] = content.ljust(len(view), b"\0")
+        self._place += len(view)
+        return len(view)
+
+    def truncate(self, size: int) -> int:
+        try:
+            if self._failure is None:
+                os.ftruncate(self._handle, size)
+        except BaseException as error:
+            self._failure = error
+        self._size = size
+        return size
+
+    def flush(self) -> None:
+        pass
 
 
 def check_own_data(path: str | PathLike[str], file: Any) -> None:

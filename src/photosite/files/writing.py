@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
+import re
+import secrets
 import shutil
 import sqlite3
 import tempfile
+import time
 import weakref
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -25,11 +31,20 @@ _FULL_BYTES = 1 << 16
 
 
 @contextmanager
-def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
+def atomic_path(path: str | PathLike[str], *, durable: bool = True) -> Iterator[Path]:
     """Yield a temporary path beside a file, which replaces the file when the block succeeds.
 
     If the block fails, the temporary file is removed and an existing file is kept. The temporary path has the file's
-    suffix, so that writers choose the same format.
+    suffix, so that writers choose the same format. What killed processes left in the folder is removed
+    (`remove_abandoned`).
+
+    Parameters
+    ----------
+    path
+        The file.
+    durable
+        Wait until the disk holds the file: after a power failure it is the new one or the one before. Files that can be
+        computed again and have a digest do not need it.
 
     Raises
     ------
@@ -49,22 +64,24 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
     wanted = Path(os.path.realpath(path))  # a link is kept, its target is replaced
     if wanted.exists() and not wanted.is_file():
         raise FileError(path, "cannot be written: it is a folder or a device, not a file")
+    alone = _begin(wanted.parent)
+    temporary = wanted.with_name(_temporary_name(wanted.suffix))
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{wanted.stem}-", suffix=wanted.suffix, dir=wanted.parent)
-        os.close(handle)
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {message_of(error)}") from None
-    temporary = Path(name)
-    try:
+        try:
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        except OSError as error:
+            raise FileError(path, f"cannot be written: {message_of(error)}") from None
         yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)  # mkstemp makes files private
+        if alone and durable:
+            sync(temporary)
         os.replace(temporary, wanted)
+        if alone and durable:
+            sync(wanted.parent)
     except OSError as error:
         raise FileError(path, f"cannot be written: {_reason(error, temporary)}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -73,6 +90,7 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
 
     If the block fails or is interrupted, the temporary folder is removed, and errors name the final folder. The folder
     must not exist, or be empty; with `add`, each new entry is moved into it, and replaces an entry of the same name.
+    The disk holds all files before the folder takes its name.
 
     Raises
     ------
@@ -91,22 +109,26 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
     """
     wanted = Path(os.path.realpath(path))
     within = add and wanted.is_dir()
+    parent = wanted if within else wanted.parent
+    alone = _begin(parent)
+    temporary = parent / _temporary_name()
     try:
-        if not within and wanted.exists() and (not wanted.is_dir() or any(wanted.iterdir())):
-            raise FileError(path, "exists already and is not an empty folder", hint="Choose another name")
-        temporary = Path(tempfile.mkdtemp(prefix=f".{wanted.name}-", dir=wanted if within else wanted.parent))
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {message_of(error)}") from None
-    try:
+        try:
+            if not within and wanted.exists() and (not wanted.is_dir() or any(wanted.iterdir())):
+                raise FileError(path, "exists already and is not an empty folder", hint="Choose another name")
+            temporary.mkdir()
+        except OSError as error:
+            raise FileError(path, f"cannot be written: {message_of(error)}") from None
         yield temporary
+        if alone:
+            _sync_below(temporary)
         if within:
             for entry in sorted(temporary.iterdir()):
                 os.replace(entry, wanted / entry.name)
-            return
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o777 & ~mask)
-        os.replace(temporary, wanted)
+        else:
+            os.replace(temporary, wanted)
+        if alone:
+            sync(parent)
     except FileError as error:
         if not (place := Path(error.path)).is_relative_to(temporary):
             raise
@@ -115,6 +137,136 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
         raise FileError(path, f"cannot be written: {_reason(error, temporary)}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def sync(path: Path) -> None:
+    """Wait until the disk holds a file's content, or a folder's names; file systems that cannot wait do not."""
+    folder = path.is_dir()
+    if folder and os.name == "nt":  # folders cannot be opened there
+        return
+    handle = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+_SYNC_THREADS = 8
+"""Files that are synced at once: a disk writes their metadata together."""
+
+
+def _sync_below(folder: Path) -> None:
+    found = [(Path(place), names) for place, _, names in os.walk(folder)]
+    files = [place / name for place, names in found for name in names]
+    if len(files) > 1:
+        with ThreadPoolExecutor(min(_SYNC_THREADS, len(files))) as threads:
+            list(threads.map(sync, files))
+    else:
+        for file in files:
+            sync(file)
+    for place, _ in reversed(found):
+        sync(place)
+
+
+# Temporary names. They say which process writes, so that a later one can tell whether it still does. A lock would not
+# do: not every shared file system has locks that hold between machines, and some have none for folders.
+
+_NAME = re.compile(r"\.?photosite-(?P<system>[0-9a-f]{8})-(?P<process>\d+)-(?P<started>\d+)-[0-9a-f]{8}(\..*)?")
+_ABANDONED_S = 86_400.0
+"""Time without a change after which a file of another machine, or of one that was restarted, counts as abandoned."""
+_looked_at: set[Path] = set()
+
+
+def is_temporary(name: str) -> bool:
+    """Return whether a name is that of a temporary file or folder that is being written, or was.
+
+    Examples
+    --------
+    >>> is_temporary(".photosite-0f1e2d3c-4711-123456-89abcdef.h5"), is_temporary("photosite.h5")
+    (True, False)
+    """
+    return _NAME.fullmatch(name) is not None
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove the user's temporary files and folders whose process has ended.
+
+    A process of this machine is looked up. Those of other machines, and from before a restart, count as ended after a
+    day without a change.
+    """
+    try:
+        with os.scandir(folder) as entries:
+            found = [entry for entry in entries if is_temporary(entry.name)]
+    except OSError:
+        return  # the folder is missing, or cannot be read: writing there says what is wrong
+    for entry in found:
+        with suppress(OSError):  # another process may remove it at the same time
+            if not _is_abandoned(entry):
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path, ignore_errors=True)
+            else:
+                os.unlink(entry.path)
+
+
+def _is_abandoned(entry: os.DirEntry[str]) -> bool:
+    state = entry.stat(follow_symlinks=False)
+    if hasattr(os, "geteuid") and state.st_uid != os.geteuid():
+        return False
+    name = _NAME.fullmatch(entry.name)
+    assert name is not None
+    if name["system"] == _system() != _UNKNOWN:
+        return _started(int(name["process"])) != int(name["started"])
+    before = time.time() - _ABANDONED_S
+    if state.st_mtime > before or not entry.is_dir(follow_symlinks=False):
+        return state.st_mtime <= before
+    changes = (os.lstat(os.path.join(place, file)) for place, _, files in os.walk(entry.path) for file in ["", *files])
+    return all(change.st_mtime <= before for change in changes)
+
+
+def _begin(folder: Path) -> bool:
+    """Return whether a folder is not part of a temporary one, which is synced as a whole.
+
+    What is abandoned in it is removed, once for each folder and process: large folders take milliseconds.
+    """
+    if any(is_temporary(part) for part in folder.parts):
+        return False
+    if folder not in _looked_at:
+        _looked_at.add(folder)
+        remove_abandoned(folder)
+    return True
+
+
+def _temporary_name(suffix: str = "", start: str = ".") -> str:
+    process = os.getpid()
+    return f"{start}photosite-{_system()}-{process}-{_started(process) or 0}-{secrets.token_hex(4)}{suffix}"
+
+
+_UNKNOWN = "0" * 8
+
+
+@lru_cache(maxsize=1)
+def _system() -> str:
+    """Return digits for the running system and its table of processes (a container has its own)."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
+        table = os.readlink("/proc/self/ns/pid")
+    except OSError:  # not Linux
+        return _UNKNOWN
+    return hashlib.sha256(f"{boot} {table}".encode()).hexdigest()[:8]
+
+
+def _started(process: int) -> int | None:
+    """Return when a process started, in ticks since the system did; None if it has ended, or this is not Linux."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    fields = state.rpartition(")")[2].split()
+    return None if fields[0] in "ZX" else int(fields[19])
 
 
 def _reason(error: OSError, place: Path) -> str:
@@ -131,15 +283,20 @@ Piece = tuple[int, int, NDArray[Any]]
 class TemporaryFolder:
     """A new folder at `path`, in the system's place for temporary files (`TMPDIR`).
 
+    Those of killed processes are removed.
+
     Examples
     --------
-    >>> folder = TemporaryFolder("photosite-")
+    >>> folder = TemporaryFolder()
     >>> folder.path.is_dir(), folder.close(), folder.path.exists()
     (True, None, False)
     """
 
-    def __init__(self, prefix: str) -> None:
-        self.path = Path(tempfile.mkdtemp(prefix=prefix))
+    def __init__(self) -> None:
+        above = Path(tempfile.gettempdir())
+        _begin(above)
+        self.path = above / _temporary_name(start="")
+        self.path.mkdir(0o700)
         self._end = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
     def close(self) -> None:
@@ -168,7 +325,7 @@ def write_bands(
     """
     rows, cols, bands = shape
     size = rows * cols * bands * dtype.itemsize
-    folder = TemporaryFolder("photosite-cube-")
+    folder = TemporaryFolder()
     try:
         free = shutil.disk_usage(folder.path).free
         if size > free:
@@ -193,14 +350,23 @@ def write_bands(
 
 LOCK_NAME = ".lock"
 
-_TRIES = 10
+_TRIES = 100
 
 
 class FolderLock:
-    """Holds a folder until `release`; a second holder, in this process or another, is refused.
+    """Holds a folder, or a file in it, until `release`; a second holder, in this process or another, is refused.
 
     The lock is that of an SQLite database in the folder. The operating system releases it when the process ends,
     however it ends, so that no lock is left behind.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    name
+        Name of the lock's file: another one for each thing in the folder that is held by itself.
+    wait_s
+        Time to wait for another holder, in seconds.
 
     Raises
     ------
@@ -216,8 +382,8 @@ class FolderLock:
     ...     FolderLock(Path(folder)).release()
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / LOCK_NAME
+    def __init__(self, folder: Path, name: str = LOCK_NAME, *, wait_s: float = 0.0) -> None:
+        self._path, self._wait_s = folder / name, wait_s
         self._released = False
         for _ in range(_TRIES):
             before = self._file_number()
@@ -248,7 +414,7 @@ class FolderLock:
     def _locked(self, folder: Path) -> sqlite3.Connection:
         database = None
         try:
-            database = sqlite3.connect(self._path, timeout=0.0, isolation_level=None, check_same_thread=False)
+            database = sqlite3.connect(self._path, timeout=self._wait_s, isolation_level=None, check_same_thread=False)
             database.execute("BEGIN EXCLUSIVE")
         except sqlite3.Error as error:
             if database is not None:

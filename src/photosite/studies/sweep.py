@@ -24,7 +24,7 @@ from photosite.camera.camera import Camera
 from photosite.data.digest import described
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, did_you_mean, message_of
-from photosite.files.writing import FolderLock, atomic_path
+from photosite.files.writing import FolderLock, atomic_path, sync
 from photosite.scene.scene import Scene
 from photosite.studies.gray_surface import snr
 from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
@@ -341,7 +341,7 @@ _RESULTS = "results.jsonl"
 class _Checkpoint:
     """A folder with the results of a sweep so far: a line that identifies the sweep, then a line for each camera.
 
-    A process that is killed may leave half a line, which is ignored.
+    Where a killed process or a power failure has left half a line or an invalid one, it and what follows are ignored.
     """
 
     def __init__(self, folder: str | PathLike[str], task: _Task, points: list[tuple[Any, ...]]) -> None:
@@ -366,20 +366,27 @@ class _Checkpoint:
         others = [entry.name for entry in self._folder.iterdir() if not entry.name.startswith((".lock", _RESULTS))]
         if others:
             raise FileError(self._folder, f"the folder holds {others[0]}", hint="Use an empty folder")
-        lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True) if self._path.exists() else []
-        whole = [line for line in lines if line.endswith("\n")]
+        text = self._path.read_text(encoding="utf-8", errors="replace") if self._path.exists() else ""
+        whole = [f"{line}\n" for line in text.split("\n")[:-1]]
         if whole and whole[0].strip() != head:
             hint = "Remove the folder, or use the camera, values and measure that it was begun with"
             raise FileError(self._folder, "holds the results of another sweep", hint=hint)
-        try:
-            self.found = {int(index): dict(result) for index, result in map(json.loads, whole[1:])}
-        except (ValueError, TypeError) as error:
-            raise FileError(self._path, f"is damaged: {message_of(error)}", hint="Remove the folder") from None
-        file = self._path.open("r+" if lines else "w", encoding="utf-8")
-        file.truncate(sum(len(line.encode()) for line in whole))
+        valid = whole[:1]
+        for line in whole[1:]:
+            try:
+                index, result = json.loads(line)
+                self.found[int(index)] = dict(result)
+            except (ValueError, TypeError):
+                break
+            valid.append(line)
+        file = self._path.open("r+" if text else "w", encoding="utf-8")
+        file.truncate(sum(len(line.encode()) for line in valid))
         file.seek(0, os.SEEK_END)
-        if not whole:
+        if not valid:
             file.write(head + "\n")
+            file.flush()
+            sync(self._path)
+            sync(self._folder)
         return file
 
     def add(self, index: int, result: dict[str, float]) -> None:
@@ -392,7 +399,8 @@ class _Checkpoint:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        with suppress(OSError):  # `add` has raised it already
+            self._file.close()
         if self._is_new:  # without results: an address without a scheduler, for example
             self._path.unlink(missing_ok=True)
         self._lock.release()

@@ -21,7 +21,7 @@ from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.file_units import CONVERSION
-from photosite.sensor.io.sensor_file import maps_path
+from photosite.sensor.io.sensor_file import write_sensor
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import NoiseProfile
 from photosite.sensor.noise_terms import QUANTISATION_DN2
@@ -308,11 +308,8 @@ def _name_of_frames(source: str) -> str:
 
 
 def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
-    """Write a calibration's sensor file, and before it the maps of the chip, if any. Raises as `Calibration.save`."""
-    sensor = measured_sensor(calibration)
-    if calibration.chip is not None:
-        sensor = sensor.with_(maps=calibration.chip.save(maps_path(path)))
-    sensor.save(path)
+    """Write a calibration's sensor file with the maps of the chip, if any. Raises as `Calibration.save`."""
+    write_sensor(measured_sensor(calibration), path, calibration.chip)
 
 
 def well_capacity(calibration: Calibration) -> Estimate:

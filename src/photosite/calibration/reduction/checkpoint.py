@@ -20,8 +20,8 @@ from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.groups import group_label
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
-from photosite.files.hdf5 import check_own_data
-from photosite.files.writing import FolderLock, atomic_path
+from photosite.files.hdf5 import check_own_data, create_hdf5
+from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 _VERSION = 5
@@ -115,6 +115,7 @@ class Checkpoint:
         if others:
             raise FileError(folder, f"the folder holds {others[0]}", hint="Use an empty folder for the checkpoint")
         self._lock = FolderLock(self.folder)
+        remove_abandoned(self.folder)
 
     def __enter__(self) -> Checkpoint:
         return self
@@ -130,11 +131,9 @@ class Checkpoint:
 
     def save(self, group: FrameGroup, sums: FrameSums, progress: FirstPass) -> None:
         """Save a group's sums, completely or not at all."""
-        import h5py
-
         note = {name: value for name, value in vars(progress).items() if name not in ("counts", "samples")}
         note |= {"version": _VERSION, "group": self._identity(group)}
-        with atomic_path(self._files[id(group)]) as temporary, h5py.File(temporary, "w") as file:
+        with atomic_path(self._files[id(group)]) as temporary, create_hdf5(temporary) as file:
             file.attrs["progress"] = json.dumps(note)
             for name, array in sums.state().items():
                 file.create_dataset(name, data=array)

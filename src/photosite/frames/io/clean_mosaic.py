@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.files.hdf5 import create_hdf5
 from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import tile_text
@@ -71,7 +72,5 @@ def write_clean_mosaic(dn: NDArray[np.float32], frame: RawFrame, path: Path) -> 
             text = json.dumps({"photosite_clean": 1, **known}, default=lambda number: number.item())
             tifffile.imwrite(temporary, values, photometric="minisblack", description=text, metadata=None)
         else:
-            import h5py
-
-            with h5py.File(temporary, "w") as file:
+            with create_hdf5(temporary) as file:
                 file.create_dataset("clean", data=values).attrs.update(known)

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, message_of
-from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain
+from photosite.files.hdf5 import Hdf5File, check_stored, create_hdf5, open_hdf5, plain
 from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
 from photosite.frames.raw_frame import Numbers, RawFrame
 from photosite.values.cfa import NAMED, Cfa, cfa_from, tile_name
@@ -48,8 +48,6 @@ _DEFLATE, _SHUFFLE = 1, 2
 
 def write_hdf5(frame: RawFrame, path: Path) -> None:
     """Write the frame as one dataset with attributes."""
-    import h5py
-
     check_metadata(frame)
     attributes: dict[str, Any] = {"bits": frame.bits, "cfa": _cfa_attribute(frame.cfa)}
     for name in ("black_level_dn", "white_level_dn", "exposure_s", "color_matrix", "color_matrix_a", "noise_profile"):
@@ -59,7 +57,7 @@ def write_hdf5(frame: RawFrame, path: Path) -> None:
         if name in attributes:
             raise InputError("metadata", value=name, expected="named differently from the frame's own fields")
         attributes[name] = value
-    with h5py.File(path, "w") as file:
+    with create_hdf5(path) as file:
         data = file.create_dataset(_DATASET, data=frame.dn)
         for name, value in attributes.items():
             # Text of fixed length is stored in the attribute itself, not in a heap of the file.

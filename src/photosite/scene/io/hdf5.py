@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain, read_numbers
+from photosite.files.hdf5 import Hdf5File, check_stored, create_hdf5, open_hdf5, plain, read_numbers
 from photosite.files.writing import Piece, atomic_path, write_bands
 from photosite.scene.cube import Array, Block, Interleave, RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
@@ -83,9 +83,7 @@ def write(scene: Scene, path: Path, *, cube: bool = False) -> None:
     if cube:
         _write_cube(scene, path)
         return
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, create_hdf5(temporary) as file:
         count, rows, cols = scene.weights.shape
         step = max(1, _BLOCK_BYTES // (4 * count * cols))
         data = file.create_dataset("weights", scene.weights.shape, "<f4")
@@ -268,12 +266,10 @@ def _wavelengths(
 
 def _write_cube(scene: Scene, path: Path) -> None:
     """Write the scene's radiance at every sample, in single precision and chunks of rows."""
-    import h5py
-
     cube = cube_of_scene(scene)
     rows, cols, bands = cube.shape
     step = max(1, min(rows, _SLAB_BYTES // (8 * cols * bands), (1 << 20) // (4 * cols * bands)))
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, create_hdf5(temporary) as file:
         data = file.create_dataset("radiance", cube.shape, "<f4", chunks=(step, cols, bands))
         for first, block in cube.blocks(step):
             data[first : first + len(block)] = block.astype(np.float32)
@@ -294,9 +290,7 @@ def reduce_to_own(
 
     `reduce` returns the reduction, given a function that makes its weight store.
     """
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, create_hdf5(temporary) as file:
         reduction = reduce(lambda shape: _DatasetStore(file, temporary, shape))
         _write_rest(file, reduction.scene)
     return reduction

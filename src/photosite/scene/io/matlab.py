@@ -26,7 +26,7 @@ import numpy as np
 
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.hdf5 import SIGNATURE, Hdf5File, open_hdf5, read_numbers
+from photosite.files.hdf5 import SIGNATURE, Hdf5File, create_hdf5, open_hdf5, read_numbers
 from photosite.files.mat import ArrayFile, load_mat
 from photosite.files.writing import TemporaryFolder, atomic_path
 from photosite.scene.cube import Array, Block, RawCube, SpectralCube, wavelengths_in_nm
@@ -197,7 +197,7 @@ def _variables_of(path: Path) -> Iterator[_Variables]:
         with open_hdf5(path) as opened:
             yield _Version73(opened)
         return
-    folder = TemporaryFolder("photosite-mat-")
+    folder = TemporaryFolder()
     try:
         yield _Version5(path, load_mat(path, folder.path), folder)
     except BaseException:
@@ -322,13 +322,11 @@ def _about(scene: Scene) -> dict[str, Any]:
 
 def _write_photon_form(scene: Scene, path: Path) -> None:
     """Write photons and wave in single precision, block by block: HDF5 behind 512 bytes, first axes last."""
-    import h5py
-
     cube = cube_of_scene(scene)
     rows, cols, bands = cube.shape
     step = max(1, min(rows, _CHUNK_BYTES // (4 * cols * bands)))
     with atomic_path(path) as temporary:
-        with h5py.File(temporary, "w", userblock_size=512) as file:
+        with create_hdf5(temporary, userblock_size=512) as file:
             data = file.create_dataset("photons", (bands, cols, rows), "<f4", chunks=(bands, cols, step))
             data.attrs["MATLAB_class"] = np.bytes_(b"single")
             for first, block in cube.blocks(step):

@@ -7,6 +7,7 @@ import math
 import os
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import lru_cache
 from importlib import resources
@@ -17,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.hdf5 import check_own_data
-from photosite.files.writing import atomic_path
+from photosite.errors import FileError, InputError, did_you_mean, message_of
+from photosite.files.hdf5 import check_own_data, create_hdf5
+from photosite.files.writing import FolderLock, atomic_path, sync
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
 from photosite.sensor.file_units import (
@@ -116,18 +117,93 @@ def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
     return sensor.model_copy(update={"maps": Maps(file=fspath(full), sha256=sensor.maps.sha256)})
 
 
-def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
+def write_sensor(sensor: Sensor, path: str | PathLike[str], chip: MeasuredChip | None = None) -> None:
     """Write a sensor file, with the maps of a measured chip beside it.
+
+    Whenever the program or the machine stops, the sensor file that was there and its maps can be loaded, or the new
+    one with its maps: new maps are first written under a name of their own, which the sensor file's digest finds.
+
+    Parameters
+    ----------
+    sensor
+        The sensor; its maps are copied unless they are in the same folder.
+    path
+        The sensor file.
+    chip
+        A measured chip, in place of the sensor's maps.
 
     Raises
     ------
     FileError
-        If it cannot be written, or its maps are missing or changed.
+        If it cannot be written, its maps are missing or changed, or another process has held the file for a minute.
     """
-    if sensor.maps is not None:
-        sensor = sensor.model_copy(update={"maps": copy_maps(sensor.maps, Path(path))})
+    path = Path(path)
+    source = sensor.maps
+    if chip is None and source is not None and Path(source.file).parent.resolve() == path.parent.resolve():
+        _ = _found_maps(source)
+        sensor = sensor.model_copy(update={"maps": Maps(file=Path(source.file).name, sha256=source.sha256)})
+        source = None
+    if chip is None and source is None:
+        _write_text(sensor, path)
+        return
+    target = maps_path(path)
+    new = _new_maps(target)
+    lock = FolderLock(path.parent, f".{path.name}.lock", wait_s=_WAIT_S)
+    try:
+        _complete(path, target)
+        try:
+            if chip is not None:
+                digest = write_maps(chip, new).sha256
+            else:
+                assert source is not None
+                digest = source.sha256
+                with atomic_path(new) as temporary:
+                    shutil.copyfile(_found_maps(source), temporary)
+            _write_text(sensor.model_copy(update={"maps": Maps(file=target.name, sha256=digest)}), path)
+        except BaseException:
+            with suppress(OSError, FileError):
+                _complete(path, target)  # where the sensor file has been replaced all the same
+                new.unlink(missing_ok=True)
+            raise
+        _put_in_place(new, target)
+    finally:
+        lock.release()
+
+
+_WAIT_S = 60.0
+"""Time to wait for another process that writes the same sensor file."""
+
+
+def _write_text(sensor: Sensor, path: Path) -> None:
     with atomic_path(path) as temporary:
         temporary.write_text(dump_sensor(sensor), encoding="utf-8")
+
+
+def _new_maps(target: Path) -> Path:
+    """Return where new maps are until their sensor file has been written."""
+    return target.with_name(f"{target.name}.new")
+
+
+def _complete(path: Path, target: Path) -> None:
+    """Give new maps their name, where a run was ended after it had written their sensor file."""
+    new = _new_maps(target)
+    if not new.exists():
+        return
+    try:
+        maps = parse_sensor(read_text(path, "a sensor file"), path).maps
+        belongs = maps is not None and file_sha256(new) == maps.sha256
+    except (FileError, OSError):
+        return
+    if belongs:
+        _put_in_place(new, target)
+
+
+def _put_in_place(new: Path, target: Path) -> None:
+    try:
+        os.replace(new, target)
+        sync(target.parent)
+    except OSError as error:
+        raise FileError(target, f"cannot be written: {message_of(error)}") from None
 
 
 def dump_sensor(sensor: Sensor) -> str:
@@ -223,10 +299,8 @@ def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
     The file has a dataset with a unit for each map, the groups `defects` and `blinking` with a dataset per column, and
     the chip's numbers as attributes.
     """
-    import h5py
-
     with atomic_path(path) as temporary:
-        with h5py.File(temporary, "w") as file:
+        with create_hdf5(temporary) as file:
             file.attrs["photosite_maps"] = MAPS_FORMAT
             file.attrs["read_noise_freedom"] = chip.read_noise_freedom
             for name in _NUMBERS:
@@ -242,18 +316,6 @@ def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
             file["defects/kind"].attrs["meaning"] = ", ".join(f"{k.value} {k.name.lower()}" for k in DefectKind)
         digest = file_sha256(temporary)
     return Maps(file=os.fspath(Path(path).absolute()), sha256=digest)
-
-
-def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
-    """Copy maps beside a sensor file, unless they are there already, and return them as the sensor file names them."""
-    source = Path(maps.file)
-    _check_digest(maps)
-    if source.parent.resolve() == sensor_path.parent.resolve():
-        return Maps(file=source.name, sha256=maps.sha256)
-    target = maps_path(sensor_path)
-    with atomic_path(target) as temporary:
-        shutil.copyfile(source, temporary)
-    return Maps(file=target.name, sha256=maps.sha256)
 
 
 def maps_path(sensor_path: str | PathLike[str]) -> Path:
@@ -276,8 +338,7 @@ def load_measured_chip(sensor: Sensor) -> MeasuredChip | None:
 # A chip of 10 megapixels is 280 MB: two are cached.
 @lru_cache(maxsize=2)
 def _load(file: str, sha256: str) -> MeasuredChip:
-    _check_digest(Maps(file=file, sha256=sha256))
-    return read_maps(file)
+    return read_maps(_found_maps(Maps(file=file, sha256=sha256)))
 
 
 def read_maps(path: str | PathLike[str]) -> MeasuredChip:
@@ -301,6 +362,16 @@ def file_sha256(path: str | PathLike[str]) -> str:
     """Return the SHA-256 of a file's bytes."""
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _found_maps(maps: Maps) -> Path:
+    """Return the file of maps with the sensor file's digest."""
+    new = _new_maps(Path(maps.file))
+    with suppress(OSError, ValueError):  # only where a run was ended between two renames, or is between them
+        if new.exists() and file_sha256(new) == maps.sha256:
+            return new
+    _check_digest(maps)
+    return Path(maps.file)
 
 
 def _check_digest(maps: Maps) -> None:
