@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs linkcheck test test-slow test-browser fuzz install lint format clean
+.PHONY: demo docs linkcheck test test-slow test-browser test-raws fuzz audit install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
@@ -34,9 +34,21 @@ test-browser: $(VENV)/installed-dev
 	-npm install --silent --no-audit --no-fund --no-save --prefix $(VENV)/axe axe-core@4
 	$(BIN)/python -m pytest -m browser tests/browser
 
-# The long run of what tests/fuzz does for some seconds: minutes, on one core.
+# Damaged and hostile files and command lines: make fuzz, or with a count or a time: make fuzz INPUTS=1000000,
+# make fuzz SECONDS_IN_ALL=60. On one core.
+INPUTS ?= 150000
 fuzz: $(VENV)/installed-dev
-	nice -n 10 $(BIN)/python tests/fuzz/run.py --inputs 150000
+	nice -n 10 $(BIN)/python tests/fuzz/run.py $(if $(SECONDS_IN_ALL),--seconds $(SECONDS_IN_ALL),--inputs $(INPUTS))
+
+# Known advisories of the installed packages, from PyPI; fails with the reason where they cannot be asked for.
+audit: $(VENV)/installed-dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pip-audit
+	$(BIN)/python tests/audit.py
+
+# Read, develop and calibrate a user's own raw files: make test-raws FOLDER=~/pictures
+test-raws: $(VENV)/installed
+	@test -n "$(FOLDER)" || { echo "say: make test-raws FOLDER=folder of raw files"; exit 2; }
+	$(BIN)/python tests/raws/run.py "$(FOLDER)"
 
 install: $(VENV)/installed
 

@@ -56,7 +56,56 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
     made["sensor"] = ((folder / "a.sensor.yaml").read_bytes(),)
     made["spectrum"] = ((folder / "diode.csv").read_bytes(),)
     made |= {name: tuple(text.encode() for text in texts) for name, texts in _TEXTS.items()}
+    made |= _tables(folder)
+    _files_of_commands(folder, made)
     return made
+
+
+def _tables(folder: Path) -> dict[str, tuple[bytes, ...]]:
+    """Return point spreads in all their formats, OTFs and electrons."""
+    import h5py
+    import tifffile
+
+    axis = np.arange(-5, 6) * 0.5
+    psf = np.stack([np.exp(-(axis[:, None] ** 2 + axis**2) / width) for width in (2, 4)])
+    stated = {"spacing_um": 0.5, "wavelength_nm": [450.0, 650.0]}
+    np.savez(folder / "psf.npz", psf=psf, **stated)
+    np.savez_compressed(folder / "small.npz", psf=psf.astype(np.float32), **stated)
+    with h5py.File(folder / "psf.h5", "w") as file:
+        file["psf"] = psf
+        file.attrs.update(stated)
+    tifffile.imwrite(folder / "psf.tif", psf.astype(np.float32), photometric="minisblack", compression="zlib")
+    np.save(folder / "electrons.npy", 1e3 * psf[0].astype(np.float32))
+    names = {"psf arrays": ("psf.npz", "small.npz"), "psf hdf5": ("psf.h5",), "psf tiff": ("psf.tif",)}
+    names["electrons"] = ("electrons.npy",)
+    return {name: tuple((folder / file).read_bytes() for file in files) for name, files in names.items()}
+
+
+_COMMAND_FILES = {
+    "sensor": "a.sensor.yaml", "optics": "x.optics.yaml", "design": "x.optics.design.npz", "camera": "a.camera.yaml",
+    "sweep": "a.sweep.yaml", "protocol": "protocol.yaml", "spectral": "spectral.yaml", "spectrum": "diode.csv",
+    "dng": "a.dng", "png": "a.png", "tiff": "a.tif", "hdf5": "a.h5", "fits": "a.fits", "descriptor": "emva.txt",
+    "scene": "scene.h5", "picture": "picture.png", "patches": "patches.csv", "darktable": "profiles.json",
+    "libcamera": "tuning.json", "rawtoaces": "rawtoaces.json", "linearization": "linear.csv",
+    "electrons": "electrons.npy", "camera index": "cameras.yaml", "mat5": "scene.mat", "psf": "psf.txt",
+}  # fmt: skip
+
+
+def _files_of_commands(folder: Path, made: dict[str, tuple[bytes, ...]]) -> None:
+    """Write the folder that command lines are run in: valid files, a stack, and files that are none."""
+    files = folder / "files"
+    (files / "stack").mkdir(parents=True)
+    for name, file in _COMMAND_FILES.items():
+        (files / file).write_bytes(made[name][0])
+        cut = files / f"cut.{file.rpartition('.')[2]}"
+        cut.write_bytes(made[name][0][: len(made[name][0]) // 2])
+    for place in (files, files / "stack"):
+        for frame in folder.glob("*_?.tif"):
+            (place / frame.name).write_bytes(frame.read_bytes())
+    (files / "empty").write_bytes(b"")
+    for suffix in ("tif", "yaml", "json"):
+        (files / f"zero.{suffix}").symlink_to("/dev/zero")
+    (files / "\udcff\udcfe\x1b.yaml").write_text("photosite_sensor: 1")
 
 
 def _saved_lenses(folder: Path) -> dict[str, tuple[bytes, ...]]:
@@ -410,7 +459,38 @@ cameras:
   gain_settings: [100, 400]
   sha256: {{entry.yaml: {"a" * 64}, sensor.yaml: {"b" * 64}, emva1288.json: {"c" * 64}}}
 """
+_CAMERA = """photosite_camera: 1
+name: small
+sensor: a.sensor.yaml
+optics: {f_number: 8, focal_length_mm: 50, blur: {kind: wavefront, zernike: {4: 20, 8: 30}, unit: nm}}
+scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2, options: {rows: 2}}
+exposure: 1/3
+integration: trapezoid
+cells_per_pixel: 1
+"""
+_PLANES = """photosite_camera: 1
+sensor: nikon-d200
+optics: {f_number: 4, focal_length_mm: 50, focus_distance_m: 1.0, falloff: cos4}
+scene:
+- {source: siemens-star, distance_m: 1.0, width_m: 0.2, opacity: 0.5}
+- {source: macbeth, distance_m: 2.0}
+exposure: 10ms
+"""
+_SWEEP = """photosite_sweep: 1
+name: pixels
+camera: {sensor: google-pixel-4a, optics: {f_number: 2.8, focal_length_mm: 4}}
+values:
+  pixel_width_um: [0.8, 1.0, 1.4]
+  f_number: [1.8, 2.8]
+measure: {snr: {luminance_cd_m2: 5, exposure: 1/15}}
+"""
+_OTF = "frequency_per_mm, 450, 650\n0, 1, 1\n40, 0.7, 0.6\n200, 0, 0\n"
+_LINEAR = "code,value\n" + "".join(f"{k},{k * k / 15}\n" for k in range(16))
 _TEXTS = {
+    "camera": (_CAMERA, _PLANES),
+    "sweep": (_SWEEP,),
+    "otf": (_OTF,),
+    "linearization": (_LINEAR,),
     "descriptor": (_DESCRIPTOR,),
     "protocol": (_PROTOCOL,),
     "spectral": (_SPECTRAL,),

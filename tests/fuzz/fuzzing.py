@@ -6,6 +6,8 @@ number that is not finite. `run.py` watches for hangs, crashes and large allocat
 
 from __future__ import annotations
 
+import copy
+import json
 import math
 import os
 import random
@@ -14,11 +16,12 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fuzz_seeds import seeds_of
 
-from photosite.errors import PhotositeError
+from photosite.errors import InputError, PhotositeError
 from photosite.files.child import call_in_child
 from photosite.frames.raw_frame import RawFrame
 
@@ -46,12 +49,87 @@ class Target:
         Called with the damaged file's path; returns the result.
     text
         Whether the format is text, so that words are damaged too.
+    tree
+        Whether the format is YAML or JSON, so that its values are replaced too.
+    draw
+        Makes a whole input, instead of damage to a valid one.
     """
 
     suffix: str
     seeds: tuple[bytes, ...]
     read: Callable[[Path], object]
     text: bool = False
+    tree: bool = False
+    draw: Callable[[random.Random], bytes] | None = None
+
+    def hostile(self, rng: random.Random) -> bytes:
+        """Return an input: drawn, or a valid file with damage or other values."""
+        if self.draw is not None:
+            return self.draw(rng)
+        seed = rng.choice(self.seeds)
+        if self.tree and rng.random() < 0.5:
+            return regrown(seed, rng)
+        return damaged(seed, rng, text=self.text)
+
+
+_VALUES: tuple[object, ...] = (
+    *(0, -1, 1, 2, 65_536, 10**30, -(10**30), 1e300, -1e300, 5e-324, 1e-40, 1e40, 0.5, math.inf, -math.inf, math.nan),
+    *(
+        None,
+        True,
+        False,
+        "",
+        "x",
+        "1/3",
+        "1e9",
+        "0x10",
+        "nan",
+        "../../etc/passwd",
+        "/dev/zero",
+        "a\0b",
+        "\x1b[31m",
+        "é",
+    ),
+    *([], {}, [[]], [None], [0.0] * 300, {"value": 1, "standard_uncertainty": 1e300}, {"value": None}),
+)
+"""Values of any type, magnitude and kind; many are valid in one field and invalid in others."""
+
+
+def regrown(content: bytes, rng: random.Random) -> bytes:
+    """Return a YAML or JSON document with one to four of its values or keys replaced, removed, repeated or moved."""
+    from ruamel.yaml import YAML
+
+    tree = json.loads(json.dumps(YAML(typ="safe").load(content.decode()), default=str))
+    places: list[tuple[Any, Any]] = []
+
+    def collect(node: Any) -> None:
+        for key in node if isinstance(node, dict) else range(len(node)):
+            places.append((node, key))
+            if isinstance(node[key], dict | list):
+                collect(node[key])
+
+    collect(tree)
+    for _ in range(min(1 + int(rng.expovariate(1.0)), 4)):
+        node, key = rng.choice(places)
+        value = copy.deepcopy(rng.choice(_VALUES))
+        if key not in node if isinstance(node, dict) else not 0 <= key < len(node):
+            continue  # removed before
+        match rng.randrange(8):
+            case 0:
+                del node[key]
+            case 1 if isinstance(node, dict):
+                node[str(rng.choice(WORDS))[:50]] = node.pop(key)
+            case 2:
+                other, place = rng.choice(places)
+                if place in other if isinstance(other, dict) else 0 <= place < len(other):
+                    node[key] = copy.deepcopy(other[place])
+            case 3 if isinstance(node, list):
+                node.insert(key, value)
+            case 4 if isinstance(node[key], int | float) and not isinstance(node[key], bool):
+                node[key] *= rng.choice((-1, 0, 1e-30, 1e-6, 1e3, 1e6, 1e30, 1e200))
+            case _:
+                node[key] = value
+    return json.dumps(tree).replace("Infinity", ".inf").replace("NaN", ".nan").encode("utf-8", "surrogatepass")
 
 
 def damaged(content: bytes, rng: random.Random, *, text: bool) -> bytes:
@@ -187,16 +265,21 @@ def check(found: object, depth: int = 0) -> None:
 def targets(folder: Path) -> dict[str, Target]:
     """Return all readers by name; frames that protocols and descriptors refer to are written to the folder."""
     from photosite.calibration.spectral.protocol import open_spectral
+    from photosite.camera.file import load_camera
     from photosite.color.spectrum import read_spectrum
+    from photosite.data.light import Electrons
     from photosite.frames.io.darktable import read_darktable
     from photosite.frames.io.formats import read_frame, read_headers
     from photosite.frames.io.libcamera import read_libcamera
+    from photosite.frames.linearization import read_linearization
     from photosite.frames.open import open_frames
     from photosite.library.entry import index_file
     from photosite.library.sources import find_cameras
     from photosite.library.spectra import csv_camera
+    from photosite.optics.io.formats import read_otf_table, read_psf_table
     from photosite.sensor.io.sensor_file import load_sensor, read_maps
     from photosite.studies.chart_spectral import open_chart
+    from photosite.studies.sweep_file import load_sweep
 
     seeds = seeds_of(folder)
 
@@ -265,6 +348,39 @@ def targets(folder: Path) -> dict[str, Target]:
         (folder / "A_DI_.dat").write_bytes(path.read_bytes())
         return read_ray_trace(folder).distortion()
 
+    def camera(path: Path) -> object:
+        found = load_camera(path)
+        return found.exposure_s, found.camera.cells_per_pixel, found.seen.__class__.__name__
+
+    def sweep(path: Path) -> object:
+        return dict(load_sweep(path).values)
+
+    def linearization(path: Path) -> object:
+        return read_linearization(path).values
+
+    def psf_pages(path: Path) -> object:
+        return read_psf_table(path, spacing_um=0.5, wavelength_nm=[450.0, 650.0])
+
+    def electrons(path: Path) -> object:
+        return Electrons([path]).shape
+
+    files = folder / "files"
+    grammar: list[Any] = []
+
+    def draw_command(rng: random.Random) -> bytes:
+        from command_lines import Grammar
+
+        if not grammar:
+            grammar.append(Grammar(files))
+        return json.dumps(grammar[0].draw(rng)).encode()
+
+    def command(path: Path) -> object:
+        import command_lines
+
+        if command_lines.outcome(json.loads(path.read_text()), files) == "refused":
+            raise InputError("refused")
+        return None
+
     def chart(path: Path) -> object:
         from photosite.scene.io.formats import read_scene
 
@@ -282,7 +398,7 @@ def targets(folder: Path) -> dict[str, Target]:
         "exr": Target(".exr", seeds["exr"], scene),
         "cgats": Target(".cgats", seeds["cgats"], chart, text=True),
         "patches": Target(".csv", seeds["patches"], chart, text=True),
-        "optics": Target(".yaml", seeds["optics"], optics, text=True),
+        "optics": Target(".yaml", seeds["optics"], optics, text=True, tree=True),
         "design": Target(".npz", seeds["design"], design),
         "pupil": Target(".npz", seeds["pupil"], pupil),
         "ray trace": Target(".txt", seeds["ray trace"], lens, text=True),
@@ -298,14 +414,23 @@ def targets(folder: Path) -> dict[str, Target]:
         "fits": Target(".fits", seeds["fits"], frame),
         "maps": Target(".h5", seeds["maps"], read_maps),
         "descriptor": Target(".txt", seeds["descriptor"], frames, text=True),
-        "protocol": Target(".yaml", seeds["protocol"], frames, text=True),
-        "sensor": Target(".yaml", seeds["sensor"], sensor, text=True),
-        "spectral": Target(".yaml", seeds["spectral"], spectral, text=True),
-        "chart": Target(".yaml", seeds["chart"], lambda path: open_chart(path)[0].electrons, text=True),
+        "protocol": Target(".yaml", seeds["protocol"], frames, text=True, tree=True),
+        "sensor": Target(".yaml", seeds["sensor"], sensor, text=True, tree=True),
+        "spectral": Target(".yaml", seeds["spectral"], spectral, text=True, tree=True),
+        "chart": Target(".yaml", seeds["chart"], lambda path: open_chart(path)[0].electrons, text=True, tree=True),
         "spectrum": Target(".csv", seeds["spectrum"], read_spectrum, text=True),
-        "darktable": Target(".json", seeds["darktable"], lambda path: read_darktable(path, None), text=True),
-        "libcamera": Target(".json", seeds["libcamera"], read_libcamera, text=True),
-        "rawtoaces": Target(".json", seeds["rawtoaces"], find_cameras, text=True),
+        "darktable": Target(".json", seeds["darktable"], lambda path: read_darktable(path, None), text=True, tree=True),
+        "libcamera": Target(".json", seeds["libcamera"], read_libcamera, text=True, tree=True),
+        "rawtoaces": Target(".json", seeds["rawtoaces"], find_cameras, text=True, tree=True),
         "sensitivity": Target(".csv", seeds["sensitivity"], csv_camera, text=True),
-        "camera index": Target(".yaml", seeds["camera index"], index_file, text=True),
+        "camera index": Target(".yaml", seeds["camera index"], index_file, text=True, tree=True),
+        "camera": Target(".yaml", seeds["camera"], camera, text=True, tree=True),
+        "sweep": Target(".yaml", seeds["sweep"], sweep, text=True, tree=True),
+        "linearization": Target(".csv", seeds["linearization"], linearization, text=True),
+        "otf": Target(".csv", seeds["otf"], read_otf_table, text=True),
+        "psf arrays": Target(".npz", seeds["psf arrays"], read_psf_table),
+        "psf hdf5": Target(".h5", seeds["psf hdf5"], read_psf_table),
+        "psf tiff": Target(".tif", seeds["psf tiff"], psf_pages),
+        "electrons": Target(".npy", seeds["electrons"], electrons),
+        "commands": Target(".json", (b'["sensors", "list"]',), command, draw=draw_command),
     }

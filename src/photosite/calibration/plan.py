@@ -80,6 +80,10 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     """
     tile = label_tile(sensor.array.cfa)
     pixels = label_pixels((sensor.array.rows, sensor.array.cols), tile).tolist()
+    if min(pixels) == 0:
+        size = f"{sensor.array.rows} x {sensor.array.cols} pixels"
+        expected = "at least one pixel of each filter of the color filter array"
+        raise InputError("the chip", value=size, expected=expected)
     statistics = [
         GroupStatistics(
             FrameGroup(group.kind, group.exposure_s, (), group.photons_per_pixel),

@@ -63,6 +63,9 @@ _ROUNDING = 1e-5
 _REDUCTION_FACTOR = 3.0
 """A channel sees part of the wavelengths, and may have this multiple of the scene's error over all wavelengths."""
 
+_FEWEST_SAMPLES, _MOST_SAMPLES = 1e-9, 1e6
+_SMALLEST_IMAGE_M = 1e-30
+
 _STEP_PIXELS = 0.1
 _POINTS_PER_SIDE = 65
 """Points on each side of a region whose images are computed."""
@@ -185,7 +188,10 @@ def placement(scene: Scene, camera: Camera) -> Placement:
     samples = None
     if scene.width_m is not None:
         image_width_m = scene.width_m * camera.optics.magnification(scene.distance_m)
-        samples = scene.shape[1] * pixel.width_um.value * 1e-6 / image_width_m
+        samples = scene.shape[1] * pixel.width_um.value * 1e-6 / max(image_width_m, _SMALLEST_IMAGE_M)
+        if not _FEWEST_SAMPLES <= samples <= _MOST_SAMPLES:
+            expected = f"that of an image with {_FEWEST_SAMPLES:g} to {_MOST_SAMPLES:g} samples a pixel"
+            raise InputError("width_m", value=scene.width_m, expected=expected)
     aspect = pixel.height_um.value / pixel.width_um.value
     return place(scene.shape, (array.rows, array.cols), pixel_aspect=aspect, cols_per_pixel=samples)
 

@@ -12,6 +12,8 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command, writes_file
 from photosite.cli.output import Stages, say, say_if_compiling, show
+from photosite.files.small_files import read_small
+from photosite.files.yaml import LARGEST_BYTES
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
@@ -19,6 +21,11 @@ if TYPE_CHECKING:
     from photosite.sensor.noise_profile import NoiseProfile
 
 SUFFIXES = {"darktable": (".json",), "libcamera": (".json",), "dng": (".dng",), "emva-xml": (".xml",), "emva": ()}
+
+
+def _is_sensor_file(path: Path) -> bool:
+    content = read_small(path, "a sensor file or a protocol", LARGEST_BYTES)
+    return any(line.startswith(b"photosite_sensor:") for line in content.splitlines())
 
 
 @writes_file
@@ -117,11 +124,8 @@ class _Source:
         path = Path(self.name)
         if self.name in preset_names() and not path.exists():
             return None
-        if path.suffix.lower() in options.SENSOR_SUFFIXES and path.is_file():
-            with path.open(encoding="utf-8", errors="replace") as file:
-                if any(line.startswith("photosite_sensor:") for line in file):
-                    return None
-        return open_frames(path, **self.reading)
+        is_sensor = path.suffix.lower() in options.SENSOR_SUFFIXES and path.is_file() and _is_sensor_file(path)
+        return None if is_sensor else open_frames(path, **self.reading)
 
     def calibration(self, frames: FrameSet) -> Calibration:
         """Return the calibration of a measurement at one gain setting."""

@@ -9,6 +9,7 @@ import errno
 import importlib
 import io
 import keyword
+import logging
 import os
 import re
 import signal
@@ -111,6 +112,8 @@ def main() -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal's encoding may lack characters of names and units
             stream.reconfigure(errors="backslashreplace")
+    if not sys.flags.dev_mode:
+        _separate_messages()
     status = run(sys.argv[1:])
     try:
         sys.stdout.flush()
@@ -119,6 +122,22 @@ def main() -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = status or _fail_of_system(error)
     sys.exit(status)
+
+
+def _separate_messages() -> None:
+    """Discard what libraries write to standard error: C libraries by its file descriptor, others by logs.
+
+    photosite's own lines go to a copy of the descriptor. `python -X dev -m photosite` shows all messages.
+    """
+    logging.getLogger().addHandler(logging.NullHandler())
+    try:
+        sys.stderr.flush()
+        own, nowhere = os.dup(sys.stderr.fileno()), os.open(os.devnull, os.O_WRONLY)
+    except (OSError, ValueError, AttributeError):  # closed
+        return
+    sys.stderr = open(own, "w", buffering=1, encoding=sys.stderr.encoding, errors="backslashreplace")  # noqa: SIM115
+    os.dup2(nowhere, 2)
+    os.close(nowhere)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -130,6 +149,8 @@ def run(arguments: Sequence[str]) -> int:
         The exit status: 0, 2 for a wrong call or bad input, 130 when interrupted.
     """
     with warnings.catch_warnings():
+        if not sys.warnoptions:  # those of Python and libraries are for developers: python -W default -m photosite
+            warnings.simplefilter("ignore")
         warnings.simplefilter("default", PhotositeWarning)
         warnings.showwarning = partial(_show_warning, warnings.showwarning, set())
         try:

@@ -15,6 +15,7 @@ import click
 from photosite.cli.command import NameValueOption, overwrites, writes_file
 from photosite.errors import FileError, InputError
 from photosite.values.exposure import parse_exposure
+from photosite.values.limits import LIMITS_OF_OTHERS
 
 if TYPE_CHECKING:
     from photosite.scene.flicker import Flicker
@@ -80,9 +81,12 @@ def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | floa
             value = float(text)
         except ValueError:
             value = math.nan
-        if math.isfinite(value) and (value > limit or (or_equal and value == limit)):
-            return value
-        raise click.BadParameter(f"must be a number {wanted}, got '{text}'")
+        if not (math.isfinite(value) and (value > limit or (or_equal and value == limit))):
+            raise click.BadParameter(f"must be a number {wanted}, got '{text}'")
+        smallest, largest = LIMITS_OF_OTHERS
+        if value and not smallest <= abs(value) <= largest:
+            raise click.BadParameter(f"must be a number {wanted}, from {smallest:g} to {largest:g}, got '{text}'")
+        return value
 
     return number
 
@@ -131,7 +135,7 @@ def wavelengths_of(text: str) -> list[float]:
         if ":" in text:
             first, last, step = (float(part) for part in text.split(":"))
             count = round((last - first) / step)
-            if step <= 0 or not 1 <= count <= 100_000 or abs(first + count * step - last) > 1e-6 * step:
+            if step <= 0 or not 1 <= count <= 10_000 or abs(first + count * step - last) > 1e-6 * step:
                 raise ValueError
             return [first + k * step for k in range(count + 1)]
         return [float(part) for part in text.split(",")]

@@ -30,16 +30,22 @@ _LARGEST_BYTES = 1 << 22
 _MOST_COLUMNS = 3
 
 
+_SHORTEST_NM, _LONGEST_NM = 1e-3, 1e6
+
+
 def wavelength_grid(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
     """Return wavelengths as a float array.
 
-    Raises `InputError` if they are not one-dimensional, positive, finite and increasing.
+    Raises `InputError` if they are not one-dimensional, increasing, and from 0.001 nm to 1 mm.
     """
     grid = np.asarray(wavelength_nm, dtype=np.float64)
     if grid.ndim != 1 or grid.size == 0 or not np.isfinite(grid).all() or grid[0] <= 0:
         raise InputError("wavelength_nm", value=wavelength_nm, expected="a non-empty list of finite numbers above 0")
     if (np.diff(grid) <= 0).any():
         raise InputError("wavelength_nm", value=wavelength_nm, expected="increasing", hint="Sort it with its values")
+    if not (grid[0] >= _SHORTEST_NM and grid[-1] <= _LONGEST_NM):
+        beyond = float(grid[0] if grid[0] < _SHORTEST_NM else grid[-1])
+        raise InputError("wavelength_nm", value=beyond, expected=f"from {_SHORTEST_NM:g} to {_LONGEST_NM:g} nm")
     return grid
 
 

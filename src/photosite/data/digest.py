@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from photosite.errors import FileError, message_of
+from photosite.files.small_files import reading
 
 
 def described(value: Any) -> Any:
@@ -51,11 +51,8 @@ def described(value: Any) -> Any:
 
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file; raise `FileError` if it cannot be read."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {message_of(error)}") from None
+    with reading(path), path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def described_files(entries: Sequence[Any]) -> list[Any]:

@@ -15,6 +15,7 @@ from photosite.data.digest import described, described_files
 from photosite.data.kept import Kept
 from photosite.data.patch import Patch
 from photosite.errors import FileError, InputError, message_of
+from photosite.files.small_files import check_stored_file
 from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
@@ -130,6 +131,7 @@ class Electrons(Shown):
         image = self.images[number]
         if not isinstance(image, str | PathLike):
             return image
+        check_stored_file(image)
         try:
             found: NDArray[Any] = np.load(image, mmap_mode="r", allow_pickle=False)
         except OSError as error:

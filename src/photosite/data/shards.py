@@ -26,6 +26,7 @@ from photosite.data.pair import Pair
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.hdf5 import create_hdf5, open_hdf5
+from photosite.files.small_files import read_json_object
 from photosite.files.writing import FolderLock, atomic_path, is_temporary, remove_abandoned
 from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
@@ -203,13 +204,7 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in a JSON file."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FileError(path, f"cannot be read: {message_of(error)}") from None
-    if not isinstance(found, dict):
-        raise FileError(path, "is no JSON object")
-    return found
+    return dict(read_json_object(path))
 
 
 def _write_hdf5(path: Path, pairs: Iterator[Pair], count: int) -> None:

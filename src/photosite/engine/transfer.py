@@ -17,6 +17,7 @@ the kernel is stored on the few cells that it covers, and H is interpolated from
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple, dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -24,11 +25,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from photosite.engine.jit import F32, F64
+from photosite.errors import InputError
 
 _FOLD_NODES = 65
 """Nodes per axis at which the folded terms are computed; cubic interpolation between them."""
 _FOLD_TOLERANCE = 1e-7
 """Folded terms smaller than this, relative to the transfer at 0, are omitted."""
+_MOST_FOLDS = 40_000
+"""Limit of the folded terms, whose sum then takes half a minute."""
+_FEW_FOLDS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +108,24 @@ class FoldedTerms:
     across: F32  # (products, fx)
 
 
+def _more_cells(cells: int, folds: int) -> int:
+    """Return an odd number of cells with few folds."""
+    return 2 * (cells * folds // _FEW_FOLDS // 2) + 1
+
+
 def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> F64:
     """Return (channels, maps, fy, fx): the terms with m other than 0, below the Nyquist frequency."""
     rate = [1.0 / sampling.cell_m(axis) for axis in (0, 1)]
     most = [int(np.ceil(transfer.reach_per_m / r + 0.5)) for r in rate]
+    if (2 * most[0] + 1) * (2 * most[1] + 1) > _MOST_FOLDS:
+        raise InputError(
+            "cells_per_pixel",
+            value=sampling.cells_per_pixel,
+            expected="such that 1 / cell is below the lens's cutoff frequency by a factor of at most "
+            f"{math.isqrt(_MOST_FOLDS) // 2}, not {max(most)}",
+            hint="Use more cells per pixel, {cells_per_pixel}, or a larger f-number",
+            arguments={"cells_per_pixel": _more_cells(sampling.cells_per_pixel, max(most))},
+        )
     total = np.zeros((*transfer.table.shape[:2], fy_per_m.size, fx_per_m.size))
     for m in range(-most[0], most[0] + 1):
         fy = fy_per_m + m * rate[0]

@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, PhotositeError, message_of
 from photosite.files.child import ChildError, call_in_child
+from photosite.files.small_files import check_stored_file
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 TIME_LIMIT_S = 2.0
 """Time limit of the child for a small file, and for each further MB; valid files take milliseconds."""
+_LONGEST_S = 120.0
 _MEMORY_BYTES = 1 << 30
 _HEAP_SIGNATURE = b"GCOL"
 _LARGEST_SEARCHED = 64 << 20
@@ -94,7 +96,7 @@ class Hdf5File:
     @cached_property
     def _texts(self) -> dict[str, dict[str, Any]]:
         """Text attributes of variable length, by item and name."""
-        time_s = TIME_LIMIT_S * (1 + self.path.stat().st_size / 1e6)
+        time_s = min(TIME_LIMIT_S * (1 + self.path.stat().st_size / 1e6), _LONGEST_S)
         try:
             found: dict[str, dict[str, Any]] = call_in_child(
                 read_texts, str(self.path), time_s=time_s, memory_bytes=_MEMORY_BYTES
@@ -109,6 +111,7 @@ def open_hdf5(path: Path) -> Iterator[Hdf5File]:
     """Open a file for reading."""
     import h5py
 
+    check_stored_file(path)
     try:
         with h5py.File(path, "r") as file:
             yield Hdf5File(path, file)

@@ -14,11 +14,12 @@ import numpy as np
 
 from photosite.errors import FileError, message_of
 from photosite.files.child import ChildError, call_in_child
+from photosite.files.small_files import check_stored_file
 
 _MOST_VALUES = 1 << 27
 """Values of one array: a mosaic of 134 million pixels, a cube of 4 million samples of 31 bands."""
 _MEMORY_BYTES = 8 << 30
-_TIME_S, _BYTES_PER_S = 60.0, 1e6
+_TIME_S, _BYTES_PER_S, _LONGEST_S = 60.0, 1e6, 3600.0
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,8 @@ def load_mat(file: Path, array_folder: Path | None = None) -> dict[str, Any]:
     array_folder
         A folder for real arrays of three axes, which are then returned as `ArrayFile`.
     """
-    if not file.is_file():
-        raise FileError(file, "there is no such file")
-    time_s = _TIME_S + file.stat().st_size / _BYTES_PER_S
+    check_stored_file(file)
+    time_s = min(_TIME_S + file.stat().st_size / _BYTES_PER_S, _LONGEST_S)
     try:
         content: dict[str, Any] = call_in_child(read_mat, file, array_folder, time_s=time_s, memory_bytes=_MEMORY_BYTES)
     except ChildError as error:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike
@@ -33,13 +35,57 @@ def read_small(path: str | PathLike[str], what: str, largest: int) -> bytes:
 
 @contextmanager
 def reading(path: str | PathLike[str]) -> Iterator[None]:
-    """Raise errors of the operating system as a `FileError` of the file that is read."""
+    """Check the file that is read (`check_stored_file`); raise errors of the operating system as its `FileError`."""
+    check_stored_file(path)
+    with _system_errors(path):
+        yield
+
+
+@contextmanager
+def _system_errors(path: str | PathLike[str]) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
         raise FileError(path, "there is no such file") from None
     except OSError as error:
         raise FileError(path, f"cannot be read: {message_of(error)}") from None
+
+
+_LARGEST_HOLES = 1 << 30
+_HIGHEST_COMPRESSION = 1000
+"""Bytes of a file to a byte on disk: more than file systems that compress reach with measured data."""
+
+
+def check_stored_file(path: str | PathLike[str]) -> None:
+    """Check that a path is a file whose bytes are stored: no folder, pipe or device, and not gigabytes of holes.
+
+    The time that a reader needs then follows from what is on the disk.
+
+    Raises
+    ------
+    FileError
+        If it is something else, or there is no such file.
+
+    Examples
+    --------
+    >>> check_stored_file("/dev/zero")
+    Traceback (most recent call last):
+    photosite.errors.FileError: /dev/zero: cannot be read: it is a device, not a file. Copy the data to a file
+    """
+    with _system_errors(path):
+        try:
+            found = os.stat(path)
+        except ValueError as error:  # a null character in a name
+            raise FileError(path, f"cannot be read: {error}") from None
+    if stat.S_ISDIR(found.st_mode):
+        raise FileError(path, "cannot be read: it is a folder, not a file")
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a pipe" if stat.S_ISFIFO(found.st_mode) else "a socket" if stat.S_ISSOCK(found.st_mode) else "a device"
+        raise FileError(path, f"cannot be read: it is {kind}, not a file", hint="Copy the data to a file")
+    blocks = getattr(found, "st_blocks", 0)  # of 512 bytes; 0 where the file system does not state it
+    if blocks and found.st_size > _LARGEST_HOLES + _HIGHEST_COMPRESSION * 512 * blocks:
+        what = f"cannot be read: it consists of holes, {found.st_size} bytes, of which {512 * blocks} are stored"
+        raise FileError(path, what, hint="Check that the file is complete")
 
 
 LARGEST_BYTES = 1 << 26

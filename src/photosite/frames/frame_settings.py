@@ -29,6 +29,7 @@ from typing import Any, Literal
 
 from photosite.errors import FileError, InputError
 from photosite.values.exposure import PER_SECOND, parse_exposure
+from photosite.values.limits import check_magnitude
 
 Kind = Literal["dark", "light"]
 KINDS: tuple[Kind, ...] = ("dark", "light")
@@ -91,6 +92,7 @@ class FrameSettings:
             lowest_is_valid = name != "temperature_c" and (name != "exposure_s" or self._zero_exposure)
             if not lowest <= number < math.inf or (number == lowest and not lowest_is_valid):
                 raise InputError(name, value=value, expected=condition)
+            check_magnitude(name, number)
             numbers[name] = number
         return FrameSettings(self.kind, **numbers)
 

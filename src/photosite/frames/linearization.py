@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.files.small_files import read_small
 from photosite.frames.frame_set import FrameSet, FrameSource
 from photosite.frames.raw_frame import Numbers
 
@@ -96,10 +97,8 @@ def read_linearization(path: str | PathLike[str]) -> LinearizationTable:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise FileError(path, f"the file is larger than {MOST_BYTES >> 20} MiB")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_small(path, "a linearization table", MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise FileError(path, f"the table cannot be read: {error}") from None
     rows: list[tuple[int, list[float]]] = []
     for number, line in enumerate(text.splitlines(), start=1):

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from photosite.errors import FileError, InputError
+from photosite.files.small_files import check_stored_file
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import FrameSettings, Kind, exposure_by_pattern
@@ -97,6 +98,8 @@ def open_frames(
     place = Path(path)
     if not place.exists():
         raise FileError(place, "there is no such file or folder")
+    if not place.is_dir():
+        check_stored_file(place)
     listing = _find_listing(place) if place.is_dir() else place
     if listing is None:
         return frame_set_from_files(_frame_files_in_folder(place, patterns, exposure_from_name), str(place), given)

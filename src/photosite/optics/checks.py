@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.spectrum import wavelength_grid
 from photosite.errors import InputError
+from photosite.values.limits import check_magnitude
 
 SHORTEST_FOCAL_MM = 0.2
 """Endoscope lenses reach 0.3; 0.05 is 50 mm given in m."""
@@ -53,6 +54,7 @@ def check_number(
     valid = isinstance(number, Integral if whole else Real) and not isinstance(number, bool | np.bool_)
     if not (valid and above < number < below and at_least <= number <= at_most and math.isfinite(number)):
         raise InputError(name, value=value, expected=expected, hint=hint)
+    check_magnitude(name, float(number))
 
 
 def number_array(name: str, values: ArrayLike | None, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
@@ -67,6 +69,8 @@ def number_array(name: str, values: ArrayLike | None, shape: tuple[int, ...] | N
     if values is None or array.dtype.kind not in "fiu":
         raise InputError(name, value=values, expected="an array of real numbers")
     array = np.atleast_1d(array.astype(np.float64))
+    if array.size:  # the largest and smallest stand for all
+        check_magnitude(name, [float(array.min()), float(array.max())])
     if shape is None:
         return array
     if array.shape != shape:

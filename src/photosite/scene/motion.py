@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.values.limits import check_magnitude
 from photosite.values.shown import Shown
 
 Array = NDArray[np.float64]
@@ -48,6 +49,7 @@ class Motion(Shown):
             value = getattr(self, entry.name)
             if isinstance(value, bool | str) or not math.isfinite(value):
                 raise InputError(entry.name, value=value, expected="a finite number")
+            check_magnitude(entry.name, float(value))
 
     @property
     def is_translation(self) -> bool:

@@ -18,6 +18,7 @@ from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
 from photosite.scene.polarization import Polarization
 from photosite.scene.weights import checked_weights, component_means, reduce_to_components
+from photosite.values.limits import check_magnitude
 from photosite.values.region import Region
 from photosite.values.shown import Shown
 from photosite.values.thumbnail import stride_for, thumbnail_html
@@ -101,6 +102,7 @@ class Scene(Shown):
             value = getattr(self, name)
             if not (value is None and name == "width_m") and not (np.isfinite(value) and value > 0):
                 raise InputError(name, value=value, expected="above 0")
+            check_magnitude(name, value)
         rows, cols = weights.shape[1:]
         if self.patches and any(part.r1 > rows or part.c1 > cols for part in self.regions):
             raise InputError("regions", expected=f"within the chart of {rows} x {cols} samples")

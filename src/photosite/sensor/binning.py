@@ -33,6 +33,9 @@ def mean_offset_dn(n: int) -> float:
 def binned_description(sensor: Sensor, factor: int, kind: Binning) -> dict[str, Any]:
     """Return the fields of `Sensor.binned`."""
     check_choice("kind", kind, Binning)
+    if factor > min(sensor.array.rows, sensor.array.cols):
+        expected = f"at most the chip's {sensor.array.rows} rows and {sensor.array.cols} columns"
+        raise InputError("factor", value=factor, expected=expected)
     cfa = binned(sensor.array.cfa, factor)
     if sensor.optical_stack is not None and sensor.optical_stack.crosstalk is not None:
         hint = "Pass with_(crosstalk=None) first"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from fractions import Fraction
 from numbers import Real
@@ -10,7 +9,8 @@ from typing import Any
 
 from photosite.errors import InputError
 
-_EXPECTED = "a number of seconds above 0"
+SHORTEST_S, LONGEST_S = 1e-15, 1e9
+_EXPECTED = f"a number of seconds above 0, from {SHORTEST_S:g} to {LONGEST_S:g}"
 _HINT = "Write 0.005, 1/200, 5ms or 5000us"
 
 PER_SECOND = {"s": 1, "sec": 1, "ms": 10**3, "us": 10**6, "µs": 10**6, "μs": 10**6, "ns": 10**9}
@@ -27,7 +27,7 @@ def check_exposure(exposure_s: Any) -> float:
     Raises
     ------
     InputError
-        If it is not a finite number above 0. Text is for `parse_exposure`.
+        If it is not a number from `SHORTEST_S` to `LONGEST_S`. Text is for `parse_exposure`.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def check_exposure(exposure_s: Any) -> float:
     """
     # NumPy's numbers register as Real; its booleans do not, but Python's do.
     number = isinstance(exposure_s, Real) and not isinstance(exposure_s, bool)
-    if not (number and math.isfinite(exposure_s) and exposure_s > 0):
+    if not (number and SHORTEST_S <= exposure_s <= LONGEST_S):
         raise InputError("exposure_s", value=exposure_s, expected=_EXPECTED, hint=_HINT)
     return float(exposure_s)
 
@@ -53,7 +53,7 @@ def parse_exposure(text: Any) -> float:
     Raises
     ------
     InputError
-        If it is not a finite number above 0.
+        If it is not a number from `SHORTEST_S` to `LONGEST_S`.
 
     Examples
     --------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -37,7 +38,18 @@ LIMITS: Mapping[str, tuple[float, float]] = {
 """Unit -> the smallest magnitude of values other than 0, and the largest."""
 
 
-def check_magnitude(name: str, value: Any, unit: str) -> None:
+LIMITS_BY_NAME: Mapping[str, tuple[float, float]] = {
+    "f_number": (0.1, 1e4),
+    "_m": (1e-9, 1e20),
+    "_nm": (1e-6, 1e6),
+    "_c": (_SMALLEST, 1e4),
+    "_percent": (_SMALLEST, 1e9),
+}
+"""The same by the end of a field's name, for fields that state no unit; for other names, see `LIMITS_OF_OTHERS`."""
+LIMITS_OF_OTHERS = (_SMALLEST, 1e15)
+
+
+def check_magnitude(name: str, value: Any, unit: str | None = None) -> None:
     """Raise `InputError` if a number, or one of a table, is outside the limits of its unit.
 
     Parameters
@@ -47,7 +59,8 @@ def check_magnitude(name: str, value: Any, unit: str) -> None:
     value
         A number, a `Measured`, or sequences and mappings of them; others are not checked.
     unit
-        Unit of the field; units without limits are not checked.
+        Unit of the field; units without limits are not checked. None: the limits follow from the name, and only finite
+        floats are checked.
 
     Examples
     --------
@@ -55,13 +68,21 @@ def check_magnitude(name: str, value: Any, unit: str) -> None:
     >>> check_magnitude("pixel_width_um", 65_536, "um")
     Traceback (most recent call last):
     photosite.errors.InputError: pixel_width_um must be 0 or from 0.0001 to 1000 um in magnitude, got 65536
+    >>> check_magnitude("distance_m", 1e300)
+    Traceback (most recent call last):
+    photosite.errors.InputError: distance_m must be 0 or from 1e-09 to 1e+20 in magnitude, got 1e+300
     """
-    if unit not in LIMITS:
+    if unit is None:
+        smallest, largest = next((at for end, at in LIMITS_BY_NAME.items() if name.endswith(end)), LIMITS_OF_OTHERS)
+    elif unit in LIMITS:
+        smallest, largest = LIMITS[unit]
+    else:
         return
-    smallest, largest = LIMITS[unit]
     for number, least in _numbers(value, smallest):
+        if unit is None and not (isinstance(number, float) and math.isfinite(number)):
+            continue
         if not (number == 0.0 or least <= abs(number) <= largest):
-            in_unit = "" if unit == "1" else f" {unit}"
+            in_unit = f" {unit}" if unit not in (None, "1") else ""
             raise InputError(name, value=number, expected=f"0 or from {least:g} to {largest:g}{in_unit} in magnitude")
 
 

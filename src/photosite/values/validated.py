@@ -74,8 +74,7 @@ class Section(BaseModel):
     def _check_magnitude(cls, value: Any, info: ValidationInfo) -> Any:
         name = str(info.field_name)
         stated = cls.model_fields[name].json_schema_extra
-        if isinstance(stated, dict):
-            check_magnitude(name, value, str(stated.get("unit")))
+        check_magnitude(name, value, str(stated.get("unit")) if isinstance(stated, dict) else None)
         return value
 
 
@@ -104,6 +103,12 @@ class Validated(BaseModel):
             super().__init__(**plain)
         except ValidationError as error:
             raise input_error(error) from None
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _check_magnitude(cls, value: Any, info: ValidationInfo) -> Any:
+        check_magnitude(str(info.field_name), value)
+        return value
 
     @classmethod
     def unknown(cls, name: str) -> InputError:

@@ -8,6 +8,7 @@ Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPA
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import warnings
@@ -20,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from photosite.errors import FileError, InputError, message_of
+from photosite.files.small_files import reading
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.frame_settings import kinds_in_name
 from photosite.frames.raw_frame import OPTICAL_BLACK, Numbers
@@ -27,6 +29,8 @@ from photosite.values.cfa import Cfa, cfa_from, shifted
 
 SIGNATURE = b"SIMPLE  ="
 SUFFIXES = frozenset({".fits", ".fit", ".fts"})
+_BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
+"""Bytes of a block, blocks of a header, its last keyword; astropy reads on until it finds that."""
 
 _ZEROS = {8: (0,), 16: (0, 1 << 15), 32: (0, 1 << 31)}
 """BZERO of the numbers by their bits: signed, unsigned."""
@@ -77,8 +81,11 @@ def _open_fits(path: Path) -> Iterator[Any]:
     except ImportError:
         hint = "Run pip install '.[fits]' in the clone"
         raise FileError(path, "FITS needs astropy, which is missing", hint=hint) from None
+    if not _begins_header(path, 0):
+        raise FileError(path, "the FITS header has no end", hint="Check that the file is complete")
     try:
-        with fits.open(path, mode="readonly", memmap=False, do_not_scale_image_data=True) as units:
+        options = {"mode": "readonly", "memmap": False, "do_not_scale_image_data": True}
+        with _Beginning(path, _end_of_units(path)) as file, fits.open(file, **options) as units:
             yield units
     except FileError:
         raise
@@ -87,6 +94,52 @@ def _open_fits(path: Path) -> Iterator[Any]:
         raise FileError(
             path, f"the file cannot be read as FITS ({message_of(error)})", hint="It may be truncated"
         ) from None
+
+
+class _Beginning(io.FileIO):
+    """A file up to the end of its last unit: astropy reads on, and takes what follows for headers."""
+
+    def __init__(self, path: Path, end: int) -> None:
+        super().__init__(path)
+        self._end = end
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Read bytes before the end."""
+        left = max(self._end - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left)) or b""
+
+
+def _end_of_units(path: Path) -> int:
+    """Return the offset at which the last unit's data end, by the headers (FITS 4.0, section 4.4.1)."""
+    from astropy.io import fits
+
+    end = 0
+    with path.open("rb") as file:
+        while _begins_header(path, end):
+            file.seek(end)
+            header = fits.Header.fromfile(file)
+            axes = [int(header[f"NAXIS{axis}"]) for axis in range(1, int(header["NAXIS"]) + 1)]
+            if axes and axes[0] == 0 and header.get("GROUPS"):
+                axes = axes[1:]
+            values = header.get("GCOUNT", 1) * (header.get("PCOUNT", 0) + math.prod(axes)) if axes else 0
+            size = abs(int(header["BITPIX"])) // 8 * int(values)
+            if size < 0:
+                raise ValueError("a unit has a negative size")
+            end = file.tell() + -(-size // _BLOCK) * _BLOCK
+    return end
+
+
+def _begins_header(path: Path, offset: int) -> bool:
+    """Return whether a header of reasonable length begins at an offset."""
+    with reading(path), path.open("rb", buffering=0) as file:
+        file.seek(offset)
+        for _ in range(_MOST_BLOCKS):
+            block = file.read(_BLOCK)
+            if _END in (block[at : at + len(_END)] for at in range(0, len(block), 80)):
+                return True
+            if len(block) < _BLOCK:
+                return False
+    return False
 
 
 def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:

@@ -24,6 +24,8 @@ _KINDS = {"RGB": "RGB", "RGBA": "RGB with alpha", "P": "a palette", "LA": "gray 
 _END = b"\0\0\0\0IEND\xaeB`\x82"
 _HIGHEST_COMPRESSION = 1040
 """Bytes of pixels to a byte in the file; deflate reaches 1032."""
+_MOST_METADATA = 64 << 20
+"""Bytes of a file beyond twice its pixels; deflate adds a thousandth to what it cannot compress."""
 
 
 def write_png(frame: RawFrame, path: Path) -> None:
@@ -60,8 +62,11 @@ def read_png_header(path: Path) -> FrameHeader:
     if not complete:
         raise FileError(path, f"is truncated: {size} bytes without the end of the picture")
     bits = _BITS[mode]
-    if rows * (1 + cols * bits // 8) > _HIGHEST_COMPRESSION * size:
+    pixel_bytes = rows * (1 + cols * bits // 8)
+    if pixel_bytes > _HIGHEST_COMPRESSION * size:
         raise FileError(path, f"is damaged: {size} bytes cannot hold {rows} x {cols} pixels")
+    if size > 2 * pixel_bytes + _MOST_METADATA:
+        raise FileError(path, f"is damaged: {size} bytes for {rows} x {cols} pixels of {bits} bits")
     return parse_description(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits)
 
 

@@ -12,15 +12,22 @@ from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError, in_file
-from photosite.files.hdf5 import check_own_data
+from photosite.files.hdf5 import check_own_data, check_stored
+from photosite.files.small_files import check_stored_file, read_small
 from photosite.optics.checks import number_array
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.tables import OtfTable, PsfTable
+
+_LARGEST_TEXT = 64 << 20
+_ALWAYS_READ_VALUES = 1 << 24
+"""Numbers that a file however small may hold: a compressed pupil of 4096 x 4096 samples."""
+_MOST_VALUES_PER_BYTE = 8
 
 _DESIGN_FIELDS = ("wavelength_nm", "psf", "spacing_um", "field_y", "field_x", "unit")
 """Fields of a `LensDesign` in an archive; the options of the low-rank sum are in the optics file."""
@@ -64,8 +71,10 @@ def read_arrays(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = 
     """Return required and optional arrays of an .npz archive; raise `FileError` if it lacks one, or is damaged."""
     if not os.path.isfile(path):  # False for an invalid name, for which pathlib raises
         raise FileError(path, "no such file")
+    check_stored_file(path)
     try:
         with np.load(path, allow_pickle=False) as archive:
+            _check_archive(path, archive.zip)
             missing = [name for name in names if name not in archive]
             if missing:
                 raise FileError(path, f"holds no array '{missing[0]}', but {', '.join(archive.files) or 'nothing'}")
@@ -76,6 +85,20 @@ def read_arrays(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = 
         raise FileError(path, "cannot be read: it declares more data than fits in memory") from None
     except Exception:  # NumPy and zipfile raise many types for a damaged file, and NumPy recommends unsafe loading
         raise FileError(path, "cannot be read: it is not an .npz archive of numbers, or is damaged") from None
+
+
+def _check_archive(path: Path, archive: ZipFile) -> None:
+    """Check the stated sizes of an archive's entries, before any is inflated: zipfile reads no more than these."""
+    size = sum(entry.file_size for entry in archive.infolist())
+    _check_values(path, size // 8)
+
+
+def _check_values(path: Path, count: int) -> None:
+    """Check that a file does not hold far more numbers than its size lets expect."""
+    size = os.path.getsize(path)
+    if count > max(_ALWAYS_READ_VALUES, _MOST_VALUES_PER_BYTE * size):
+        expected = f"at most {_ALWAYS_READ_VALUES} in a file of {size} bytes"
+        raise FileError(path, "numbers", value=count, expected=expected, hint="Save them at lower resolution")
 
 
 def real_numbers(path: Path, name: str, values: object) -> NDArray[np.float64]:
@@ -178,6 +201,7 @@ def read_psf(
     FileError
         If the file is missing or damaged, lacks its spacing or wavelengths, or its content is invalid.
     """
+    check_stored_file(path)
     try:
         found = load(path)
     except (FileError, InputError):
@@ -231,6 +255,8 @@ def load_hdf5(path: Path) -> dict[str, Any]:
         psf = file.get("psf")
         if not isinstance(psf, h5py.Dataset):
             raise FileError(path, f"holds no data set 'psf', but {', '.join(file) or 'nothing'}")
+        check_stored(path, psf)
+        _check_values(path, psf.size)
         found: dict[str, Any] = {"psf": psf[()]}
         for name in ("spacing_um", "wavelength_nm"):
             for place in (file, file.attrs, psf.attrs):
@@ -246,6 +272,7 @@ def load_tiff(path: Path) -> dict[str, Any]:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
+        _check_values(path, sum(page.size for page in file.pages))
         pages = [page.asarray() for page in file.pages]
     if not pages or any(page.ndim != 2 or page.shape != pages[0].shape for page in pages):
         raise FileError(path, "pages", expected="gray and of equal size, one page for each wavelength")
@@ -264,9 +291,7 @@ def load_text(path: Path) -> dict[str, Any]:
 def _lines(path: str | PathLike[str]) -> list[tuple[int, list[str]]]:
     """Return line numbers and entries of the lines that are neither empty nor comments."""
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+        text = read_small(path, "a table of numbers", _LARGEST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise FileError(path, "is not text in UTF-8") from None
     numbered = enumerate(text.splitlines(), start=1)

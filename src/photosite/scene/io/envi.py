@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.files.small_files import read_small
 from photosite.files.writing import atomic_path
 from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, Stated, select_bands, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
@@ -29,6 +30,7 @@ from photosite.scene.units import Units, file_units, override_units, parse_units
 _DATA_SUFFIXES = ("", ".img", ".dat", ".raw", ".bin", ".hyspex", ".bsq", ".bil", ".bip", ".sli")
 _UNIT_FIELDS = ("data units", "radiance units", "units")
 _BLOCK_BYTES = 32 << 20
+_LARGEST_HEADER = 16 << 20
 _INTERLEAVES: tuple[Interleave, ...] = ("bsq", "bil", "bip")
 
 
@@ -130,6 +132,7 @@ def _read_header(path: Path) -> Mapping[str, Any]:
     with _library_errors(path):
         from spectral.io import envi
 
+        read_small(path, "an ENVI header", _LARGEST_HEADER)
         header = envi.read_envi_header(str(path))
         return {{"distance m": "distance_m", "width m": "width_m"}.get(name, name): header[name] for name in header}
 

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
+from photosite.files.small_files import reading
 from photosite.scene.cube import SpectralCube, select_bands, within_range
 from photosite.scene.io.patch_table import chart_scene
 from photosite.scene.options import ReadOptions
@@ -186,10 +187,7 @@ def not_reduced(path: Path, scene: SpectralCube | Scene, options: ReadOptions) -
 
 def format_of(path: Path) -> Format:
     """Return the format of a file, by its first bytes and then by its suffix."""
-    try:
-        head = _first_bytes(path)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    head = _first_bytes(path)
     for kind in FORMATS:
         if any(head.startswith(signature) for signature in kind.signatures):
             return kind
@@ -207,7 +205,7 @@ def format_of(path: Path) -> Format:
 
 
 def _first_bytes(path: Path) -> bytes:
-    with path.open("rb") as file:
+    with reading(path), path.open("rb") as file:
         return file.read(_HEAD_BYTES)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeError
 from photosite.files.quiet import no_stderr
+from photosite.files.small_files import reading
 from photosite.scene.io.color_space import RgbSpace, exif_of, space_of_picture
 from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import OutsideSrgbError
@@ -36,6 +37,8 @@ _PIXELS_PER_BYTE = 1100
 _MOST_PIXELS = 4_000_000_000
 _PNG_BYTES_PER_BYTE = 1040
 """Limit of decompressed rows; deflate reaches 1032."""
+_BYTES_PER_PIXEL, _MOST_METADATA = 16, 64 << 20
+"""Limit of a file's size, beyond which it is damaged: twice four channels of 16 bits, and metadata."""
 
 _TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
     2: lambda a: a[:, ::-1],
@@ -114,7 +117,7 @@ def read_alpha(path: Path) -> NDArray[np.float32]:
     FileError
         If the file is not a picture, is damaged, or is in color without an alpha channel.
     """
-    with _opened(path, "a picture") as picture:
+    with _opened(path, "a PNG, JPEG or TIFF picture") as picture:
         mode = picture.mode
         if picture.format == "PNG":
             codes = _decoded_png(path, picture)
@@ -134,31 +137,28 @@ def read_alpha(path: Path) -> NDArray[np.float32]:
 @contextmanager
 def _opened(path: Path, kind: str) -> Iterator[Any]:
     """Open a file with Pillow and check its size; every failure in the block becomes a `FileError`."""
-    from PIL import Image, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, UnidentifiedImageError
+    from PIL import JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(_PNG))
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    with reading(path), path.open("rb") as file:
+        head = file.read(len(_PNG))
     if not head:
         raise FileError(path, "is empty")
-    # Opened directly, without the size limit of Image.open.
+    # Opened directly, without the size limit of Image.open, and without the formats that start other programs.
     openers: dict[bytes, Callable[[Path], Any]] = {
         _PNG: PngImagePlugin.PngImageFile,
         _JPEG: JpegImagePlugin.JpegImageFile,
         b"II*\0": TiffImagePlugin.TiffImageFile,
         b"MM\0*": TiffImagePlugin.TiffImageFile,
     }
-    opener = next((opener for start, opener in openers.items() if head.startswith(start)), Image.open)
+    opener = next((opener for start, opener in openers.items() if head.startswith(start)), None)
+    if opener is None:
+        raise FileError(path, f"is not {kind}")
     try:
         with opener(path) as picture:
             check_size(path, picture.height, picture.width)
             yield picture
     except PhotositeError:
         raise
-    except UnidentifiedImageError:
-        raise FileError(path, f"is not {kind}") from None
     except Exception as error:  # the decoders' own exceptions
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise FileError(path, f"is damaged or truncated: it cannot be read as {kind} ({reason})") from None
@@ -172,6 +172,8 @@ def check_size(path: Path, rows: int, cols: int) -> None:
     if pixels > max(_ALWAYS_READ_PIXELS, _PIXELS_PER_BYTE * size):
         expected = f"at most {_PIXELS_PER_BYTE} pixels a byte above 100 megapixels"
         raise FileError(path, "size", value=f"{rows} x {cols} pixels in {size} bytes", expected=expected)
+    if size > _BYTES_PER_PIXEL * pixels + _MOST_METADATA:
+        raise FileError(path, f"is damaged: {size} bytes for {rows} x {cols} pixels")
 
 
 def scene_of_picture(path: Path, codes: NDArray[Any], space: RgbSpace, options: ReadOptions) -> Scene:

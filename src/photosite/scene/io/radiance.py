@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.color.colorimetry import colour_science
 from photosite.errors import FileError
+from photosite.files.small_files import reading
 from photosite.scene.io.picture import scene_of_light
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
@@ -17,7 +18,9 @@ from photosite.scene.scene import Scene
 _MAGIC = (b"#?RADIANCE", b"#?RGBE")
 _FORMATS = {"32-bit_rle_rgbe": "rgb", "32-bit_rle_xyze": "xyz"}
 _SIZE = re.compile(r"-Y (\d+) \+X (\d+)")
-_LONGEST_HEAD = 1 << 16
+_LONGEST_HEAD, _LONGEST_SIZE = 1 << 16, 256
+"""Bytes of the header, and of the line after it that states the size."""
+_MOST_BYTES_PER_PIXEL = 8
 _MOST_PIXELS = 1 << 28
 _LONGEST_RUN = 127
 _RLE_COLS = (8, 0x7FFF)
@@ -48,11 +51,10 @@ def read(path: Path, options: ReadOptions) -> Scene:
 
 def _values(path: Path) -> NDArray[np.float64]:
     """Return (rows, cols, 3) linear sRGB."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    form, exposure, rows, cols, start = _head(path, content)
+    with reading(path), path.open("rb") as file:
+        content = file.read(_LONGEST_HEAD + _LONGEST_SIZE)
+        form, exposure, rows, cols, start = _head(path, content)
+        content += file.read(_MOST_BYTES_PER_PIXEL * rows * cols)  # more are never decoded
     values = _decoded(path, content[start:], rows, cols) / exposure
     if form == "xyz":
         matrix = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB, np.float64)
@@ -63,7 +65,7 @@ def _values(path: Path) -> NDArray[np.float64]:
 def _head(path: Path, content: bytes) -> tuple[str, float, int, int, int]:
     """Return form, exposure, rows, cols, and the position of the pixels."""
     end = content.find(b"\n\n", 0, _LONGEST_HEAD)
-    line_end = content.find(b"\n", end + 2, end + 2 + 256) if end > 0 else -1
+    line_end = content.find(b"\n", end + 2, end + 2 + _LONGEST_SIZE) if end > 0 else -1
     if not content.startswith(_MAGIC) or line_end < 0:
         raise FileError(path, "is not a Radiance picture, or is truncated in its header")
     lines = content[:end].decode("latin-1").splitlines()[1:]

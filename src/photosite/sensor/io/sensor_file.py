@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, did_you_mean, message_of
 from photosite.files.hdf5 import check_own_data, create_hdf5
+from photosite.files.small_files import check_stored_file, reading
 from photosite.files.writing import FolderLock, atomic_path, sync
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
@@ -345,12 +346,11 @@ def read_maps(path: str | PathLike[str]) -> MeasuredChip:
     """Read the chip in a file of maps; raise `FileError` if it is missing or invalid."""
     import h5py
 
+    check_stored_file(path)
     try:
         with h5py.File(path, "r") as file:
             check_own_data(path, file)
             return _chip(file)
-    except FileNotFoundError:
-        raise FileError(path, "there is no such file of maps") from None
     except InputError as error:
         raise error.in_file(path) from None
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError) as error:
@@ -360,14 +360,14 @@ def read_maps(path: str | PathLike[str]) -> MeasuredChip:
 
 def file_sha256(path: str | PathLike[str]) -> str:
     """Return the SHA-256 of a file's bytes."""
-    with open(path, "rb") as stream:
+    with reading(path), open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _found_maps(maps: Maps) -> Path:
     """Return the file of maps with the sensor file's digest."""
     new = _new_maps(Path(maps.file))
-    with suppress(OSError, ValueError):  # only where a run was ended between two renames, or is between them
+    with suppress(OSError, ValueError, FileError):  # only where a run was ended between two renames, or is between them
         if new.exists() and file_sha256(new) == maps.sha256:
             return new
     _check_digest(maps)
@@ -375,14 +375,10 @@ def _found_maps(maps: Maps) -> Path:
 
 
 def _check_digest(maps: Maps) -> None:
-    try:
-        digest = file_sha256(maps.file)
-    except FileNotFoundError:
+    if not os.path.exists(maps.file):  # False for an invalid name
         hint = "Keep it where the sensor file names it"
-        raise FileError(maps.file, "there is no such file of maps", hint=hint) from None
-    except (OSError, ValueError) as error:  # ValueError: an invalid name
-        reason = getattr(error, "strerror", None) or error
-        raise FileError(maps.file, f"the file cannot be read: {reason}") from None
+        raise FileError(maps.file, "there is no such file of maps", hint=hint)
+    digest = file_sha256(maps.file)
     if digest != maps.sha256:
         expected = f"{maps.sha256[:12]}..., the file that the sensor file names"
         hint = "Restore that file, or calibrate again"
