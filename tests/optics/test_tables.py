@@ -237,7 +237,7 @@ def test_invalid_otf_files(tmp_path: Path, text: str, error: tuple[str, int | No
     path.write_text(text)
     with raises(FileError, error[0], line=error[1]):
         read_otf_table(path)
-    with raises(FileError, "cannot be read"):
+    with raises(FileError, "there is no such file"):
         read_otf_table(tmp_path / "missing.csv")
 
 
