@@ -68,6 +68,7 @@ def _tables(folder: Path) -> dict[str, tuple[bytes, ...]]:
 
     axis = np.arange(-5, 6) * 0.5
     psf = np.stack([np.exp(-(axis[:, None] ** 2 + axis**2) / width) for width in (2, 4)])
+    psf /= psf.sum(axis=(1, 2), keepdims=True)
     stated = {"spacing_um": 0.5, "wavelength_nm": [450.0, 650.0]}
     np.savez(folder / "psf.npz", psf=psf, **stated)
     np.savez_compressed(folder / "small.npz", psf=psf.astype(np.float32), **stated)
@@ -75,7 +76,7 @@ def _tables(folder: Path) -> dict[str, tuple[bytes, ...]]:
         file["psf"] = psf
         file.attrs.update(stated)
     tifffile.imwrite(folder / "psf.tif", psf.astype(np.float32), photometric="minisblack", compression="zlib")
-    np.save(folder / "electrons.npy", 1e3 * psf[0].astype(np.float32))
+    np.save(folder / "electrons.npy", 1e5 * psf[0].astype(np.float32))
     names = {"psf arrays": ("psf.npz", "small.npz"), "psf hdf5": ("psf.h5",), "psf tiff": ("psf.tif",)}
     names["electrons"] = ("electrons.npy",)
     return {name: tuple((folder / file).read_bytes() for file in files) for name, files in names.items()}
@@ -463,7 +464,7 @@ _CAMERA = """photosite_camera: 1
 name: small
 sensor: a.sensor.yaml
 optics: {f_number: 8, focal_length_mm: 50, blur: {kind: wavefront, zernike: {4: 20, 8: 30}, unit: nm}}
-scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2, options: {rows: 2}}
+scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2, width_m: 0.4}
 exposure: 1/3
 integration: trapezoid
 cells_per_pixel: 1
@@ -472,8 +473,8 @@ _PLANES = """photosite_camera: 1
 sensor: nikon-d200
 optics: {f_number: 4, focal_length_mm: 50, focus_distance_m: 1.0, falloff: cos4}
 scene:
-- {source: siemens-star, distance_m: 1.0, width_m: 0.2, opacity: 0.5}
-- {source: macbeth, distance_m: 2.0}
+- {source: siemens-star, distance_m: 1.0, width_m: 0.2, options: {cycles: 8}}
+- {source: slanted-edge, distance_m: 2.0}
 exposure: 10ms
 """
 _SWEEP = """photosite_sweep: 1

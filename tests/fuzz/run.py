@@ -31,6 +31,9 @@ HANG_S = 10.0
 COMMAND_HANG_S = 120.0
 """The same for a command line, which may simulate and calibrate."""
 
+MOST_KEPT = 20
+"""Findings of a target that are printed and kept; the table counts all."""
+
 BATCH = 500
 """Inputs per process."""
 
@@ -88,7 +91,9 @@ class Watch:
         return self.target.hostile(random.Random(f"{self.seed} {self.name} {number}"))
 
     def keep_input(self, number: int) -> None:
-        """Write an input with a finding to the folder of findings."""
+        """Write an input with a finding to the folder of findings, up to `MOST_KEPT` of a target."""
+        if len(list(self.keep.glob(f"{self.name}-*"))) >= MOST_KEPT:
+            return
         (self.keep / f"{self.name}-{number}{self.target.suffix}").write_bytes(self.content(number))
 
     def run(self, inputs: int | None, seconds: float | None) -> None:
@@ -137,7 +142,8 @@ class Watch:
             return
         self.found["finding"] += 1
         self.findings.append(f"{self.name} {number}: {found}")
-        print(self.findings[-1], file=sys.stderr, flush=True)
+        if len(self.findings) <= MOST_KEPT:
+            print(self.findings[-1], file=sys.stderr, flush=True)
 
 
 def main() -> int:

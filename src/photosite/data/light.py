@@ -136,7 +136,7 @@ class Electrons(Shown):
             found: NDArray[Any] = np.load(image, mmap_mode="r", allow_pickle=False)
         except OSError as error:
             raise FileError(image, f"cannot be read: {message_of(error)}") from None
-        except (ValueError, EOFError):  # the reason in NumPy's message is a guess
+        except Exception:  # of many types for a damaged header; the reason in NumPy's message is a guess
             raise FileError(image, "is not an .npy file of numbers, or is damaged") from None
         return found
 

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from numbers import Real
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -57,6 +58,7 @@ from photosite.sensor.sections import (
 )
 from photosite.sensor.shutter import Shutter
 from photosite.values.cfa import channel_names, tile_text
+from photosite.values.limits import check_magnitude
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Measured
 from photosite.values.validated import NonNegativeNumber, Section, input_error
@@ -634,8 +636,9 @@ class Sensor(Tabular, Section):
         (45.8, 45.8)
         """
         self._check_single_capture()
-        if isinstance(width_um, bool | str) or not (np.isfinite(width_um) and width_um > 0):
+        if isinstance(width_um, bool) or not (isinstance(width_um, Real) and 0 < width_um < math.inf):
             raise InputError("pixel_width_um", value=width_um, expected="above 0")
+        check_magnitude("pixel_width_um", float(width_um), "um")
         before = self.pixel.width_um.value
         area = (width_um / before) ** 2
         factors = {
