@@ -55,18 +55,21 @@ def test_nonuniformity_adds_to_the_slope() -> None:
     assert profile_line(green)[0] == pytest.approx(expected, rel=0.2)
 
 
-def test_intervals_of_a_few_cameras_contain_the_gain() -> None:
+def test_intervals_of_a_few_cameras_contain_gain_and_offset() -> None:
     """24 cameras: fewer than 19 covered has a probability of 0.001.
 
-    15 are covered without the nonuniformity, and 14 with PPG as the only way to demosaic.
+    15 gains are covered without the nonuniformity, and 14 with PPG as the only way to demosaic.
     """
     cameras = [profile_camera(seed, shape=(256, 384)) for seed in range(24)]
     assert sum(one.covered for one in cameras) >= 19
+    assert sum(one.offset_covered for one in cameras) >= 19
     assert coverage_table(cameras)[0]["cameras"] == 24
 
 
 @pytest.mark.slow
-def test_intervals_contain_the_gain_in_95_of_100_cameras() -> None:
+def test_intervals_contain_gain_and_offset_in_95_of_100_cameras() -> None:
     """400 cameras: 93 to 97 % is 1.8 standard deviations of the binomial distribution; the seeds are fixed."""
     cameras = [profile_camera(seed) for seed in range(400)]
-    assert 0.93 <= coverage_table(cameras)[0]["covered"] <= 0.97
+    everything = coverage_table(cameras)[0]
+    assert 0.93 <= everything["covered"] <= 0.97
+    assert 0.93 <= everything["offset_covered"] <= 0.97

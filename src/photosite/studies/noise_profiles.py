@@ -215,7 +215,7 @@ def profile_camera(seed: int, *, prnu: bool = True, shape: tuple[int, int] = SHA
     a, b = profile_line(green_plane(raw_frame(camera, rng, shape), camera.way))
     slope, offset = (
         (found.value - COVERAGE_95 * found.standard_uncertainty, found.value + COVERAGE_95 * found.standard_uncertainty)
-        for found in slope_and_offset(a, b)
+        for found in slope_and_offset(a, b, pixels=shape[0] * shape[1])
     )
     return ProfiledCamera(camera, a, b, slope, offset)
 

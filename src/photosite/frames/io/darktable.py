@@ -21,7 +21,7 @@ import numpy as np
 
 from photosite.errors import FileError, InputError, did_you_mean, in_file
 from photosite.files.small_files import finite_number, read_json_object, valid_content, write_json_object
-from photosite.frames.io.darktable_scale import slope_and_offset
+from photosite.frames.io.darktable_scale import ASSUMED_PIXELS, slope_and_offset
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
@@ -150,7 +150,10 @@ class DarktableCamera(Shown):
                 f"gain to ±{100 * spread:.0f} % (95 %): the file does not state how the picture was demosaiced, nor "
                 "the nonuniformity of the pixels"
             )
-            notes.append("the uncertainty of the dark noise lacks the profile's sampling error, and can be too small")
+            notes.append(
+                f"the uncertainty of the dark noise includes the sampling error of a frame of {ASSUMED_PIXELS / 1e6:g} "
+                "megapixels"
+            )
             if self.maker.lower().startswith("fuji") and chip != "mono":
                 notes.append("for a Bayer mosaic: the scale for an X-Trans mosaic is not known")
         if iso not in self.isos:
