@@ -91,15 +91,21 @@ def key_from_seed(seed: int) -> tuple[np.uint32, np.uint32]:
 # instructions. Their error is at most 2 units in the last place.
 
 
+@compiled(inline=True)
+def mantissa(x: float) -> tuple[float, float]:
+    """Return m and e of a normal double x = m 2^e above 0, m between sqrt(1/2) and sqrt(2)."""
+    bits = bits_of_double(x)
+    exponent = (bits - _SQRT_HALF_BITS) >> 52
+    return double_of_bits(bits - (exponent << 52)), float(exponent)
+
+
 @compiled()
 def log(x: float) -> float:
     """Return the natural logarithm of a normal double above 0.
 
-    x = m 2^e with m between sqrt(1/2) and sqrt(2); log m = 2 artanh((m - 1) / (m + 1)) by its series to the 19th power.
+    x = m 2^e; log m = 2 artanh((m - 1) / (m + 1)) by its series to the 19th power.
     """
-    bits = bits_of_double(x)
-    exponent = (bits - _SQRT_HALF_BITS) >> 52
-    m = double_of_bits(bits - (exponent << 52))
+    m, e = mantissa(x)
     s = (m - 1.0) / (m + 1.0)
     t = s * s
     series = 1 / 17 + t * (1 / 19)
@@ -110,7 +116,6 @@ def log(x: float) -> float:
     series = 1 / 7 + t * series
     series = 1 / 5 + t * series
     series = t * (1 / 3 + t * series)
-    e = float(exponent)
     return e * _LN2_HIGH + (2.0 * s + (2.0 * s * series + e * _LN2_LOW))
 
 
@@ -245,19 +250,32 @@ def poisson_small(mean: float, w0: np.uint32, w1: np.uint32) -> int:
 
 
 @compiled(inline=True)
+def poisson_hat(mean: float) -> tuple[float, float]:
+    """Return a and b of the hat, Hoermann's names."""
+    b = 0.931 + 2.53 * math.sqrt(mean)
+    return -0.059 + 0.02483 * b, b
+
+
+@compiled(inline=True)
+def poisson_place(w0: np.uint32) -> tuple[float, float]:
+    """Return u of a trial, between -1/2 and 1/2, and its distance from the nearer end."""
+    u = uniform(w0) - 0.5
+    return u, 0.5 - abs(u)
+
+
+@compiled(inline=True)
 def poisson_candidate(mean: float, w0: np.uint32) -> float:
     """Return the count that a trial proposes; it may be negative."""
-    b = 0.931 + 2.53 * math.sqrt(mean)
-    a = -0.059 + 0.02483 * b
-    u = uniform(w0) - 0.5
-    return math.floor(min((2.0 * a / (0.5 - abs(u)) + b) * u + mean + 0.43, _MOST_COUNT))
+    a, b = poisson_hat(mean)
+    u, us = poisson_place(w0)
+    return math.floor(min((2.0 * a / us + b) * u + mean + 0.43, _MOST_COUNT))
 
 
 @compiled(inline=True)
 def poisson_squeeze(mean: float, w0: np.uint32, w1: np.uint32) -> bool:
     """Return whether the candidate is accepted at once, as about four of five are."""
-    b = 0.931 + 2.53 * math.sqrt(mean)
-    us = 0.5 - abs(uniform(w0) - 0.5)
+    _, b = poisson_hat(mean)
+    _, us = poisson_place(w0)
     return (us >= 0.07) & (uniform(w1) <= 0.9277 - 3.6224 / (b - 2.0))
 
 
@@ -285,9 +303,8 @@ def _accept_below_16(mean: float, candidate: float, w0: np.uint32, w1: np.uint32
 
 @compiled(inline=True)
 def _accepted(mean: float, log_density: float, w0: np.uint32, w1: np.uint32) -> bool:
-    b = 0.931 + 2.53 * math.sqrt(mean)
-    a = -0.059 + 0.02483 * b
-    us = 0.5 - abs(uniform(w0) - 0.5)
+    a, b = poisson_hat(mean)
+    _, us = poisson_place(w0)
     v = uniform(w1)
     inverse_alpha = 1.1239 + 1.1328 / (b - 3.4)
     possible = (us >= 0.013) | (v <= us)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from photosite.engine.jit import F64, I64, bits_of_double, compiled, double_of_bits
+from photosite.engine.jit import F64, I64, compiled
 from photosite.engine.random_numbers import (
     EXPOSURE,
     INVERSE,
@@ -21,11 +21,14 @@ from photosite.engine.random_numbers import (
     SMALL_MEAN,
     WordArray,
     exp,
+    mantissa,
     normal_central,
     normal_tail,
     philox4x32,
     poisson_after,
     poisson_candidate,
+    poisson_hat,
+    poisson_place,
     uniform,
     uniform_53,
 )
@@ -85,8 +88,8 @@ def poisson_at_once(mean: float, w0: np.uint32, w1: np.uint32, tolerance: float)
 
     A tolerance of 1e-9 gives true only if `poisson_squeeze` accepts, and one of -1e-9 gives false only if it does not.
     """
-    b = 0.931 + 2.53 * math.sqrt(mean)
-    us = 0.5 - abs(uniform(w0) - 0.5)
+    _, b = poisson_hat(mean)
+    _, us = poisson_place(w0)
     return (us >= 0.07) & ((0.9277 - tolerance - uniform(w1)) * (b - 2.0) >= 3.6224)
 
 
@@ -98,9 +101,9 @@ def poisson_verdict(mean: float, candidate: float, w0: np.uint32, w1: np.uint32)
     k log(mean / k) + k - mean = -(k - mean) x - 2 k (x^3 / 3 + x^5 / 5 + ...), where nothing large cancels.
     """
     k = candidate
-    b = 0.931 + 2.53 * math.sqrt(mean)
-    a = -0.059 + 0.02483 * b
-    us, v = 0.5 - abs(uniform(w0) - 0.5), uniform(w1)
+    a, b = poisson_hat(mean)
+    _, us = poisson_place(w0)
+    v = uniform(w1)
     both, beyond = k + mean, b - 3.4
     hat = beyond * (a + b * (us * us))
     height = v * (us * us) * (1.1239 * beyond + 1.1328)
@@ -136,13 +139,11 @@ def poisson_verdict(mean: float, candidate: float, w0: np.uint32, w1: np.uint32)
 @compiled(inline=True)
 def _short_log(x: float) -> float:
     """Return the natural logarithm of a normal double above 0 to 1e-8."""
-    bits = bits_of_double(x)
-    exponent = (bits - 0x3FE6A09E667F3BCD) >> 52
-    m = double_of_bits(bits - (exponent << 52))
+    m, e = mantissa(x)
     s = (m - 1.0) / (m + 1.0)
     t = s * s
     series = 1.0 + t * (1 / 3 + t * (1 / 5 + t * (1 / 7 + t * (1 / 9))))
-    return float(exponent) * 0.6931471805599453 + 2.0 * s * series
+    return e * 0.6931471805599453 + 2.0 * s * series
 
 
 @compiled()
