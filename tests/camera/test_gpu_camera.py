@@ -145,6 +145,18 @@ def test_negative_radiance_is_an_error() -> None:
         ps.Camera(ps.DiffractionLimited(8, 50), D200).on_gpu(StrictArrays()).mean_electrons(scene, 0.01)
 
 
+@pytest.mark.parametrize(
+    ("given", "what"),
+    [({"frames": 0}, "frames"), ({"start_s": math.nan}, "start_s"), ({"exposures_s": [0.1, -1.0]}, "exposure_s")],
+)
+def test_calls_of_a_stream_are_checked_as_on_the_cpu(given: dict[str, Any], what: str) -> None:
+    camera = ps.Camera(ps.DiffractionLimited(8, 50), D200)
+    for on in (camera, camera.on_gpu(StrictArrays())):
+        with pytest.raises(InputError) as caught:
+            next(on.stream(patches(), **{"exposures_s": 0.1} | given))
+        assert caught.value.what == what
+
+
 def test_sensors_with_several_captures_are_an_error() -> None:
     captures = {"parts": [{"name": "a"}, {"name": "b", "relative_gain": 0.25}], "combination": {"dn_per_e": 1}}
     with pytest.raises(InputError, match="captures"):

@@ -37,7 +37,7 @@ from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.sensor.readout import Rectangle, digital_numbers, digital_numbers_of_captures
 from photosite.values.cfa import plane_names, shifted
-from photosite.values.exposure import check_exposure
+from photosite.values.exposure import check_exposure, check_start, exposure_sequence
 from photosite.values.region import Region
 from photosite.values.shown import Shown
 from photosite.values.validated import check_choice
@@ -135,7 +135,7 @@ class Camera(Shown):
         PhotositeWarning
             If the sensor responds to light beyond the scene's wavelengths.
         """
-        time_s, start_s = check_exposure(exposure_s), _checked_start(start_s)
+        time_s, start_s = check_exposure(exposure_s), check_start(start_s)
         image = self._image(scene, start_s, time_s, progress)
         return image.electrons(start_s, time_s, out=_memory(image))
 
@@ -238,20 +238,14 @@ class Camera(Shown):
         >>> [raw.exposure_s for raw in camera.stream(ps.charts.macbeth(), [1 / 4, 1 / 2], frames=2)]
         [0.25, 0.25, 0.5, 0.5]
         """
-        if frames < 1:
-            raise InputError("frames", value=frames, expected="1 or more")
-        times = exposures_s if isinstance(exposures_s, Iterable) and not isinstance(exposures_s, str) else [exposures_s]
-        checked = [check_exposure(exposure_s) for exposure_s in times]
-        start_s = _checked_start(start_s)
-        image = self._image(scene, start_s, max(checked, default=0.0))
-        number = first_frame
+        sequence, start_s = exposure_sequence(exposures_s, frames, first_frame), check_start(start_s)
+        image = self._image(scene, start_s, max((time_s for time_s, _ in sequence), default=0.0))
         place: dict[str, Any] = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
-        memory = _memory(image) if len(checked) == 1 else None
-        for exposure_s in checked:
+        memory = _memory(image) if len(sequence) == 1 else None
+        for exposure_s, numbers in sequence:
             mean = image.electrons(start_s, exposure_s, out=memory)
-            for _ in range(frames):
+            for number in numbers:
                 yield self.expose(mean, exposure_s, frame=number, scene=scene, **place)
-                number += 1
 
     def record(
         self,
@@ -312,7 +306,7 @@ class Camera(Shown):
         if (readout_s := float(np.ptp(self.sensor.row_start_s))) > 1.0 / fps:
             hint = "The rows of a frame start one line time apart"
             raise InputError("fps", value=fps, expected=f"at most {1.0 / readout_s:.6g} for this shutter", hint=hint)
-        start_s, control, last = _checked_start(start_s), exposure_control(exposure_s), None
+        start_s, control, last = check_start(start_s), exposure_control(exposure_s), None
         seen: AnyScene
         place: dict[str, Any] = {"seed": seed, "region": region, "device": device, "temperature_c": temperature_c}
         image = None if callable(scene) else self._image(scene, start_s, (frames + 1) / fps)
@@ -584,12 +578,6 @@ def _parts(scene: AnyScene) -> list[Scene]:
 def _memory(image: AnyImage) -> NDArray[np.float32] | None:
     """Return memory for the mean electrons of an image that is not needed any more."""
     return image.rate if isinstance(image, StaticImage) else None
-
-
-def _checked_start(start_s: float) -> float:
-    if isinstance(start_s, bool | str) or not math.isfinite(start_s):
-        raise InputError("start_s", value=start_s, expected="a finite number of seconds")
-    return float(start_s)
 
 
 # The color matrix and the noise profile of a camera, as DNG defines them for raw files.

@@ -29,7 +29,7 @@ from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.scene import Scene
 from photosite.sensor.device import Gpu
 from photosite.sensor.readout import Rectangle, digital_numbers
-from photosite.values.exposure import check_exposure
+from photosite.values.exposure import check_exposure, check_start, exposure_sequence
 
 if TYPE_CHECKING:
     from photosite.camera.camera import Camera
@@ -95,7 +95,7 @@ class GpuCamera:
         InputError
             As `Camera.mean_electrons`.
         """
-        time_s = check_exposure(exposure_s)
+        time_s, start_s = check_exposure(exposure_s), check_start(start_s)
         if not self.computes(scene):
             return self._gpu.put(self.camera.mean_electrons(scene, exposure_s, start_s=start_s))
         still = scene.scene if isinstance(scene, DynamicScene) else scene
@@ -136,14 +136,11 @@ class GpuCamera:
         **options
             `start_s`, `seed`, `first_frame`, `region` and `temperature_c` of `Camera.stream`.
         """
-        if frames < 1:
-            raise InputError("frames", value=frames, expected="1 or more")
-        start_s, number = options.pop("start_s", 0.0), options.pop("first_frame", 0)
-        for exposure_s in [exposures_s] if isinstance(exposures_s, int | float) else exposures_s:
+        start_s, first_frame = options.pop("start_s", 0.0), options.pop("first_frame", 0)
+        for exposure_s, numbers in exposure_sequence(exposures_s, frames, first_frame):
             mean = self.mean_electrons(scene, exposure_s, start_s=start_s)
-            for _ in range(frames):
+            for number in numbers:
                 yield self.expose(mean, exposure_s, frame=number, scene=scene, **options)
-                number += 1
 
     def expose(
         self,

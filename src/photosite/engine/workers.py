@@ -332,6 +332,8 @@ def _check_scheduler(address: str) -> None:
     with ThreadPoolExecutor(1) as pool:  # a thread without an event loop, which that of a notebook has
         try:
             kind = pool.submit(asyncio.run, _kind_of_server(address)).result()
+        except (TimeoutError, MemoryError):  # what another protocol sends can be taken for the length of a message
+            raise _no_scheduler(address, ValueError("No Dask scheduler answers there")) from None
         except Exception as error:  # the packages of each protocol have their own
             raise _no_scheduler(address, error) from None
     if kind != "Scheduler":
@@ -341,7 +343,7 @@ def _check_scheduler(address: str) -> None:
 async def _kind_of_server(address: str) -> str:
     connect: Any = importlib.import_module("distributed.comm").connect
     security = importlib.import_module("distributed.security").Security()  # of Dask's configuration
-    async with asyncio.timeout(_CONNECT_S):
+    async with asyncio.timeout(_CONNECT_S + 1.0):  # for the answer; the connection has its own limit and message
         connection = await connect(address, timeout=_CONNECT_S, **security.get_connection_args("client"))
         try:
             await connection.write({"op": "identity", "reply": True})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterable
 from fractions import Fraction
 from numbers import Real
 from typing import Any
@@ -39,6 +41,43 @@ def check_exposure(exposure_s: Any) -> float:
     if not (number and SHORTEST_S <= exposure_s <= LONGEST_S):
         raise InputError("exposure_s", value=exposure_s, expected=_EXPECTED, hint=_HINT)
     return float(exposure_s)
+
+
+def check_start(start_s: Any) -> float:
+    """Return the time at which a frame starts as a float; raise `InputError` if it is not a finite number."""
+    if isinstance(start_s, bool | str) or not math.isfinite(start_s):
+        raise InputError("start_s", value=start_s, expected="a finite number of seconds")
+    return float(start_s)
+
+
+def exposure_sequence(exposures_s: Any, frames: int, first_frame: int) -> list[tuple[float, range]]:
+    """Return each exposure time of a sequence with the numbers of its frames.
+
+    Parameters
+    ----------
+    exposures_s
+        One exposure time, or several.
+    frames, first_frame
+        Frames at each of them, and number of the first frame.
+
+    Raises
+    ------
+    InputError
+        If an exposure time is invalid, or `frames` is below 1.
+
+    Examples
+    --------
+    >>> exposure_sequence([1 / 4, 1 / 2], frames=2, first_frame=5)
+    [(0.25, range(5, 7)), (0.5, range(7, 9))]
+    """
+    if frames < 1:
+        raise InputError("frames", value=frames, expected="1 or more")
+    times = exposures_s if isinstance(exposures_s, Iterable) and not isinstance(exposures_s, str) else [exposures_s]
+    first = range(first_frame, first_frame + frames)
+    return [
+        (check_exposure(time_s), range(first.start + n * frames, first.stop + n * frames))
+        for n, time_s in enumerate(times)
+    ]
 
 
 def parse_exposure(text: Any) -> float:
