@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.converter_error import ConverterCodes, Density, converter_codes
+from photosite.errors import InputError
 from photosite.values.uncertain import Missing
 
 WHITE, GAIN = 1023, 0.5
@@ -13,7 +14,12 @@ ERRORS = {
     "ideal": lambda rng: np.zeros(WHITE + 1),
     "random": lambda rng: rng.normal(0.0, 0.08, WHITE + 1),
     "every eighth": lambda rng: 0.3 * ((CODES % 8) / 8.0 - 0.5),
+    "independent widths": lambda rng: without_line(np.cumsum(rng.normal(0.0, 0.08, WHITE + 1))),
 }
+
+
+def without_line(error_lsb):
+    return error_lsb - np.linspace(error_lsb[0], error_lsb[-1], len(error_lsb))
 
 
 def edges(error_lsb):
@@ -21,12 +27,12 @@ def edges(error_lsb):
     return np.interp(CODES + 0.5, CODES + error_lsb, CODES)
 
 
-def densities(rng, error_lsb, pixels=60_000):
+def densities(rng, error_lsb, pixels=60_000, levels=LEVELS):
     """Counts of two halves of flat fields with shot noise and a PRNU of 1 %, drawn from their exact shares."""
     from scipy.stats import norm
 
     found = []
-    for level in LEVELS:
+    for level in levels:
         noise = np.sqrt(GAIN * level + 4.0)
         share = np.diff(norm.cdf(edges(error_lsb), level, np.hypot(noise, 0.01 * level)), prepend=0.0)
         found.append(Density(rng.poisson(pixels * share, (2, WHITE + 1)), noise))
@@ -38,37 +44,61 @@ def measured(seed, kind, **options):
     error = ERRORS[kind](rng)
     found = converter_codes(densities(rng, error, **options), (LEVELS[0], LEVELS[-1]))
     assert isinstance(found, ConverterCodes)
-    return found, np.diff(edges(error), prepend=-0.5)[found.code] - 1.0, error
+    return found, np.diff(edges(error), prepend=-0.5) - 1.0, error
 
 
 def test_ideal_converters_have_no_error():
-    found = [measured(seed, "ideal")[0] for seed in range(12)]
+    found = [measured(seed, "ideal")[0] for seed in range(8)]
     assert not any(entry.significant or entry.section() is not None for entry in found)
-    assert sum(entry.dnl_rms_lsb.interval_95[0] <= 0.0 for entry in found) >= 10
+    assert sum(entry.dnl_rms_lsb.interval_95[0] <= 0.0 for entry in found) >= 6
 
 
-@pytest.mark.parametrize("kind", ["random", "every eighth"])
-def test_widths_of_codes_are_found_with_their_intervals(kind):
-    """94 to 96 % of the widths in six sensors are expected within 95 % intervals; the size within 4 uncertainties."""
-    inside = []
-    for seed in range(6):
-        found, width, _ = measured(seed, kind)
+@pytest.mark.parametrize("pixels", [60_000, 2_000_000])
+@pytest.mark.parametrize("kind", ["random", "every eighth", "independent widths"])
+def test_errors_of_codes_are_found_with_their_intervals(kind, pixels):
+    """Of 200 converters (see the documentation), 93 to 98 % of the codes lie within their 95 % intervals.
+
+    In four converters, codes that are not independent of each other let the shares vary by 0.03. Errors of the INL that
+    were 1.5 times their uncertainties would have 0.81 within.
+    """
+    dnl_inside, inl_inside = [], []
+    for seed in range(4):
+        found, width, _ = measured(seed, kind, pixels=pixels)
+        dnl, inl = found.fast_part(width)
         assert found.significant
-        inside.append(np.abs(found.dnl_lsb - width) < 1.96 * found.dnl_uncertainty_lsb)
-        size = float(np.sqrt((width**2).mean()))
-        assert abs(found.dnl_rms_lsb.value - size) < 4.0 * found.dnl_rms_lsb.standard_uncertainty
-        assert found.dnl_rms_lsb.standard_uncertainty < 0.2 * size
-    assert 0.9 < np.concatenate(inside).mean() < 0.98
+        dnl_inside.append(np.abs(found.dnl_lsb - dnl) < 1.96 * found.dnl_uncertainty_lsb)
+        inl_inside.append(np.abs(found.inl_lsb - inl) < 1.96 * found.inl_uncertainty_lsb)
+        for size, part in ((found.dnl_rms_lsb, dnl), (found.inl_rms_lsb, inl)):
+            assert abs(size.value - np.sqrt((part**2).mean())) < 4.0 * size.standard_uncertainty
+            assert size.standard_uncertainty < 0.3 * size.value
+    assert np.concatenate(dnl_inside).mean() > 0.9
+    assert np.concatenate(inl_inside).mean() > 0.9
+
+
+def test_most_of_an_error_is_found():
+    """A moving polynomial of white widths takes a part of about 5 codes in 41, and at 4 DN of noise 5 in 9."""
+    found, width, _ = measured(1, "independent widths", pixels=2_000_000)
+    dnl, _ = found.fast_part(width)
+    assert np.corrcoef(dnl, width[found.code])[0, 1] > 0.85
+    assert np.corrcoef(found.dnl_lsb, width[found.code])[0, 1] > 0.85
+
+
+def test_the_fast_part_needs_a_width_for_each_code():
+    found, width, _ = measured(1, "random")
+    with pytest.raises(InputError, match="dnl_lsb"):
+        found.fast_part(width[:-1])
 
 
 def test_the_file_has_the_error_of_the_codes():
-    found, _, error = measured(3, "every eighth", pixels=2_000_000)
+    found, _, error = measured(3, "every eighth", pixels=2_000_000, levels=np.arange(120.0, 820.0, 15.0))
     section = found.section()
     assert section is not None
     table = section.table()
     assert table.size == WHITE + 1
-    assert np.corrcoef(table[found.code], error[found.code])[0, 1] > 0.75
-    assert table[found.code].std() == pytest.approx(error[found.code].std(), rel=0.3)
+    assert np.corrcoef(table[found.code], error[found.code])[0, 1] > 0.9
+    assert table[found.code].std() == pytest.approx(error[found.code].std(), rel=0.2)
+    at_the_ends = 0.5 * (table[found.code] + table[found.code + 1])
+    assert at_the_ends[2:-2] == pytest.approx(found.inl_lsb[2:-2], abs=0.015)
 
 
 def test_few_pixels_cover_too_few_codes():

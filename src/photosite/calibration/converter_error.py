@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import savgol_filter
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.signal import savgol_coeffs
 
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.engine.site_planes import count_numbers
+from photosite.errors import InputError
 from photosite.sensor.effects.converter_error import ConverterError
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -41,15 +43,14 @@ SIGNIFICANT = 5.0
 """Standard uncertainties of the variance of the codes' widths above which there is an error: fewer than 1 of 10 000
 ideal converters."""
 
-SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.02
-"""Errors of the smooth density, as standard uncertainties: those of exact counts of an ideal converter are below. A
-smaller error of a converter is not found. They are too small for widths that err independently of each other."""
+SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.005
+"""Errors of the smooth density, as standard uncertainties; a smaller error of a converter is not found."""
 
 LEAST_SHARE = 0.8
 """Share of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
 
 _WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
-_EXPECTED, _OF_PEAK, _AVERAGED = 25.0, 0.1, 4
+_EXPECTED, _OF_PEAK, _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 25.0, 0.1, 4, 9, 4
 _METHOD = "code density of flat fields against a smooth one (IEEE 1241), {}"
 
 
@@ -60,9 +61,30 @@ class Density(NamedTuple):
     noise_dn: float  # least temporal noise of the channels
 
 
+class _Codes(NamedTuple):
+    """Counts of the codes of ``part`` in one group, and the half width of its moving polynomial."""
+
+    counts: NDArray[np.int64] | Array
+    part: slice
+    reach: int
+
+
+class SmoothDensity(NamedTuple):
+    """Smooth density of one group over the codes of ``part``, and where it is known."""
+
+    density: Array
+    known: NDArray[np.bool_]
+    part: slice
+    reach: int
+
+
 @dataclass(frozen=True, eq=False)
 class ConverterCodes(Shown):
     """Differential and integral nonlinearity of the converter, without what changes slowly over the codes.
+
+    A slow change of the widths cannot be distinguished from the density of the light. What is smooth is a moving
+    polynomial of degree 4 over one standard deviation of the noise to either side, weighted by the densities of the
+    groups. `fast_part` takes it off a known error in the same way.
 
     Parameters
     ----------
@@ -71,15 +93,18 @@ class ConverterCodes(Shown):
     dnl_lsb, dnl_uncertainty_lsb
         Width of each code less 1, and its standard uncertainty.
     inl_lsb, inl_uncertainty_lsb
-        Error of the codes, from the sum of the widths up to each, and its standard uncertainty.
+        Error at the upper end of each code: minus the sum of ``dnl_lsb``, its mean 0 in each run of codes. And its
+        standard uncertainty.
     smooth_codes
-        Number of codes over which a slower error cannot be distinguished from the density of the light.
+        Number of codes over which the moving polynomial extends, at the level with the most noise.
     dnl_rms_lsb, inl_rms_lsb
         Root mean squares over the covered codes, noise taken off.
     significant
         Whether there is an error beyond chance.
     white_dn, share
         Highest code; share of the codes between the dimmest and the brightest flat field that are covered.
+    densities
+        Densities of the groups over the codes.
     """
 
     code: NDArray[np.int64]
@@ -93,6 +118,29 @@ class ConverterCodes(Shown):
     significant: bool
     white_dn: int
     share: float
+    densities: tuple[SmoothDensity, ...] = field(repr=False)
+
+    def fast_part(self, dnl_lsb: Array) -> tuple[Array, Array]:
+        """Return the part of a known error that these flat fields tell, as DNL and INL of the covered codes.
+
+        Parameters
+        ----------
+        dnl_lsb
+            (white_dn + 1,) width less 1 of each code from 0, from another measurement or a simulation.
+
+        Returns
+        -------
+        dnl_lsb, inl_lsb
+            (n,) what this measurement would find of it without noise.
+        """
+        if np.shape(dnl_lsb) != (self.white_dn + 1,):
+            raise InputError("dnl_lsb", value=np.shape(dnl_lsb), expected=f"an array of shape ({self.white_dn + 1},)")
+        found = _fast(np.asarray(dnl_lsb, dtype=np.float64), self.densities)
+        covered = np.zeros(len(found), dtype=bool)
+        for entry in self.densities:
+            covered[entry.part] |= entry.known
+        dnl = _fast(np.where(covered, found, 0.0), self.densities)[self.code]
+        return dnl, _summed(self.code, dnl)
 
     def section(self) -> ConverterError | None:
         """Return the error for a sensor file, 0 at codes that are not covered.
@@ -102,9 +150,14 @@ class ConverterCodes(Shown):
         rms, noise = self.inl_rms_lsb.value or 0.0, float(np.sqrt((self.inl_uncertainty_lsb**2).mean()))
         if not self.significant or self.share < LEAST_SHARE or rms < noise:
             return None
-        error = np.zeros(self.white_dn + 2)
-        error[self.code + 1] = self.inl_lsb  # at the upper end of each code
-        return ConverterError(error_lsb=tuple((0.5 * (error[:-1] + error[1:])).round(4).tolist()))
+        upper = np.zeros(self.white_dn + 2)
+        upper[self.code + 1] = self.inl_lsb
+        error = np.zeros(self.white_dn + 1)
+        for _ in range(_TABLE_TURNS):  # the ends of the codes lie halfway between the values of the table
+            left = upper.copy()
+            left[1:-1] -= 0.5 * (error[:-1] + error[1:])
+            error += 0.5 * (left[:-1] + left[1:])
+        return ConverterError(error_lsb=tuple(error.round(4).tolist()))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the root mean squares, and the errors by code."""
@@ -164,18 +217,25 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
     >>> round(found.dnl_rms_lsb.value, 1), found.significant
     (0.1, True)
     """
-    halves = [_widths([(density.counts[half], density.noise_dn) for density in densities]) for half in (0, 1)]
-    total = sum(density.counts.sum(axis=0) for density in densities)
+    total = np.sum([density.counts.sum(axis=0) for density in densities], axis=0)
+    usable = [found for density in densities if (found := _codes(density))]
+    both, *single = ([found[i] for found in usable] for i in range(3))
+    halves = [_widths(half, len(total)) for half in single]
     covered = np.isfinite(halves[0]) & np.isfinite(halves[1])
-    code = np.flatnonzero(covered)
+    halves = [np.where(covered, half, 0.0) for half in halves]
+    smooth = tuple(
+        entry._replace(known=entry.known & covered[entry.part])
+        for entry in _smooth_densities(both, 0.5 * (halves[0] + halves[1]))
+    )
+    code = _well_inside(smooth, len(total))
     if len(code) < LEAST_CODES:
         return Missing(f"the flat fields cover {len(code)} codes well enough; {LEAST_CODES} are needed")
-    first, second = (half[covered] for half in halves)
+    first, second = (_fast(half, smooth)[code] for half in halves)
     noise = 0.5 * (first - second)
-    spread = np.sqrt(1.0 / total[covered])
+    spread = np.sqrt(1.0 / total[code])
     spread *= float(np.sqrt((noise**2).mean() / (spread**2).mean()))
     smooth_codes = max(2 * _reach(density.noise_dn) + 1 for density in densities)
-    errors = [_summed(code, half, smooth_codes) for half in (first, second)]
+    errors = [_summed(code, half) for half in (first, second)]
     # Of the sums: the scatter of the halves, over several of the smooth parts
     of_sums = np.sqrt(uniform_filter1d(0.25 * (errors[0] - errors[1]) ** 2, _AVERAGED * smooth_codes))
     dnl, inl = (_product(*pair) for pair in ((first, second), errors))
@@ -187,11 +247,12 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
         inl_lsb=0.5 * (errors[0] + errors[1]),
         inl_uncertainty_lsb=np.hypot(of_sums, SMOOTH_INL_LSB),
         smooth_codes=smooth_codes,
-        dnl_rms_lsb=_root(dnl, SMOOTH_DNL_LSB, "differential nonlinearity"),
-        inl_rms_lsb=_root(inl, SMOOTH_INL_LSB, "integral nonlinearity"),
+        dnl_rms_lsb=_root(dnl, SMOOTH_DNL_LSB, len(code), "differential nonlinearity"),
+        inl_rms_lsb=_root(inl, SMOOTH_INL_LSB, len(code) / smooth_codes, "integral nonlinearity"),
         significant=dnl.value > SIGNIFICANT * dnl.standard_uncertainty + SMOOTH_DNL_LSB**2,
         white_dn=len(total) - 1,
         share=float(inside.sum()) / max(levels_dn[1] - levels_dn[0] + 1.0, 1.0),
+        densities=smooth,
     )
 
 
@@ -199,56 +260,121 @@ def _reach(noise_dn: float) -> int:
     return round(_WIDTH * noise_dn)
 
 
-def _widths(groups: Sequence[tuple[NDArray[np.int64], float]]) -> Array:
+def _codes(density: Density) -> tuple[_Codes, _Codes, _Codes] | None:
+    """Return the counts of both halves together and of each; None where the codes are too few for the polynomial."""
+    reach = _reach(density.noise_dn)
+    total = density.counts.sum(axis=0)
+    inside = np.flatnonzero(total)
+    if len(inside) == 0:
+        return None
+    part = slice(max(inside[0] - reach, 0), min(inside[-1] + reach + 1, len(total)))
+    if part.stop - part.start <= 2 * reach:
+        return None
+    total, first, second = (_Codes(counts[part], part, reach) for counts in (total, *density.counts))
+    return total, first, second
+
+
+def _widths(groups: Sequence[_Codes], size: int) -> Array:
     """Return the width of each code less 1, NaN where too few pixels have it."""
-    size = len(groups[0][0])
+    widths, densities = _rounds(groups, size)
+    if not len(code := np.flatnonzero(np.isfinite(widths))):
+        return widths
+    fast = _fast(np.nan_to_num(widths), densities)[code]
+    center = np.zeros(size)
+    center[code] = _summed(code, fast) + 0.5 * fast
+    moved = [_without_move(group, smooth, center) for group, smooth in zip(groups, densities, strict=True)]
+    return _rounds(moved, size)[0]
+
+
+def _without_move(group: _Codes, smooth: SmoothDensity, center: Array) -> _Codes:
+    """Return the counts if each code had the density at its number, not that at the input that its error leads to."""
+    slope = _moving(smooth.density, group.reach, slope=True) / np.maximum(smooth.density, 1.0)
+    return group._replace(counts=group.counts / np.where(smooth.known, 1.0 - slope * center[group.part], 1.0))
+
+
+def _rounds(groups: Sequence[_Codes], size: int) -> tuple[Array, list[SmoothDensity]]:
     widths = np.zeros(size)
     for _ in range(_ROUNDS):
         seen, expected = np.zeros(size), np.zeros(size)
-        for counts, noise_dn in groups:
-            reach = _reach(noise_dn)
-            inside = np.flatnonzero(counts)
-            low, high = max(inside[0] - reach, 0), min(inside[-1] + reach + 1, size)
-            if high - low <= 2 * reach:
-                continue
-            part = slice(low, high)
-            smooth = savgol_filter(counts[part] / (1.0 + widths[part]), 2 * reach + 1, _DEGREE)
-            # Whole windows only, and not the tails, where a polynomial does not follow the density
-            peak = maximum_filter1d(smooth, 8 * reach + 1)
-            often = (smooth >= _EXPECTED) & (smooth >= _OF_PEAK * peak)
-            often[:reach] = often[-reach:] = False
-            seen[part] += np.where(often, counts[part], 0.0)
-            expected[part] += np.where(often, smooth, 0.0)
+        densities = _smooth_densities(groups, widths)
+        for group, smooth in zip(groups, densities, strict=True):
+            seen[group.part] += np.where(smooth.known, group.counts, 0.0)
+            expected[group.part] += np.where(smooth.known, smooth.density, 0.0)
         widths = np.where(expected > 0.0, seen / np.maximum(expected, 1.0) - 1.0, 0.0)
         widths = np.maximum(widths, -0.9)
-    return np.where(expected > 0.0, widths, np.nan)
+    return np.where(expected > 0.0, widths, np.nan), densities
 
 
-def _summed(code: NDArray[np.int64], widths: Array, smooth_codes: int) -> Array:
-    """Return the error at the upper end of each code, without its mean over the codes around it, in each run of codes.
+def _smooth_densities(groups: Sequence[_Codes], widths: Array) -> list[SmoothDensity]:
+    found = []
+    for counts, part, reach in groups:
+        density = _moving(counts / (1.0 + widths[part]), reach)
+        # Whole windows only, and not the tails, where a polynomial does not follow the density
+        peak = maximum_filter1d(density, 8 * reach + 1)
+        known = (density >= _EXPECTED) & (density >= _OF_PEAK * peak)
+        known[:reach] = known[-reach:] = False
+        found.append(SmoothDensity(density, known, part, reach))
+    return found
 
-    The sum of small errors of the smooth density would grow over a long run.
+
+def _moving(values: Array, reach: int, *, slope: bool = False) -> Array:
+    """Return the moving polynomial at its center, or its slope there, which hold where the window is whole."""
+    return np.convolve(values, _coefficients(reach, slope), mode="same")
+
+
+@lru_cache(maxsize=64)
+def _coefficients(reach: int, slope: bool) -> Array:
+    return np.asarray(savgol_coeffs(2 * reach + 1, _DEGREE, deriv=int(slope)))
+
+
+def _fast(widths: Array, densities: Sequence[SmoothDensity]) -> Array:
+    """Return the widths without what the rounds of `_widths` take for a change of the density.
+
+    A round takes off the moving polynomial of what the rounds before have left out: after n rounds, its n-th power is
+    missing.
     """
-    parts = []
-    for run in np.split(widths, np.flatnonzero(np.diff(code) > 1) + 1):
-        total = -np.cumsum(run - run.mean())
-        parts.append(total - uniform_filter1d(total, 2 * smooth_codes + 1, mode="reflect"))
-    return np.concatenate(parts)
+    slow = widths
+    for _ in range(_ROUNDS):
+        above, below = np.zeros_like(widths), np.zeros_like(widths)
+        for density, known, part, reach in densities:
+            moving = _moving(density * slow[part], reach)
+            above[part] += np.where(known, moving, 0.0)
+            below[part] += np.where(known, density, 0.0)
+        slow = np.where(below > 0.0, above / np.maximum(below, 1.0), widths)  # not known outside
+    return widths - slow
+
+
+def _well_inside(densities: Sequence[SmoothDensity], size: int) -> NDArray[np.int64]:
+    """Return the codes whose moving polynomial, in at least one group, extends over codes of known density alone."""
+    found = np.zeros(size, dtype=bool)
+    for _, known, part, reach in densities:
+        found[part] |= minimum_filter1d(known, 2 * reach + 1)
+    return np.flatnonzero(found)
+
+
+def _summed(code: NDArray[np.int64], widths: Array) -> Array:
+    """Return the error at the upper end of each code, its mean 0 in each run of codes."""
+    parts = [-np.cumsum(run) for run in np.split(widths, np.flatnonzero(np.diff(code) > 1) + 1)]
+    return np.concatenate([part - part.mean() for part in parts])
 
 
 def _product(first: Array, second: Array) -> Uncertain:
-    """Return the mean product of two estimates with independent noise: the variance of what they share."""
-    noise = float(((first - second) ** 2).mean()) / 2.0
-    value, n = float((first * second).mean()), _independent(first - second)
-    return Uncertain.of(value, math.sqrt((2.0 * max(value, 0.0) * noise + noise**2) / n))
+    """Return the mean product of two estimates with independent noise: the variance of what they share.
+
+    Its uncertainty adds over frequencies, because what they share and their noise are both largest at the slow ones.
+    """
+    one, other = np.fft.rfft(first), np.fft.rfft(second)
+    shared, noise = (
+        uniform_filter1d(power, _AVERAGED_POWERS)
+        for power in ((one * other.conj()).real, np.abs(one - other) ** 2 / 2.0)
+    )
+    variance = 2.0 * float((2.0 * np.maximum(shared, 0.0) * noise + noise**2).sum())
+    return Uncertain.of(float((first * second).mean()), math.sqrt(variance) / len(first) ** 2)
 
 
-def _independent(noise: Array) -> float:
-    """Return the number of independent values: fewer than there are where neighbors are alike."""
-    left = noise - noise.mean()
-    power = np.abs(np.fft.rfft(left)) ** 2
-    return float(power.sum() ** 2 / (power**2).sum())
-
-
-def _root(variance: Uncertain, smooth_lsb: float, what: str) -> Estimate:
-    return Estimate.of_variance(variance + Uncertain.of(0.0, smooth_lsb**2), _METHOD.format(what))
+def _root(variance: Uncertain, smooth_lsb: float, independent: float, what: str) -> Estimate:
+    """Return the square root of a variance to which the errors of the smooth density add their square and product."""
+    product = 2.0 * math.sqrt(max(variance.value, 0.0) / independent) * smooth_lsb
+    return Estimate.of_variance(
+        variance + Uncertain.of(0.0, smooth_lsb**2) + Uncertain.of(0.0, product), _METHOD.format(what)
+    )
