@@ -48,7 +48,7 @@ audit: $(VENV)/installed-dev
 # Read, develop and calibrate a user's own raw files: make test-raws FOLDER=~/pictures
 test-raws: $(VENV)/installed
 	@test -n "$(FOLDER)" || { echo "say: make test-raws FOLDER=folder of raw files"; exit 2; }
-	$(BIN)/python tests/raws/run.py "$(FOLDER)"
+	$(BIN)/python tests/raws/raw_folder.py "$(FOLDER)"
 
 install: $(VENV)/installed
 

@@ -19,6 +19,7 @@ from PIL import Image
 
 import photosite as ps
 from photosite.frames.raw_frame import RawFrame
+from photosite.sensor.sections import Maps
 
 GIGABYTE = 1 << 30
 SUFFIXES = [
@@ -216,6 +217,22 @@ main()
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=False)
     assert (done.returncode, done.stderr) == (2, "photosite: a.yaml: is not a sensor file\n")
+
+
+def test_folder_names_that_are_not_utf8(photosite: Any, tmp_path: Path) -> None:
+    """A name of the file system may hold any bytes; texts that are written have escapes for them."""
+    folder = tmp_path / os.fsdecode(b"\xff\x1b cam")
+    folder.mkdir()
+    Image.fromarray(np.full((30, 40, 3), 99, np.uint8)).save(folder / "p.png")
+    small = ("--crop", "8x8", "--crops", 1, "--sensor", "vendor-2.2um")
+    for form in ("hdf5", "webdataset"):
+        done = photosite("dataset", folder / "p.png", *small, "--format", form, "-o", folder / form)
+        assert done.status == 0, done
+        assert "\x1b" not in (folder / form / "CARD.md").read_text("utf-8")
+    maps = Maps(file=str(folder / "a.maps.h5"), sha256="0" * 64)
+    assert ps.load_sensor("nikon-d200").with_(maps=maps).maps == maps
+    with pytest.raises(ValueError, match="file"):
+        Maps(file="", sha256="0" * 64)
 
 
 @pytest.mark.slow

@@ -47,6 +47,7 @@ LARGE_KIB = 256 << 10
 def batch(watch: Watch, first: int, count: int, report: Connection) -> None:
     """Read inputs `first` to `first + count` of a target; report the number of each before reading it."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # messages of C libraries
     target, path = watch.target, watch.folder / f"input{watch.target.suffix}"
     path.write_bytes(target.seeds[0])
     fuzzing.outcome(target, path)  # imports

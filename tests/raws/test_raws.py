@@ -11,7 +11,7 @@ import numpy as np
 from photosite.frames.raw_frame import RawFrame
 
 sys.path.insert(0, str(Path(__file__).parent))
-import run
+import raw_folder
 
 
 def _measurement(folder: Path) -> None:
@@ -29,7 +29,7 @@ def _measurement(folder: Path) -> None:
 def test_a_folder_of_raw_frames(tmp_path: Path) -> None:
     _measurement(tmp_path / "stack")
     (tmp_path / "cut.nef").write_bytes(b"II*\0" + bytes(40))
-    rows = run.check(tmp_path, most_files=2)
+    rows = raw_folder.check(tmp_path, most_files=2)
     status = {row.path: row.status for row in rows}
     assert status == {"cut.nef": "refused", os.path.join("stack", "dark_10ms_0.dng"): "ok", "stack/": "ok"}
     calibrated = next(row.result for row in rows if row.path == "stack/")
@@ -41,4 +41,4 @@ def test_an_unexpected_exception_is_an_error() -> None:
     def broken(path: Path) -> str:
         raise KeyError(path.name)
 
-    assert run.attempt(broken, Path("a")) == ("error", "KeyError: 'a'")
+    assert raw_folder.attempt(broken, Path("a")) == ("error", "KeyError: 'a'")

@@ -14,7 +14,7 @@ import numpy as np
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
 from photosite.engine.workers import run_tasks
-from photosite.errors import FileError, InputError, PhotositeError, message_of
+from photosite.errors import FileError, InputError, PhotositeError, message_of, printable
 from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
 from photosite.frames.open import open_frames
 from photosite.sensor.model import Sensor
@@ -130,7 +130,7 @@ class _Camera:
             result = self._calibrated(name, path)
         except PhotositeError as error:
             result = {ERROR: str(error)}
-        text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
+        text = json.dumps(result, indent=1, allow_nan=False, default=_plain)
         with atomic_path(self.folder / f"{name}{_RESULT}") as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
         content: dict[str, Any] = json.loads(text)
@@ -140,7 +140,7 @@ class _Camera:
         frames = open_frames(path, **self.reading)
         sensor = self.sensor or frames.sensor
         if sensor is not None:
-            sensor = sensor.with_(name=name)
+            sensor = sensor.with_(name=printable(name))
         if len(frames.gain_settings) > 1:
             series = calibrate_series(frames, sensor)
             if sensor is not None:

@@ -12,7 +12,7 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import Stages, held_warnings, listed, not_listed, say, say_if_compiling, show, table
-from photosite.errors import InputError
+from photosite.errors import InputError, printable
 
 if TYPE_CHECKING:
     from photosite.calibration.captures import CaptureCalibration
@@ -205,7 +205,7 @@ def command(
     if name is not None and sensor is None:
         raise click.UsageError("--name needs a sensor to describe: give --sensor")
     if name is not None and sensor is not None:
-        sensor = sensor.with_(name=name)
+        sensor = sensor.with_(name=printable(name))
     if maps and output is not None:
         options.check_new(maps_path(output))
     is_series = len(frames.gain_settings) > 1

@@ -24,7 +24,7 @@ from photosite.data.dataset import PairDataset
 from photosite.data.digest import sha256_of
 from photosite.data.pair import Pair
 from photosite.engine.workers import run_tasks
-from photosite.errors import FileError, InputError, message_of
+from photosite.errors import FileError, InputError, message_of, printable
 from photosite.files.hdf5 import create_hdf5, open_hdf5
 from photosite.files.small_files import read_json_object
 from photosite.files.writing import FolderLock, atomic_path, is_temporary, remove_abandoned
@@ -192,14 +192,14 @@ def _finish(plan: _Plan, license: str, written_now: Set[int]) -> Path:
             raise FileError(path, f"has changed since {MANIFEST} was written", hint="Remove it, and call again")
     manifest = {**plan.description, "license_of_inputs": license or "not stated", "shards": shards}
     with atomic_path(plan.folder / CARD) as temporary:
-        temporary.write_text(card_text(manifest, plan.dataset), encoding="utf-8")
+        temporary.write_text(printable(card_text(manifest, plan.dataset)), encoding="utf-8")
     _write_json(plan.folder / MANIFEST, manifest)
     return plan.folder / MANIFEST
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> dict[str, Any]:

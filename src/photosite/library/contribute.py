@@ -128,7 +128,7 @@ def contribute(
     }
     texts = {
         SENSOR_NAME: dump_sensor(sensor).encode(),
-        TABLE_NAME: (json.dumps(table, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode(),
+        TABLE_NAME: (json.dumps(table, indent=1, allow_nan=False) + "\n").encode(),
     }
     fields = {
         "photosite_entry": 1,

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from photosite.errors import InputError
 from photosite.sensor.quantity import (
@@ -298,9 +298,15 @@ class Maps(Section):
         "HDF5 file, relative to the sensor file's folder; an absolute path once loaded.",
         NO_UNIT,
         "mine.maps.h5",
-        min_length=1,
     )
     sha256: str = about("Digest of the file, hexadecimal.", NO_UNIT, "0" * 64, pattern="^[0-9a-f]{64}$")
+
+    @field_validator("file")
+    @classmethod
+    def _check_file(cls, file: str) -> str:
+        if not file:  # a constraint of Pydantic would reject names that are not UTF-8
+            raise InputError("file", value=file, expected="text with at least 1 characters")
+        return file
 
 
 class GainSetting(Section):

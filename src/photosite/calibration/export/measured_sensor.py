@@ -13,7 +13,7 @@ import numpy as np
 
 from photosite.calibration.converter_error import ConverterCodes
 from photosite.calibration.parameters import Parameters
-from photosite.errors import CalibrationError
+from photosite.errors import CalibrationError, printable
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.model import Effects
@@ -304,7 +304,7 @@ def _response_curve(calibration: Calibration, source: str) -> ResponseCurve | No
 def _name_of_frames(source: str) -> str:
     """Return the name of the folder or file that frames are in; a protocol or descriptor lies beside them."""
     path = Path(source).absolute()
-    return path.parent.name if path.suffix.lower() in (".yaml", ".yml", ".txt") else path.stem
+    return printable(path.parent.name if path.suffix.lower() in (".yaml", ".yml", ".txt") else path.stem)
 
 
 def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:

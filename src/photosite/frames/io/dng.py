@@ -387,7 +387,7 @@ def _check_unedited(path: Path, own: FrameHeader, top: Directory) -> None:
         ("exposure", None if exposure_s is None else _rounded(exposure_s), exposure_of(top)),
     ]
     if own.cfa is not None and len(channel_names(own.cfa)) > 1:
-        coded = tuple(tuple(_COLORS[_CODES[name]] for name in row) for row in own.cfa)
+        coded = tuple(tuple(_COLORS.get(_CODES.get(name, -1)) for name in row) for row in own.cfa)
         pairs.append(("color filter array", coded, _cfa(path, top)))
     for what, in_description, in_tags in pairs:
         if in_description != in_tags:

@@ -353,9 +353,10 @@ def read_maps(path: str | PathLike[str]) -> MeasuredChip:
             return _chip(file)
     except InputError as error:
         raise error.in_file(path) from None
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise FileError(path, f"the file cannot be read as HDF5 maps: {reason}") from None
+    except FileError:
+        raise
+    except Exception as error:  # h5py passes on OSError, KeyError, RuntimeError, SystemError ...
+        raise FileError(path, f"the file cannot be read as HDF5 maps: {message_of(error)}") from None
 
 
 def file_sha256(path: str | PathLike[str]) -> str:

@@ -1,4 +1,4 @@
-"""Read, develop and calibrate what a folder of raw frames holds: `python tests/raws/run.py FOLDER`, or make test-raws.
+"""Read, develop and calibrate the raw frames in a folder: `python tests/raws/raw_folder.py FOLDER`, or make test-raws.
 
 Every raw file below the folder is read and developed, and every folder that is a measurement (dark frames and flat
 fields) is calibrated, in a process of its own with a time limit. Frames and folders that photosite refuses are listed
