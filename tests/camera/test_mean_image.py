@@ -392,7 +392,7 @@ def test_reduction_of_maps_and_modes_is_within_tolerance(monkeypatch: pytest.Mon
     monkeypatch.setattr(channel_transfers, "TOLERANCE", 0.0)
     apart = camera.mean_electrons(chart, 1 / 3)
     assert 12 < terms[0] < 48  # more than channels times parts: the tolerance decides
-    assert terms[1] == 96
+    assert max(terms) == 96
     assert np.abs(combined - apart).max() < 1e-5 * apart.max()
 
 

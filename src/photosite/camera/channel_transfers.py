@@ -92,7 +92,8 @@ def reduced_transfers(
     - `node_shares`: (N, wavelengths) share of each wavelength's light at each of N wavelength nodes; None: one node.
     - `progress`: Receives the number of sampled wavelengths.
 
-    Returns one result for all channels; or, if N > 1 and that is less work, one for each channel that receives light.
+    Returns one result for all channels; or, if N > 1 or the lens varies over the field, and that is less work, one for
+    each channel that receives light.
     Results are cached, in memory and on disk (`photosite.files.cache`), and must not be changed.
 
     Raises `InputError` if a point is spread over more cells than a mosaic can be computed with.
@@ -170,14 +171,21 @@ def _reduce(otf: SampledOtf, coupling: Array, node_shares: Array, tolerance: flo
     at_nodes = coupling @ otf.node_shares
     limit = tolerance * max(of_mode.largest(_STRIDE) for of_mode in MapTransfers.by_map(otf, at_nodes))
     if len(node_shares) == 1:
-        return [ReducedTransfer(*_terms(otf, at_nodes, limit), otf.padding_m)]
+        together = [ReducedTransfer(*_terms(otf, at_nodes, limit), otf.padding_m)]
+        if otf.modes == 1:
+            return together
+        separate = [
+            ReducedTransfer(*_terms(otf, at_nodes[channel : channel + 1], limit), otf.padding_m, channel=channel)
+            for channel in np.flatnonzero(at_nodes.any(axis=(1, 2))).tolist()
+        ]
+        return separate if 0 < _work(separate) < _work(together) else together
     separate = [
         found
         for channel in range(len(coupling))
         for found in _reduce_with_nodes(otf, coupling[channel : channel + 1], node_shares, limit, channel)
     ]
-    together = _reduce_with_nodes(otf, coupling, node_shares, limit, None)
-    return separate if _work(separate) <= _SEPARATE_PREFERENCE * _work(together) else together
+    shared = _reduce_with_nodes(otf, coupling, node_shares, limit, None)
+    return separate if _work(separate) <= _SEPARATE_PREFERENCE * _work(shared) else shared
 
 
 def _reduce_with_nodes(
@@ -230,8 +238,8 @@ def _work(parts: Sequence[ReducedTransfer]) -> float:
     """Return the cost of node maps and terms, in transforms of the frame."""
     total = 0.0
     for part in parts:
-        assert part.node_maps is not None
-        nodes, maps = sum(len(combinations) > 0 for combinations in part.node_maps), sum(map(len, part.node_maps))
+        node_maps = part.node_maps or ()
+        nodes, maps = sum(len(combinations) > 0 for combinations in node_maps), sum(map(len, node_maps))
         channels = part.transfer.channels
         total += _NODE_COST * nodes + _NODE_MAP_COST * maps + _term_cost(part.mixing)
         total += len(part.mixing) * (_CHANNEL_COST * channels + _MIXING_COST * maps)

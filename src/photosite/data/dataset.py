@@ -176,7 +176,8 @@ class PairDataset(Shown):
         patch_number, draw = divmod(number, self.draws)
         image = patch_number // self.crops
         u = chances(int(self.seed), patch_number)
-        sensor = self.all_sensors[int(u[0] * len(self.all_sensors))]
+        which = int(u[0] * len(self.all_sensors))
+        sensor = self.all_sensors[which]
         patch = Patch(
             self.shape,
             sensor,
@@ -194,7 +195,7 @@ class PairDataset(Shown):
         )
         clean, noisy = self._exposed(sensor, seen, patch.exposure_s, corner, number)
         facts = {"index": number, "image": image, "draw": draw, "seed": int(self.seed)}
-        facts |= self._facts(sensor, patch, corner, seen)
+        facts |= self._facts(which, patch, corner, seen)
         if self.unit == "electrons":
             black, gain = np.float32(facts["black_level_dn"]), np.float32(facts["system_gain_dn_per_e"])
             clean, noisy = (clean - black) / gain, (noisy.astype(np.float32) - black) / gain
@@ -215,7 +216,18 @@ class PairDataset(Shown):
         noisy = digital_numbers(sensor, electrons, exposure_s, own_noise=seen.own_noise, **place)
         return clean_numbers(sensor, electrons)[inside], noisy
 
-    def _facts(self, sensor: Sensor, patch: Patch, corner: tuple[int, int], seen: Light) -> dict[str, Any]:
+    @cached_property
+    def _noise_lines(self) -> list[tuple[float, float, float]]:
+        """For each sensor the slope of the variance, its offset in the dark, and the offset's increase per second."""
+        lines = []
+        for sensor in self.all_sensors:
+            at_0, at_1 = (sensor_noise_profile(sensor, exposure_s) for exposure_s in (0.0, 1.0))
+            first, second = (each.offset[0].value * each.span_dn**2 for each in (at_0, at_1))
+            lines.append((at_0.slope[0].value * at_0.span_dn, first, second - first))
+        return lines
+
+    def _facts(self, number: int, patch: Patch, corner: tuple[int, int], seen: Light) -> dict[str, Any]:
+        sensor = self.all_sensors[number]
         black, white = sensor.output_levels_dn
         bits, companded = sensor.output_bits, sensor.effects is not None and sensor.effects.companded
         slope = offset = 0.0
@@ -224,9 +236,8 @@ class PairDataset(Shown):
             black, bits = combination.output_black_level_dn, combination.output_bits
             white = float((1 << bits) - 1)
         elif not companded:
-            profile = sensor_noise_profile(sensor, patch.exposure_s)
-            slope = profile.slope[0].value * profile.span_dn
-            offset = profile.offset[0].value * profile.span_dn**2
+            slope, in_dark, per_s = self._noise_lines[number]
+            offset = in_dark + per_s * patch.exposure_s
         own = seen.own_noise
         return {
             "sensor": sensor.name,

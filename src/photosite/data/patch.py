@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ def between(low: float, high: float, chance: float) -> float:
     return float(low * (high / low) ** chance)
 
 
+@lru_cache(maxsize=64)
 def flip_offset(cfa: Cfa, size: int, axis: int) -> int | None:
     """Return where a window of `size` starts in the tile so that, flipped, it has the tile's order; None if nowhere.
 

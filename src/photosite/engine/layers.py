@@ -10,13 +10,12 @@ stored, and all terms are combinations of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from photosite.engine.jit import C64, F32, F64, I64, THREADS, compiled, prange
 from photosite.engine.resample import Corners, Overlap, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
@@ -140,21 +139,52 @@ def _split_terms(layer: Layer) -> Iterator[Layer]:
 
 def _term_spectra(layer: Layer, grid: Grid, out: C64) -> Iterator[C64]:
     """As `term_spectra`, for any layer."""
-    stored = layer.node_maps
-    maps = _maps_of_view(layer.views[0], grid) if stored is None else _StoredMaps(layer.views, stored, grid)
-    weights = None if layer.field is None else _FieldWeights(layer.field, grid)
+    field = _FieldWeights(layer.field, grid)
+    terms: Iterator[_Rows]
+    if layer.node_maps is None:
+        terms = _terms_of_view(_maps_of_view(layer.views[0], grid), layer, field)
+    else:
+        terms = _terms_of_stored(_stored_maps(layer.views, layer.node_maps, grid), layer, field)
+    for term in terms:
+        for begin, end in _strips(len(out)):
+            out[begin:end] = scipy.fft.rfft(term(begin, end), axis=1, workers=WORKERS)
+        yield out
+
+
+def _terms_of_view(maps: _Maps, layer: Layer, field: _FieldWeights) -> Iterator[_Rows]:
+    """Yield a function for each term, whose maps are combined and resampled row by row."""
     for mix in layer.mixing:
         used = mix.any(axis=1)
-        for begin, end in _strips(len(out)):
-            combined = maps.rows(mix[used], begin, end)
-            rows = combined[0] if weights is None else weights.sum(combined, used, begin, end)
-            out[begin:end] = scipy.fft.rfft(rows, axis=1, workers=WORKERS)
-        yield out
+
+        def rows(begin: int, end: int, mixes: F32 = mix[used], across: F32 = field.across[used]) -> F32:
+            combined = maps.rows(mixes, begin, end)
+            if layer.field is None:
+                one: F32 = combined[0]
+                return one
+            return field.sum(combined, 0, across, begin, end)
+
+        yield rows
+
+
+def _terms_of_stored(maps: F32, layer: Layer, field: _FieldWeights) -> Iterator[_Rows]:
+    """Yield a function for each term, as the sum of (S, rows, cols) maps times their share of the field weights."""
+    for mix in layer.mixing:
+        only = int(mix.argmax()) if layer.field is None and np.count_nonzero(mix) == 1 and mix.max() == 1.0 else None
+        mixed = np.tensordot(mix, field.across, axes=(0, 0))
+
+        def rows(begin: int, end: int, only: int | None = only, across: F32 = mixed) -> F32:
+            return field.sum(maps, begin, across, begin, end) if only is None else maps[only, begin:end]
+
+        yield rows
 
 
 def _strips(rows: int) -> Iterator[tuple[int, int]]:
     """Yield the first row of each strip, and the one after its last."""
     return ((begin, min(begin + _STRIP, rows)) for begin in range(0, rows, _STRIP))
+
+
+_Rows = Callable[[int, int], F32]
+"""(begin, end) -> (end - begin, cols): rows of cells of a term."""
 
 
 class _Maps(Protocol):
@@ -246,25 +276,18 @@ class _OccludedMaps:
         return self.maps.rows(mixes, begin, end) * self.transmission[begin:end]
 
 
-class _StoredMaps:
-    """Node maps of all views, resampled in advance."""
-
-    def __init__(self, views: Sequence[View], node_maps: Sequence[F32], grid: Grid) -> None:
-        shape = grid.cells(0), grid.cells(1)
-        self._maps = np.empty((sum(map(len, node_maps)), *shape), np.float32)
-        first = 0
-        for view, mixes in zip(views, node_maps, strict=True):
-            if not len(mixes):
-                continue
-            maps = _maps_of_view(view, grid)
-            for begin, end in _strips(shape[0]):
-                self._maps[first : first + len(mixes), begin:end] = maps.rows(mixes, begin, end)
-            first += len(mixes)
-
-    def rows(self, mixes: F32, begin: int, end: int) -> F32:
-        out = np.empty((len(mixes), end - begin, self._maps.shape[2]), np.float32)
-        _mix_rows(self._maps, begin, mixes, out)
-        return out
+def _stored_maps(views: Sequence[View], node_maps: Sequence[F32], grid: Grid) -> F32:
+    """Return (S, rows, cols): the node maps of all views on the grid's cells."""
+    shape = grid.cells(0), grid.cells(1)
+    stored, first = np.empty((sum(map(len, node_maps)), *shape), np.float32), 0
+    for view, mixes in zip(views, node_maps, strict=True):
+        if not len(mixes):
+            continue
+        maps = _maps_of_view(view, grid)
+        for begin, end in _strips(shape[0]):
+            stored[first : first + len(mixes), begin:end] = maps.rows(mixes, begin, end)
+        first += len(mixes)
+    return stored
 
 
 def _transmission(occluders: Sequence[View], grid: Grid) -> F32:
@@ -279,49 +302,43 @@ def _transmission(occluders: Sequence[View], grid: Grid) -> F32:
 
 
 class _FieldWeights:
-    """Field weights on the grid's cells."""
+    """Field weights on the grid's cells; 1 without a field."""
 
-    def __init__(self, field: Field, grid: Grid) -> None:
-        lines, centers = field.weights.reshape(-1, field.col.size), grid.centers(1)
-        along = np.stack([np.interp(centers, field.col, line) for line in lines]).astype(np.float32)
-        self._across = along.reshape(*field.weights.shape[:2], centers.size)
-        # For each row of cells the node above it, and the share of the node below.
+    def __init__(self, field: Field | None, grid: Grid) -> None:
+        rows, centers = grid.cells(0), grid.centers(1)
+        self.across = np.ones((1, 1, centers.size), np.float32)  # (R, P, cols), at the rows of nodes
+        # For each row of cells the row of nodes above it, and the share of the one below.
+        self._index, self._share = np.zeros(rows, np.int64), np.zeros(rows, np.float32)
+        if field is None:
+            return
+        along = [np.interp(centers, field.col, line) for line in field.weights.reshape(-1, field.col.size)]
+        self.across = np.stack(along).astype(np.float32).reshape(*field.weights.shape[:2], centers.size)
         position = np.interp(grid.centers(0), field.row, np.arange(field.row.size))
         self._index = np.minimum(position.astype(np.int64), max(field.row.size - 2, 0))
         self._share = (position - self._index).astype(np.float32)
 
-    def sum(self, maps: F32, used: NDArray[np.bool_], begin: int, end: int) -> F32:
-        """Return (end - begin, cols): the sum of the maps of the used modes, times their field weights."""
-        out = np.empty(maps.shape[1:], np.float32)
-        _weigh_rows(maps, self._across[used], self._index[begin:end], self._share[begin:end], out)
+    def sum(self, maps: F32, first: int, across: F32, begin: int, end: int) -> F32:
+        """Return (end - begin, cols): rows begin to end of the sum of maps times weights.
+
+        - `maps`: (n, rows, cols), of which row `first` is row `begin` of the grid.
+        - `across`: (n, P, cols) combinations of `self.across`.
+        """
+        out = np.empty((end - begin, maps.shape[2]), np.float32)
+        used = np.flatnonzero(across.any(axis=(1, 2)))
+        _weigh_rows(maps, used, first, across, self._index[begin:end], self._share[begin:end], out)
         return out
 
 
 @compiled(parallel=True)
-def _mix_rows(maps: F32, begin: int, mixes: F32, out: F32) -> None:
-    """Compute out = mixes @ maps, from row `begin` of maps (S, rows, cols) on."""
-    for i in prange(out.shape[1]):
-        for r in range(out.shape[0]):
-            line = out[r, i]
-            line[:] = 0.0
-            for s in range(maps.shape[0]):
-                factor, values = mixes[r, s], maps[s, begin + i]
-                if factor == 0.0:
-                    continue
-                for c in range(line.size):
-                    line[c] += factor * values[c]
-
-
-@compiled(parallel=True)
-def _weigh_rows(maps: F32, across: F32, index: I64, share: F32, out: F32) -> None:
-    """Compute the sum over r of maps[r] times its field weight, interpolated between rows index and index + 1."""
+def _weigh_rows(maps: F32, used: I64, first: int, across: F32, index: I64, share: F32, out: F32) -> None:
+    """Compute the sum of the used maps, from row `first` on, times weights between rows index and index + 1."""
     rows, cols = out.shape
     last = across.shape[1] - 1
     for i in prange(rows):
         low, part = index[i], share[i]
         line = np.zeros(cols, np.float32)
-        for r in range(maps.shape[0]):
-            values, above, below = maps[r, i], across[r, low], across[r, min(low + 1, last)]
+        for r in used:
+            values, above, below = maps[r, first + i], across[r, low], across[r, min(low + 1, last)]
             for c in range(cols):
                 line[c] += values[c] * (above[c] + part * (below[c] - above[c]))
         out[i] = line

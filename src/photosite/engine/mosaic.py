@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -57,9 +58,8 @@ def mosaic_of_layers(
 def _empty_folds(grid: Grid, places: Sequence[tuple[int, int, int]]) -> Folds:
     cells = grid.cells_per_pixel
     stride = [grid.tile[axis] * cells for axis in (0, 1)]
-    turn_y, turn_x = (
-        _phases(stride[axis], [place[axis] * cells + cells // 2 for place in places], stride[axis]) for axis in (0, 1)
-    )
+    shifts = (tuple(place[axis] * cells + cells // 2 for place in places) for axis in (0, 1))
+    turn_y, turn_x = (_phases(size, of_axis, size) for size, of_axis in zip(stride, shifts, strict=True))
     small = grid.cells(0) // stride[0], grid.cells(1) // stride[1] // 2 + 1
     return Folds(np.zeros((len(places), *small), np.complex64), np.array([p[2] for p in places]), turn_y, turn_x)
 
@@ -68,7 +68,7 @@ def _of_channel(folds: Folds, channel: int) -> Folds:
     """Return the spectra of one channel's sites, as channel 0; they share memory."""
     first, last = np.searchsorted(folds.channel_of, [channel, channel + 1])
     own = slice(int(first), int(last))
-    turn_y, turn_x = (np.ascontiguousarray(turn[:, own]) for turn in (folds.turn_y, folds.turn_x))
+    turn_y, turn_x = (read_only(turn[:, own]) for turn in (folds.turn_y, folds.turn_x))
     return Folds(folds.values[own], np.zeros_like(folds.channel_of[own]), turn_y, turn_x)
 
 
@@ -122,8 +122,8 @@ def _mosaic_of_folds(folds: C64, places: Sequence[tuple[int, int, int]], grid: G
     skip = [grid.before(axis) // grid.tile[axis] for axis in (0, 1)]
     for fold, (r, c, _) in zip(folds, places, strict=True):
         # The first value of a site lies some cells into the grid: a phase.
-        fold *= _phases(small[0], [r * cells + cells // 2], small[0] * grid.tile[0] * cells)
-        fold *= _phases(fold.shape[1], [c * cells + cells // 2], cols)[:, 0]
+        fold *= _phases(small[0], (r * cells + cells // 2,), small[0] * grid.tile[0] * cells)
+        fold *= _phases(fold.shape[1], (c * cells + cells // 2,), cols)[:, 0]
         fold /= np.float32((grid.tile[0] * cells) * (grid.tile[1] * cells))
         image = scipy.fft.irfft2(fold, s=small, overwrite_x=True, workers=WORKERS)
         target = mosaic[r :: grid.tile[0], c :: grid.tile[1]]
@@ -131,13 +131,16 @@ def _mosaic_of_folds(folds: C64, places: Sequence[tuple[int, int, int]], grid: G
     return mosaic
 
 
-def _phases(count: int, shifts: Sequence[int], size: int) -> C64:
+@lru_cache(maxsize=64)
+def _phases(count: int, shifts: tuple[int, ...], size: int) -> C64:
     """Return (count, shifts): exp(2 pi i k shift / size), with the product reduced modulo size for accuracy."""
     turns = (np.arange(count)[:, None] * np.asarray(shifts)) % size
     angle = 2 * np.pi * turns / size
     # Exactly -1 for a half turn: np.sin(np.pi) is 1e-16.
     sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
-    return np.asarray(np.cos(angle) + 1j * sine, np.complex64)
+    phases = np.asarray(np.cos(angle) + 1j * sine, np.complex64)
+    phases.flags.writeable = False
+    return phases
 
 
 # Kernels that multiply a term's spectrum by H and add it to the folded spectra of the mosaic's sites, in one pass.

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from photosite.engine.jit import F32, F64
+from photosite.engine.jit import F32, F64, I64, read_only
 from photosite.errors import InputError
 
 _FOLD_NODES = 65
@@ -73,15 +73,6 @@ class RadialTransfer:
         """Frequency beyond which the transfer is 0."""
         return float(self.step_per_m * (self.table.shape[2] - 1))
 
-    def at(self, frequency_per_m: F64) -> F64:
-        """Return (channels, maps, ...) at frequencies of any shape."""
-        nodes = self.table.shape[2]
-        position = frequency_per_m / self.step_per_m
-        index = np.minimum(position.astype(np.intp), nodes - 2)
-        share = position - index
-        low, high = self.table[:, :, index], self.table[:, :, index + 1]
-        return np.where(position <= nodes - 1, low * (1 - share) + high * share, 0.0)
-
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
@@ -114,7 +105,12 @@ def _more_cells(cells: int, folds: int) -> int:
 
 
 def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> F64:
-    """Return (channels, maps, fy, fx): the terms with m other than 0, below the Nyquist frequency."""
+    """Return (channels, maps, fy, fx): the terms with m other than 0, below the Nyquist frequency.
+
+    They are sparse matrices, of apertures times the shares of linear interpolation, times the table of all maps.
+    """
+    from scipy.sparse import csr_array
+
     rate = [1.0 / sampling.cell_m(axis) for axis in (0, 1)]
     most = [int(np.ceil(transfer.reach_per_m / r + 0.5)) for r in rate]
     if (2 * most[0] + 1) * (2 * most[1] + 1) > _MOST_FOLDS:
@@ -126,39 +122,62 @@ def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64
             hint="Use more cells per pixel, {cells_per_pixel}, or a larger f-number",
             arguments={"cells_per_pixel": _more_cells(sampling.cells_per_pixel, max(most))},
         )
-    total = np.zeros((*transfer.table.shape[:2], fy_per_m.size, fx_per_m.size))
+    nodes, points = transfer.table.shape[2], np.arange(fy_per_m.size * fx_per_m.size)
+    by_node = np.ascontiguousarray(transfer.table.reshape(-1, nodes).T)
+    total = np.zeros((points.size, by_node.shape[1]))
     for m in range(-most[0], most[0] + 1):
         fy = fy_per_m + m * rate[0]
+        entries: list[tuple[F64, I64, I64]] = []  # value, point, node
         for n in range(-most[1], most[1] + 1):
             fx = fx_per_m + n * rate[1]
             near = np.hypot(np.abs(fy).min(), np.abs(fx).min())
             if (m, n) == (0, 0) or near > transfer.reach_per_m:
                 continue
-            aperture = sampling.aperture(0, fy)[:, None] * sampling.aperture(1, fx)[None, :]
-            total += transfer.at(np.hypot(fy[:, None], fx[None, :])) * aperture
-    return total
+            aperture = (sampling.aperture(0, fy)[:, None] * sampling.aperture(1, fx)[None, :]).ravel()
+            position = np.hypot(fy[:, None], fx[None, :]).ravel() / transfer.step_per_m
+            inside = position <= nodes - 1
+            position, value, point = position[inside], aperture[inside], points[inside]
+            node = np.minimum(position.astype(np.intp), nodes - 2)
+            share = position - node
+            entries += [(value * (1 - share), point, node), (value * share, point, node + 1)]
+        if entries:
+            value, point, node = (np.concatenate(part) for part in zip(*entries, strict=True))
+            total += csr_array((value, (point, node)), shape=(points.size, nodes)) @ by_node
+    return np.ascontiguousarray(total.T).reshape(*transfer.table.shape[:2], fy_per_m.size, fx_per_m.size)
 
 
 def folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> FoldedTerms:
     """Return the folded terms on a grid, from few nodes by singular value decomposition and cubic splines."""
     from scipy.interpolate import make_interp_spline
 
-    kept = _products.setdefault(transfer, {})
-    key = astuple(sampling)
-    if key not in kept:
-        kept.clear()
-        kept[key] = _folded_products(transfer, sampling)
+    sizes, grid = astuple(sampling), (fy_per_m.tobytes(), fx_per_m.tobytes())
+    kept = _kept.get(transfer)
+    if kept is not None and kept.sizes == sizes and kept.grid == grid:
+        return kept.terms
+    if kept is not None and kept.sizes == sizes:
+        down, across = products = kept.products
+    else:
+        down, across = products = _folded_products(transfer, sampling)
     nodes = _fold_nodes(sampling)
-    down, across = kept[key]
     down = make_interp_spline(nodes[0], np.moveaxis(down, 2, 0), k=3)(np.abs(fy_per_m))
     across = make_interp_spline(nodes[1], across.T, k=3)(fx_per_m).T
     down = np.moveaxis(down, 0, 2)
-    return FoldedTerms(np.ascontiguousarray(down, np.float32), np.ascontiguousarray(across, np.float32))
+    terms = FoldedTerms(read_only(down.astype(np.float32)), read_only(across.astype(np.float32)))
+    _kept[transfer] = _Kept(sizes, products, grid, terms)
+    return terms
 
 
-_products: WeakKeyDictionary[RadialTransfer, dict[tuple[Any, ...], tuple[F64, F64]]]
-_products = WeakKeyDictionary()
-"""Folded terms at the nodes, for as long as a transfer lives; they do not depend on the frame's size."""
+class _Kept(NamedTuple):
+    """The latest folded terms of a transfer: at the nodes, which do not depend on the frame's size, and on a grid."""
+
+    sizes: tuple[Any, ...]  # of the sampling
+    products: tuple[F64, F64]
+    grid: tuple[bytes, bytes]
+    terms: FoldedTerms
+
+
+_kept: WeakKeyDictionary[RadialTransfer, _Kept] = WeakKeyDictionary()
+"""For as long as a transfer lives."""
 
 
 def _fold_nodes(sampling: Sampling) -> list[F64]:

@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -385,8 +386,9 @@ LARGEST_SLOPE = 64.0
 """Slope, waves per pupil radius, up to which the finest grid samples a wavefront well enough."""
 _CELLS_BY_SLOPE = ((2.0, 256), (6.0, 384), (12.0, 512), (24.0, 768), (math.inf, 1024))
 """Cells across the pupil by largest slope; the OTF is then right within 2e-4 (tests/optics/test_wavefront.py)."""
-_MARGIN = 12
+_MARGIN = 1
 """Columns of negative frequencies that the spline interpolation needs."""
+_TAPS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,78 +407,120 @@ class PupilAutocorrelation:
         return amplitude, zernike_values(self.terms, x[open_], y[open_])
 
     @cached_property
-    def _aberration_free(self) -> Array:
-        return np.abs(_transform(self._cells[0].astype(np.complex128))) ** 2
+    def _aberration_free(self) -> NDArray[np.float32]:
+        return _power(_transform(self._cells[0].astype(np.complex64)))
 
     def otf(self, waves: Waves) -> SampledOtf:
-        """Return the OTF under a wavefront."""
+        """Return the OTF under a wavefront.
+
+        Transforms are in single precision, whose rounding is a thousandth of the error of the sampling.
+        """
         from scipy.fft import rfft2
-        from scipy.ndimage import spline_filter
 
         amplitude, values = self._cells
-        phase = 2 * math.pi * (np.array([waves[t] for t in self.terms]) @ values)
-        field = amplitude.astype(np.complex128)
-        field[amplitude > 0] *= np.exp(1j * phase)
+        turns = np.array([waves[t] for t in self.terms]) @ values
+        phase = (2 * math.pi * (turns - np.rint(turns))).astype(np.float32)
+        field = amplitude.astype(np.complex64)
+        field[amplitude > 0] *= np.cos(phase) + np.complex64(1j) * np.sin(phase)
+        image = _power(_transform(field))
+        image -= self._aberration_free
+        # Dividing by the transform of a cubic B-spline gives the coefficients of the spline through the samples.
         size = 2 * self.count
-        image = _transform(field)
-        change = rfft2(image.real**2 + image.imag**2 - self._aberration_free, overwrite_x=True)
-        change /= size * size * (self.pupil.area * math.pi / 4 * self.count**2)
-        real, imag = (
-            spline_filter(part, order=3, mode="mirror", output=part)
-            for part in (_centred(change.real), _centred(change.imag, sign=-1.0))
-        )
-        return SampledOtf(self.pupil, self.count, real, imag)
+        spline = (2 + np.cos((2 * math.pi / size) * np.arange(size))) / 3
+        scale = size * size * (self.pupil.area * math.pi / 4 * self.count**2)
+        image *= (1 / (scale * spline))[:, None].astype(np.float32)
+        image *= (1 / spline).astype(np.float32)
+        return SampledOtf(self.pupil, self.count, _centred(rfft2(image, overwrite_x=True)))
 
 
 @dataclass(frozen=True, eq=False)
 class SampledOtf:
     """The OTF of a pupil with a wavefront: (sy, sx) relative frequencies -> complex values.
 
-    `count` is the number of steps from 0 to the cutoff. `change_real` and `change_imag` are spline coefficients of the
-    change that the wavefront makes, see `_centred`.
+    `count` is the number of steps from 0 to the cutoff. `change` are the spline coefficients of the change that the
+    wavefront makes, see `_centred`. A column and a row of frequencies are fastest.
     """
 
     pupil: Pupil
     count: int
-    change_real: Array
-    change_imag: Array
+    change: NDArray[np.complex64]
 
     def __call__(self, sy: Array, sx: Array) -> Complex:
-        from scipy.ndimage import map_coordinates
-
-        sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
+        sy, sx = np.asarray(sy, np.float64), np.asarray(sx, np.float64)
+        grid = self._on_grid(sy[:, 0], sx[0]) if _is_grid(sy, sx) else None
+        sy, sx = np.broadcast_arrays(sy, sx)
         inside = np.hypot(sy, sx) < 1
         result = np.zeros(sy.shape, np.complex128)
         sy, sx = sy[inside], sx[inside]
-        flip = np.where(sx < 0, -1.0, 1.0)
-        where = np.stack([(flip * sy + 1) * self.count, flip * sx * self.count + _MARGIN])
-        real, imag = (
-            map_coordinates(part, where, order=3, prefilter=False) for part in (self.change_real, self.change_imag)
-        )
-        result[inside] = self.pupil.transfer(sy, sx) + real + 1j * flip * imag
+        change = self._at(sy, sx) if grid is None else grid[inside]
+        change[(sy == 0) & (sx == 0)] = 0  # a wavefront leaves the energy as it is; rounding does not
+        result[inside] = self.pupil.transfer(sy, sx) + change
         return result
 
+    def _at(self, sy: Array, sx: Array) -> Complex:
+        """Return the change at (n,) points inside the cutoff."""
+        from scipy.ndimage import map_coordinates
 
-def _transform(field: Complex) -> Complex:
+        flip = np.where(sx < 0, -1.0, 1.0)
+        where = np.stack([(flip * sy + 1) * self.count, flip * sx * self.count + _MARGIN])
+        values: Complex = map_coordinates(self.change, where, order=3, prefilter=False)
+        return np.where(flip < 0, values.conj(), values)
+
+    def _on_grid(self, sy: Array, sx: Array) -> Complex:
+        """Return the (rows, cols) change on a grid of frequencies; points outside the cutoff have any value."""
+        change = np.empty((sy.size, sx.size), np.complex128)
+        for side, flip in ((sx >= 0, 1.0), (sx < 0, -1.0)):
+            down, rows = _spline_taps((flip * sy + 1) * self.count, len(self.change))
+            across, cols = _spline_taps(flip * sx[side] * self.count + _MARGIN, self.change.shape[1])
+            if not cols.size:
+                continue
+            first = int(cols.min())
+            near = self.change[:, first : int(cols.max()) + 1]
+            strip: Any = sum(weight[:, None] * near[row] for weight, row in zip(down, rows, strict=True))
+            part = sum(weight * strip[:, col - first] for weight, col in zip(across, cols, strict=True))
+            change[:, side] = part if flip > 0 else np.conj(part)
+        return change
+
+
+def _is_grid(sy: Array, sx: Array) -> bool:
+    return sy.ndim == sx.ndim == 2 and sy.shape[1] == sx.shape[0] == 1
+
+
+def _spline_taps(position: Array, size: int) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    """Return (4, n) weights and indices of the cubic B-splines that reach positions; the ends repeat."""
+    first = np.floor(position)
+    t = position - first
+    weights = np.stack([(1 - t) ** 3, 4 + t * t * (3 * t - 6), 1 + 3 * t * (1 + t - t * t), t**3]) / 6
+    index = first.astype(np.intp) - 1 + np.arange(_TAPS)[:, None]
+    return weights.astype(np.float32), np.clip(index, 0, size - 1)
+
+
+def _transform(field: NDArray[np.complex64]) -> NDArray[np.complex64]:
     """Return the transform of a field padded to twice the size, without transforming rows of padding."""
     from scipy.fft import fft
 
     size = 2 * len(field)
-    result: Complex = fft(fft(field, size, axis=1), size, axis=0, overwrite_x=True)
+    result: NDArray[np.complex64] = fft(fft(field, size, axis=1), size, axis=0, overwrite_x=True)
     return result
 
 
-def _centred(change: Array, sign: float = 1.0) -> Array:
+def _power(field: NDArray[np.complex64]) -> NDArray[np.float32]:
+    power = np.square(field.real)
+    power += np.square(field.imag)
+    return power
+
+
+def _centred(change: NDArray[np.complex64]) -> NDArray[np.complex64]:
     """Return (rows, cols) of a half-plane transform: rows in rising frequency, columns from a margin below 0.
 
-    The margin is the conjugate: the mirror image of the real part, and with `sign` -1 that of the imaginary part.
+    The margin is the conjugate of the mirror image.
     """
     rows, cols = change.shape
-    whole = np.empty((rows, _MARGIN + cols))
+    whole = np.empty((rows, _MARGIN + cols), np.complex64)
     whole[: rows // 2, _MARGIN:] = change[rows // 2 :]
     whole[rows // 2 :, _MARGIN:] = change[: rows // 2]
     opposite = (rows // 2 - np.arange(rows)) % rows
-    whole[:, :_MARGIN] = sign * change[opposite, _MARGIN:0:-1]
+    whole[:, :_MARGIN] = np.conj(change[opposite, _MARGIN:0:-1])
     return whole
 
 
