@@ -12,6 +12,7 @@ import pytest
 import photosite as ps
 from photosite.app.state import Places, SensorState, changed_sensor, inside
 from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
 
 OUTSIDE = [
     *(
@@ -113,3 +114,58 @@ def test_a_full_disk_is_an_error_of_the_upload(client, monkeypatch: pytest.Monke
     answer = client.post("/api/uploads?kind=sensor&name=x.sensor.yaml", content=b"x")
     assert answer.status_code == 422
     assert os.strerror(errno.ENOSPC) in answer.json()["error"]
+
+
+def frame_bytes(tmp_path: Path) -> bytes:
+    path = tmp_path / "frame.png"
+    RawFrame(np.full((6, 8), 64, np.uint16), bits=12).save(path)
+    return path.read_bytes()
+
+
+def test_frames_are_uploaded_to_one_folder(client, bench, tmp_path: Path) -> None:
+    content = frame_bytes(tmp_path)
+    first = client.post("/api/uploads?kind=frames&name=stack/dark_10ms_0.png", content=content).json()
+    assert first["holds"] == "6 x 8 pixels"
+    rest = {"kind": "frames", "folder": first["name"]}
+    names = ["flat_10ms_0.png", "../../flat_20ms_0.png", "a/b/../c/flat_30ms_0.png", "/etc/flat_40ms_0.png"]
+    for name in names:
+        assert client.post("/api/uploads", params=rest | {"name": name}, content=content).status_code == 201, name
+    folder = bench.places.path(first["name"])
+    stored = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.png"))
+    assert stored == [
+        *("c/flat_30ms_0.png", "etc/flat_40ms_0.png", "flat_10ms_0.png", "flat_20ms_0.png", "stack/dark_10ms_0.png")
+    ]
+    assert not list(folder.parent.parent.glob("*.png"))
+
+
+@pytest.mark.parametrize("name", ["protocol.yaml", "x.csv", "x.exe", ".png", "..", ""])
+def test_an_uploaded_folder_holds_frames_only(client, tmp_path: Path, name: str) -> None:
+    answer = client.post("/api/uploads", params={"kind": "frames", "name": name}, content=frame_bytes(tmp_path))
+    assert answer.status_code == 422
+    assert answer.json()["error"]
+
+
+def test_frames_that_cannot_be_read_are_refused_and_deleted(client, bench, tmp_path: Path) -> None:
+    good = client.post("/api/uploads?kind=frames&name=dark_10ms_0.png", content=frame_bytes(tmp_path)).json()
+    rest = {"kind": "frames", "folder": good["name"]}
+    damaged = np.random.default_rng(1).integers(0, 256, 3000, np.uint8).tobytes()
+    for name in ("dark_10ms_1.png", "dark.dng", "dark.h5", "dark.fits", "dark.nef"):
+        assert client.post("/api/uploads", params=rest | {"name": name}, content=damaged).status_code == 422, name
+    twice = client.post("/api/uploads", params=rest | {"name": "dark_10ms_0.png"}, content=frame_bytes(tmp_path))
+    assert twice.status_code == 422
+    assert [path.name for path in bench.places.path(good["name"]).iterdir()] == ["dark_10ms_0.png"]
+    for folder in ("upload:0000000000000000", "file:inner", "inner/mine.sensor.yaml", "../x"):
+        answer = client.post("/api/uploads", params=rest | {"name": "a.png", "folder": folder}, content=damaged)
+        assert answer.status_code == 422, folder
+
+
+def test_only_files_of_results_are_sent(client, bench) -> None:
+    folder = bench.folder / "results" / ("0" * 16)
+    folder.mkdir(parents=True)
+    (folder / "report.html").write_text("<p>result</p>")
+    (bench.folder / "results" / "secret").write_text("x")
+    answer = client.get(f"/api/results/{'0' * 16}/report.html")
+    assert (answer.status_code, answer.text) == (200, "<p>result</p>")
+    assert answer.headers["content-disposition"].startswith("attachment")
+    for path in (f"{'0' * 16}/other", f"{'1' * 16}/report.html", "../secret", f"{'0' * 16}/..%2f..%2fsecret", "x/y"):
+        assert client.get(f"/api/results/{path}").status_code in (404, 422), path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shlex
 from pathlib import Path
@@ -31,6 +32,7 @@ from photosite.app.views import (
 )
 from photosite.cli.main import run
 from photosite.errors import InputError
+from photosite.frames.io.libcamera import read_libcamera
 from photosite.frames.raw_frame import RawFrame
 
 NOWHERE = Places()
@@ -122,26 +124,113 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return served
 
 
-def test_a_calibration_is_that_of_the_library(stack: Path) -> None:
-    places = Places(folder=stack)
+def test_a_calibration_is_that_of_the_library(stack: Path, tmp_path: Path) -> None:
+    places = Places(folder=stack, results=tmp_path)
     listing = list_frames(FolderRequest(folder="stack"), places)
     assert [(g["kind"], g["frames"]) for g in listing["groups"]] == [("dark", 3), *[("light", 3)] * 4]
     done: list[tuple[int, int, str]] = []
     found = run_calibration(CalibrationRequest(folder="stack"), places, lambda *part: done.append(part))
     own = ps.calibrate(ps.open_frames(stack / "stack"))
-    gain = next(row for row in found["parameters"] if row["name"] == "system_gain_dn_per_e")
+    (part,) = found["parts"]
+    gain = next(row for row in part["parameters"] if row["name"] == "system_gain_dn_per_e")
     assert gain["value"] == own.system_gain_dn_per_e.value
     assert gain["interval_95"] == pytest.approx(list(own.system_gain_dn_per_e.interval_95))
     assert gain["interval_95"][0] < 0.5 < gain["interval_95"][1]
-    missing = next(row for row in found["parameters"] if row["name"] == "quantum_efficiency_percent")
+    missing = next(row for row in part["parameters"] if row["name"] == "quantum_efficiency_percent")
     assert missing["value"] is None
     assert missing["reason"]
-    transfer = next(curve for curve in found["curves"] if curve["kind"] == "photon_transfer")
+    transfer = next(curve for curve in part["curves"] if curve["kind"] == "photon_transfer")
     assert len(transfer["channels"]["M"]["residual"]) == len(transfer["channels"]["M"]["x"]) > 3
-    assert list(found["files"]) == ["report.html"]
+    assert [file["name"] for file in found["files"]] == ["noise-profile.libcamera.json", "report.html"]
+    profile = tmp_path / found["files"][0]["address"].split("/", 3)[-1]
+    assert read_libcamera(profile).system_gain_dn_per_e.value / 16 == pytest.approx(gain["value"])  # on 16 bits
     assert done
     json.dumps(found, allow_nan=False)
     assert calibration_code(CalibrationRequest(folder="stack"), places)[1].startswith("photosite calibrate ")
+
+
+def shot(electrons: float, gain: float = 0.5, seed: int = 1) -> np.ndarray:
+    """Return a frame of 64 x 64 pixels with a black level of 64 DN and a read noise of 2 DN."""
+    noise = np.random.default_rng([int(electrons), seed])
+    dn = 64.5 + gain * noise.poisson(electrons, (64, 64)) + noise.normal(0, 2, (64, 64))
+    return np.uint16(dn)
+
+
+def test_frames_of_several_gain_settings_are_a_series(tmp_path: Path) -> None:
+    folder = tmp_path / "gains"
+    folder.mkdir()
+    for iso in (100, 200):
+        for kind, time_ms in [("dark", 10), *(("flat", t) for t in (10, 20, 30))]:
+            for number in range(3):
+                dn = shot(1e4 * time_ms / iso * (kind == "flat"), iso / 200, seed=number + iso)
+                RawFrame(dn, bits=12).save(folder / f"{kind}_{time_ms}ms_iso{iso}_{number}.png")
+    places = Places(folder=tmp_path, results=tmp_path)
+    request = CalibrationRequest(folder="gains")
+    found = run_calibration(request, places)
+    assert found["method"] == "series"
+    assert [part["name"] for part in found["parts"]] == ["gain setting 100", "gain setting 200"]
+    own = ps.calibrate_series(ps.open_frames(folder))
+    over = next(curve for curve in found["curves"] if curve["kind"] == "system_gain_dn_per_e")
+    (points,) = over["channels"].values()
+    assert points["x"] == [100, 200]
+    assert points["y"] == [step.calibration.system_gain_dn_per_e.value for step in own.steps]
+    unity = next(row for table in found["tables"] for row in table["rows"] if row["part"] == "all")
+    assert unity["value"] == pytest.approx(own.unity_gain.value)
+    assert {file["name"] for file in found["files"]} > {"noise-profiles.darktable.json"}
+    json.dumps(found, allow_nan=False)
+    python, _ = calibration_code(CalibrationRequest(folder="gains", method="series"), places)
+    report = tmp_path / "own.html"
+    cal = executed(python.replace("report.html", str(report)))["cal"]
+    assert cal.settings == own.settings
+    # the frames of one setting alone, and a setting that was read wrongly
+    listing = list_frames(FolderRequest(folder="gains"), places)["groups"]
+    kept = [GroupEdit(**{name: each[name] for name in ("kind", "exposure_s", "gain_setting")}) for each in listing]
+    alone = [edit.model_copy(update={"kind": "omit"}) if edit.gain_setting == 200 else edit for edit in kept]
+    assert run_calibration(CalibrationRequest(folder="gains", groups=tuple(alone)), places)["method"] == "one"
+    renamed = [edit.model_copy(update={"gain_setting": 2 * edit.gain_setting}) for edit in kept]
+    assert edited(ps.open_frames(folder), tuple(renamed)).gain_settings == (200, 400)
+
+
+def test_frames_of_captures_are_calibrated_with_their_ratio(tmp_path: Path) -> None:
+    for name, sensitivity in (("large", 2000.0), ("small", 500.0)):
+        (tmp_path / "hdr" / name).mkdir(parents=True)
+        levels = [("dark", 1, 0.0), ("dark", 2, 0.0), *(("flat", t, sensitivity * t) for t in range(1, 9))]
+        for kind, time_s, mean in levels:
+            for number in range(3):
+                RawFrame(shot(mean, seed=number + time_s), bits=16).save(
+                    tmp_path / "hdr" / name / f"{kind}_{time_s}s_{number}.png"
+                )
+    places = Places(folder=tmp_path)
+    assert list_frames(FolderRequest(folder="hdr/large"), places)["subfolders"] == []
+    request = CalibrationRequest(folder="hdr", captures=("large", "small"))
+    found = run_calibration(request, places)
+    assert (found["method"], len(found["parts"])) == ("captures", 2)
+    ratio = found["tables"][0]["rows"][-1]
+    assert ratio["interval_95"][0] < 0.25 < ratio["interval_95"][1]
+    assert calibration_code(request, places)[1].endswith("--captures large,small --report report.html")
+    with pytest.raises(InputError):
+        run_calibration(CalibrationRequest(folder="hdr", captures=("large", "other")), places)
+
+
+def test_maps_of_the_chip_show_its_pixels_and_defects(tmp_path: Path) -> None:
+    chip = np.random.default_rng(5)
+    offset, response = chip.normal(0, 4, (64, 64)), 1 + chip.normal(0, 0.01, (64, 64))
+    offset[10, 20] = 120.0
+    (tmp_path / "stack").mkdir()
+    for kind, time_ms in [("dark", 10), ("dark", 20), *(("flat", t) for t in (10, 20, 30))]:
+        for number in range(6):
+            noise = np.random.default_rng([time_ms, number, kind == "dark"])
+            electrons = noise.poisson(300 * time_ms * response * (kind == "flat"))
+            dn = np.uint16(164.5 + offset + 0.5 * electrons + noise.normal(0, 2, (64, 64)))
+            RawFrame(dn, bits=14).save(tmp_path / "stack" / f"{kind}_{time_ms}ms_{number}.png")
+    found = run_calibration(CalibrationRequest(folder="stack", maps=True), Places(folder=tmp_path))
+    maps = {each["name"]: each for each in found["maps"]}
+    assert {"offset_dn", "prnu", "read_noise_dn"} <= maps.keys()
+    shown = maps["offset_dn"]
+    values = np.frombuffer(base64.b64decode(shown["values"]), "<f4").reshape(shown["rows"], shown["cols"])
+    assert np.corrcoef(values.ravel(), offset.ravel())[0, 1] > 0.9
+    assert shown["range"][0] < shown["median"] < shown["range"][1]
+    assert [10, 20] in [entry[:2] for entry in found["defects"]["listed"]]
 
 
 def test_groups_can_be_changed_before_a_calibration(stack: Path) -> None:

@@ -247,7 +247,7 @@ def test_an_upload_is_simulated(page, link, folder: Path) -> None:
     page.wait_for_selector("#badge.exact")
 
 
-def test_a_folder_is_calibrated_with_a_changed_group(page, link) -> None:
+def test_a_folder_is_calibrated_with_a_changed_group(page, link, axe) -> None:
     opened(page, link, "calibrate")
     view = page.locator("#view-calibrate")
     view.get_by_label("Kind of group 5").select_option("omit")
@@ -263,8 +263,33 @@ def test_a_folder_is_calibrated_with_a_changed_group(page, link) -> None:
     assert "groups[4]" not in page.inner_text("#code-text")
     page.click("#code-close")
     with page.expect_download() as download:
-        view.get_by_role("button", name="Download report.html").click()
+        view.get_by_role("link", name="Download report.html").click()
     assert download.value.suggested_filename == "report.html"
+    points = view.locator("svg.plot").first
+    points.focus()
+    page.keyboard.press("ArrowRight")
+    assert "(95 %)" in view.locator(".plot-value").first.inner_text()
+    page.evaluate(axe)
+    page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    result = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")
+    assert not [(v["id"], [node["target"] for node in v["nodes"]][:3]) for v in result["violations"]]
+
+
+def test_an_uploaded_folder_is_calibrated_with_maps(page, link, folder: Path) -> None:
+    opened(page, link, "calibrate")
+    page.set_input_files("#frames-folder", str(folder / "stack"))
+    view = page.locator("#view-calibrate")
+    view.get_by_text("15 frames of stack uploaded").wait_for()
+    assert view.get_by_label("Folder on this machine").input_value().startswith("upload:")
+    view.get_by_label("Maps of the chip").check()
+    view.get_by_role("button", name="Calibrate", exact=True).click()
+    view.get_by_role("heading", name="Relative response (PRNU)").wait_for()
+    view.locator(".chip-map canvas[tabindex]").first.focus()
+    page.keyboard.press("ArrowDown")
+    assert "Row 33, column 32" in view.locator(".chip-map .plot-value").first.inner_text()
+    view.get_by_role("button", name="Copy as Python").click()
+    page.wait_for_selector("#code[open]")
+    assert "maps=True" in page.inner_text("#code-text")
 
 
 def test_a_sweep_over_two_fields(page, link) -> None:

@@ -1,36 +1,42 @@
-"""The view that calibrates a folder of frames: the groups as they are understood, and the results of `calibrate`."""
+"""The view that calibrates a folder of frames: the groups as they are understood, and the results.
+
+Frames of one gain setting are calibrated by `calibrate`, those of several by `calibrate_series`, those of each capture
+of one exposure, in subfolders, by `calibrate_captures`, and frames that combine captures by `calibrate_combined`.
+"""
 
 from __future__ import annotations
 
-import base64
-import math
 import shlex
-import tempfile
 import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
+from photosite.app.calibrate_results import Result, combined_result, of_captures, of_one, of_series
 from photosite.app.copy_text import sensor_lines, source_name
-from photosite.app.state import FILE, Part, Places, SensorState, Text, changed_sensor
+from photosite.app.state import FILE, UPLOAD, Part, Places, SensorState, Text, changed_sensor
 from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.parameters import PARAMETER_LABELS
-from photosite.calibration.photon_transfer.channel import Curve
-from photosite.calibration.result import Calibration
+from photosite.calibration.captures import calibrate_captures
+from photosite.calibration.combined import calibrate_combined
+from photosite.calibration.gain_series.calibrate_series import calibrate_series
+from photosite.calibration.photon_transfer.knees import SeveralCapturesError
 from photosite.errors import InputError, PhotositeWarning
 from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.frames.io.formats import SUFFIXES
 from photosite.frames.open import open_frames
-from photosite.values.uncertain import COVERAGE_95
+from photosite.sensor.model import Sensor
+
+Method = Literal["one", "series", "captures", "combined"]
+"""How frames are calibrated: of one gain setting and capture, of several settings, of each capture, or combined."""
 
 
 class FolderRequest(Part):
-    """A folder of the served folder."""
+    """A folder of the served folder, or an uploaded one."""
 
-    folder: Text = Field("", description="Name in the served folder; empty is the served folder itself.")
+    folder: Text = Field("", description="Name in the served folder, or upload:ID; empty is the served folder itself.")
 
 
 class GroupEdit(Part):
@@ -38,6 +44,7 @@ class GroupEdit(Part):
 
     kind: Literal["dark", "light", "omit"]
     exposure_s: float = Field(gt=0, le=1e6)
+    gain_setting: float | None = Field(None, ge=0, le=1e9)
 
 
 class CalibrationRequest(FolderRequest):
@@ -48,25 +55,30 @@ class CalibrationRequest(FolderRequest):
     )
     groups: Annotated[tuple[GroupEdit, ...], Field(max_length=2000)] = ()
     """One for each group of the folder, in order; empty takes them as they are found."""
+    maps: bool = Field(False, description="Also measure maps of the chip, and its defects.")
+    captures: Annotated[tuple[Text, ...], Field(max_length=8)] = ()
+    """Subfolders with the frames of each capture, from the most to the least sensitive."""
+    method: Method | None = Field(None, description="None: as the frames and the sensor need it.")
 
 
 def folder_path(folder: str, places: Places) -> Path:
-    """Return the path of a folder of the served folder."""
+    """Return the path of a folder of the served folder, or of an uploaded one."""
     if not folder:
         if places.folder is None:
-            raise InputError("no folder is served", hint="Start photosite serve with a folder")
+            raise InputError("no folder is served", hint="Start photosite serve with a folder, or upload one")
         return places.folder.resolve()
-    path = places.path(f"{FILE}{folder}")
+    path = places.path(folder if folder.startswith(UPLOAD) else f"{FILE}{folder}")
     if path is None or not path.is_dir():
         raise InputError("folder", value=folder, expected="a folder of the served folder")
     return path
 
 
 def list_frames(request: FolderRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
-    """Return the groups of frames of a folder as `open_frames` understands them."""
+    """Return the groups of frames of a folder as `open_frames` understands them, and its subfolders with frames."""
+    path = folder_path(request.folder, places)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PhotositeWarning)
-        frames = open_frames(folder_path(request.folder, places))
+        frames = open_frames(path)
     groups = [
         {
             "kind": group.kind,
@@ -80,7 +92,21 @@ def list_frames(request: FolderRequest, places: Places, progress: Progress | Non
     ]
     own = {name: getattr(frames, name) for name in ("rows", "cols", "bits", "black_level_dn")}
     notes = [*frames.notes, *_texts(caught)]
-    return {**own, "groups": groups, "notes": notes, "sensor": None if frames.sensor is None else frames.sensor.name}
+    sensor = None if frames.sensor is None else frames.sensor.name
+    return {**own, "groups": groups, "notes": notes, "sensor": sensor, "subfolders": _subfolders(path)}
+
+
+_MOST_SUBFOLDERS = 40
+
+
+def _subfolders(path: Path) -> list[str]:
+    """Return the subfolders that hold frames, by name."""
+    folders = sorted(entry for entry in path.iterdir() if entry.is_dir() and not entry.is_symlink())
+    return [
+        folder.name
+        for folder in folders[:_MOST_SUBFOLDERS]
+        if any(entry.suffix.lower() in SUFFIXES for entry in folder.iterdir())
+    ]
 
 
 def _texts(caught: list[warnings.WarningMessage]) -> list[str]:
@@ -88,7 +114,7 @@ def _texts(caught: list[warnings.WarningMessage]) -> list[str]:
 
 
 def edited(frames: FrameSet, edits: tuple[GroupEdit, ...]) -> FrameSet:
-    """Return the frames with other kinds and exposure times of their groups, or without some groups.
+    """Return the frames with other kinds, exposure times and gain settings of their groups, or without some groups.
 
     Raises
     ------
@@ -103,18 +129,26 @@ def edited(frames: FrameSet, edits: tuple[GroupEdit, ...]) -> FrameSet:
     for group, edit in zip(frames.groups, edits, strict=True):
         if edit.kind != "omit":
             photons = group.photons_per_pixel if edit.kind == group.kind else None
-            kept.append(replace(group, kind=edit.kind, exposure_s=edit.exposure_s, photons_per_pixel=photons))
+            values = {"kind": edit.kind, "exposure_s": edit.exposure_s, "gain_setting": edit.gain_setting}
+            kept.append(replace(group, photons_per_pixel=photons, **values))  # type: ignore[arg-type]
     keys = [(group.kind, group.exposure_s, group.photons_per_pixel, group.gain_setting) for group in kept]
     if len(set(keys)) < len(keys):
         same = next(key for key in keys if keys.count(key) > 1)
         hint = "Put the frames of one setting into one folder, or omit one group"
         raise InputError(f"two groups are {same[0]} frames of {same[1]:g} s", hint=hint)
-    kept.sort(key=lambda group: (group.kind != "dark", group.exposure_s, group.photons_per_pixel or 0.0))
+    kept.sort(
+        key=lambda group: (
+            group.kind != "dark",
+            group.exposure_s,
+            group.photons_per_pixel or 0.0,
+            group.gain_setting or 0.0,
+        )
+    )
     return replace(frames, groups=tuple(kept))
 
 
 def run_calibration(request: CalibrationRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
-    """Return the results of `calibrate`: parameters, curves, and the report and sensor file in base64."""
+    """Return the results of a calibration: parameters, curves, maps, and files for download."""
 
     def report(done: int, total: int) -> None:
         if progress is not None:
@@ -122,121 +156,99 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PhotositeWarning)
-        frames = edited(open_frames(folder_path(request.folder, places)), request.groups)
-        if len(frames.gain_settings) > 1:
-            hint = "Omit the groups of the others, or use the command photosite calibrate, which does series"
-            raise InputError("gain settings", value=len(frames.gain_settings), expected="one", hint=hint)
-        sensor = frames.sensor if request.sensor is None else changed_sensor(request.sensor, places)
-        found = calibrate(frames, sensor, progress=report)
-        files = _files(found)
-    result = found.to_dict()
-    return {
-        "title": f"{found.frame_count} frames of {found.rows} × {found.cols} pixels, {found.bits} bits",
-        "parameters": [_row(name, entry) for name, entry in result["parameters"].items()],
-        "channels": {
-            channel: [_row(name, entry) for name, entry in entries.items()]
-            for channel, entries in result["channels"].items()
-        },
-        "curves": _curves(found),
-        "warnings": list(dict.fromkeys([*found.warnings, *_texts(caught)])),
-        "rejected": list(found.rejected),
-        "files": files,
-    }
+        result = _calibrated(request, places, report)
+    texts = list(dict.fromkeys([*result.warnings, *_texts(caught)]))
+    return replace(result, warnings=tuple(texts)).to_dict()
 
 
-def _row(name: str, entry: dict[str, Any]) -> dict[str, Any]:
-    label = PARAMETER_LABELS[name]
-    interval = entry.get("interval_95")
-    return {
-        "name": name,
-        "label": label.label,
-        "unit": label.unit,
-        "topic": label.topic,
-        "value": _finite(entry["value"]),
-        "standard_uncertainty": _finite(entry["standard_uncertainty"]),
-        "interval_95": None if interval is None else [_finite(end) for end in interval],
-        "reason": entry.get("reason", ""),
-    }
+def _calibrated(request: CalibrationRequest, places: Places, report: Any) -> Result:
+    path = folder_path(request.folder, places)
+    stated = None if request.sensor is None else changed_sensor(request.sensor, places)
+    method = request.method
+    if method == "captures" or (method is None and _capture_names(request, path, stated)):
+        names = _capture_names(request, path, stated)
+        if request.groups or request.maps:
+            raise InputError("groups and maps", expected="left as they are found with the frames of each capture")
+        parts = {name: open_frames(path / name) for name in names}
+        return of_captures(calibrate_captures(parts, stated, progress=report), places)
+    frames = edited(open_frames(path), request.groups)
+    sensor = frames.sensor if stated is None else stated
+    if method == "series" or (method is None and len(frames.gain_settings) > 1):
+        if request.maps:
+            hint = "Omit the groups of the other settings"
+            raise InputError("maps need frames of one gain setting", hint=hint)
+        return of_series(calibrate_series(frames, sensor, progress=report), places)
+    combined = frames.bits > 16 or (sensor is not None and sensor.captures is not None)
+    if method == "combined" or (method is None and combined):
+        return combined_result(calibrate_combined(frames, sensor), places)
+    try:
+        found = calibrate(frames, sensor, maps=request.maps, progress=report)
+        return of_one(found, frames.gain_settings[0], places)
+    except SeveralCapturesError:
+        if method is not None:
+            raise
+        return combined_result(calibrate_combined(frames, sensor), places)
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
-
-
-def _curves(found: Calibration) -> list[dict[str, Any]]:
-    """Return the points and lines behind the fits, by kind of curve."""
-    kinds: dict[str, dict[str, Curve]] = {}
-    for channel, curves in found.curves.items():
-        for kind, curve in curves.items():
-            kinds.setdefault(kind, {})[channel] = curve
-    return [
-        {
-            "kind": kind,
-            "title": next(iter(curves.values())).title,
-            "x_label": next(iter(curves.values())).x_label,
-            "y_label": next(iter(curves.values())).y_label,
-            "channels": {channel: _points(curve) for channel, curve in curves.items()},
-        }
-        for kind, curves in kinds.items()
-    ]
-
-
-def _points(curve: Curve) -> dict[str, Any]:
-    keep = np.isfinite(curve.x) & np.isfinite(curve.y)
-    x, y, u = curve.x[keep], curve.y[keep], curve.y_uncertainty[keep]
-    residual: list[float | None] = []
-    if curve.intercept is not None and curve.slope is not None:
-        spread = np.sqrt(u**2 + curve.extra_variance)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            residual = [_finite(value) for value in ((y - curve.intercept - curve.slope * x) / spread).tolist()]
-    return {
-        "x": x.tolist(),
-        "y": y.tolist(),
-        "half_95": [_finite(value) for value in (COVERAGE_95 * u).tolist()],
-        "used": curve.used[keep].tolist(),
-        "intercept": curve.intercept,
-        "slope": curve.slope,
-        "residual": residual,
-    }
-
-
-def _files(found: Calibration) -> dict[str, str]:
-    """Return the report, and the sensor file where the sensor is known, in base64."""
-    with tempfile.TemporaryDirectory() as folder:
-        report = Path(folder, "report.html")
-        found.report(report)
-        files = [report]
-        if found.base is not None:
-            files.append(Path(folder, "mine.sensor.yaml"))
-            found.save(files[-1])
-        return {path.name: base64.b64encode(path.read_bytes()).decode() for path in files}
+def _capture_names(request: CalibrationRequest, path: Path, sensor: Sensor | None) -> list[str]:
+    """Return the subfolders of the captures: those of the request, else those of the sensor where all are there."""
+    if request.captures:
+        known = _subfolders(path)
+        if missing := [name for name in request.captures if name not in known]:
+            raise InputError(
+                "captures", value=missing[0], expected=f"one of {', '.join(known)}, subfolders with frames"
+            )
+        return list(request.captures)
+    names = [] if sensor is None or sensor.captures is None else list(sensor.captures.names)
+    return names if names and set(names) <= set(_subfolders(path)) else []
 
 
 def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, str]:
     """Return the calibration as Python code and as a command, which takes groups as they are found."""
-    path = str(folder_path(request.folder, places))
-    lines = ["import photosite as ps", "", f"frames = ps.open_frames({path!r})"]
-    if request.groups:
-        parts = [
-            f"replace(groups[{number}], kind={edit.kind!r}, exposure_s={edit.exposure_s!r})"
-            for number, edit in sorted(
-                ((number, edit) for number, edit in enumerate(request.groups) if edit.kind != "omit"),
-                key=lambda pair: (pair[1].kind != "dark", pair[1].exposure_s),
-            )
-        ]
-        lines[0] = "from dataclasses import replace\n\nimport photosite as ps"
-        lines += ["groups = frames.groups", "frames = replace(", "    frames,", "    groups=("]
-        lines += [*(f"        {part}," for part in parts), "    ),", ")"]
+    path, method = str(folder_path(request.folder, places)), request.method or "one"
+    lines = ["import photosite as ps", ""]
     sensor = ""
     if request.sensor is not None:
         lines += sensor_lines(request.sensor, places)
         sensor = ", sensor"
-    lines += [f"cal = ps.calibrate(frames{sensor})", "print(cal)", 'cal.report("report.html")']
+    if request.captures:
+        lines += [
+            f"folder, names = {path!r}, {list(request.captures)!r}",
+            'frames = {name: ps.open_frames(f"{folder}/{name}") for name in names}',
+            f"cal = ps.calibrate_captures(frames{sensor})",
+        ]
+    else:
+        lines.append(f"frames = ps.open_frames({path!r})")
+        if request.groups:
+            lines[0] = "from dataclasses import replace\n\nimport photosite as ps"
+            lines += _edit_lines(request.groups)
+        maps = ", maps=True" if request.maps and method == "one" else ""
+        calibrated = {"one": "calibrate", "series": "calibrate_series"}.get(method, "calibrate_combined")
+        lines.append(f"cal = ps.{calibrated}(frames{sensor}{maps})")
+    lines += ["print(cal)", 'cal.report("report.html")']
     command = ""
     changed = request.sensor is not None and (request.sensor.changed or request.sensor.gain_setting is not None)
     if not request.groups and not changed:
         words = ["photosite", "calibrate", path]
         if request.sensor is not None:
-            words += ["--sensor", source_name(request.sensor.source, places), "-o", "mine.sensor.yaml"]
+            words += ["--sensor", source_name(request.sensor.source, places)]
+            if method in ("one", "series") and not request.captures:
+                words += ["-o", "mine.sensor.yaml"]
+        if request.captures:
+            words += ["--captures", ",".join(request.captures)]
+        words += ["--maps"] if request.maps and method == "one" else []
         command = shlex.join([*words, "--report", "report.html"])
     return "\n".join(lines) + "\n", command
+
+
+def _edit_lines(groups: tuple[GroupEdit, ...]) -> list[str]:
+    """Return Python code that makes the frame set of edited groups."""
+    kept = [(number, edit) for number, edit in enumerate(groups) if edit.kind != "omit"]
+    kept.sort(key=lambda pair: (pair[1].kind != "dark", pair[1].exposure_s, pair[1].gain_setting or 0.0))
+    parts = [
+        f"replace(groups[{number}], kind={edit.kind!r}, exposure_s={edit.exposure_s!r}, "
+        f"gain_setting={edit.gain_setting!r})"
+        for number, edit in kept
+    ]
+    lines = ["groups = frames.groups", "frames = replace(", "    frames,", "    groups=("]
+    return [*lines, *(f"        {part}," for part in parts), "    ),", ")"]

@@ -6,21 +6,24 @@ import os
 import re
 import secrets
 import shutil
+import warnings
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from photosite.app.state import Part
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.child import ChildError, call_in_child
 from photosite.frames.io.formats import SUFFIXES as RAW_SUFFIXES
-from photosite.frames.io.formats import read_raw
+from photosite.frames.io.formats import read_headers, read_raw
 from photosite.optics.io.formats import load_optics
 from photosite.scene.io.formats import FORMATS, read_scene
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.validation.lamp import read_lamp
 
 FileKind = Literal["scene", "sensor", "lens", "raw", "lamp"]
+UploadKind = Literal["scene", "sensor", "lens", "raw", "lamp", "frames"]
 
 SUFFIXES: dict[FileKind, tuple[str, ...]] = {
     "scene": tuple(dict.fromkeys(suffix for kind in FORMATS for suffix in kind.suffixes)),
@@ -31,6 +34,8 @@ SUFFIXES: dict[FileKind, tuple[str, ...]] = {
 }
 """Names that the page offers and takes, by what the file holds."""
 
+MOST_FRAMES = 5000
+"""Frames of an uploaded folder."""
 MOST_LISTED = 500
 _MOST_DEPTH = 4
 _CHECK_S, _CHECK_BYTES = 60.0, 4 << 30
@@ -83,22 +88,106 @@ async def store(folder: Path, file_name: str, kind: FileKind, content: AsyncIter
     InputError
         If its name has no suffix of the kind, or there is no space left.
     """
-    name = re.sub(r"[^\w.-]", "_", file_name.replace("\\", "/").rsplit("/", 1)[-1])[-100:].lstrip(".")
+    name = _plain_name(file_name.replace("\\", "/").rsplit("/", 1)[-1])
     if not name.lower().endswith(SUFFIXES[kind]):
         raise InputError("file name", value=file_name, expected=f"a name that ends in {', '.join(SUFFIXES[kind])}")
     own = folder / secrets.token_hex(8)
     try:
-        own.mkdir(parents=True)
-        with (own / name).open("xb") as file:
-            async for chunk in content:
-                file.write(chunk)
-    except OSError as error:
-        shutil.rmtree(own, ignore_errors=True)
-        raise InputError(f"the upload cannot be stored: {error.strerror}", hint="Free space on the disk") from None
+        await _write(own / name, content)
     except BaseException:
         shutil.rmtree(own, ignore_errors=True)
         raise
     return own / name
+
+
+def _plain_name(name: str) -> str:
+    return re.sub(r"[^\w.-]", "_", name)[-100:].lstrip(".")
+
+
+async def _write(path: Path, content: AsyncIterator[bytes]) -> None:
+    """Write a file, and its folder where it is missing; raise `InputError` for a full disk."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("xb") as file:
+            async for chunk in content:
+                file.write(chunk)
+    except OSError as error:
+        raise InputError(f"the upload cannot be stored: {error.strerror}", hint="Free space on the disk") from None
+
+
+@dataclass(frozen=True)
+class FrameFolder:
+    """A folder that frames are uploaded to, one after the other."""
+
+    path: Path
+
+    @classmethod
+    def start(cls, uploads: Path) -> FrameFolder:
+        """Return a new folder."""
+        return cls(uploads / secrets.token_hex(8))
+
+    @classmethod
+    def of(cls, path: Path | None) -> FrameFolder:
+        """Return the folder of an earlier upload; raise `InputError` for a file."""
+        if path is None or not path.is_dir():
+            raise InputError("folder", value=None if path is None else path.name, expected="one of uploaded frames")
+        return cls(path)
+
+    async def store(self, name: str, content: AsyncIterator[bytes], most_bytes: int) -> Path:
+        """Write a frame, with the folder right above it, to the folder.
+
+        Raises
+        ------
+        InputError
+            If its name has no suffix of frames, a frame of its name is there, or the folder is full.
+        """
+        parts = [_plain_name(part) for part in name.replace("\\", "/").split("/") if part.strip(".")][-2:]
+        if not parts or not parts[-1].lower().endswith(tuple(RAW_SUFFIXES)):
+            suffixes = ", ".join(sorted(RAW_SUFFIXES)[:8])
+            raise InputError("file name", value=name, expected=f"one of a frame: {suffixes}, ...")
+        sizes = [file.stat().st_size for file in self.path.rglob("*") if file.is_file()]
+        if len(sizes) >= MOST_FRAMES or sum(sizes) >= most_bytes:
+            hint = "Start photosite serve with the folder"
+            raise InputError("the folder is too large to upload", value=f"{len(sizes)} files", hint=hint)
+        target = self.path.joinpath(*parts)
+        if target.exists():
+            raise InputError("file name", value=name, expected="a name that was not uploaded before")
+        created = not self.path.exists()
+        try:
+            await _write(target, content)
+        except BaseException:
+            if created:
+                shutil.rmtree(self.path, ignore_errors=True)
+            else:
+                target.unlink(missing_ok=True)
+            raise
+        return target
+
+
+def check_frame(path: Path) -> str:
+    """Read a frame in the guarded child process and return its size; delete it if it cannot be read.
+
+    Raises
+    ------
+    PhotositeError
+        As `check_upload`.
+    """
+    try:
+        return str(call_in_child(frame_size, path, time_s=_CHECK_S, memory_bytes=_CHECK_BYTES))
+    except ChildError as error:
+        path.unlink(missing_ok=True)
+        raise FileError(path.name, f"cannot be read: {error}") from None
+    except Exception:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def frame_size(path: Path) -> str:
+    """Read the pixels of a frame, or the first of several in a file, and return their number."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PhotositeWarning)
+        raw = read_raw(path, index=0) if len(read_headers(path)) > 1 else read_raw(path)
+    return f"{raw.shape[0]} x {raw.shape[1]} pixels"
 
 
 def check_upload(path: Path, kind: FileKind) -> str:

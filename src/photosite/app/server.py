@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import socket
 import threading
 import time
@@ -20,8 +21,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import FastAPI, Query, Request
+from fastapi import Path as ApiPath
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import FileResponse, JSONResponse, Response
 from pydantic import Field
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
@@ -29,7 +31,17 @@ from starlette.requests import ClientDisconnect
 import photosite
 from photosite.app import views
 from photosite.app.copy_text import command_text, python_text
-from photosite.app.files import FileEntry, FileKind, Upload, check_upload, listed, store
+from photosite.app.files import (
+    FileEntry,
+    FileKind,
+    FrameFolder,
+    Upload,
+    UploadKind,
+    check_frame,
+    check_upload,
+    listed,
+    store,
+)
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
 from photosite.app.state import CameraState, Part, Places, SensorState, Text
@@ -42,8 +54,12 @@ from photosite.files.writing import TemporaryFolder
 _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _KEPT_BYTES = 2 << 30
 """Frames and mean images kept on disk, the ones used last."""
+_KEPT_RESULTS = 16
+"""Results whose files can be downloaded, the last ones."""
 _VIEW_S = 120.0
 _MOST_UPLOADS = 32
+_FOLDER_FILES = 32
+"""Limit of a folder of frames, in uploads of the largest size."""
 
 TabId = Annotated[str, Field(pattern="^[0-9a-zA-Z-]{1,40}$", description="Any name of the caller's tab.")]
 
@@ -153,6 +169,7 @@ class Bench:
         self._temporary = TemporaryFolder()
         self.folder = self._temporary.path
         (self.folder / "kept").mkdir()
+        (self.folder / "results").mkdir()
         self.uploads: dict[str, Path] = {}
         memory = settings.memory_bytes or _machine_bytes() * 3 // 4
         self.pool = Pool(settings.pictures, memory)
@@ -175,10 +192,13 @@ class Bench:
     @property
     def places(self) -> Places:
         """The files that states can name."""
-        return Places(folder=self.settings.folder, uploads=dict(self.uploads))
+        return Places(folder=self.settings.folder, uploads=dict(self.uploads), results=self.folder / "results")
 
     def tidy(self) -> None:
-        """Delete the frames used least recently where they exceed the limit."""
+        """Delete the frames used least recently where they exceed the limit, and the files of old results."""
+        results = sorted((self.folder / "results").iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for old in results[_KEPT_RESULTS:]:
+            shutil.rmtree(old, ignore_errors=True)
         found = sorted(self.kept.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         total = 0
         for path in found:
@@ -336,15 +356,40 @@ def create_app(bench: Bench, port: int, token: str) -> App:
         """Return the files, or the folders, of the served folder."""
         return listed(bench.settings.folder, kind)
 
+    @app.get("/api/results/{result}/{name}", response_class=Response)
+    def result_file(
+        result: Annotated[str, ApiPath(pattern="^[0-9a-f]{16}$")], name: Annotated[str, ApiPath(max_length=100)]
+    ) -> Response:
+        """Return a file of a result."""
+        folder = bench.folder / "results" / result
+        found = next((path for path in folder.iterdir() if path.name == name), None) if folder.is_dir() else None
+        if found is None:
+            raise InputError("file", value=name, expected="one of a result that is kept", hint="Compute it again")
+        return FileResponse(found, media_type="application/octet-stream", filename=found.name)
+
     @app.post("/api/uploads", status_code=201)
     async def upload(
         request: Request,
         name: Annotated[str, Query(max_length=200)],
-        kind: FileKind = "scene",
+        kind: UploadKind = "scene",
+        folder: Annotated[str, Query(max_length=100)] = "",
     ) -> Upload:
-        """Store the body of the request as a file, after a guarded child process could read it."""
+        """Store the body of the request as a file, after a guarded child process could read it.
+
+        Frames go to a folder: that of an earlier upload, `folder`, or a new one. Their names can have one folder.
+        """
         from starlette.concurrency import run_in_threadpool
 
+        if kind == "frames":
+            new = FrameFolder.start(bench.folder / "uploads") if not folder else None
+            if new is not None and len(bench.uploads) >= _MOST_UPLOADS:
+                raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
+            place = new or FrameFolder.of(bench.places.path(folder))
+            stored = await place.store(name, request.stream(), bench.settings.upload_bytes * _FOLDER_FILES)
+            holds = await run_in_threadpool(check_frame, stored)
+            bench.uploads[place.path.name] = place.path
+            size = stored.stat().st_size
+            return Upload(name=f"upload:{place.path.name}", file_name=stored.name, bytes=size, holds=holds)
         if len(bench.uploads) >= _MOST_UPLOADS:
             raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
         path = await store(bench.folder / "uploads", name, kind, request.stream())

@@ -211,10 +211,11 @@ def _digest(part: BaseModel) -> str:
 
 
 class Places(Part):
-    """Where the names of files in a state are on disk."""
+    """Where the names of files in a state are on disk, and the folder for the files of results."""
 
     folder: Path | None = None
     uploads: dict[str, Path] = {}
+    results: Path | None = None
 
     def path(self, name: str) -> Path | None:
         """Return the path of `file:NAME` or `upload:ID`; None for any other name.

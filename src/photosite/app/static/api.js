@@ -33,8 +33,9 @@ export const post = async (path, content) => (await answer(path, posted(content)
 export const postForBytes = async (path, content) => (await answer(path, posted(content))).arrayBuffer();
 export const remove = async (path) => (await answer(path, { method: "DELETE" })).json();
 
-export async function upload(file, kind) {
-  const path = `/api/uploads?kind=${kind}&name=${encodeURIComponent(file.name)}`;
+// `folder` and `name` are those of a frame of an uploaded folder.
+export async function upload(file, kind, { folder = "", name = file.name } = {}) {
+  const path = `/api/uploads?kind=${kind}&name=${encodeURIComponent(name)}&folder=${encodeURIComponent(folder)}`;
   return (await answer(path, { method: "POST", body: file })).json();
 }
 

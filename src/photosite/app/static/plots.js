@@ -1,4 +1,4 @@
-// Line plots as SVG, with axes, units, a key, and the values under the mouse.
+// Line plots as SVG, with axes, units, a key, and the values under the mouse or at the arrow keys.
 
 import { element, short, svg } from "./dom.js";
 
@@ -17,6 +17,12 @@ function ticks(low, high, logarithmic) {
   const found = [];
   for (let k = Math.ceil(low / step); k * step <= high * (1 + 1e-12); k++) found.push(k * step);
   return found;
+}
+
+// Digits with which the ticks of a narrow range differ.
+function digits(low, high, logarithmic) {
+  if (logarithmic) return 3;
+  return Math.min(Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / (high - low))) + 2, 3), 12);
 }
 
 // plot(parent, {lines: [{name, x, y}], x: {label, logarithmic}, y: {label, logarithmic, low}, marks, title})
@@ -38,17 +44,17 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
     ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
   const px = (value) => LEFT + (W - LEFT - RIGHT) * scaled(value, x0, x1, x.logarithmic);
   const py = (value) => H - BOTTOM - (H - TOP - BOTTOM) * scaled(value, y0, y1, y.logarithmic);
-  const drawn = svg("svg", { class: "plot", viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": `${title}: ${y.label} over ${x.label}, ${lines.map((l) => l.name).join(", ")}` });
+  const drawn = svg("svg", { class: "plot", viewBox: `0 0 ${W} ${H}`, role: "img", tabindex: "0", "aria-label": `${title}: ${y.label} over ${x.label}, ${lines.map((l) => l.name).join(", ")}` });
   for (const tick of ticks(x0, x1, x.logarithmic)) {
     drawn.append(svg("line", { class: "grid", x1: px(tick), x2: px(tick), y1: TOP, y2: H - BOTTOM }));
-    const text = svg("text", { x: px(tick), y: H - BOTTOM + 16, "text-anchor": "middle" });
-    text.textContent = short(tick, 3);
+    const text = svg("text", { x: Math.min(px(tick), W - 2), y: H - BOTTOM + 16, "text-anchor": px(tick) > W - 30 ? "end" : "middle" });
+    text.textContent = short(tick, digits(x0, x1, x.logarithmic));
     drawn.append(text);
   }
   for (const tick of ticks(y0, y1, y.logarithmic)) {
     drawn.append(svg("line", { class: "grid", x1: LEFT, x2: W - RIGHT, y1: py(tick), y2: py(tick) }));
     const text = svg("text", { x: LEFT - 6, y: py(tick) + 4, "text-anchor": "end" });
-    text.textContent = short(tick, 3);
+    text.textContent = short(tick, digits(y0, y1, y.logarithmic));
     drawn.append(text);
   }
   drawn.append(svg("path", { class: "axis", d: `M${LEFT} ${TOP}V${H - BOTTOM}H${W - RIGHT}` }));
@@ -70,7 +76,7 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
     });
     if (line.marks) {
       line.x.forEach((value, k) => {
-        if (!Number.isFinite(line.y[k]) || line.y[k] < y0) return;
+        if (!Number.isFinite(line.y[k]) || line.y[k] < y0 || (x.logarithmic && !(value > 0))) return;
         const half = line.half?.[k], style = line.style || `s${number % 8}`;
         if (half) drawn.append(svg("line", { class: `bar ${style}`, x1: px(value), x2: px(value), y1: py(Math.min(line.y[k] + half, y1)), y2: py(Math.max(line.y[k] - half, y0)) }));
         drawn.append(svg("circle", { class: `mark ${style}${line.used && !line.used[k] ? " hollow" : ""}`, cx: px(value), cy: py(line.y[k]), r: 3 }));
@@ -81,19 +87,30 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
   });
   const cursor = svg("line", { class: "hover", y1: TOP, y2: H - BOTTOM, x1: -9, x2: -9 });
   drawn.append(cursor);
-  const value = element("p", { class: "plot-value" });
+  const value = element("p", { class: "plot-value", "aria-live": "polite" });
+  // Points where there are some, else the values of all lines.
+  const marked = lines.filter((line) => line.marks);
+  const stops = [...new Set((marked.length ? marked : lines).flatMap((line) => line.x.filter((each, k) => Number.isFinite(line.y[k]) && each >= x0 && each <= x1)))].sort((a, b) => a - b);
+  let shown = -1;
+  const show = (at) => {
+    cursor.setAttribute("x1", px(at));
+    cursor.setAttribute("x2", px(at));
+    value.textContent = `${x.label} ${short(at)}: ` + lines.map((line) => valueAt(line, at)).filter(Boolean).join(", ");
+  };
   drawn.addEventListener("pointermove", (event) => {
     const box = drawn.getBoundingClientRect();
     const share = ((event.clientX - box.left) / box.width * W - LEFT) / (W - LEFT - RIGHT);
     if (share < 0 || share > 1) return;
     const at = x.logarithmic ? x0 * (x1 / x0) ** share : x0 + share * (x1 - x0);
-    cursor.setAttribute("x1", px(at));
-    cursor.setAttribute("x2", px(at));
-    value.textContent = `${x.label} ${short(at)}: ` + lines.map((line) => {
-      let best = 0;
-      line.x.forEach((candidate, k) => { if (Math.abs(candidate - at) < Math.abs(line.x[best] - at)) best = k; });
-      return `${line.name} ${short(line.y[best])}${line.half?.[best] ? ` ± ${short(line.half[best], 2)} (95 %)` : ""}`;
-    }).join(", ");
+    shown = stops.reduce((best, each, k) => (Math.abs(px(each) - px(at)) < Math.abs(px(stops[best]) - px(at)) ? k : best), 0);
+    show(marked.length ? stops[shown] : at);
+  });
+  drawn.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1, PageDown: 10, PageUp: -10, Home: -stops.length, End: stops.length }[event.key];
+    if (!step || !stops.length) return;
+    event.preventDefault();
+    shown = Math.min(Math.max(shown + step, 0), stops.length - 1);
+    show(stops[shown]);
   });
   parent.append(drawn);
   if (lines.length > 1) {
@@ -101,4 +118,19 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
       svg("svg", { viewBox: "0 0 30 6", "aria-hidden": "true" }, svg("line", { class: line.style || `s${number % 8}`, x1: 0, x2: 30, y1: 3, y2: 3 })), line.name))));
   }
   parent.append(value);
+}
+
+// The value of a line at a place: of its point there, or between its points.
+function valueAt(line, at) {
+  if (line.marks) {
+    const k = line.x.indexOf(at);
+    if (k < 0 || !Number.isFinite(line.y[k])) return "";
+    return `${line.name} ${short(line.y[k])}${line.half?.[k] ? ` ± ${short(line.half[k], 2)} (95 %)` : ""}${line.used && !line.used[k] ? " (not used)" : ""}`;
+  }
+  const k = line.x.findIndex((each) => each >= at);
+  if (k < 0 || (k === 0 && line.x[0] > at)) return "";
+  const [a, b] = [line.x[Math.max(k - 1, 0)], line.x[k]], share = b > a ? (at - a) / (b - a) : 1;
+  const [low, high] = [line.y[Math.max(k - 1, 0)], line.y[k]];
+  const found = Number.isFinite(low) && Number.isFinite(high) ? low + share * (high - low) : high;
+  return Number.isFinite(found) ? `${line.name} ${short(found)}` : "";
 }

@@ -1,0 +1,59 @@
+// The results of a calibration: files, tables with intervals, curves with residuals, and maps.
+
+import { chipMap } from "./chipmap.js";
+import { element, short } from "./dom.js";
+import { plot } from "./plots.js";
+
+const STYLES = { R: "s1", G: "s2", B: "s0", M: "s0" };
+
+const cells = (each) => [each.value === null ? "–" : short(each.value, 5), each.interval_95 ? `${short(each.interval_95[0], 5)} to ${short(each.interval_95[1], 5)}` : "–", each.unit || "1"];
+
+function estimates(caption, first, rows) {
+  const missing = rows.some((each) => each.value === null && each.reason);
+  const head = [...first, "Value", "95 % interval", "Unit", ...(missing ? ["Why it is missing"] : [])];
+  return element("table", {}, element("caption", {}, caption), element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
+    element("tbody", {}, ...rows.map((each) => element("tr", {}, element("th", { scope: "row" }, each.label), ...(first.length > 1 ? [element("td", {}, each.part)] : []),
+      ...cells(each).map((text) => element("td", {}, text)), missing ? element("td", { class: "reason" }, each.value === null ? each.reason : "") : null))));
+}
+
+const scrolled = (label, ...content) => element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": label }, ...content);
+const list = (title, entries) => (entries.length ? [element("div", { class: "card" }, element("h3", {}, title), element("ul", { class: "notes" }, ...entries.map((text) => element("li", {}, text))))] : []);
+
+function curveCard(curve) {
+  const card = element("div", { class: "card" }), above = element("div"), below = element("div"), channels = Object.entries(curve.channels);
+  const style = (name, k) => STYLES[name] ?? `s${k % 8}`, [logX, logY] = curve.logarithmic;
+  const lines = channels.flatMap(([name, part], k) => {
+    const x = part.x.filter((_, i) => part.used[i]);
+    const marks = { name, x: part.x, y: part.y, half: part.half_95, used: part.used, marks: true, style: style(name, k) };
+    if (part.slope === null || part.intercept === null || x.length < 2) return [marks];
+    const ends = [Math.min(...x), Math.max(...x)];
+    return [marks, { name: `${name} fitted`, x: ends, y: ends.map((value) => part.intercept + part.slope * value), style: style(name, k) }];
+  });
+  const title = curve.title || curve.kind.replaceAll("_", " ");
+  card.append(element("h3", {}, title), above, below);
+  plot(above, { title, lines, x: { label: curve.x_label, logarithmic: logX }, y: { label: curve.y_label, logarithmic: logY } });
+  const left = channels.filter(([, part]) => part.residual.length).map(([name, part], k) => ({ name, x: part.x, y: part.residual.map((value, i) => (part.used[i] ? value ?? NaN : NaN)), marks: true, style: style(name, k) }));
+  if (left.length) plot(below, { title: `Residuals of ${title}`, lines: left, x: { label: curve.x_label, logarithmic: logX }, y: { label: "residual (standard uncertainties)" } });
+  return card;
+}
+
+function part(each, result) {
+  const name = each.name ? `${each.name[0].toUpperCase()}${each.name.slice(1)}` : "", title = name || "Parameters";
+  const table = scrolled(title, estimates(name ? "" : result.title, ["Parameter"], each.parameters));
+  const plots = element("div", { class: "plots" }, ...each.curves.map(curveCard));
+  const channels = Object.entries(each.channels).map(([channel, rows]) => element("details", { class: "card" }, element("summary", {}, `Channel ${channel}`),
+    scrolled(`Parameters of channel ${channel}${name ? `, ${name}` : ""}`, estimates("Of this channel alone.", ["Parameter"], rows))));
+  if (!name) return [element("div", { class: "card" }, element("h3", {}, title), table), plots, ...channels];
+  return [element("details", { class: "card" }, element("summary", {}, name), table, plots, ...channels)];
+}
+
+export function drawResults(root, result) {
+  const files = result.files.map(({ name, address }) => element("a", { class: "button", href: address, download: name }, `Download ${name}`));
+  root.replaceChildren(
+    ...(files.length ? [element("div", { class: "toolbar" }, ...files)] : []),
+    ...list("Limits of the result", result.warnings), ...list("Frames left out", result.rejected),
+    ...result.tables.map((table) => element("div", { class: "card" }, element("h3", {}, table.title), scrolled(table.title, estimates(result.title, ["Parameter", table.first], table.rows)))),
+    ...(result.curves.length ? [element("div", { class: "plots" }, ...result.curves.map(curveCard))] : []),
+    ...result.parts.flatMap((each) => part(each, result)),
+    ...(result.maps.length ? [element("div", { class: "plots" }, ...result.maps.map((map) => chipMap(map, result.defects)))] : []));
+}
