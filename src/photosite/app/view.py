@@ -1,10 +1,10 @@
 """What the camera view shows of a frame: the pixels in view, first approximate, then those of the exact frame.
 
-A view shows single pixels of the frame, one in `step` blocks of the color filter array along each axis, and averages
-nothing. Pixels of the exact frame are read from a file where the frame was computed before (`exact_frame`). Otherwise
-they are those of a preview: the image is sampled at these pixels and blurred with the mean spectrum, without
-distortion, glare and crosstalk, and the noise has the frame's statistics. The preview of single pixels has the frame's
-own noise.
+A view shows single pixels of the frame, or a mosaic `step` times smaller whose values are means over `step` x `step`
+pixels of their color. Pixels of the exact frame are read from a file where the frame was computed before
+(`exact_frame`). Otherwise they are those of a preview: the light is sampled at these pixels, or averaged over the
+blocks, and blurred with the mean spectrum, without distortion, glare and crosstalk. The preview of single pixels has
+the frame's own noise, that of means the mean and the standard deviation that the frame's model gives.
 """
 
 from __future__ import annotations
@@ -30,8 +30,11 @@ from pydantic import Field
 from photosite.app.state import Bench, CameraState, Part, Places, bench
 from photosite.camera.camera import Camera
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
-from photosite.develop.develop import develop, save_picture
+from photosite.develop.develop import develop, develop_rgba, save_picture
+from photosite.engine.jit import compiled, prange, read_only
+from photosite.engine.mosaic_means import block_start, mosaic_means
 from photosite.errors import InputError, PhotositeWarning
+from photosite.frames.companding import decompanded
 from photosite.frames.io.clean_mosaic import write_clean_mosaic
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.capture_snr import capture_budget
@@ -44,6 +47,7 @@ from photosite.studies.gray_surface import light_capacity_e, total_variance_e2
 from photosite.values.cfa import channel_names, channel_sites
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 MOST_SHOWN = 1_200_000
@@ -71,18 +75,35 @@ class View(Part):
     regions: Annotated[tuple[tuple[Index, Index, Index, Index], ...], Field(max_length=8)] = ()
     developed: bool = True
     mean: bool = True
+    dn: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """The pixels of a view: rows and columns of the frame, digital numbers and mean electrons from light."""
+    """What a view shows.
+
+    Parameters
+    ----------
+    rows, cols, step
+        First row and column of the frame in each pixel of the view, and their distance.
+    taken, raw
+        A frame with the metadata, and the pixels of the view as a frame, with 16 bits where they are means.
+    dn, mean_e
+        (rows, cols) digital numbers and mean electrons from light, of single pixels or means.
+    pixels
+        (p, q) digital numbers of single pixels in view, whole tiles; `dn` where it has single pixels.
+    exact, notes
+        Whether they are those of the exact frame; what a preview leaves out.
+    """
 
     rows: I64
     cols: I64
     step: int
+    taken: RawFrame
     raw: RawFrame
-    dn: F32
+    dn: NDArray[Any]
     mean_e: F32
+    pixels: NDArray[Any]
     exact: bool
     notes: tuple[str, ...]
 
@@ -94,9 +115,9 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
     -------
     bytes
         Length of the header as 4 bytes, little endian; the header, JSON in UTF-8, padded with spaces to a multiple of
-        4; where `view.mean`, (rows, cols) mean electrons from light, float32; (rows, cols) digital numbers, float32 or
-        uint16 as the header's `dn_type` says; where its `developed` is true, (rows, cols, 4) bytes of the developed
-        picture: red, green, blue and 255.
+        4; where `view.mean`, (rows, cols) mean electrons from light, float32; where `view.dn`, (rows, cols) digital
+        numbers, float32 or uint16 as the header's `dn_type` says; where its `developed` is true, (rows, cols, 4) bytes
+        of the developed picture: red, green, blue and 255.
     """
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
@@ -112,14 +133,14 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
                 notes.append(f"not developed: {error}")
     notes += dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning))
     header = _header(found, shown, view, folder) | {"notes": notes, "developed": bool(picture), "mean": view.mean}
-    whole = state.capture.noise and shown.raw.dn.dtype == np.uint16
-    dn = shown.raw.dn if whole else shown.dn
-    header["dn_type"] = str(dn.dtype)
+    dn = shown.dn if shown.dn.dtype == np.uint16 else shown.dn.astype(np.float32)
+    header["dn_type"] = str(dn.dtype) if view.dn else None
     header["seconds"] = time.perf_counter() - started
     text = json.dumps(header, allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
     mean = shown.mean_e.tobytes() if view.mean else b""
-    return b"".join((len(text).to_bytes(4, "little"), text, mean, dn.tobytes(), picture))
+    numbers = dn.tobytes() if view.dn else b""
+    return b"".join((len(text).to_bytes(4, "little"), text, mean, numbers, picture))
 
 
 _MARGIN = 12
@@ -130,12 +151,7 @@ def _developed(raw: RawFrame, brightness: float) -> NDArray[np.uint8]:
     """Return `develop` as 8-bit RGBA, in two threads where each pixel depends on its neighbors alone."""
 
     def part(frame: RawFrame) -> NDArray[np.uint8]:
-        linear = develop(frame, exposure=brightness)
-        linear *= np.float32(255)
-        linear += np.float32(0.5)
-        out = np.full((*linear.shape[:2], 4), 255, np.uint8)
-        out[..., :3] = linear
-        return out
+        return develop_rgba(frame, brightness)
 
     rows, tile = raw.dn.shape[0], len(raw.cfa)
     local = raw.as_shot_neutral is not None or len(raw.channels) == 1
@@ -260,14 +276,12 @@ def scene_of(found: Bench) -> Scene:
     return _scenes[key]
 
 
-def _indices(first: int, count: int, shown: int, tile: int, size: int) -> tuple[I64, int]:
-    """Return the pixels along an axis, whole tiles in steps of tiles, and the step."""
+def _pixels(first: int, count: int, step: int, tile: int, size: int) -> I64:
+    """Return the first pixel of the frame in each pixel of a view along an axis, whole tiles of view pixels."""
     first = min(first, size - 1) // tile * tile
     count = max(min(count, size - first), 1)
-    step = max(-(-count // max(shown, 1)), 1)
-    number = np.arange(-(-count // (tile * step)) * tile)
-    index = first + number // tile * (tile * step) + number % tile
-    return index[index < size], step
+    index = first + step * np.arange(-(-count // (step * tile)) * tile)
+    return index[index + step // 2 < size]
 
 
 def _shown(found: Bench, view: View, folder: Path) -> Shown:
@@ -278,63 +292,177 @@ def _shown(found: Bench, view: View, folder: Path) -> Shown:
     if height * width > MOST_SHOWN:
         shrink = (MOST_SHOWN / (height * width)) ** 0.5
         height, width = int(height * shrink), int(width * shrink)
-    steps = [_indices(view.row, view.rows, height, tile[0], array.rows)[1]]
-    steps.append(_indices(view.col, view.cols, width, tile[1], array.cols)[1])
-    step = max(steps)  # the same on both axes
-    rows, _ = _indices(view.row, view.rows, -(-min(view.rows, array.rows) // step), tile[0], array.rows)
-    cols, _ = _indices(view.col, view.cols, -(-min(view.cols, array.cols) // step), tile[1], array.cols)
-    step = max(int(rows[tile[0]] - rows[0]) // tile[0] if rows.size > tile[0] else 1, 1)
+    step = max(-(-min(view.rows, array.rows) // height), -(-min(view.cols, array.cols) // width), 1)
+    rows = _pixels(view.row, view.rows, step, tile[0], array.rows)
+    cols = _pixels(view.col, view.cols, step, tile[1], array.cols)
 
     whole, rate = _kept(_frame_file(folder, state)), _kept(_mean_file(folder, state))
     notes: list[str] = []
     if rate is None:
-        light, notes = approximate_rate(found.camera, scene, rows, cols, step)
-        mean_e = light * np.float32(state.capture.exposure_s) * _relative_light(found, rows)
+        light, notes = _preview_rate(found, scene, rows, cols, step)
+        mean_e = light * np.float32(state.capture.exposure_s) * _relative_light(found, rows, step)
         if state.scene.motion is not None:
-            notes.append("the preview is without motion")
+            notes = [*notes, "the preview is without motion"]
     else:
-        mean_e = found.exposed(_picked(rate, rows, cols))
-    of_view = Bench(state, replace(found.camera, sensor=_of_size(sensor, rows.size, cols.size, notes)), found.request)
+        mean_e = found.exposed(_reduced(rate, rows, cols, step, tile))
+    of_view = _of_view(found, rows.size, cols.size, notes)
     contiguous = step == 1 and sensor.effects is None and sensor.captures is None and sensor.maps is None
     exact = whole is not None or (contiguous and rate is not None)
     if whole is not None:
-        dn = _picked(whole, rows, cols)
-        raw = _template(of_view, scene, tile, dn)
-    else:
+        dn = _reduced(whole, rows, cols, step, tile)
+        taken = _empty(of_view, scene, tile)
+        pixels = (
+            dn
+            if step == 1
+            else _picked(whole, *(_spread(axis, step, t) for axis, t in zip((rows, cols), tile, strict=True)))
+        )
+    elif step == 1:
         if contiguous:
             region = int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
-            raw = found.frame(mean_e, scene, region)
+            taken = found.frame(mean_e, scene, region)
         else:
-            raw = of_view.frame(mean_e, scene)
-        dn = np.asarray(raw.dn)
-        if not state.capture.noise:
-            dn = of_view.camera.clean_dn(mean_e)
-            raw = _with_numbers(raw, dn)
-    return Shown(rows, cols, step, raw, dn.astype(np.float32), mean_e, exact, tuple(notes) if not exact else ())
+            taken = of_view.frame(mean_e, scene)
+        dn = np.asarray(taken.dn) if state.capture.noise else of_view.camera.clean_dn(mean_e)
+        pixels = dn
+    else:
+        few = _picked(
+            mean_e, *(_spread(np.arange(axis.size), 3, t) // 3 for axis, t in zip((rows, cols), tile, strict=True))
+        )
+        of_few = _of_view(found, few.shape[0], few.shape[1], [])
+        if state.capture.noise:
+            dn = _averaged_numbers(found, scene, mean_e, step)
+            pixels = np.asarray(of_few.frame(few, scene).dn)
+        else:
+            dn, pixels = of_view.camera.clean_dn(mean_e), of_few.camera.clean_dn(few)
+        taken = _empty(of_view, scene, tile)
+    notes = [] if exact else notes
+    return Shown(rows, cols, step, taken, _with_numbers(taken, dn), dn, mean_e, pixels, exact, tuple(notes))
 
 
-def _relative_light(found: Bench, rows: I64) -> F32:
-    """Return (rows, 1) light of a flickering lamp that reaches rows of the frame, relative to its mean."""
-    state = found.state
+def _of_view(found: Bench, rows: int, cols: int, notes: list[str]) -> Bench:
+    """Return the bench with a sensor of another size."""
+    return Bench(
+        found.state, replace(found.camera, sensor=_of_size(found.camera.sensor, rows, cols, notes)), found.request
+    )
+
+
+def _spread(index: I64, step: int, tile: int) -> I64:
+    """Return indices with the same first one, one tile in `step`."""
+    number = np.arange(index.size // tile * tile or index.size)
+    found: I64 = index[0] + number // tile * (tile * step) + number % tile
+    return np.asarray(found[found <= index[-1]])
+
+
+_LEVELS, _PER_LEVEL = 64, 512
+"""Signals at which the mean and the noise of a pixel are estimated, and pixels of a row of each."""
+
+
+def _averaged_numbers(found: Bench, scene: Scene, mean_e: F32, step: int) -> F32:
+    """Return digital numbers of means over `step` x `step` pixels of a color, normally distributed.
+
+    The mean and the standard deviation of a pixel are those of simulated pixels at some signals; noise of rows and
+    columns is drawn apart, because the pixels of a block share it.
+    """
+    sensor, noise = found.camera.sensor, found.camera.sensor.noise
+    lines_mv = noise.row_noise_mv.value, noise.column_noise_mv.value
+    top = max(float(mean_e.max()), 1.0)
+    levels = top * np.linspace(0.0, 1.0, _LEVELS) ** 2
+    tile = len(sensor.array.cfa), len(sensor.array.cfa[0])
+    at_levels = _of_view(found, _LEVELS * tile[0], _PER_LEVEL * tile[1], [])
+    if any(lines_mv):
+        alone_mv = max(noise.read_noise_mv.value**2 - lines_mv[0] ** 2 - lines_mv[1] ** 2, 0.0) ** 0.5
+        alone = at_levels.camera.sensor.with_(row_noise_mv=0, column_noise_mv=0, read_noise_mv=alone_mv)
+        at_levels = Bench(found.state, replace(at_levels.camera, sensor=alone), found.request)
+    mosaic = np.repeat(levels.astype(np.float32), tile[0])[:, None] * np.ones(_PER_LEVEL * tile[1], np.float32)
+    drawn = np.asarray(at_levels.frame(mosaic, scene).dn, np.float64).reshape(_LEVELS, -1)
+    seed = found.state.capture.seed
+    dn = _with_noise(mean_e, top, drawn.mean(axis=1), drawn.std(axis=1) / step, _normal(seed, mean_e.shape))
+    for mv, axis in zip(lines_mv, (0, 1), strict=True):
+        if mv:
+            spread_dn = sensor.electrons(mv) * sensor.system_gain_dn_per_e / step**0.5
+            line = np.random.default_rng([seed, axis]).normal(0.0, spread_dn, mean_e.shape[axis])
+            dn += np.float32(np.expand_dims(line, 1 - axis))
+    return dn
+
+
+@lru_cache(maxsize=2)
+def _normal(seed: int, shape: tuple[int, int]) -> F32:
+    return np.random.default_rng(seed).standard_normal(shape, np.float32)
+
+
+@compiled(parallel=True)
+def _with_noise(
+    mean_e: F32, top: float, mean_dn: NDArray[np.float64], spread_dn: NDArray[np.float64], normal: F32
+) -> F32:
+    """Return mean digital numbers plus noise; both are given at the squares of even steps from 0 to `top`."""
+    rows, cols = mean_e.shape
+    out = np.empty((rows, cols), np.float32)
+    last = mean_dn.size - 1
+    for r in prange(rows):
+        for c in range(cols):
+            place = np.sqrt(max(mean_e[r, c], 0.0) / top) * last
+            k = min(int(place), last - 1)
+            share = place - k
+            value = mean_dn[k] + share * (mean_dn[k + 1] - mean_dn[k])
+            out[r, c] = value + (spread_dn[k] + share * (spread_dn[k + 1] - spread_dn[k])) * normal[r, c]
+    return out
+
+
+_rates: OrderedDict[tuple[Any, ...], tuple[F32, list[str]]] = OrderedDict()
+
+
+def _preview_rate(found: Bench, scene: Scene, rows: I64, cols: I64, step: int) -> tuple[F32, list[str]]:
+    """Return `approximate_rate`, that of the last state again where only exposure or noise changed."""
+    key = (found.state.mean_key, id(scene), step, int(rows[0]), rows.size, int(cols[0]), cols.size)
+    if key not in _rates:
+        _rates.clear()
+        _rates[key] = approximate_rate(found.camera, scene, rows, cols, step)
+    rate, notes = _rates[key]
+    return rate, [*notes]
+
+
+def _relative_light(found: Bench, rows: I64, step: int) -> F32:
+    """Return (rows, 1) light of a flickering lamp that reaches rows of a view, relative to its mean."""
+    state, sensor = found.state, found.camera.sensor
     if state.scene.flicker is None:
         return np.ones((1, 1), np.float32)
-    start_s, exposure_s = found.camera.sensor.row_start_s[rows], state.capture.exposure_s
+    tile = len(sensor.array.cfa)
+    of_block = rows[0] + block_start(np.arange(rows.size), step, tile)[:, None] + tile * np.arange(step)
+    inside = (of_block >= 0) & (of_block < sensor.array.rows)
+    start_s = sensor.row_start_s[np.where(inside, of_block, 0)]
+    exposure_s = state.capture.exposure_s
     light = state.scene.flicker.flicker().integral_s(start_s, start_s + exposure_s) / exposure_s
-    return light.astype(np.float32)[:, None]
+    return np.asarray(light.mean(axis=1, keepdims=True, where=inside), np.float32)
 
 
-def _template(of_view: Bench, scene: Scene, tile: tuple[int, int], dn: NDArray[Any]) -> RawFrame:
-    """Return a raw frame with the metadata of a state and given digital numbers."""
+def _empty(of_view: Bench, scene: Scene, tile: tuple[int, int]) -> RawFrame:
+    """Return a small dark frame, with the metadata of a state."""
     small = _of_size(of_view.camera.sensor, 2 * tile[0], 2 * tile[1], [])
     camera = replace(of_view.camera, sensor=small)
-    raw = Bench(of_view.state, camera, of_view.request).frame(np.zeros((2 * tile[0], 2 * tile[1]), np.float32), scene)
-    return _with_numbers(raw, dn)
+    dark = np.zeros((2 * tile[0], 2 * tile[1]), np.float32)
+    raw: RawFrame = Bench(of_view.state, camera, of_view.request).frame(dark, scene)
+    return raw
 
 
 def _with_numbers(raw: RawFrame, dn: NDArray[Any]) -> RawFrame:
-    """Return a raw frame with other digital numbers, rounded."""
+    """Return a raw frame with other digital numbers, rounded to 16 bits where they are no whole numbers."""
     kind = raw.dn.dtype
+    if dn.dtype.kind == "f" and raw.bits < 16 and decompanded(raw) is raw:
+        scale = 1 << (16 - raw.bits)
+        fine = np.rint(np.clip(dn, 0, (1 << raw.bits) - 1) * np.float32(scale)).astype(np.uint16)
+        assert raw.white_level_dn is not None
+        black_dn, white_dn = raw.black_level_dn * scale, raw.white_level_dn * scale
+        return replace(raw, dn=fine, bits=16, black_level_dn=black_dn, white_level_dn=white_dn, captures={})
+    dn = np.clip(dn, 0, None)
     return replace(raw, dn=np.rint(dn).astype(kind) if dn.dtype != kind else np.ascontiguousarray(dn), captures={})
+
+
+def _reduced(whole: NDArray[Any], rows: I64, cols: I64, step: int, tile: tuple[int, int]) -> NDArray[Any]:
+    """Return the pixels of a view of a whole frame, or their means."""
+    if step == 1:
+        return _picked(whole, rows, cols)
+    first, shape = (int(rows[0]), int(cols[0])), (rows.size, cols.size)
+    return mosaic_means(read_only(np.asarray(whole)), first, shape, tile, step)
 
 
 def _picked(whole: NDArray[Any], rows: I64, cols: I64) -> NDArray[Any]:
@@ -366,16 +494,16 @@ _PLACED = ("glow", "optical_black", "readout_channels", "pixel_defects", "charge
 
 
 def approximate_rate(camera: Camera, scene: Scene, rows: I64, cols: I64, step: int) -> tuple[F32, list[str]]:
-    """Return approximate mean electrons per second at some pixels of the frame, and what is left out.
+    """Return approximate mean electrons per second of the pixels of a view, and what is left out.
 
     Parameters
     ----------
     camera, scene
         As for `Camera.mean_electrons`.
     rows, cols
-        (h,), (w,) pixels of the frame: whole tiles of the color filter array, the same distance apart.
+        (h,), (w,) first pixels of the frame in each pixel of the view, `step` apart.
     step
-        Distance of the tiles, in tiles.
+        1 for single pixels; else the light is averaged over blocks as by `photosite.engine.mosaic_means`.
 
     Returns
     -------
@@ -399,8 +527,8 @@ def approximate_rate(camera: Camera, scene: Scene, rows: I64, cols: I64, step: i
     pitch = pitch_m(sensor)
     notes: list[str] = []
     transfer, padding = _transfer(camera, scene, coupling, step, notes)
-    sampled_rows = _samples(rows, padding, step, where.row_start, where.row_step, scene.shape[0])
-    sampled_cols = _samples(cols, padding, step, where.col_start, where.col_step, scene.shape[1])
+    sampled_rows = _samples(rows, padding, step, len(cfa), where.row_start, where.row_step, scene.shape[0])
+    sampled_cols = _samples(cols, padding, step, len(cfa[0]), where.col_start, where.col_step, scene.shape[1])
     image_of = _channel_images(scene, per_map, sampled_rows, sampled_cols)
     rate = np.empty((rows.size, cols.size), np.float32)
     for channel, name in enumerate(names):
@@ -415,8 +543,8 @@ def approximate_rate(camera: Camera, scene: Scene, rows: I64, cols: I64, step: i
         for site in sites:
             rate[site] = image[site]
     np.maximum(rate, np.float32(0), out=rate)
-    y_m = (rows + 0.5 - sensor.array.rows / 2) * pitch[0]
-    x_m = (cols + 0.5 - sensor.array.cols / 2) * pitch[1]
+    y_m = (rows + 0.5 * step - sensor.array.rows / 2) * pitch[0]
+    x_m = (cols + 0.5 * step - sensor.array.cols / 2) * pitch[1]
     if camera.optics.relative_illumination(np.zeros(1), scene.distance_m) is not None:
         falloff = camera.optics.relative_illumination(np.hypot(y_m[:, None], x_m), scene.distance_m)
         assert falloff is not None
@@ -433,7 +561,7 @@ def approximate_rate(camera: Camera, scene: Scene, rows: I64, cols: I64, step: i
 
 
 class _Samples(NamedTuple):
-    """The first and last sample of the scene in each pixel, and the last one's share."""
+    """The first and last sample of the scene in parts of each pixel, (parts, pixels), and the last one's share."""
 
     first: I64
     last: I64
@@ -441,33 +569,53 @@ class _Samples(NamedTuple):
 
     def at(self, part: slice) -> _Samples:
         """Return those of some pixels."""
-        return _Samples(self.first[part], self.last[part], self.share[part])
+        return _Samples(self.first[:, part], self.last[:, part], self.share[:, part])
+
+    @property
+    def size(self) -> int:
+        """Number of pixels."""
+        return int(self.first.shape[1])
 
 
-def _samples(pixels: I64, padding: int, step: int, start: float, per_pixel: float, size: int) -> _Samples:
-    """Return the samples in pixels and in padding on both sides; beyond the scene, those of its border."""
-    if padding:
-        extra = np.arange(1, padding + 1) * step
-        pixels = np.concatenate([pixels[0] - extra[::-1], pixels, pixels[-1] + extra])
-    begin = start + per_pixel * pixels
-    first, last = (np.floor(place).astype(np.int64) for place in (begin + 1e-9, begin + per_pixel - 1e-9))
-    share = np.where(last > first, np.clip((begin + per_pixel - last) / per_pixel, 0.0, 1.0), 0.0)
+_MOST_PARTS = 16
+
+
+def _samples(pixels: I64, padding: int, step: int, tile: int, start: float, per_pixel: float, size: int) -> _Samples:
+    """Return the samples in single pixels or in blocks of a view, and in padding on both sides.
+
+    A window has as many parts as samples, and a part at most two samples. Beyond the scene are those of its border.
+    """
+    wide = 1 if step == 1 else step * tile
+    first_of_block = pixels[0] + block_start(np.arange(-padding, pixels.size + padding), step, tile)
+    parts = min(max(int(np.ceil(per_pixel * wide - 1e-9)), 1), _MOST_PARTS)
+    width = per_pixel * wide / parts
+    # The pixels of a block are a tile apart, and so the block begins half a tile before the middle of the first.
+    before = 0.0 if step == 1 else (tile - 1) / 2
+    begin = start + per_pixel * (first_of_block - before) + width * np.arange(parts)[:, None]
+    first, last = (np.floor(place).astype(np.int64) for place in (begin + 1e-9, begin + width - 1e-9))
+    share = np.where(last > first, np.clip((begin + width - last) / width, 0.0, 1.0), 0.0)
     share[last > first + 1] = 0.5
     return _Samples(np.clip(first, 0, size - 1), np.clip(last, 0, size - 1), share.astype(np.float32))
 
 
 def _sampled(maps: F32, rows: _Samples, cols: _Samples) -> F32:
-    """Return (K, h, w) means of (K, rows, cols) maps over pixels, from two samples on each axis."""
-    lines = np.take(maps, rows.first, axis=1)
-    if rows.share.any():
-        lines += (np.take(maps, rows.last, axis=1) - lines) * rows.share[:, None]
-    values = np.take(lines, cols.first, axis=2)
-    if cols.share.any():
-        following = np.take(lines, cols.last, axis=2)
-        following -= values
-        following *= cols.share
-        values += following
-    return values
+    """Return (K, h, w) means of (K, rows, cols) maps over windows, from two samples of each part on each axis."""
+    return _along(_along(maps, rows, 1), cols, 2)
+
+
+def _along(maps: F32, samples: _Samples, axis: int) -> F32:
+    total = np.zeros(0, np.float32)
+    for first, last, share in zip(*samples, strict=True):
+        values = np.take(maps, first, axis=axis)
+        if share.any():
+            following = np.take(maps, last, axis=axis)
+            following -= values
+            following *= share[:, None] if axis == 1 else share
+            values += following
+        total = values if total.size == 0 else np.add(total, values, out=total)
+    if len(samples.first) > 1:
+        total /= np.float32(len(samples.first))
+    return total
 
 
 _gathered: OrderedDict[tuple[Any, ...], tuple[Scene, F32]] = OrderedDict()
@@ -481,7 +629,7 @@ _OfChannel = Callable[[int, tuple[slice, slice]], F32]
 def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) -> _OfChannel:
     """Return a function of a channel and a part of the pixels, which returns its electrons per second there."""
     maps = scene.weights
-    if maps[0].size <= rows.first.size * cols.first.size:
+    if maps[0].size <= rows.size * cols.size:
         images = (per_map @ maps.reshape(len(maps), -1)).reshape(-1, *maps.shape[1:])
 
         def sampled(channel: int, part: tuple[slice, slice]) -> F32:
@@ -573,7 +721,8 @@ def _header(found: Bench, shown: Shown, view: View, folder: Path) -> dict[str, A
     sensor, taken = found.camera.sensor, found.state.capture
     at = sensor if taken.temperature_c is None else sensor.at_temperature(taken.temperature_c)
     capacity = light_capacity_e(at, taken.exposure_s) if sensor.captures is None else float(shown.mean_e.max()) + 1.0
-    array, raw = sensor.array, shown.raw
+    array, taken_as = sensor.array, shown.taken
+    assert taken_as.white_level_dn is not None
     return {
         "exact": shown.exact,
         "frame": found.state.frame_key,
@@ -586,17 +735,17 @@ def _header(found: Bench, shown: Shown, view: View, folder: Path) -> dict[str, A
         "frame_cols": array.cols,
         "cfa": [list(line) for line in array.cfa],
         "channels": list(channel_names(array.cfa)),
-        "black_level_dn": raw.black_level_dn,
-        "white_level_dn": raw.white_level_dn,
-        "bits": raw.bits,
+        "black_level_dn": taken_as.black_level_dn,
+        "white_level_dn": taken_as.white_level_dn,
+        "bits": taken_as.bits,
         "response": _response_table(sensor),
         "saturation_e": capacity,
         "sensor": sensor.name,
         "scene": scene_of(found).name,
         "exposure_s": taken.exposure_s,
         "snr": _snr_table(at, taken.exposure_s, max(capacity, 1.0)),
-        "histogram": _histogram(shown, array.cfa),
-        "saturated_fraction": float((shown.dn >= raw.white_level_dn).mean()),
+        "histogram": _histogram(shown.pixels, taken_as.white_level_dn, array.cfa),
+        "saturated_fraction": float((shown.pixels >= taken_as.white_level_dn).mean()),
         "regions": [_statistics(found, shown, region, folder) for region in view.regions],
     }
 
@@ -646,11 +795,11 @@ def _snr_table(sensor: Sensor, exposure_s: float, capacity_e: float) -> dict[str
     return {"signal_e": signal[kept].tolist(), "snr_db": ratio[kept].tolist()}
 
 
-def _histogram(shown: Shown, cfa: tuple[tuple[str, ...], ...]) -> dict[str, Any]:
+def _histogram(pixels: NDArray[Any], white_dn: float, cfa: tuple[tuple[str, ...], ...]) -> dict[str, Any]:
     """Return counts of digital numbers by channel, in bins of equal width from 0 to the white level."""
-    top = shown.raw.white_level_dn + 1.0
+    top = white_dn + 1.0
     counts: dict[str, list[int]] = {}
-    scaled = (shown.dn * np.float32(HISTOGRAM_BINS / top)).astype(np.int32)
+    scaled = (pixels * np.float32(HISTOGRAM_BINS / top)).astype(np.int32)
     for name in channel_names(cfa):
         total: Any = 0
         for r, c in channel_sites(cfa, name):
@@ -669,6 +818,8 @@ def _statistics(found: Bench, shown: Shown, region: Rectangle, folder: Path) -> 
     if whole is not None:
         rows, cols = np.arange(r0, min(r1, whole.shape[0])), np.arange(c0, min(c1, whole.shape[1]))
         dn = np.asarray(whole[r0:r1, c0:c1], np.float64)
+    elif shown.step > 1:  # the spread of means is not that of pixels
+        return {"region": list(region), "exact": False, "channels": dict.fromkeys(channel_names(cfa)), "waits": True}
     else:
         down, across = ((of >= low) & (of < high) for of, low, high in ((shown.rows, r0, r1), (shown.cols, c0, c1)))
         rows, cols = shown.rows[down], shown.cols[across]
@@ -691,4 +842,4 @@ def _statistics(found: Bench, shown: Shown, region: Rectangle, folder: Path) -> 
             "mean_e": signal,
             "snr_db": None if ratio is None else float(ratio),
         }
-    return {"region": list(region), "exact": whole is not None or shown.exact, "channels": channels}
+    return {"region": list(region), "exact": whole is not None or shown.exact, "channels": channels, "waits": False}

@@ -6,6 +6,7 @@ import math
 import struct
 import zlib
 from collections.abc import Sequence
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, adaptation_to_d65, encode_srgb
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
+from photosite.engine.jit import compiled, prange, threads_for
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.frames.companding import decompanded
@@ -104,6 +106,78 @@ def develop(
     >>> picture.shape, float(picture.min()), float(picture.max())
     ((8, 8, 3), 1.0, 1.0)
     """
+    linear = _linear_srgb(raw, white_balance, color_matrix, exposure, demosaic)
+    for block in _blocks(linear):
+        block[...] = encode_srgb(block)
+    return linear
+
+
+def develop_rgba(raw: RawFrame, exposure: float | str = "auto") -> NDArray[np.uint8]:
+    """Develop a raw frame with the defaults of `develop`, as bytes for a screen.
+
+    Returns
+    -------
+    numpy.ndarray
+        (rows, cols, 4) uint8: red, green and blue, 255 times those of `develop` rounded, and 255.
+
+    Examples
+    --------
+    >>> raw = RawFrame(np.array([[0, 1024], [2048, 4095]], np.uint16), bits=12)
+    >>> develop_rgba(raw, 1.0)[..., 0]
+    array([[  0, 137],
+           [188, 255]], dtype=uint8)
+    >>> (develop(raw, exposure=1.0)[..., 0] * 255).round()
+    array([[  0., 137.],
+           [188., 255.]], dtype=float32)
+    """
+    linear = _linear_srgb(raw, "as-shot", None, exposure, "bilinear")
+    out = np.empty((*linear.shape[:2], 4), np.uint8)
+    with threads_for(out.size):
+        _encode_rgba(linear, *_srgb_codes(), out)
+    return out
+
+
+_BINS = 4096
+"""Equal parts of 0 to 1, each with two codes of sRGB at most."""
+
+
+@lru_cache(maxsize=1)
+def _srgb_codes() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the 8-bit code at the beginning of each bin, and the least linear value of each code."""
+    low, high = np.zeros(256, np.float32), np.ones(256, np.float32)
+    wanted = np.arange(256)
+    for _ in range(60):  # bisection, down to neighboring numbers
+        middle = (low + high) / np.float32(2)
+        reached = encode_srgb(middle) * np.float32(255) + np.float32(0.5) >= wanted
+        low, high = np.where(reached, low, middle), np.where(reached, middle, high)
+    high[0] = 0.0
+    starts = np.arange(_BINS + 1, dtype=np.float32) / np.float32(_BINS)
+    return (np.searchsorted(high, starts, side="right") - 1).astype(np.uint8), high
+
+
+@compiled(parallel=True)
+def _encode_rgba(
+    linear: NDArray[np.float32], codes: NDArray[np.uint8], least: NDArray[np.float32], out: NDArray[np.uint8]
+) -> None:
+    for r in prange(linear.shape[0]):
+        for c in range(linear.shape[1]):
+            for k in range(3):
+                value = min(max(linear[r, c, k], np.float32(0)), np.float32(1))
+                code = codes[int(value * _BINS)]
+                while code < 255 and value >= least[code + 1]:
+                    code += 1
+                out[r, c, k] = code
+            out[r, c, 3] = 255
+
+
+def _linear_srgb(
+    raw: RawFrame,
+    white_balance: str | Sequence[float],
+    color_matrix: ColorMatrix | ArrayLike | None,
+    exposure: float | str,
+    demosaic: Demosaic,
+) -> NDArray[np.float32]:
+    """Return the developed picture before its encoding for the display."""
     _check_exposure(exposure)
     raw = decompanded(raw)
     planes = _normalised_planes(raw, demosaic)
@@ -121,8 +195,7 @@ def develop(
         for block, seen in zip(_blocks(linear), _blocks(planes), strict=True):
             block[...] = seen @ to_srgb
     scale = np.float32(_auto_exposure(linear) if exposure == "auto" else exposure)
-    for block in _blocks(linear):
-        block[...] = encode_srgb(block * scale)
+    linear *= scale
     return linear
 
 

@@ -151,6 +151,7 @@ async function request(when = null) {
     const view = picture.view();
     // While a slider moves, the picture has what it shows and no more; all of it follows with the exact frame.
     view.mean = begun === null || ["mean", "snr"].includes(picture.layer);
+    view.dn = begun === null || picture.layer === "raw" || picture.overlay;
     const data = decode(await postForBytes("/api/view", { state, view, tab }));
     showError("");
     picture.setFrame(data.header.frame_rows, data.header.frame_cols);
@@ -175,7 +176,7 @@ function badge(kind, text, rest) {
 function describeView(header, spent) {
   last = header;
   const size = `${header.frame_rows} × ${header.frame_cols} pixels`;
-  const sampling = header.step === 1 ? "every pixel in view" : `one of ${header.step} × ${header.step} pixels, none averaged`;
+  const sampling = header.step === 1 ? "every pixel in view" : `each the mean of ${header.step} × ${header.step} pixels of its color`;
   const saturated = header.saturated_fraction > 0 ? `; ${short(100 * header.saturated_fraction, 2)} % of them saturated` : "";
   const time = spent === null ? "" : `; ${Math.round(spent)} ms`;
   const rest = `${header.sensor}, ${size}: ${sampling}${saturated}${time}.`;
@@ -228,7 +229,7 @@ function addRegion(region) {
 function describeRegions(regions) {
   const rows = regions.flatMap((each, number) => Object.entries(each.channels).map(([name, found], k) => [
     k ? "" : `${number + 1}: rows ${each.region[0]}–${each.region[1] - 1}, columns ${each.region[2]}–${each.region[3] - 1}${each.exact ? "" : " (preview)"}`,
-    name, ...(found ? [String(found.pixels), short(found.mean_dn, 6), short(found.sd_dn), short(found.mean_e, 5), short(found.snr_db, 4)] : ["too few", "–", "–", "–", "–"])]));
+    name, ...(found ? [String(found.pixels), short(found.mean_dn, 6), short(found.sd_dn), short(found.mean_e, 5), short(found.snr_db, 4)] : [each.waits ? "follow with the exact frame" : "too few", "–", "–", "–", "–"])]));
   if (!regions.length) { at("regions").replaceChildren(); return; }
   const drawn = table("Mean and standard deviation over the pixels; signal above black.", ["Region", "Channel", "Pixels", "Mean (DN)", "SD (DN)", "Signal (e⁻)", "SNR (dB)"], rows);
   const clear = element("button", { type: "button", onclick: () => { picture.regions = []; picture.draw(); request(); } }, "Remove regions");

@@ -15,12 +15,12 @@ export function decode(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   const count = header.rows * header.cols, at = 4 + length, atDn = at + (header.mean ? 4 * count : 0);
-  const Kind = header.dn_type === "uint16" ? Uint16Array : Float32Array;
+  const Kind = header.dn_type === "uint16" ? Uint16Array : Float32Array, atPicture = header.dn_type ? atDn + Kind.BYTES_PER_ELEMENT * count : atDn;
   return {
     header,
     mean: header.mean ? new Float32Array(buffer, at, count) : null,
-    dn: new Kind(buffer, atDn, count),
-    rgba: header.developed ? new Uint8ClampedArray(buffer, atDn + Kind.BYTES_PER_ELEMENT * count, 4 * count) : null,
+    dn: header.dn_type ? new Kind(buffer, atDn, count) : null,
+    rgba: header.developed ? new Uint8ClampedArray(buffer, atPicture, 4 * count) : null,
   };
 }
 
@@ -136,7 +136,7 @@ export class Picture {
     return {
       row: r0, col: c0, rows: Math.max(rows, 1), cols: Math.max(cols, 1),
       height: Math.max(Math.min(Math.ceil(rows * scale), 4096), 16), width: Math.max(Math.min(Math.ceil(cols * scale), 4096), 16),
-      regions: this.regions, developed: this.layer === "developed", mean: true,
+      regions: this.regions, developed: this.layer === "developed", mean: true, dn: true,
     };
   }
 
@@ -147,7 +147,7 @@ export class Picture {
   }
 
   setLayer(layer, overlay) {
-    const again = layer === "developed" ? !this.data?.rgba : !this.data?.mean;
+    const again = layer === "developed" ? !this.data?.rgba || overlay && !this.data.dn : layer === "raw" ? !this.data?.dn : !this.data?.mean;
     this.layer = layer;
     this.overlay = overlay;
     if (again) this.onview();
@@ -170,6 +170,7 @@ export class Picture {
     }
     const picture = context.createImageData(cols, rows), out = picture.data;
     const white = header.white_level_dn, tile = header.cfa, layer = (this.layer === "developed" ? rgba : this.layer === "raw" || mean) ? this.layer : "raw";
+    if (layer === "raw" && !dn) return; // it follows
     const channelAt = tile.map((line) => line.map((name) => "RGB".indexOf(name)));
     const snr = layer === "snr" ? snrLookup(header.snr) : null;
     const colors = snr ? Array.from({ length: 256 }, (_, k) => viridis(k / 255)) : null;
@@ -190,7 +191,7 @@ export class Picture {
           if (channel < 0) out[o] = out[o + 1] = out[o + 2] = value;
           else out[o + channel] = value;
         }
-        if (this.overlay && dn[k] >= white) { out[o] = 255; out[o + 1] = 0; out[o + 2] = 220; }
+        if (this.overlay && dn && dn[k] >= white) { out[o] = 255; out[o + 1] = 0; out[o + 2] = 220; }
       }
     }
     context.putImageData(picture, 0, 0);
@@ -249,16 +250,12 @@ export class Picture {
   pixel(x, y) {
     if (!this.data?.dn || !this.place) return null;
     const { header, dn, mean } = this.data, { row, col, scale } = this.place;
-    const index = (at, first, tile, length) => {
-      const block = header.step * tile, off = at - first, k = Math.floor(off / block) * tile + Math.min(Math.floor((off % block) / header.step), tile - 1);
-      return off >= 0 && k < length ? k : -1;
-    };
-    const tile = [header.cfa.length, header.cfa[0].length];
-    const i = index(row + y / scale, header.row, tile[0], header.rows), j = index(col + x / scale, header.col, tile[1], header.cols);
+    const index = (at, first, length) => { const k = Math.floor((at - first) / header.step); return k >= 0 && k < length ? k : -1; };
+    const i = index(row + y / scale, header.row, header.rows), j = index(col + x / scale, header.col, header.cols);
     if (i < 0 || j < 0) return null;
-    const at = (k, first, length) => first + Math.floor(k / length) * length * header.step + k % length;
     return {
-      row: at(i, header.row, tile[0]), col: at(j, header.col, tile[1]), channel: header.cfa[i % tile[0]][j % tile[1]],
+      row: header.row + i * header.step, col: header.col + j * header.step, step: header.step,
+      channel: header.cfa[i % header.cfa.length][j % header.cfa[0].length],
       dn: dn[i * header.cols + j], mean: mean ? mean[i * header.cols + j] : null,
       electrons: electronsOf(dn[i * header.cols + j], header.response),
     };
@@ -354,6 +351,7 @@ function snrLookup(snr) {
 
 export function describe(pixel) {
   if (!pixel) return "Point at the picture to read a pixel.";
-  const text = `Row ${pixel.row}, column ${pixel.col}, ${pixel.channel}: ${short(pixel.dn, 5)} DN = ${short(pixel.electrons, 4)} e⁻ above black`;
+  const place = pixel.step === 1 ? `Row ${pixel.row}, column ${pixel.col}` : `Mean of ${pixel.step} × ${pixel.step} pixels at row ${pixel.row}, column ${pixel.col}`;
+  const text = `${place}, ${pixel.channel}: ${short(pixel.dn, 5)} DN = ${short(pixel.electrons, 4)} e⁻ above black`;
   return pixel.mean === null ? text : `${text}; mean from light ${short(pixel.mean, 4)} e⁻`;
 }
