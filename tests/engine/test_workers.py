@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -131,32 +130,61 @@ def test_an_address_of_a_worker_is_an_error(scheduler: str) -> None:
     assert "Worker" in (caught.value.hint or "")
 
 
+LOST = """
+import os, sys, time
+import worker_tasks
+from photosite.engine.workers import run_tasks
+address, number, process = sys.argv[1], *map(int, sys.argv[2:])
+try:
+    for index, _ in run_tasks(worker_tasks.double, range(6), scheduler=address, ahead=2):
+        if index == 0:
+            os.kill(process, number)
+            time.sleep(12)  # longer than Dask's client tries to connect again
+except Exception as error:
+    print(type(error).__name__, error.where)
+"""
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_lost_scheduler_is_an_error_without_log_lines(
-    number: signal.Signals, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_lost_scheduler_is_an_error_without_log_lines(workers: int, number: signal.Signals, tmp_path: Path) -> None:
+    """In a process of its own, because Dask's log goes to the standard error of the time of its import."""
     pytest.importorskip("distributed")
-    file = tmp_path / "scheduler.json"
-    call = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
-    program = [sys.executable, "-m", "distributed.cli.dask_scheduler", *call]
-    with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        try:
-            deadline = time.monotonic() + 60
-            while not file.exists() and time.monotonic() < deadline:
-                time.sleep(0.05)
-            address = json.loads(file.read_text())["address"]
+    file, log = tmp_path / "scheduler.json", tmp_path / "log"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(HELPERS), *sys.path])}
+    started: list[subprocess.Popen[str]] = []
 
-            class Tasks(list[int]):
-                def __getitem__(self, index: Any) -> Any:  # called when a task is sent; no worker takes it
-                    threading.Timer(0.5, process.send_signal, [number]).start()
-                    return super().__getitem__(index)
+    def start(*call: str, **pipes: Any) -> None:
+        started.append(subprocess.Popen([sys.executable, *call], env=environment, text=True, **pipes))
 
-            with pytest.raises(WorkerError) as caught:
-                within(60, lambda: list(run_tasks(tasks.double, Tasks([3]), scheduler=address)))
-        finally:
+    def start_dask(what: str, *call: str) -> None:
+        with log.open("a") as stream:
+            program = ["-m", f"distributed.cli.dask_{what}", "--no-dashboard", "--scheduler-file", str(file)]
+            start(*program, *call, stdout=stream, stderr=stream)
+
+    try:
+        start_dask("scheduler", "--host", "127.0.0.1", "--port", "0")
+        wait_until(file.exists)
+        for _ in range(workers):
+            start_dask("worker", "--nthreads", "1", "--no-nanny")
+        address = json.loads(file.read_text())["address"]
+        given = address, str(int(number)), str(started[0].pid)
+        start("-c", LOST, *given, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        if not workers:  # the tasks wait
+            wait_until(lambda: "Receive client connection" in log.read_text())
+            time.sleep(0.5)
+            started[0].send_signal(number)
+        assert started[-1].communicate(timeout=60) == (f"WorkerError {address}\n", "")
+    finally:
+        for process in started:
             process.kill()
-    assert caught.value.where == address
-    assert capfd.readouterr() == ("", "")
+            process.wait()
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.05)
 
 
 SCRIPT = """
