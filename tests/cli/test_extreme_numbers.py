@@ -102,6 +102,26 @@ def test_a_chip_of_one_pixel(ends_well: Any, tmp_path: Path) -> None:
     assert not ends_well("shoot", "--rows", 1, "--cols", 1, "-o", tmp_path / "stack")
 
 
+@pytest.mark.parametrize("number", [10**10, 2**63, 10**30, -(10**30)])
+@pytest.mark.parametrize("option", ["--crops", "--draws", "--chips", "--averaged", "--pairs-per-shard", "--processes"])
+def test_counts_of_a_dataset(ends_well: Any, tmp_path: Path, option: str, number: int) -> None:
+    line = ends_well("dataset", "macbeth", f"{option}={number}", "-o", tmp_path / "pairs")
+    assert option in line
+    assert "1 or more" in line if number < 0 and "chips" not in option and "proc" not in option else "1 to" in line
+
+
+def test_combinations_of_a_sweep(ends_well: Any, tmp_path: Path) -> None:
+    """A thousand values of five fields are 10^15 combinations."""
+    values = [1 + k / 1000 for k in range(1000)]
+    fields = ("pixel_width_um", "f_number", "focal_length_mm", "read_noise_e", "distance_m")
+    file = tmp_path / "a.sweep.yaml"
+    file.write_text(
+        "photosite_sweep: 1\ncamera: {sensor: google-pixel-4a, optics: {f_number: 2.8, focal_length_mm: 4}}\n"
+        f"values: {dict.fromkeys(fields, values)}\n"
+    )
+    assert "combinations" in ends_well("sweep", file, "-o", tmp_path / "a.csv")
+
+
 def test_limits_follow_from_the_name() -> None:
     check_magnitude("distance_m", 1e20)
     check_magnitude("seed", 2**64)  # whole numbers have limits of their own

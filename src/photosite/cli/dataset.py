@@ -59,7 +59,7 @@ _number, _time = _range_of(options.above()), _range_of(options.exposure_time)
 )
 @click.option(
     "--chips",
-    type=options.Whole(1),
+    type=options.Whole(1, 10_000),
     default=1,
     metavar="N",
     help="Chips with different fixed patterns, of which patches get one by chance; their serials are 0 to N-1.",

@@ -40,8 +40,10 @@ class Whole(click.IntRange):
     """Whole numbers from a lowest to a highest one; help and errors state the limits in words."""
 
     name = "integer"
+    largest = 10**9
+    """The highest number where none is stated."""
 
-    def __init__(self, lowest: int, highest: int | None = None) -> None:
+    def __init__(self, lowest: int, highest: int = largest) -> None:
         super().__init__(lowest, highest)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
@@ -50,10 +52,12 @@ class Whole(click.IntRange):
             return int(super().convert(value, param, ctx))
         except click.BadParameter:
             limits = self._describe_range() or f"{self.min} or more"
+            if limits.endswith("more") and str(value).strip().isdecimal() and len(str(value).strip()) > 9:
+                limits = f"{self.min} to {self.max}"
             self.fail(f"must be a whole number, {limits}, got {value}", param, ctx)
 
     def _describe_range(self) -> str:
-        if self.max is None:  # 1 or more, which needs no explanation
+        if self.max in (None, self.largest):  # 1 or more, which needs no explanation
             return ""
         power = math.log2(self.max + 1)
         return f"{self.min} to " + (f"2^{power:.0f}-1" if power >= 32 else str(self.max))
@@ -422,7 +426,7 @@ def workers_options(processes: int = 1) -> Callable[[F], F]:
     return stacked(
         click.option(
             "--processes",
-            type=Whole(1),
+            type=Whole(1, 1024),
             metavar="N",
             default=processes,
             help="Local processes; the result is the same.",

@@ -34,6 +34,7 @@ GAINS = (CONVERSION, SWING, AMPLIFIER)
 _MICRO = 1e-6
 _MILLI = 1e3
 _NEGLIGIBLE = 1e-4
+_MOST_BITS = 16
 
 ASSUMED_SWING = Measured(1.0, 0.0, "assumed: only the system gain is stated; the swing scales values in volts", True)
 """Voltage swing where a file states the gain without volts."""
@@ -278,6 +279,8 @@ def _gains(stated: Values, bits: int) -> Values:
     conversion, swing, amplifier = (stated.get(name) for name in GAINS)
     one = Uncertain(1.0)
     gain = stated[DN_PER_E] if DN_PER_E in stated else 1.0 / stated[E_PER_DN] if E_PER_DN in stated else None
+    if not 1 <= bits <= _MOST_BITS:
+        raise InputError("bits", value=bits, expected=f"1 to {_MOST_BITS}")
     codes = float(1 << bits)
     if gain is not None:
         if conversion is not None and swing is not None:

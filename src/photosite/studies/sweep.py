@@ -6,6 +6,7 @@ import csv
 import hashlib
 import itertools
 import json
+import math
 import os
 import pickle
 import sys
@@ -38,6 +39,7 @@ Measure = Callable[..., Mapping[str, float] | float]
 PIXEL_WIDTH = "pixel_width_um"
 _OF_SCENE = ("illuminant", "mean_luminance_cd_m2", "distance_m", "width_m")
 _BAR_AFTER_S = 2.0
+_MOST_POINTS = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +191,8 @@ def sweep(
     choices = {name: list(entries) for name, entries in values.items()}
     if not choices or not all(choices.values()):
         raise InputError("values", value=values, expected="a field with its values, such as {'f_number': [2, 4]}")
+    if (count := math.prod(map(len, choices.values()))) > _MOST_POINTS:
+        raise InputError("values", value=f"{count} combinations", expected=f"at most {_MOST_POINTS} combinations")
     points = list(itertools.product(*choices.values()))
     task = _Task(camera, scene, tuple(choices), measure)
     task.changed(points[0])  # an unknown field is an error of the call, not of a worker

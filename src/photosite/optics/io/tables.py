@@ -9,6 +9,7 @@ import csv
 import math
 import os
 from collections.abc import Callable, Mapping
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -28,6 +29,7 @@ _LARGEST_TEXT = 64 << 20
 _ALWAYS_READ_VALUES = 1 << 24
 """Numbers that a file however small may hold: a compressed pupil of 4096 x 4096 samples."""
 _MOST_VALUES_PER_BYTE = 8
+_MOST_PAGES = 1000
 
 _DESIGN_FIELDS = ("wavelength_nm", "psf", "spacing_um", "field_y", "field_x", "unit")
 """Fields of a `LensDesign` in an archive; the options of the low-rank sum are in the optics file."""
@@ -272,8 +274,11 @@ def load_tiff(path: Path) -> dict[str, Any]:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        _check_values(path, sum(page.size for page in file.pages))
-        pages = [page.asarray() for page in file.pages]
+        found = list(islice(file.pages, _MOST_PAGES + 1))  # damaged pages can form a chain without end
+        if len(found) > _MOST_PAGES:
+            raise FileError(path, "pages", expected=f"at most {_MOST_PAGES}")
+        _check_values(path, sum(page.size for page in found))
+        pages = [page.asarray() for page in found]
     if not pages or any(page.ndim != 2 or page.shape != pages[0].shape for page in pages):
         raise FileError(path, "pages", expected="gray and of equal size, one page for each wavelength")
     return {"psf": np.stack(pages)}
