@@ -6,7 +6,7 @@ import pytest
 from photosite.engine.block_means import block_means
 
 
-@pytest.mark.parametrize("side", [2, 3, 7])
+@pytest.mark.parametrize("side", [2, 3, 7, 24])
 @pytest.mark.parametrize("shape", [(30, 43), (101, 64)])
 @pytest.mark.parametrize("grain", [0.0, 0.25])
 def test_outliers_are_left_out(shape, side, grain):

@@ -1,5 +1,6 @@
 """Frame sums compared with Python integers and NumPy, and independent of the order and grouping of frames."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -36,6 +37,23 @@ def test_variance_near_full_scale_is_exact():
     frames[::2, 0, 0] = 65_535
     expected = Fraction(501 * 500, 1001 * 1000)
     assert FrameSums((1, 2)).add(frames).variance()[0, 0] == float(expected)
+
+
+@pytest.mark.parametrize("tile", [np.zeros((1, 1), int), BAYER, np.arange(36).reshape(6, 6) % 3], ids=("1", "2", "6"))
+@pytest.mark.parametrize("first", [0, 3])
+@pytest.mark.parametrize("shape", [(19, 30), (3, 4100)])  # the second has rows of several runs
+def test_the_last_frames_complete_the_totals_in_the_same_pass(tile, first, shape):
+    frames = stack(n=13, shape=shape)
+    whole = FrameSums(shape, tile).add(frames)
+    sums = FrameSums(shape, tile).add(frames[:first]).add_last(frames[first:])
+    for found, expected in zip(sums.label_totals(), whole.label_totals(), strict=True):
+        assert found.variance_spread == pytest.approx(expected.variance_spread, rel=1e-12)
+        assert replace(found, variance_spread=0.0) == replace(expected, variance_spread=0.0)
+    assert np.array_equal(sums.sum, whole.sum)
+    for unavailable in (sums.variance, sums.state, lambda: sums.add(frames), lambda: sums.merge(whole)):
+        with pytest.raises(ValueError, match="add_last"):
+            unavailable()
+    assert np.array_equal(sums.clear().add(frames).sum_of_squares, whole.sum_of_squares)
 
 
 def test_label_totals_are_exact():

@@ -11,6 +11,7 @@ from photosite.engine.map_statistics import (
     add_scaled,
     label_moments,
     line_sums,
+    remove_group_means,
     residual_moments,
     smooth_separable,
 )
@@ -38,13 +39,24 @@ def test_smoothing_matches_scipy_away_from_the_border():
     np.testing.assert_allclose(smooth_separable(values, kernel), expected, rtol=1e-13)
 
 
+def test_add_scaled_adds_maps_of_several_types_and_refuses_other_sizes():
+    rng, total = np.random.default_rng(2), np.zeros((7, 10))
+    maps = [rng.integers(0, 60_000, (7, 10)).astype(dtype) for dtype in (np.uint32, np.uint16, np.uint16, np.uint32)]
+    factors = [rng.normal(size=(2, 2)) for _ in maps]
+    expected = sum(values * np.tile(tile, (4, 5))[:7] for values, tile in zip(maps, factors, strict=True))
+    add_scaled(total, list(zip(maps, factors, strict=True)))
+    np.testing.assert_allclose(total, expected, rtol=1e-12)
+    with pytest.raises(ValueError, match="10"):
+        add_scaled(total, [(maps[0][:6], factors[0])])
+
+
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32])
 def test_add_scaled_repeats_the_tile(dtype):
     total = random_map((7, 10))
     source = np.random.default_rng(2).integers(0, 60_000, (7, 10)).astype(dtype)
     factors = np.array([[1.0, -2.0, 0.0], [0.5, 4.0, 1e-3]])
     expected = total + source * np.tile(factors, (4, 4))[:7, :10]
-    add_scaled(total, source, factors)
+    add_scaled(total, [(source, factors)])
     np.testing.assert_allclose(total, expected, rtol=1e-14)
 
 
@@ -135,3 +147,20 @@ def test_residuals_match_numpy():
     for block in range(5):
         in_block = shifted[:, block * 37 // 5 : (block + 1) * 37 // 5]
         assert histogram[block].tolist() == np.histogram(in_block, edges)[0].tolist()
+
+
+def test_means_of_groups_are_removed_in_turn_and_tails_clipped():
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(3, 240)).astype(np.float32)
+    values[1, 7] = 100.0
+    groups = np.stack([np.repeat(np.arange(6), 40), np.tile(np.arange(8), 30)])
+    expected = values.astype(np.float64)
+    for _ in range(2):
+        for grouping in groups:
+            for k in np.unique(grouping):
+                expected[:, grouping == k] -= expected[:, grouping == k].mean(axis=1, keepdims=True)
+        limit = 4.0 * np.median(np.abs(expected[:, ::4]), axis=1, keepdims=True)
+        expected = np.clip(expected, -limit, limit)
+    remove_group_means(values, groups, 2, 4.0)
+    np.testing.assert_allclose(values, expected, atol=1e-5)
+    assert abs(values[1, 7]) < 5.0

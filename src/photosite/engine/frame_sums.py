@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,11 +131,24 @@ def _filled(out: F64 | None, shape: tuple[int, ...], fill: Callable[..., None], 
     return out
 
 
+class _LabelSquares(NamedTuple):
+    """Results of `label_squares`."""
+
+    exact: NDArray[np.uint64]
+    spread: F64
+
+    @classmethod
+    def zeros(cls, bands: int, labels: int) -> _LabelSquares:
+        """Return arrays of zeros, which the kernels add to."""
+        return cls(np.zeros((bands, labels, 3), np.uint64), np.zeros((bands, labels)))
+
+
 class FrameSums:
     """Exact count, sum and sum of squares per pixel of a stack of frames.
 
-    It takes 12 bytes per pixel, and two numbers per frame and label. With at most 32 768 frames of 16 bits, a pixel's
-    sum stays below 2^31, its sum of squares below 2^47, and n sum(y^2), used for the variance, below 2^62.
+    It takes 12 bytes per pixel, or 4 where all frames are added at once by `add_last`, and two numbers per frame and
+    label. With at most 32 768 frames of 16 bits, a pixel's sum stays below 2^31, its sum of squares below 2^47, and
+    n sum(y^2), used for the variance, below 2^62.
 
     - `shape`: (rows, cols) of a frame.
     - `labels`: (tile rows, tile cols) repeating tile of labels, integers from 0; None is one label for all pixels.
@@ -163,12 +176,25 @@ class FrameSums:
         self.black, self.white = black, white
         self.count = 0
         self.sum = np.zeros(shape, np.uint32)
-        self.sum_of_squares = np.zeros(shape, np.uint64)
+        self._squares: NDArray[np.uint64] | None = None
+        self._label_squares: _LabelSquares | None = None
         self.highest: list[int] = []
         """Largest digital number of each frame, in the order of addition."""
         n_labels = int(self.labels.max()) + 1
         self._clipped = np.zeros((n_labels, 2), np.int64)
         self._frame_totals: list[NDArray[np.uint64]] = []
+
+    @property
+    def sum_of_squares(self) -> NDArray[np.uint64]:
+        """The (rows, cols) sum of squares.
+
+        Raises `ValueError` after `add_last`.
+        """
+        if self._label_squares is not None:
+            raise ValueError("the squares of single pixels are not kept after add_last")
+        if self._squares is None:
+            self._squares = np.zeros(self.shape, np.uint64)
+        return self._squares
 
     def clear(self) -> FrameSums:
         """Remove all frames, reusing the memory, which is faster than allocating it; return self.
@@ -179,6 +205,7 @@ class FrameSums:
         self.highest = []
         self._clipped = np.zeros_like(self._clipped)
         self._frame_totals = []
+        self._label_squares = None
         return self
 
     def add(self, frames: NDArray[np.unsignedinteger] | Iterable[NDArray[np.unsignedinteger]]) -> FrameSums:
@@ -203,7 +230,27 @@ class FrameSums:
             del batch  # free it before the next batch is read
         return self
 
-    def _add_batch(self, frames: list[NDArray[np.unsignedinteger]]) -> None:
+    def add_last(self, frames: Sequence[NDArray[np.unsignedinteger]]) -> FrameSums:
+        """Add the last frames, and compute the squares of `label_totals` in the same pass; return self.
+
+        This is faster than `add` and `label_totals`, because the squares of single pixels are neither stored nor read
+        again. `sum_of_squares`, `variance`, `state` and `merge` are not available afterwards, and no frames can be
+        added.
+
+        Raises `ValueError` as `add` does, or if there are no frames.
+
+        Examples
+        --------
+        >>> stack = np.array([[[1, 7]], [[3, 7]]], dtype=np.uint16)
+        >>> FrameSums((1, 2)).add_last(stack).label_totals() == FrameSums((1, 2)).add(stack).label_totals()
+        True
+        """
+        if not len(frames):
+            raise ValueError("frames must not be empty")
+        self._add_batch(list(frames), last=True)
+        return self
+
+    def _add_batch(self, frames: list[NDArray[np.unsignedinteger]], *, last: bool = False) -> None:
         for frame in frames:
             if frame.shape != self.shape or frame.dtype not in (np.uint8, np.uint16):
                 raise ValueError(f"frames must be {self.shape} of uint8 or uint16, got {frame.shape} of {frame.dtype}")
@@ -214,17 +261,22 @@ class FrameSums:
         frames = [np.ascontiguousarray(frame) for frame in frames]
         if not frames:
             return
+        unused = last and self.count == 0
+        squares = np.empty((0, 0), np.uint64) if unused else self.sum_of_squares
         addresses = np.array([frame.ctypes.data for frame in frames], np.int64)
         bands, n_labels = -(-self.shape[0] // BAND), len(self._clipped)
         totals = np.zeros((bands, len(frames), n_labels), np.uint64)
         clipped = np.zeros((bands, n_labels, 2), np.int64)
         highest = np.zeros((bands, len(frames)), np.uint32)
+        of_labels = _LabelSquares.zeros(bands, n_labels)
         like = np.empty(0, frames[0].dtype)
         paired = like.itemsize == 2 and self.shape[1] % 2 == 0 and not (addresses % 4).any()
         add_frames(
-            addresses, like, paired, self.labels, self.black, self.white, self.count == 0,
-            self.sum, self.sum_of_squares, totals, clipped, highest,
+            addresses, like, paired, self.labels, self.black, self.white, self.count, last,
+            self.sum, squares, totals, clipped, highest, of_labels.exact, of_labels.spread,
         )  # fmt: skip
+        if last:
+            self._label_squares = of_labels
         self._frame_totals.extend(totals.sum(axis=0))
         self._clipped += clipped.sum(axis=0)
         self.highest.extend(highest.max(axis=0).tolist())
@@ -263,6 +315,7 @@ class FrameSums:
         if int(state["sum"].sum(dtype=np.uint64)) != int(state["frame_totals"].sum(dtype=np.uint64)):
             raise ValueError("the sums of the pixels and the totals of the frames differ")
         self.sum[...] = state["sum"]
+        self._label_squares = None
         self.sum_of_squares[...] = state["sum_of_squares"]
         self.highest = state["highest"].tolist()
         self._clipped = state["clipped"].astype(np.int64)
@@ -283,7 +336,7 @@ class FrameSums:
         both = FrameSums(self.shape, self.labels, black=self.black, white=self.white)
         both.count = self.count + other.count
         both.sum = self.sum + other.sum
-        both.sum_of_squares = self.sum_of_squares + other.sum_of_squares
+        both._squares = self.sum_of_squares + other.sum_of_squares
         both.highest = self.highest + other.highest
         both._clipped = self._clipped + other._clipped
         both._frame_totals = self._frame_totals + other._frame_totals
@@ -315,19 +368,20 @@ class FrameSums:
 
     def label_totals(self) -> tuple[LabelTotals, ...]:
         """Return the exact totals of each label."""
-        n, bands, n_labels = self.count, -(-self.shape[0] // BAND), len(self._clipped)
-        exact = np.zeros((bands, n_labels, 3), np.uint64)
-        spread = np.zeros((bands, n_labels))
-        label_squares(self.sum, self.sum_of_squares, self.labels, n, exact, spread)
+        n = self.count
+        found = self._label_squares
+        if found is None:
+            found = _LabelSquares.zeros(-(-self.shape[0] // BAND), len(self._clipped))
+            label_squares(self.sum, self.sum_of_squares, self.labels, n, found.exact, found.spread)
         result = []
         for k, pixels in enumerate(label_pixels(self.shape, self.labels).tolist()):
-            squares, s_low, s_high = (sum(map(int, exact[:, k, part])) for part in range(3))
+            squares, s_low, s_high = (sum(map(int, found.exact[:, k, part])) for part in range(3))
             pixel_squares = s_low + (s_high << 32)
             frame_totals = [int(frame[k]) for frame in self._frame_totals]
             variance_spread = 0.0
             if n > 1 and pixels > 1:
                 first = n * squares - pixel_squares
-                numerators = float(spread[:, k].sum()) - float(first) ** 2 / pixels
+                numerators = float(found.spread[:, k].sum()) - float(first) ** 2 / pixels
                 # Rounding may make it negative.
                 variance_spread = max(numerators, 0.0) / (float(n * (n - 1)) ** 2 * (pixels - 1))
             result.append(
@@ -368,12 +422,15 @@ def add_frames(
     labels: _Ints,
     black: int,
     white: int,
-    overwrite: bool,
+    before: int,
+    last: bool,
     sums: _Ints,
     squares: _Ints,
     totals: _Ints,
     clipped: _Ints,
     highest: _Ints,
+    exact: _Ints,
+    spread: F64,
 ) -> None:
     """Add frames to the per-pixel sums.
 
@@ -381,27 +438,35 @@ def add_frames(
     - `like`: An array of the frames' dtype.
     - `paired`: Whether frames have 16 bits, an even number of columns, and addresses that are multiples of four.
     - `labels`: (tile rows, tile cols); at most LANES columns.
-    - `overwrite`: Whether these frames are the first, so that the content of the sums is overwritten.
+    - `before`: Number of frames in the sums; 0 overwrites their content.
+    - `last`: Whether these frames are the last: then `squares` is not written, but `exact` and `spread` are.
     - `sums`, `squares`: (rows, cols) uint32 and uint64, added to.
     - `totals`: (bands, frames, labels) uint64, zeros: becomes the total of each frame and label, by bands of rows.
     - `clipped`: (bands, labels, 2) int64, zeros: becomes the count at or below black, and at or above white.
     - `highest`: (bands, frames) uint32, zeros: becomes the largest number.
+    - `exact`, `spread`: As for `label_squares`.
     """
     rows, cols = sums.shape
     tile_rows, tile_cols = labels.shape
+    lanes, n = LANES // tile_cols * tile_cols, np.uint64(before + addresses.size)
     run = RUN // (2 * tile_cols) * 2 * tile_cols  # starts with the tile's first column, and with a pair
     for band in prange(totals.shape[0]):
         stage = np.zeros(_TOGETHER * RUN, np.uint16)
         words = stage.view(np.uint32)
         part = np.empty(RUN, np.uint32)
+        run_sums, run_squares = np.empty(RUN, np.uint32), np.empty(RUN, np.uint64)
         counts = np.zeros((2, LANES), np.uint32)
+        whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
         for r in range(band * BAND, min(rows, (band + 1) * BAND)):
             row_labels = labels[r % tile_rows]
             for c in range(0, cols, run):
                 m = min(run, cols - c)
-                if overwrite:
-                    sums[r, c : c + m] = 0
-                    squares[r, c : c + m] = 0
+                if before:
+                    run_sums[:m] = sums[r, c : c + m]
+                    run_squares[:m] = squares[r, c : c + m]
+                else:
+                    run_sums[:m] = 0
+                    run_squares[:m] = 0
                 for first in range(0, addresses.size, _TOGETHER):
                     present = min(_TOGETHER, addresses.size - first)
                     top = np.uint32(0)
@@ -429,9 +494,16 @@ def add_frames(
                     for k in range(present, _TOGETHER):
                         stage[k * RUN : k * RUN + m] = 0
                     if top <= _NARROW:
-                        _add_narrow(stage, m, part, sums[r, c:], squares[r, c:])
+                        _add_narrow(stage, m, part, run_sums, run_squares)
                     else:
-                        _add_wide(stage, m, sums[r, c:], squares[r, c:])
+                        _add_wide(stage, m, run_sums, run_squares)
+                sums[r, c : c + m] = run_sums[:m]
+                if last:
+                    _lane_squares(run_sums[:m], run_squares[:m], lanes, n, whole, rounded)
+                else:
+                    squares[r, c : c + m] = run_squares[:m]
+            if last:
+                _add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
 
 
 @compiled()
@@ -568,23 +640,16 @@ def label_squares(sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _In
     tile_rows, tile_cols = labels.shape
     lanes = LANES // tile_cols * tile_cols
     for band in prange(exact.shape[0]):
-        whole = np.zeros((3, LANES), np.uint64)
-        rounded = np.zeros(LANES, np.float64)
+        whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
         for r in range(band * BAND, min(rows, (band + 1) * BAND)):
-            whole[:] = 0
-            rounded[:] = 0.0
-            _lane_squares(sums[r], squares[r], lanes, np.uint64(n), whole[0], whole[1], whole[2], rounded)
-            for lane in range(lanes):
-                label = labels[r % tile_rows, lane % tile_cols]
-                for part in range(3):
-                    exact[band, label, part] += whole[part, lane]
-                spread[band, label] += rounded[lane]
+            _lane_squares(sums[r], squares[r], lanes, np.uint64(n), whole, rounded)
+            _add_lanes(whole, rounded, labels[r % tile_rows], lanes, exact[band], spread[band])
 
 
 @compiled()
-def _lane_squares(
-    sums: _Ints, squares: _Ints, lanes: int, n: np.uint64, q_total: _Ints, s_low: _Ints, s_high: _Ints, rounded: F64
-) -> None:
+def _lane_squares(sums: _Ints, squares: _Ints, lanes: int, n: np.uint64, whole: _Ints, rounded: F64) -> None:
+    """Add Q, the low and the high 32 bits of S^2, and (n Q - S^2)^2 of each pixel to its lane."""
+    q_total, s_low, s_high = whole[0], whole[1], whole[2]
     for first in range(np.uint64(0), np.uint64(sums.size), np.uint64(lanes)):
         for lane in range(min(np.uint64(lanes), np.uint64(sums.size) - first)):
             s = np.uint64(sums[first + lane])
@@ -595,6 +660,18 @@ def _lane_squares(
             s_high[lane] += square >> _32
             v = np.float64(np.int64(n * q - square))  # below 2^62: signed integers convert faster
             rounded[lane] += v * v
+
+
+@compiled()
+def _add_lanes(whole: _Ints, rounded: F64, row_labels: _Ints, lanes: int, exact: _Ints, spread: F64) -> None:
+    """Add the lanes of a row to the totals of its labels, and set them to zero."""
+    for lane in range(lanes):
+        label = row_labels[lane % row_labels.size]
+        for part in range(3):
+            exact[label, part] += whole[part, lane]
+        spread[label] += rounded[lane]
+    whole[:] = 0
+    rounded[:] = 0.0
 
 
 @compiled(parallel=True)

@@ -7,14 +7,15 @@ channel.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
+from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, prange, read_only
 
 _LANES = 32
 _LABEL_LANES = 64
@@ -102,26 +103,37 @@ def smooth_separable(values: F64, kernel: F64) -> F64:
 
 
 @compiled(parallel=True)
-def _add_scaled(target: F64, source: NDArray[Any], factors: F64) -> None:
+def _add_scaled(target: F64, addresses: I64, like: NDArray[Any], factors: F64) -> None:
     rows, cols = target.shape
     for r in prange(rows):
-        row, added, factor = target[r], source[r], factors[r % factors.shape[0]]
-        for c in range(cols):
-            row[c] += np.float64(added[c]) * factor[c]
+        row = target[r]
+        for k in range(addresses.size):
+            factor = factors[k, r % factors.shape[1]]
+            added = carray(pointer(addresses[k] + r * cols * like.itemsize), cols, like.dtype)
+            for c in range(np.uint64(cols)):
+                row[c] += np.float64(added[c]) * factor[c]
 
 
-def add_scaled(target: F64, source: NDArray[Any], factors: F64) -> None:
-    """Add a map, which may hold integers, times a repeating tile of factors to another map in place.
+def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger], F64]]) -> None:
+    """Add maps of integers, each times a repeating tile of factors, to a map in place, in one pass over it.
+
+    The tiles have the same number of rows.
 
     Examples
     --------
-    >>> total = np.zeros((1, 3))
-    >>> add_scaled(total, np.array([[1, 2, 3]], np.uint32), np.array([[1.0, 10.0]]))
+    >>> total, more = np.zeros((1, 3)), np.array([[1, 2, 3]], np.uint16)
+    >>> add_scaled(total, [(more, np.array([[1.0, 10.0]])), (more, np.ones((1, 1)))])
     >>> total.tolist()
-    [[1.0, 20.0, 3.0]]
+    [[2.0, 22.0, 6.0]]
     """
     cols = target.shape[1]
-    _add_scaled(target, source, np.tile(factors, -(-cols // factors.shape[1]))[:, :cols].copy())
+    for dtype, run in groupby(sources, key=lambda source: source[0].dtype):
+        maps, tiles = zip(*run, strict=True)
+        maps = [np.ascontiguousarray(values) for values in maps]  # kept alive here, because the kernel has addresses
+        if any(values.shape != target.shape for values in maps):
+            raise ValueError(f"maps must be {target.shape}, got {[values.shape for values in maps]}")
+        factors = np.stack([np.tile(tile, -(-cols // tile.shape[1]))[:, :cols] for tile in tiles])
+        _add_scaled(target, np.array([values.ctypes.data for values in maps]), np.empty(0, dtype), factors)
 
 
 @compiled(parallel=True)
@@ -205,6 +217,30 @@ def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tup
         Moments(int(n), float(c), float(p[1] / (n - 1)) if n > 1 else 0.0, float(p[2] / n), float(p[3] / n))
         for n, c, p in zip(counts, center, powers, strict=True)
     )
+
+
+@compiled(parallel=True)
+def remove_group_means(values: F32, groups: I64, rounds: int, tails: float) -> None:
+    """Subtract means of groups from each row of values in place, and clip what is left, in several rounds.
+
+    - `values`: (rows, n), C-contiguous.
+    - `groups`: (groupings, n) index of the group of each value, from 0; the groupings follow each other.
+    - `tails`: Largest deviation that is left, in medians of the sizes of a quarter of the row's deviations.
+    """
+    count = groups.max() + 1
+    for r in prange(values.shape[0]):
+        row = values[r]
+        for _ in range(rounds):
+            for k in range(groups.shape[0]):
+                total, number = np.zeros(count), np.zeros(count)
+                for j in range(row.size):
+                    total[groups[k, j]] += row[j]
+                    number[groups[k, j]] += 1.0
+                for j in range(row.size):
+                    row[j] -= np.float32(total[groups[k, j]] / number[groups[k, j]])
+            limit = np.float32(tails * np.median(np.abs(row[::4])))
+            for j in range(row.size):
+                row[j] = min(max(row[j], -limit), limit)
 
 
 # Statistics of single frames: exact line sums, and residuals about the mean of a stack.

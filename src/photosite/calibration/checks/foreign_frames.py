@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.frame_screening import LEAST_PIXELS, block_sums, over_blocks
+from photosite.calibration.checks.frame_screening import LEAST_PIXELS, block_numbers
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
+from photosite.engine.map_statistics import remove_group_means
 
 Array = NDArray[np.floating]
 
@@ -54,21 +55,17 @@ def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int6
     """
     stack = np.stack(samples).astype(np.float32)
     stack -= stack.mean(axis=(1, 2), keepdims=True)  # keeps single precision exact enough
+    stack = stack.reshape(len(stack), -1)
     moved = np.empty_like(stack)
-    for label in range(int(labels.max()) + 1):
-        inside = labels == label
-        in_blocks = np.maximum(block_sums(inside.astype(np.float32)), 1.0)
-        for _ in range(2):  # the second time without the pull of the tails on the means
-            stack -= over_blocks(block_sums(stack * inside) / in_blocks, labels.shape) * inside
-            for axis in (2, 1):
-                means = np.sum(stack, axis=axis, keepdims=True, where=inside)
-                stack -= means / np.maximum(inside.sum(axis=axis - 1, keepdims=True), 1) * inside
-            pixels = stack[:, inside]
-            # A quarter of the pixels shows the spread.
-            limit = TAILS * 1.4826 * np.median(np.abs(pixels[:, ::4]), axis=1, keepdims=True)
-            stack[:, inside] = np.clip(pixels, -limit, limit)
-        moved[:, inside] = np.roll(stack[:, inside], np.count_nonzero(inside) // 3, axis=1)
-    return stack.reshape(len(stack), -1), moved.reshape(len(stack), -1)
+    groupings = np.stack([block_numbers(labels.shape), *np.indices(labels.shape)]).reshape(3, -1)
+    for label in np.unique(labels):
+        inside = np.flatnonzero(labels == label)
+        pixels = stack[:, inside]
+        # The second round is without the pull of the tails on the means.
+        remove_group_means(pixels, groupings[:, inside], 2, TAILS * 1.4826)
+        stack[:, inside] = pixels
+        moved[:, inside] = np.roll(pixels, len(inside) // 3, axis=1)
+    return stack, moved
 
 
 def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None) -> list[int]:

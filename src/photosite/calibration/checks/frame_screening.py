@@ -20,9 +20,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+T = TypeVar("T", bound=np.generic)
 
 SIDE, FEWER, MANY = 64, 24, 4096
 """Pixels along each side of the grid; the smaller number for groups of more than `MANY` frames, to limit memory."""
@@ -99,12 +102,13 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
         return {}
     stack = np.stack(samples)
     pattern = np.median(stack, axis=0)
-    off = np.array([_block_means(sample - pattern) for sample in stack])
+    deviation = stack - pattern
+    off = _block_means(deviation)
     blocks = _block_means(pattern)
     means = stack.mean(axis=(1, 2))
     level = float(np.median(means))
     signal = 0.0 if dark_dn is None else max(level - dark_dn, 0.0)
-    spread = np.array([_spread(sample - pattern, mean) for sample, mean in zip(stack, off, strict=True)])
+    spread = _spread(deviation, off)
     noise = max(float(np.median(spread)) * np.sqrt(n / (n - 1)), LEAST_NOISE_DN)
 
     level_score = np.abs(means - level) / (SIGNAL_SHARE * signal + LEVEL_NOISE * noise)
@@ -194,22 +198,29 @@ def _block_sizes(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (block rows, block columns) means."""
-    return np.asarray(block_sums(values) / _block_sizes(values.shape))
+    """Return the (..., block rows, block columns) means of samples (..., rows, cols)."""
+    return np.asarray(_block_sums(values) / _block_sizes(values.shape[-2:]))
 
 
-def block_sums(values: NDArray[np.floating]) -> NDArray[np.floating]:
+def block_numbers(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return the (rows, cols) number of the block of each pixel."""
+    blocks = np.arange(_block_sizes(shape).size).reshape(_block_sizes(shape).shape)
+    return _over_blocks(blocks, shape)
+
+
+def _block_sums(values: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return the (..., block rows, block columns) sums of samples (..., rows, cols)."""
     rows, cols = (_block_starts(length) for length in values.shape[-2:])
     return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=-2), cols, axis=-1))
 
 
-def over_blocks(blocks: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.floating]:
+def _over_blocks(blocks: NDArray[T], shape: tuple[int, ...]) -> NDArray[T]:
     """Return samples (..., rows, cols) with the value of its block at each pixel."""
     heights, widths = (_block_lengths(length) for length in shape)
     return np.repeat(np.repeat(blocks, heights, axis=-2), widths, axis=-1)
 
 
-def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> float:
-    """Return the robust standard deviation of pixels within their blocks."""
-    return _NORMAL * float(np.median(np.abs(deviation - over_blocks(blocks, deviation.shape))))
+def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (frames,) robust standard deviations of pixels within their blocks."""
+    within = np.abs(deviation - _over_blocks(blocks, deviation.shape[-2:]))
+    return np.asarray(_NORMAL * np.median(within.reshape(len(within), -1), axis=1, overwrite_input=True))

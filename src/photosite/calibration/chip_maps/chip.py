@@ -214,7 +214,7 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
     groups: list[GroupStatistics] = []
     stack: tuple[MeanFrame, FloatMap] | None = None
     for index, group in enumerate(planned):
-        statistics, sums = read_group(reader, group)
+        statistics, sums = read_group(reader, group, variance=index == wanted)
         groups.append(statistics)
         clipped = max(level.low_fraction for level in statistics.levels)
         if clipped > CLIPPED_DARK:
@@ -232,7 +232,7 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
     reference = reference_dark(groups)
     if stack is None or reference != wanted:
         reader.expect(len(planned[reference]))
-        stack = _mean_and_variance(reader.sums(planned[reference]))
+        stack = _mean_and_variance(reader.sums(planned[reference], variance=True))
     mean, variance = stack
     chosen = groups[reference]
     spreads = _spreads(variance, reader.tile, chosen)

@@ -69,6 +69,8 @@ def measure_cut_tail(
     place. Both tails of the deviations over all pixels are taken as equal. Where there are more deviations above than
     zeros, such as from cosmic rays, as many as zeros count.
     """
+    if not any(level.low_fraction for level in group.levels):
+        return None
     always = _by_channel(np.argwhere(mean.sum == 0), reader.tile, len(group.levels))
     zeros = [
         max(level.low_fraction - float(count) / level.pixels, 0.0)

@@ -46,7 +46,7 @@ class _Read(NamedTuple):
     identity: FrameIdentity | None = None
 
 
-_TOGETHER, _TOGETHER_BYTES = 8, 160 << 20
+_TOGETHER, _TOGETHER_BYTES = 12, 240 << 20
 """Frames added to the sums in one pass, and their memory limit."""
 
 _AHEAD, _AHEAD_BYTES = 4, 80 << 20
@@ -109,16 +109,17 @@ class FrameReader:
         """Announce frames that will be read again."""
         self._expected += frames
 
-    def sums(self, group: FrameGroup) -> FrameSums:
+    def sums(self, group: FrameGroup, *, variance: bool = False) -> FrameSums:
         """Return the exact sums of a group's frames, valid until the next group is requested.
 
-        In the first pass, groups must be requested in the order of the set, dark groups first.
+        In the first pass, groups must be requested in the order of the set, dark groups first. `variance` is whether
+        the variance of each pixel will be needed, which takes longer.
         """
         if self._sums is None:
             self._sums = FrameSums(self._shape, self.tile, white=self.white)
         result = self._sums.clear()
         if (used := self._used.get(id(group))) is not None:
-            self._add(result, self._read_ahead(group.frames[i] for i in used))
+            self._add(result, self._read_ahead(group.frames[i] for i in used), variance=variance)
             self._count(len(group) - len(used))
             return result
         assert next(self._order) is group, "the first pass follows the order of the set"
@@ -128,9 +129,9 @@ class FrameReader:
         first = saved or FirstPass()
         self.rejected += first.rejected
         self._count(first.read)
-        self._add(result, self._new(group, first), group, first)
+        self._add(result, self._new(group, first), group, first, variance=variance)
         if not first.screened:
-            self._screen(group, first, result)
+            self._screen(group, first, result, variance=variance)
             if self._checkpoint is not None:
                 self._checkpoint.save(group, result, first)
         self._used[id(group)] = first.used
@@ -145,7 +146,7 @@ class FrameReader:
         """Return the sums of some frames of a group, before outlier frames are left out, instead of a first pass."""
         self._first_pass = self._read_ahead(group.frames[index] for index in indices)
         sums, first = FrameSums(self._shape, self.tile, white=self.white), FirstPass(read=indices.start)
-        self._add(sums, self._new(group, first))
+        self._add(sums, self._new(group, first), variance=True)
         return sums, first
 
     def keep(self, group: FrameGroup, sums: FrameSums) -> None:
@@ -220,7 +221,7 @@ class FrameReader:
                     hint="Remove the checkpoint folder and start again",
                 )
 
-    def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums) -> None:
+    def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums, *, variance: bool) -> None:
         """Leave near copies and outlier frames out of a group's sums."""
         label, before = group_label(group), len(first.used)
         copies = find_near_copies(first.samples)
@@ -253,7 +254,7 @@ class FrameReader:
             self._leave_out(first, outliers, reasons)
         if len(first.used) < before:
             self.expect(len(first.used))
-            self._add(sums.clear(), self._read_ahead(group.frames[i] for i in first.used))
+            self._add(sums.clear(), self._read_ahead(group.frames[i] for i in first.used), variance=variance)
         first.counts = count_codes(first.samples, labels)
         first.screened, first.samples = True, []
 
@@ -285,12 +286,23 @@ class FrameReader:
                 self._count(1)
 
     def _add(
-        self, sums: FrameSums, reads: Iterable[_Read], group: FrameGroup | None = None, first: FirstPass | None = None
+        self,
+        sums: FrameSums,
+        reads: Iterable[_Read],
+        group: FrameGroup | None = None,
+        first: FirstPass | None = None,
+        *,
+        variance: bool,
     ) -> None:
         """Add frames to the sums; save these now and then in the first pass over a group."""
         left = iter(reads)
-        while batch := list(islice(left, self._together)):
-            sums.add([read.dn for read in batch])
+        # Sums that are saved need the squares of the pixels.
+        squares = variance or self._checkpoint is not None
+        following = list(islice(left, 1))
+        while batch := following + list(islice(left, self._together - len(following))):
+            following = [] if squares else list(islice(left, 1))
+            add = sums.add if squares or following else sums.add_last
+            add([read.dn for read in batch])
             names = [read.source.name for read in batch]
             del batch  # free the frames before the next ones are read
             for name, highest in zip(names, sums.highest[-len(names) :], strict=True):

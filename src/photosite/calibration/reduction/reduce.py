@@ -145,12 +145,11 @@ def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float6
         statistics, sums = read_group(reader, group)
         samples[id(group)] = sums.sum[rows, cols] / sums.count
         darks.append(statistics)
+        of_group = sums.mean_frame()
         if index == wanted:
-            mean = sums.mean_frame()
+            mean = of_group
         if slopes is not None and coefficients is not None:
-            slopes.add(
-                MeanFrame(sums.sum, sums.count, sums.labels), [float(coefficients[index])] * len(statistics.levels)
-            )
+            slopes.add(of_group, [float(coefficients[index])] * len(statistics.levels))
     reference = reference_dark(darks) if darks else None
     if reference is not None and (
         mean is None or reference != wanted
@@ -248,8 +247,8 @@ def dark_slope_coefficients(darks: Sequence[FrameGroup]) -> NDArray[np.float64] 
     return slope_coefficients(exposure, np.array([float(len(group)) for group in darks]))
 
 
-def read_group(reader: FrameReader, group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
-    """Return a group's statistics, and its sums, which are valid until the next group is read."""
-    sums = reader.sums(group)
+def read_group(reader: FrameReader, group: FrameGroup, *, variance: bool = False) -> tuple[GroupStatistics, FrameSums]:
+    """Return a group's statistics, and its sums as `FrameReader.sums` does, valid until the next group is read."""
+    sums = reader.sums(group, variance=variance)
     means = tuple(total / sums.sum.size for total in sums.frame_totals())
     return GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals()), frame_means=means), sums

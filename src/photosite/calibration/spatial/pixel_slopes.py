@@ -85,16 +85,37 @@ class SlopeSpread:
     third: float = 0.0
 
 
+_TOGETHER = 8
+"""Mean frames that are added to the map in one pass."""
+
+
 class PixelSlopes:
     """A map (rows, cols) of per-pixel slopes, accumulated level by level as a linear combination of mean frames."""
 
     def __init__(self, shape: tuple[int, int], tile: NDArray[np.int64]) -> None:
         self.tile = tile
-        self.slopes = np.zeros(shape)
+        self._slopes = np.zeros(shape)
+        self._added: list[tuple[NDArray[np.unsignedinteger], NDArray[np.float64]]] = []
 
     def add(self, level: MeanFrame, coefficients: Sequence[float]) -> None:
-        """Add a level's mean frame, multiplied by one coefficient per channel."""
-        add_scaled(self.slopes, level.sum, np.array(coefficients)[self.tile] / level.count)
+        """Add a level's mean frame, multiplied by one coefficient per channel.
+
+        The sum of the level must not change until `slopes` is read.
+        """
+        self._added.append((level.sum, np.array(coefficients)[self.tile] / level.count))
+        if len(self._added) == _TOGETHER:
+            self._add_all()
+
+    def _add_all(self) -> None:
+        add_scaled(self._slopes, self._added)
+        self._added = []
+
+    @property
+    def slopes(self) -> NDArray[np.float64]:
+        """The map."""
+        if self._added:
+            self._add_all()
+        return self._slopes
 
     def spreads(self, noise: Sequence[Uncertain]) -> tuple[SlopeSpread, ...]:
         """Return the statistics of the slopes per channel, given the temporal noise in them (`slope_noise`)."""
