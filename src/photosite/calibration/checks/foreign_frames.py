@@ -60,9 +60,9 @@ def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int6
     groupings = np.stack([block_numbers(labels.shape), *np.indices(labels.shape)]).reshape(3, -1)
     for label in np.unique(labels):
         inside = np.flatnonzero(labels == label)
-        pixels = stack[:, inside]
+        pixels = np.take(stack, inside, axis=1)
         # The second round is without the pull of the tails on the means.
-        remove_group_means(pixels, groupings[:, inside], 2, TAILS * 1.4826)
+        remove_group_means(pixels, np.take(groupings, inside, axis=1), 2, TAILS * 1.4826)
         stack[:, inside] = pixels
         moved[:, inside] = np.roll(pixels, len(inside) // 3, axis=1)
     return stack, moved
