@@ -8,6 +8,9 @@ const IDLE_MS = 600;
 const LAYERS = [["developed", "developed picture"], ["raw", "raw mosaic"], ["mean", "mean electrons"], ["snr", "SNR map"]];
 const KEYS = "The pictures move and zoom together. Arrow keys move, + and − zoom, 0 fits the frame, 1 shows single pixels. The mouse wheel zooms.";
 
+const running = new Set(); // jobs, which end with the page
+window.addEventListener("pagehide", () => { for (const id of running) fetch(`/api/jobs/${id}`, { method: "DELETE", keepalive: true }); });
+
 export class LinkedPictures {
   // `layers` is false for pictures that are given, not simulated.
   constructor(name, { layers = true, onlayer = () => {} } = {}) {
@@ -141,7 +144,9 @@ class Panel {
       mine = await post("/api/frames", { state: this.state, tab: this.tab });
     } catch { return; } // the preview has said what is wrong
     this.job = mine;
+    running.add(mine.id);
     const ended = await finished(mine).catch((error) => ({ status: "failed", error: error.message }));
+    running.delete(mine.id);
     if (this.job?.id !== mine.id) return;
     this.job = null;
     if (ended.status === "failed") showError(`The exact frame of ${this.label} could not be computed: ${ended.error}`);
