@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs linkcheck test test-slow test-browser test-raws fuzz audit install lint format clean
+.PHONY: demo docs linkcheck test test-slow test-browser test-raws test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
@@ -49,6 +49,11 @@ audit: $(VENV)/installed-dev
 test-raws: $(VENV)/installed
 	@test -n "$(FOLDER)" || { echo "say: make test-raws FOLDER=folder of raw files"; exit 2; }
 	$(BIN)/python tests/raws/raw_folder.py "$(FOLDER)"
+
+# Every command that writes, while the system fails it (docs/validation/durability.md): MOST tries of each kind for a command.
+MOST ?= 40
+test-faults test-kills test-power test-full-disk test-races: test-%: $(VENV)/installed-dev
+	nice -n 10 $(BIN)/python tests/faults/run.py $* --most $(MOST)
 
 install: $(VENV)/installed
 

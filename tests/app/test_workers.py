@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from process_groups import left_by
 
 from photosite.app.workers import BusyError, CancelledError, Queue, Worker, WorkerError
 from photosite.errors import InputError
@@ -134,3 +135,11 @@ def test_files_used_least_recently_are_deleted_beyond_the_limit(bench, monkeypat
     monkeypatch.setattr(server, "_KEPT_BYTES", 250)
     bench.tidy()
     assert sorted(path.name for path in bench.kept.glob("frame-?.npy")) == ["frame-2.npy", "frame-3.npy"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the list of processes of Linux")
+def test_a_worker_ends_with_the_server(tmp_path: Path) -> None:
+    call = "    Worker().call(time.sleep, 60, time_s=60)"
+    lines = ["import time", "from photosite.app.workers import Worker", "if __name__ == '__main__':", call]
+    (tmp_path / "run.py").write_text("\n".join(lines))
+    assert not left_by(tmp_path / "run.py", signal.SIGKILL, processes=3)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import worker_tasks as tasks
+from process_groups import left_by
 
 import photosite as ps
 from photosite.data import Electrons, PairDataset, write_shards
@@ -202,31 +203,4 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_workers_end_with_their_parent(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "run.py").write_text(SCRIPT)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(HELPERS), *sys.path])}
-    process = subprocess.Popen(
-        [sys.executable, str(tmp_path / "run.py")], start_new_session=True, env=environment, stderr=subprocess.DEVNULL
-    )
-    deadline = time.monotonic() + 60
-    while len(members(process.pid)) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(0.5)
-    process.send_signal(number)
-    assert process.wait(20) != 0
-    deadline = time.monotonic() + 20
-    while members(process.pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not members(process.pid), "workers outlive their parent"
-
-
-def members(group: int) -> list[int]:
-    """Return the processes of a group that still run."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-            except OSError:
-                continue
-            if int(fields[2]) == group and fields[0] != "Z":
-                found.append(int(entry.name))
-    return found
+    assert not left_by(tmp_path / "run.py", number, processes=3)

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from process_groups import left_by
 
 from photosite.errors import FileError
 from photosite.files import child
@@ -113,3 +114,10 @@ def test_relative_paths_follow_the_parent(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "here").touch()
     monkeypatch.chdir(tmp_path)
     assert call_in_child(os.path.exists, "here", time_s=60, memory_bytes=1 << 30)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the list of processes of Linux")
+def test_a_child_that_hangs_ends_after_its_parent(tmp_path: Path) -> None:
+    call = "from photosite.files.child import call_in_child\ncall_in_child(time.sleep, 60, time_s=1, memory_bytes=0)"
+    (tmp_path / "run.py").write_text(f"import time\n{call}\n")
+    assert not left_by(tmp_path / "run.py", signal.SIGKILL, processes=2)

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
+from photosite.engine.workers import end_with_parent
 from photosite.errors import PhotositeError, message_of
 
 Progress = Callable[[int, int, str], object]
@@ -164,6 +165,7 @@ class Worker:
 def _serve(requests: Connection, cancelled: Any, niceness: int, memory_bytes: int) -> None:
     """Run calls until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; its products here are small
     if niceness and hasattr(os, "nice"):
         os.nice(niceness)

@@ -247,9 +247,7 @@ def _threads_of_children(threads: int) -> Iterator[None]:
 
 def _serve(pipe: connection.Connection, function: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends this one
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    end_with_parent()
     with suppress(EOFError, OSError):  # the parent has closed the pipe
         pipe.send((True, None))
         while True:
@@ -268,8 +266,14 @@ def _answer(function: Callable[[Any], Any], task: object) -> bytes:
         return pickle.dumps((False, (pickled, trace)))
 
 
+def end_with_parent() -> None:
+    """End this process, from now on, when its parent was killed, which cannot tell it so."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
 def _end_with(sentinel: int) -> None:
-    """End this process when its parent was killed, which cannot tell it so."""
     connection.wait([sentinel])
     os._exit(1)
 
