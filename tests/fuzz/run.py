@@ -51,8 +51,9 @@ def batch(watch: Watch, first: int, count: int, report: Connection) -> None:
     target, path = watch.target, watch.folder / f"input{watch.target.suffix}"
     path.write_bytes(target.seeds[0])
     fuzzing.outcome(target, path)  # imports
+    until = time.monotonic() + watch.left_s  # without the start of the process
     for number in range(first, first + count):
-        if time.monotonic() > watch.until:
+        if time.monotonic() > until:
             break
         data = watch.content(number)
         path.write_bytes(data)
@@ -83,7 +84,7 @@ class Watch:
     def __init__(self, name: str, target: fuzzing.Target, folder: Path, seed: int, keep: Path) -> None:
         self.name, self.target, self.folder, self.seed, self.keep = name, target, folder, seed, keep
         self.hang_s = HANG_S if target.draw is None else COMMAND_HANG_S
-        self.until = math.inf
+        self.left_s = math.inf
         self.found: Counter[str] = Counter()
         self.findings: list[str] = []
 
@@ -100,9 +101,8 @@ class Watch:
     def run(self, inputs: int | None, seconds: float | None) -> None:
         """Run so many inputs, or for so long; continue after a hang or crash."""
         at = 0
-        if seconds is not None:
-            self.until = time.monotonic() + seconds
-        while (inputs is None or at < inputs) and time.monotonic() < self.until:
+        self.left_s = math.inf if seconds is None else seconds
+        while (inputs is None or at < inputs) and self.left_s > 0:
             at = self._batch(at, BATCH if inputs is None else min(BATCH, inputs - at))
 
     def _batch(self, first: int, count: int) -> int:
@@ -110,7 +110,7 @@ class Watch:
         process = multiprocessing.get_context("fork").Process(target=batch, args=(self, first, count, theirs))
         process.start()
         theirs.close()
-        number = first - 1
+        number, begun = first - 1, math.inf
         try:
             while True:
                 # Before the first input, the process imports and makes seeds.
@@ -119,15 +119,18 @@ class Watch:
                     return self._lost(number, f"hang: more than {self.hang_s:g} s")
                 what, value = ours.recv()
                 if what == "start":
-                    number = value
+                    number, begun = value, min(begun, time.monotonic())
                 elif what == "done":
                     self._count(number, value)
                 else:
+                    if number < first + count - 1:  # the time was over
+                        begun = -math.inf
                     return first + count
         except EOFError:
             process.join()
             return self._lost(number, f"crash: exit status {process.exitcode}")
         finally:
+            self.left_s -= max(time.monotonic() - begun, 0.0)
             process.join(5)
             ours.close()
 
