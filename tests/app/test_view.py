@@ -252,7 +252,7 @@ def test_statistics_of_a_region_are_those_of_the_frame(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sensor", ["dual-gain-phone", "split-pixel-automotive", "raspberry-pi-hq", "vendor-1.4um"])
 def test_every_kind_of_sensor_has_a_preview(sensor: str, tmp_path: Path) -> None:
     state = CameraState.model_validate({"sensor": {"source": sensor}, "scene": {"source": "hdr-patches"}})
-    header, dn, mean, picture = decoded(view_bytes(state, Places(), View(height=40, width=60), tmp_path))
+    header, dn, mean, picture = decoded(view_bytes(state, Places(), View(height=120, width=160), tmp_path))
     assert dn.shape == mean.shape
     assert picture is not None
     assert dn.max() > header["black_level_dn"]

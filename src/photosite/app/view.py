@@ -158,7 +158,9 @@ def _developed(raw: RawFrame, brightness: float) -> NDArray[np.uint8]:
     if not local or rows < 8 * _MARGIN or _MARGIN % tile:
         return part(raw)
     middle = rows // 2 // tile * tile
-    halves = [replace(raw, dn=raw.dn[: middle + _MARGIN]), replace(raw, dn=raw.dn[middle - _MARGIN :])]
+    halves = [
+        replace(raw, dn=raw.dn[span], captures={}) for span in (slice(middle + _MARGIN), slice(middle - _MARGIN, None))
+    ]
     with ThreadPoolExecutor(2) as threads:
         top, bottom = threads.map(part, halves)
     return np.concatenate([top[:middle], bottom[_MARGIN:]])

@@ -14,7 +14,7 @@ const LIGHTS = ["A", "D50", "D65", "3200K", "daylight 5600", "led 4000", "FL2", 
 
 export let state = merged(null);
 let form = null, picture = null, job = null, idle = null, exactWanted = false;
-let inFlight = false, again = false, since = null, last = null, undo = null;
+let inFlight = false, again = false, since = null, last = null, undo = null, suggested = null;
 const open = new Set(["Light and place", "Lens", "Exposure", "Noise"]);
 
 export async function start(content) {
@@ -26,6 +26,11 @@ export async function start(content) {
   at("brightness").addEventListener("input", () => {
     const value = Number(at("brightness").value);
     if (value > 0) { state.brightness = value; request(performance.now()); remember(); }
+  });
+  at("auto-exposure").addEventListener("click", () => {
+    if (suggested === null) return;
+    state.capture.exposure_s = suggested;
+    build().then(() => changed(performance.now()));
   });
   at("zoom-in").addEventListener("click", () => picture.zoom(1.5));
   at("zoom-out").addEventListener("click", () => picture.zoom(1 / 1.5));
@@ -88,7 +93,7 @@ async function build() {
     ? [element("fieldset", {}, element("legend", {}, each.title), ...each.fields.map(optionRow))]
     : each.fields.map((field) => part("scene")(field.name === "illuminant" ? { ...field, choices: LIGHTS } : field)));
   const lens = state.lens.source ? [element("p", { class: "hint" }, "The optics file defines the lens.")] : form.lens[0].fields.map(part("lens"));
-  undo = element("button", { type: "button", onclick: () => { Object.assign(state.sensor, { changes: {}, binning: null }); reload(); } }, "Undo changes of the sensor");
+  undo = element("button", { type: "button", onclick: () => { Object.assign(state.sensor, { changes: {}, binning: null }); reload(true); } }, "Undo changes of the sensor");
   controls.replaceChildren(
     element("div", { class: "pick" }, ...(await picks(form, state, reload)), undo),
     group("Light and place", scene),
@@ -119,8 +124,8 @@ function sensorRow(field) {
   });
 }
 
-function reload() {
-  picture.regions = [];
+function reload(ofSensor = false) {
+  if (ofSensor) picture.regions = [];
   loadForm().then(() => changed(performance.now()));
 }
 
@@ -132,6 +137,7 @@ function remember() {
 
 // A value was changed at time `when`: a preview now, the exact frame when nothing changes for a while.
 function changed(when) {
+  at("auto-exposure").disabled = true; // until the exact frame is known
   if (undo) undo.hidden = !Object.keys(state.sensor.changes).length && !state.sensor.binning;
   cancel(false);
   request(when);
@@ -254,7 +260,18 @@ async function exact() {
   at("working").hidden = true;
   exactWanted = false;
   if (ended.status === "failed") showError(`The exact frame could not be computed: ${ended.error}`);
-  if (ended.status === "done") request();
+  if (ended.status === "done") {
+    suggest(ended.result.suggested_exposure_s);
+    request();
+  }
+}
+
+// The exposure time at which the bright parts of the frame are just below saturation.
+function suggest(exposure_s) {
+  const known = Number.isFinite(exposure_s) && exposure_s > 0 && exposure_s <= 1e5;
+  suggested = known ? Number(exposure_s.toPrecision(3)) : null;
+  at("auto-exposure").disabled = !known || suggested === state.capture.exposure_s;
+  at("auto-exposure").title = known ? `${short(suggested)} s puts the bright parts just below saturation` : "";
 }
 
 function cancel(byHand) {

@@ -24,7 +24,7 @@ async function take(file, kind, state, reload) {
     const stored = await upload(file, kind);
     uploads.set(stored.name, { name: stored.file_name, text: `${stored.file_name} (${stored.holds})` });
     CHOSEN[kind](state, stored.name);
-    reload();
+    reload(kind === "sensor");
   } catch (error) { showError(error.message); }
 }
 
@@ -41,7 +41,7 @@ export function dropOnView(view, stateOf, reload) {
 export async function picks(form, state, reload) {
   const lists = await Promise.all(["scene", "sensor", "lens"].map((kind) => get(`/api/files?kind=${kind}`).catch(() => [])));
   const pick = (kind, label, builtIn, files, current) => {
-    const list = element("select", { id: `pick-${kind}`, "data-key": kind, onchange: () => { CHOSEN[kind](state, list.value); reload(); } },
+    const list = element("select", { id: `pick-${kind}`, "data-key": kind, onchange: () => { CHOSEN[kind](state, list.value); reload(kind === "sensor"); } },
       ...builtIn.map(([value, text]) => element("option", { value }, text)),
       ...(files.length ? [element("optgroup", { label: "Files of the folder" }, ...files.map((file) => element("option", { value: `file:${file.name}` }, file.name)))] : []));
     if (![...list.options].some((option) => option.value === current)) list.append(element("option", { value: current }, uploads.get(current)?.text ?? current));
