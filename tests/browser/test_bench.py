@@ -306,8 +306,8 @@ def test_a_sweep_over_two_fields(page, link) -> None:
 def test_sensors_are_compared_with_linked_pictures_and_code(page, link) -> None:
     opened(page, link, "compare")
     view = page.locator("#view-compare")
-    view.get_by_label("google-pixel-4a").uncheck()
-    view.get_by_label("small.sensor.yaml").check()
+    view.get_by_role("checkbox", name="google-pixel-4a").uncheck()
+    view.get_by_role("checkbox", name="small.sensor.yaml").check()
     view.get_by_role("columnheader", name="small.sensor.yaml").first.wait_for()
     wait(page, "document.querySelectorAll('#view-compare .badge.exact').length === 2")
     error = view.locator("tr", has=page.get_by_role("rowheader", name="Color error, mean ΔE 2000")).locator("td")
@@ -330,7 +330,7 @@ def test_sensors_are_compared_with_linked_pictures_and_code(page, link) -> None:
     page.goto(copied)
     page.reload()
     ready(page, "compare")
-    assert not view.get_by_label("google-pixel-4a").is_checked()
+    assert not view.get_by_role("checkbox", name="google-pixel-4a").is_checked()
 
 
 def test_lenses_are_compared_and_their_pictures_move_together(page, link) -> None:
