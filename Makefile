@@ -50,7 +50,7 @@ test-raws: $(VENV)/installed
 	@test -n "$(FOLDER)" || { echo "say: make test-raws FOLDER=folder of raw files"; exit 2; }
 	$(BIN)/python tests/raws/raw_folder.py "$(FOLDER)"
 
-# Every command that writes, while the system fails it (docs/validation/durability.md): MOST tries of each kind for a command.
+# Commands that write, while the system fails them (docs/validation/durability.md): MOST tries of each kind for a command.
 MOST ?= 40
 test-faults test-kills test-power test-full-disk test-races: test-%: $(VENV)/installed-dev
 	nice -n 10 $(BIN)/python tests/faults/run.py $* --most $(MOST)
