@@ -271,7 +271,7 @@ def test_every_number_field_of_the_form_has_a_description_and_every_quantity_a_u
         f for f in fields if f["name"].endswith(("_um", "_mm", "_e", "_s", "_m", "_percent", "_dn", "_c", "_v"))
     ]
     assert not [f["name"] for f in suffixed if not f["unit"] and f["kind"] != "table"]
-    values = {f["name"]: f["value"] for f in fields}
+    values = {f["name"]: f["value"] for f in reversed(fields)}  # of the whole sensor before those of its captures
     assert values["read_noise_e"] == pytest.approx(17.3333, abs=1e-3)
     assert parameters_of(ps.DiffractionLimited)["f_number"]
 

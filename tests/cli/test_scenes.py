@@ -185,7 +185,7 @@ def test_the_example_of_the_help_fills_the_range(photosite: Any, tmp_path: Path)
             ("--scene", "macbet"),
             "no scene 'macbet': it is neither a built-in scene nor a file. Did you mean 'macbeth'?",
         ),
-        (("--scene", "gone.hdr"), "gone.hdr: cannot be read"),
+        (("--scene", "gone.hdr"), "gone.hdr: there is no such file"),
         (("--scene-option", "contrast"), "must be NAME=VALUE"),
         (("--wavelengths", "700:400:10"), "must be 400,410,420 or first:last:step such as 400:700:10"),
         (("--wavelengths", "1:1e12:1"), "must be 400,410,420 or first:last:step such as 400:700:10"),

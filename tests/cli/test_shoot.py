@@ -100,7 +100,7 @@ def test_terminated_leaves_nothing(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-c", code, *arguments], stderr=subprocess.PIPE, text=True)
     try:
         deadline = time.monotonic() + 120
-        while not list(tmp_path.glob(".stack-*/dark/*.tif")):
+        while not list(tmp_path.glob(".photosite-*/dark/*.tif")):
             assert process.poll() is None, "ended before it was interrupted"
             assert time.monotonic() < deadline
             time.sleep(0.02)

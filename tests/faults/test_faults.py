@@ -32,9 +32,12 @@ def test_a_command_under_faults() -> None:
     assert table.count("| 0 |") == 4
 
 
+TEMPORARY = "/r/.photosite-0f1e2d3c-4711-123456-0000000"
+
+
 def written(temporary: str, name: str) -> str:
     """Return the operations that write a file."""
-    path = f"/r/.photosite-{temporary}"
+    path = f"{TEMPORARY}{temporary}"
     return f"create\t{path}\nwrite\t{path}\nsync\t{path}\nrename\t{path}\t/r/{name}\nsync\t/r\n"
 
 
@@ -49,7 +52,7 @@ LAST = "rename\t/r/m.maps.h5.new\t/r/m.maps.h5\nsync\t/r\n"
         (NEW_MAPS + SENSOR + LAST, ""),
         (MAPS + SENSOR, "do not belong together"),
         (SENSOR + MAPS, "do not belong together"),
-        (NEW_MAPS + SENSOR.replace("sync\t/r/.photosite-1.yaml\n", "") + LAST, "m.yaml is neither old nor new"),
+        (NEW_MAPS + SENSOR.replace(f"sync\t{TEMPORARY}1.yaml\n", "") + LAST, "m.yaml is neither old nor new"),
         (NEW_MAPS.replace("sync\t/r\n", "") + SENSOR + LAST, "do not belong together"),
         (NEW_MAPS + SENSOR.replace("sync\t/r\n", "") + LAST, "do not belong together"),
     ],
@@ -65,7 +68,7 @@ def test_power_failures_are_found(log: str, found: str) -> None:
 
 
 def test_a_folder_that_is_not_synced_is_found() -> None:
-    place = "/r/.photosite-0"
+    place = f"{TEMPORARY}0"
     case = Case("folder", "", folder="s")
     case.new = {"s/a": b"a", "s/b": b"b"}
     files = "".join(f"create\t{place}/{name}\nwrite\t{place}/{name}\nsync\t{place}/{name}\n" for name in "ab")

@@ -6,7 +6,6 @@ import math
 import struct
 import zlib
 from collections.abc import Sequence
-from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, adaptation_to_d65, encode_srgb
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
-from photosite.engine.jit import compiled, prange, threads_for
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.frames.companding import decompanded
@@ -130,44 +128,9 @@ def develop_rgba(raw: RawFrame, exposure: float | str = "auto") -> NDArray[np.ui
     array([[  0., 137.],
            [188., 255.]], dtype=float32)
     """
-    linear = _linear_srgb(raw, "as-shot", None, exposure, "bilinear")
-    out = np.empty((*linear.shape[:2], 4), np.uint8)
-    with threads_for(out.size):
-        _encode_rgba(linear, *_srgb_codes(), out)
-    return out
+    from photosite.develop.display_codes import encoded_rgba
 
-
-_BINS = 4096
-"""Equal parts of 0 to 1, each with two codes of sRGB at most."""
-
-
-@lru_cache(maxsize=1)
-def _srgb_codes() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the 8-bit code at the beginning of each bin, and the least linear value of each code."""
-    low, high = np.zeros(256, np.float32), np.ones(256, np.float32)
-    wanted = np.arange(256)
-    for _ in range(60):  # bisection, down to neighboring numbers
-        middle = (low + high) / np.float32(2)
-        reached = encode_srgb(middle) * np.float32(255) + np.float32(0.5) >= wanted
-        low, high = np.where(reached, low, middle), np.where(reached, middle, high)
-    high[0] = 0.0
-    starts = np.arange(_BINS + 1, dtype=np.float32) / np.float32(_BINS)
-    return (np.searchsorted(high, starts, side="right") - 1).astype(np.uint8), high
-
-
-@compiled(parallel=True)
-def _encode_rgba(
-    linear: NDArray[np.float32], codes: NDArray[np.uint8], least: NDArray[np.float32], out: NDArray[np.uint8]
-) -> None:
-    for r in prange(linear.shape[0]):
-        for c in range(linear.shape[1]):
-            for k in range(3):
-                value = min(max(linear[r, c, k], np.float32(0)), np.float32(1))
-                code = codes[int(value * _BINS)]
-                while code < 255 and value >= least[code + 1]:
-                    code += 1
-                out[r, c, k] = code
-            out[r, c, 3] = 255
+    return encoded_rgba(_linear_srgb(raw, "as-shot", None, exposure, "bilinear"))
 
 
 def _linear_srgb(
