@@ -88,7 +88,7 @@ def page(browser, link: str, request: pytest.FixtureRequest) -> Iterator[object]
     opened.on("pageerror", lambda error: problems.append(str(error)))
     opened.on("console", lambda message: message.type == "error" and problems.append(message.text))
     opened.on("request", lambda request: request.url.startswith((base, "blob:")) or problems.append(request.url))
-    opened.set_default_timeout(45_000)
+    opened.set_default_timeout(180_000)
     yield opened
     context.close()
     if request.node.get_closest_marker("refused"):  # the browser reports answers with an error, too

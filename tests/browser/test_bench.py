@@ -21,7 +21,7 @@ PICTURES = os.environ.get("PICTURES")
 
 def wait(page, script: str, argument: object = None) -> None:
     """Wait until a script returns true; `page.wait_for_function` needs eval, which the page's policy forbids."""
-    deadline = time.monotonic() + 45
+    deadline = time.monotonic() + 180
     while not page.evaluate(script, argument):
         assert time.monotonic() < deadline, script
         page.wait_for_timeout(100)
