@@ -165,6 +165,15 @@ def test_incomplete_sets(
     assert reason in text.out
 
 
+def test_several_cameras_and_a_file_that_cannot_be_written(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    """It ends the command, and is no result of the camera."""
+    (tmp_path / "results" / "one.sensor.yaml").mkdir(parents=True)
+    (tmp_path / "one").symlink_to(stack)
+    done = photosite("calibrate", tmp_path / "one", "--into", tmp_path / "results")
+    assert (done.status, done.out, done.err.count("photosite: ")) == (2, "", 1)
+    assert not (tmp_path / "results" / "one.json").exists()
+
+
 def test_several_cameras(photosite: Any, stack: Path, tmp_path: Path) -> None:
     """Each camera has the parameters of its own calibration; one fails, and is calibrated when its frames are there."""
     for name in ("one", "two"):

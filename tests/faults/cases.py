@@ -83,7 +83,9 @@ def cases(inputs: Path) -> list[Case]:
     convert = f"convert {inputs}/scene.h5 --distance {{value}} --force -o"
     distances = ("2", "3")
     pairs = f"dataset {inputs}/e.npy --inputs-are electrons --sensor vendor-2.2um --crop 16x16 --crops 6"
+    sheet = "--pixel-um 3.45 --full-well-e 10500 --qe-peak 0.65 --bits 12 --rows 2048 --cols 2448"
     return [
+        Case("sensors new", f"sensors new {sheet} --read-noise-e {{value}} -o mine.sensor.yaml --force", seeds),
         Case("simulate", f"simulate {SMALL} --seed {{value}} -o shot.dng --force", seeds),
         Case("simulate, HDF5", f"simulate {SMALL} --seed {{value}} -o shot.h5 --clean clean.h5 --force", seeds),
         Case("sensors export", "sensors export {value} -o mine.sensor.yaml --force", ("vendor-2.2um", "nikon-d200")),

@@ -13,6 +13,8 @@ import numpy as np
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
+from photosite.calibration.gain_series.result import GainSeries
+from photosite.calibration.result import Calibration
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, PhotositeError, message_of, printable
 from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
@@ -71,7 +73,7 @@ def calibrate_cameras(
     InputError
         If two cameras have the same name, or there is no scheduler.
     FileError
-        If the folder cannot be written, or is in use.
+        If the folder or a result cannot be written, or the folder is in use.
     WorkerError
         If a camera ends its workers.
     """
@@ -126,30 +128,34 @@ class _Camera:
 
     def __call__(self, task: tuple[str, str]) -> dict[str, Any]:
         name, path = task
+        disk_error: FileError | None = None
         try:
-            result = self._calibrated(name, path)
+            found, has_sensor = self._calibrated(name, path)
+            result = found.to_dict()
+            if has_sensor:
+                try:
+                    found.save(self.folder / f"{name}{_SENSOR}")
+                except FileError as error:
+                    disk_error = error
         except PhotositeError as error:
             result = {ERROR: str(error)}
+        if disk_error is not None:  # not the camera's: it ends the command, and the camera is calibrated again
+            raise disk_error
         text = json.dumps(result, indent=1, allow_nan=False, default=_plain)
         with atomic_path(self.folder / f"{name}{_RESULT}") as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
         content: dict[str, Any] = json.loads(text)
         return content
 
-    def _calibrated(self, name: str, path: str) -> dict[str, Any]:
+    def _calibrated(self, name: str, path: str) -> tuple[Calibration | GainSeries, bool]:
+        """Return what was found, and whether it can be saved: the properties of the sensor are known."""
         frames = open_frames(path, **self.reading)
         sensor = self.sensor or frames.sensor
         if sensor is not None:
             sensor = sensor.with_(name=printable(name))
         if len(frames.gain_settings) > 1:
-            series = calibrate_series(frames, sensor)
-            if sensor is not None:
-                series.save(self.folder / f"{name}{_SENSOR}")
-            return series.to_dict()
-        calibration = calibrate(frames, sensor, maps=self.maps)
-        if sensor is not None:
-            calibration.save(self.folder / f"{name}{_SENSOR}")
-        return calibration.to_dict()
+            return calibrate_series(frames, sensor), sensor is not None
+        return calibrate(frames, sensor, maps=self.maps), sensor is not None
 
 
 def _plain(value: Any) -> Any:

@@ -171,8 +171,15 @@ def run(arguments: Sequence[str]) -> int:
         except OSError as error:
             return _fail_of_system(error)
         except MemoryError:
-            return _fail("the memory is not sufficient; close other programs, or take a smaller input")
+            return _fail(_NO_MEMORY)
+        except ImportError as error:
+            if "failed to map segment" not in str(error):  # the dynamic loader gives no error number
+                raise
+            return _fail(_NO_MEMORY)
     return int(status) if isinstance(status, int) else 0
+
+
+_NO_MEMORY = "the memory is not sufficient; close other programs, or take a smaller input"
 
 
 def _usage_message(error: click.UsageError) -> str:
