@@ -47,7 +47,7 @@ audit: $(VENV)/installed-dev
 
 # Read, develop and calibrate a user's own raw files: make test-raws FOLDER=~/pictures
 test-raws: $(VENV)/installed
-	@test -n "$(FOLDER)" || { echo "say: make test-raws FOLDER=folder of raw files"; exit 2; }
+	@test -n "$(FOLDER)" || { echo "usage: make test-raws FOLDER=folder of raw files"; exit 2; }
 	$(BIN)/python tests/raws/raw_folder.py "$(FOLDER)"
 
 # Commands that write, while the system fails them (docs/validation/durability.md): MOST tries of each kind for a command.

@@ -50,7 +50,7 @@ def measured(seed, kind, **options):
 def test_ideal_converters_have_no_error():
     found = [measured(seed, "ideal")[0] for seed in range(8)]
     assert not any(entry.significant or entry.section() is not None for entry in found)
-    assert sum(entry.dnl_rms_lsb.interval_95[0] <= 0.0 for entry in found) >= 6
+    assert sum(entry.dnl_rms_lsb.interval_95[0] <= 0.0 for entry in found) >= 7
 
 
 @pytest.mark.parametrize("pixels", [60_000, 2_000_000])
@@ -68,15 +68,15 @@ def test_errors_of_codes_are_found_with_their_intervals(kind, pixels):
         assert found.significant
         dnl_inside.append(np.abs(found.dnl_lsb - dnl) < 1.96 * found.dnl_uncertainty_lsb)
         inl_inside.append(np.abs(found.inl_lsb - inl) < 1.96 * found.inl_uncertainty_lsb)
-        for size, part in ((found.dnl_rms_lsb, dnl), (found.inl_rms_lsb, inl)):
+        for size, part, share in ((found.dnl_rms_lsb, dnl, 0.2), (found.inl_rms_lsb, inl, 0.3)):
             assert abs(size.value - np.sqrt((part**2).mean())) < 4.0 * size.standard_uncertainty
-            assert size.standard_uncertainty < 0.3 * size.value
-    assert np.concatenate(dnl_inside).mean() > 0.9
+            assert size.standard_uncertainty < share * size.value
+    assert 0.9 < np.concatenate(dnl_inside).mean() < (0.98 if pixels < 100_000 else 1.0)
     assert np.concatenate(inl_inside).mean() > 0.9
 
 
 def test_most_of_an_error_is_found():
-    """A moving polynomial of white widths takes a part of about 5 codes in 41, and at 4 DN of noise 5 in 9."""
+    """A moving polynomial of white widths takes 5 of 41 parts of the variance, 5 of 17 at the dimmest level."""
     found, width, _ = measured(1, "independent widths", pixels=2_000_000)
     dnl, _ = found.fast_part(width)
     assert np.corrcoef(dnl, width[found.code])[0, 1] > 0.85

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from killed_writers import kill_while_writing
+from process_groups import members
 
 import photosite as ps
 from photosite.data import Electrons, PairDataset, RawFrames, Scenes, ShardDataset, write_shards
@@ -104,9 +105,9 @@ def test_a_killed_writer_leaves_whole_shards_and_is_resumed(tmp_path: Path) -> N
     process.send_signal(signal.SIGKILL)
     process.wait()
     deadline = time.monotonic() + 20
-    while _members(process.pid) and time.monotonic() < deadline:
+    while members(process.pid) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert not _members(process.pid), "the workers outlive their killed parent"
+    assert not members(process.pid), "the workers outlive their killed parent"
     left = len(list(folder.glob("shard-*")))
     assert 5 <= left < 100
     subprocess.run([sys.executable, str(tmp_path / "write.py"), str(folder)], check=True)
@@ -114,20 +115,6 @@ def test_a_killed_writer_leaves_whole_shards_and_is_resumed(tmp_path: Path) -> N
     subprocess.run([sys.executable, str(tmp_path / "write.py"), str(again)], check=True)
     assert contents(folder) == contents(again)
     assert len(ShardDataset(folder)) == 200
-
-
-def _members(group: int) -> list[int]:
-    """Processes of a group that still run."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-            except OSError:
-                continue
-            if int(fields[2]) == group and fields[0] != "Z":
-                found.append(int(entry.name))
-    return found
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ PIXELS = 1 << 25
 """Pixels, over all flat fields, that are counted."""
 
 LEAST_COUNT, LEAST_CODES = 300, 64
-"""Mean count of the codes, and number of codes, below which nothing is told of a converter."""
+"""Mean count of the codes, and number of codes, below which no error of a converter is estimated."""
 
 LEAST_NOISE_DN = 4.0
 """Noise below which the density of a flat field is not smooth over enough codes."""
@@ -121,7 +121,7 @@ class ConverterCodes(Shown):
     densities: tuple[SmoothDensity, ...] = field(repr=False)
 
     def fast_part(self, dnl_lsb: Array) -> tuple[Array, Array]:
-        """Return the part of a known error that these flat fields tell, as DNL and INL of the covered codes.
+        """Return the part of a known error that these flat fields can show, as DNL and INL of the covered codes.
 
         Parameters
         ----------
@@ -132,6 +132,20 @@ class ConverterCodes(Shown):
         -------
         dnl_lsb, inl_lsb
             (n,) what this measurement would find of it without noise.
+
+        Raises
+        ------
+        InputError
+            If there is not one width for each code.
+
+        Examples
+        --------
+        >>> counts = np.random.default_rng(1).multinomial(1 << 18, np.full(600, 1 / 600), size=2)
+        >>> found = converter_codes([Density(counts, 30.0)], (100, 500))
+        >>> code = np.arange(600)
+        >>> fast, slow = (found.fast_part(0.1 * np.sin(2 * np.pi * code / period))[0] for period in (8, 200))
+        >>> float(abs(fast).max().round(2)), float(abs(slow).max().round(2))
+        (0.1, 0.0)
         """
         if np.shape(dnl_lsb) != (self.white_dn + 1,):
             raise InputError("dnl_lsb", value=np.shape(dnl_lsb), expected=f"an array of shape ({self.white_dn + 1},)")
@@ -173,7 +187,7 @@ class ConverterCodes(Shown):
 
 
 def measure_converter(reduction: Reduction, reader: FrameReader) -> ConverterCodes | Missing:
-    """Return the error of the converter, or why the flat fields do not tell it; some frames are read again."""
+    """Return the error of the converter, or why it cannot be estimated; some frames are read again."""
     if any(found is not None for found in (*reduction.steps, *reduction.sums)):
         return Missing("the numbers are not the converter's codes: some are left out, doubled or summed")
     chosen = [entry for entry in reduction.lights if entry.frames > 1 and _smooth(entry)]
