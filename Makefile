@@ -34,11 +34,11 @@ test-browser: $(VENV)/installed-dev
 	-npm install --silent --no-audit --no-fund --no-save --prefix $(VENV)/axe axe-core@4
 	$(BIN)/python -m pytest -m browser tests/browser
 
-# Damaged and hostile files and command lines: make fuzz, or with a count or a time: make fuzz INPUTS=1000000,
-# make fuzz SECONDS_IN_ALL=60. On one core.
+# Damaged and hostile files and command lines: make fuzz INPUTS=1000000, make fuzz SECONDS_IN_ALL=60, or both, and the
+# first limit that is reached counts. On one core.
 INPUTS ?= 150000
 fuzz: $(VENV)/installed-dev
-	nice -n 10 $(BIN)/python tests/fuzz/run.py $(if $(SECONDS_IN_ALL),--seconds $(SECONDS_IN_ALL),--inputs $(INPUTS))
+	nice -n 10 $(BIN)/python tests/fuzz/run.py --inputs $(INPUTS) $(if $(SECONDS_IN_ALL),--seconds $(SECONDS_IN_ALL))
 
 # Known advisories of the installed packages, from PyPI; fails with the reason where they cannot be asked for.
 audit: $(VENV)/installed-dev

@@ -275,7 +275,10 @@ def _short(value: Any) -> str:
     """Return the value's repr on one line, shortened; NumPy scalars as plain numbers."""
     if getattr(value, "shape", None) == () and hasattr(value, "item"):
         value = value.item()
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # of a library's object, which must not hide the error that names it
+        text = f"an object of type {type(value).__name__}"
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
 
 

@@ -1,8 +1,9 @@
 """Fuzz readers, description files and command lines: `python tests/fuzz/run.py --inputs 100000`, or `--seconds 60`.
 
-Each target gets its share of the inputs, or of the time, in a process with limited memory that its parent watches: an
-input that takes longer than `HANG_S` is a hang, a process that dies is a crash, growth by `LARGE_KIB` is a large
-allocation. Inputs with findings are kept in --keep, and the exit status is then 1. The same seed gives the same inputs.
+Each target gets its share of the inputs, of the time, or of what ends first, in a process with limited memory that its
+parent watches: an input that takes longer than `HANG_S` is a hang, a process that dies is a crash, growth by
+`LARGE_KIB` is a large allocation. Inputs with findings are kept in --keep, and the exit status is then 1. The same seed
+gives the same inputs.
 """
 
 from __future__ import annotations
@@ -79,6 +80,11 @@ def _end_of(trace: str) -> str:
     return "\n".join(line[:300] for line in trace.strip().splitlines()[-9:])
 
 
+def _heard(connection: Connection, seconds: float) -> bool:
+    """Wait for a message, in steps of a second: time in which this process itself was stopped does not count."""
+    return any(connection.poll(1.0) for _ in range(math.ceil(seconds)))
+
+
 class Watch:
     """One target's inputs, batch after batch."""
 
@@ -115,7 +121,7 @@ class Watch:
         try:
             while True:
                 # Before the first input, the process imports and makes seeds.
-                if not ours.poll(self.hang_s if number >= first else 20 * HANG_S):
+                if not _heard(ours, self.hang_s if number >= first else 20 * HANG_S):
                     process.kill()
                     return self._lost(number, f"hang: more than {self.hang_s:g} s")
                 what, value = ours.recv()
