@@ -1,4 +1,4 @@
-"""Calibration of several captures: values of each, ratios of sensitivity, and reasons where they cannot be told."""
+"""Calibration of several captures: values of each, ratios of sensitivity, and reasons where one cannot be given."""
 
 from __future__ import annotations
 

@@ -76,11 +76,11 @@ def test_the_gain_of_readout_channels_has_its_uncertainty(axis):
     assert 0.65 < np.sqrt(np.mean(np.square(scores))) < 1.35
 
 
-def test_gains_of_lines_need_a_mosaic_that_tells_them():
+def test_gains_of_lines_need_a_mosaic_in_which_they_differ():
     """In a Bayer mosaic the two greens differ in row and column; in a Quad Bayer one, every color is in both."""
     values = tiled(flat(np.random.default_rng(11), shape=(144, 192)), [[1.004, 0.996]])
     bayer = found(values, np.array([[0, 1], [1, 2]]))
-    assert (bayer.told, bayer.by_lines) == ((), "")
+    assert (bayer.separable, bayer.by_lines) == ((), "")
     assert not bayer.of_mosaic()
     quad = found(values, np.kron(np.array([[0, 1], [1, 2]]), np.ones((2, 2), np.int64)))
     assert quad.by_lines == "columns"

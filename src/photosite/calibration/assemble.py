@@ -231,8 +231,8 @@ def _warnings(
     if light.bend is not None:
         yield (
             f"the means of the flat fields do not lie on a straight line against the stated light: the response bends, "
-            f"or the light is not in proportion. Without dark frames these cannot be told apart, and the uncertainty "
-            f"of the system gain, {100 * light.bend.relative:.2g} % from this alone, covers both"
+            f"or the light is not in proportion. Without dark frames these cannot be distinguished, and the "
+            f"uncertainty of the system gain, {100 * light.bend.relative:.2g} % from this alone, covers both"
         )
     yield from light.noise.warnings()
     yield from (str(found) for found in (patterns.structure, patterns.dark_structure) if found is not None)

@@ -174,7 +174,7 @@ class CombinedCalibration(Tabular):
                 rows.append((what, name, entry.value, entry.standard_uncertainty, *ends, entry.reason))
         columns = ("part", "parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "reason")
         count = len(self.captures)
-        title = f"Combined frames of {self.source}: {count} capture{'s' * (count > 1)} told apart by their noise"
+        title = f"Combined frames of {self.source}: {count} capture{'s' * (count > 1)} distinguished by their noise"
         return ResultTable(title, columns, rows)
 
 
@@ -199,7 +199,8 @@ def calibrate_combined(
 
     The frames may have up to 24 bits, or be companded by a known table. The knees of the photon transfer curve are
     found by dynamic programming (`find_pieces`). Captures that read one charge with two gains have the same electrons:
-    they are told apart by read noise that is seen beside the shot noise, or in linear frames by the distance of codes.
+    they are distinguished by read noise that is seen beside the shot noise, or in linear frames by the distance of
+    codes.
 
     Parameters
     ----------

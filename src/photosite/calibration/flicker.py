@@ -30,7 +30,7 @@ from photosite.values.uncertain import Measured, Uncertain
 Array = NDArray[np.float64]
 
 LEAST_CYCLES = 0.6
-"""Cycles over the frame below which bands cannot be told from a light that drifts."""
+"""Cycles over the frame below which bands cannot be distinguished from drift of the light."""
 LEAST_CYCLES_OF_PULSES = 2.5
 """Cycles over the frame below which a light with harmonics gives no frequency: those of others fit nearly as well."""
 _MOST_HARMONICS = 16

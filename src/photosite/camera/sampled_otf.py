@@ -63,7 +63,7 @@ class SampledOtf:
 
     # (wavelengths, nodes) weights of linear interpolation: the share of each wavelength's light at each node
     node_shares: Array
-    radial: Array | None  # (R, nodes, frequencies) part that depends on |f| only; None if there is none
+    radial: Array | None  # (R, nodes, frequencies) part that depends on |f| only; None without such a part
     step_per_m: float  # frequency step of `radial`
     # (R, nodes, Q, Q // 2 + 1) spectra of the kernels on the cells; None if the spread depends on |f| only
     kernel_spectra: NDArray[np.complex128] | None

@@ -98,7 +98,7 @@ if TYPE_CHECKING:
     help="License of the entry: CC0-1.0, CC-BY-4.0, CC-BY-SA-4.0, PDDL-1.0, ODC-By-1.0, ODbL-1.0, Apache-2.0 or MIT.",
 )
 @click.option("--camera", metavar="TEXT", help="Maker and model for the entry.  [default: the name of the sensor]")
-@click.option("--attribution", metavar="TEXT", help="Whom to name in the entry.  [default: nobody]")
+@click.option("--attribution", metavar="TEXT", help="Name to give in the entry as its source.  [default: none]")
 @options.option(
     "--into",
     type=options.shared_folder,
@@ -138,7 +138,7 @@ def command(
     by --sensor.
 
     Frames that combine several captures of one exposure (high dynamic range) show knees of the photon transfer: the
-    captures are then told apart by their noise. Companded frames need a sensor file with the table,
+    captures are then distinguished by their noise. Companded frames need a sensor file with the table,
     captures.combination.companding. The frames of each capture, in subfolders, show more.
 
     Frames of several gain settings (ISO) are calibrated as a series: each setting by itself, then the switch of the
@@ -246,7 +246,7 @@ def command(
             scheduler=scheduler,
         )
     except SeveralCapturesError as error:
-        say(f"photosite: {error.what}; the captures are told apart by their noise")
+        say(f"photosite: {error.what}; the captures are distinguished by their noise")
         if given:
             raise click.UsageError("--contribute needs frames of one capture") from None
         _combined(frames, sensor, output, report, as_json)

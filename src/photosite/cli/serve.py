@@ -42,7 +42,7 @@ def command(folder: Path | None, port: int, opens: bool, upload_mb: int, job_min
 
     The page simulates cameras, calibrates folders, compares sensors, plans measurements and sweeps, with the functions
     of the commands. It can read scenes, sensor files, lenses and frames in FOLDER, and nothing else on the disk;
-    without FOLDER, uploaded files only. The printed link holds the server's key: whoever has the link can use the
+    without FOLDER, uploaded files only. The printed link holds the server's key: anyone with the link can use the
     server, and only from this machine. Nothing is sent anywhere.
 
     Needs the extra app: pip install '.[app]' in the clone.

@@ -187,7 +187,7 @@ def _header(key: str, content: bytes) -> bytes:
 
 
 def _read(path: Path, key: str, largest_bytes: int) -> Arrays | None:
-    """Return an entry's arrays; None if there is none. A file that is not this entry is removed."""
+    """Return an entry's arrays; None without an entry. A file that is not this entry is removed."""
     try:
         state = path.stat()
         if not stat.S_ISREG(state.st_mode) or state.st_size > largest_bytes:

@@ -93,7 +93,7 @@ def contribute(
     camera
         Maker and model. Default: the name of the base sensor.
     attribution
-        Whom to name; None for nobody.
+        Name to give as the source; none if None.
 
     Raises
     ------

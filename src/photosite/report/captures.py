@@ -83,7 +83,7 @@ def combined_page(found: CombinedCalibration) -> Page:
     shown: tuple[Block, ...] = _table(knees) if knees else (Paragraph("No knee was found."),)
     warnings = tuple(Notice(sentence(text), warning=True) for text in found.warnings)
     sections = (Section("Captures", _table(rows)), Section("Knees", (*shown, *figures)), *_warnings(warnings))
-    lead = f"Combined frames of {found.source}: {len(found.captures)} captures are told apart by their noise."
+    lead = f"Combined frames of {found.source}: {len(found.captures)} captures are distinguished by their noise."
     return Page("Captures in combined frames", lead, sections, _FOOTER)
 
 

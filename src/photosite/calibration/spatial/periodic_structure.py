@@ -70,8 +70,8 @@ class PeriodicStructure:
         Standard uncertainty of one row or column, where only these differ.
     dark
         Whether the frames are dark frames.
-    told
-        Which of columns and rows the mosaic tells apart: those in which every channel has as many pixels in each place
+    separable
+        Which of columns and rows can be distinguished: those in which every channel has as many pixels in each place
         of the period. In a Bayer mosaic neither: red lies in every second column and row only, and the two greens
         differ in both.
     """
@@ -80,7 +80,7 @@ class PeriodicStructure:
     chance: float
     uncertainty: float = 0.0
     dark: bool = False
-    told: tuple[str, ...] = ("columns", "rows")
+    separable: tuple[str, ...] = ("columns", "rows")
 
     @property
     def period(self) -> int:
@@ -96,7 +96,7 @@ class PeriodicStructure:
     def by_lines(self) -> str:
         """Return "rows" or "columns" where only these differ, as readout channels do; "" otherwise."""
         for name, axis in (("columns", 0), ("rows", 1)):
-            if name not in self.told:
+            if name not in self.separable:
                 continue
             means = self.relative.mean(axis=axis, keepdims=True)
             if np.abs(self.relative - means).max() < max(0.1 * self.difference, self.chance):
@@ -121,7 +121,7 @@ class PeriodicStructure:
                 f"difference"
             )
         percent = f"{100.0 * self.difference:.2g} %"
-        if not self.of_mosaic() and not self.told:
+        if not self.of_mosaic() and not self.separable:
             return (
                 f"the pixels of one color differ by {percent} in the flat fields, with a period of {self.period} "
                 f"pixels, as with readout channels of alternating rows or columns, or with light from neighbors of "
@@ -138,7 +138,7 @@ class PeriodicStructure:
         return (
             f"the flat fields repeat every {self.period} {self.by_lines or 'rows and columns'}, by {percent} of the "
             f"signal, within what is stated as one channel, as with a color filter array that is not stated or has "
-            f"another phase{likely}{'' if self.told else '; or with readout channels of very different gain'}"
+            f"another phase{likely}{'' if self.separable else '; or with readout channels of very different gain'}"
         )
 
     def tiles(self) -> tuple[str, ...]:
@@ -290,7 +290,7 @@ def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = N
     for period in PERIODS:
         folded = _fold(relative, period)[0]
         rest = relative - np.tile(folded, (CELL // period, CELL // period))
-        found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark, told=_told(labels, period))
+        found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark, separable=_separable(labels, period))
         limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
             if found.difference <= (least if dark else READOUT_SHARE):
@@ -306,7 +306,7 @@ def _cells(mean: Array) -> Array:
     return cells[:: -(-rows // MOST_CELLS), :: -(-cols // MOST_CELLS)]
 
 
-def _told(labels: NDArray[np.int64], period: int) -> tuple[str, ...]:
+def _separable(labels: NDArray[np.int64], period: int) -> tuple[str, ...]:
     """Return which of columns and rows have as many pixels of every channel in each place of the period."""
     found = []
     for axis, name in enumerate(("columns", "rows")):

@@ -128,7 +128,7 @@ class DarktableCamera(Shown):
         Raises
         ------
         InputError
-            If the ISO is outside the file's range, `mono` contradicts the file, or a is none of a sensor.
+            If the ISO is outside the file's range, `mono` contradicts the file, or a is not one that a sensor has.
         """
         if not self.isos[0] <= iso <= self.isos[-1]:
             expected = f"{self.isos[0]:g} to {self.isos[-1]:g}, the range of the profiles"
