@@ -16,6 +16,8 @@ import subprocess
 import sys
 import time
 import traceback
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -76,6 +78,8 @@ class Case:
     """Folder that appears as a whole."""
     checkpoint: str = ""
     """Folder from which an interrupted run goes on, and which it removes at its end."""
+    within: Callable[[], AbstractContextManager[None]] = contextlib.nullcontext
+    """Context of each run, which makes the command short or its outputs the same each time."""
     old: Contents = field(default_factory=dict)
     new: Contents = field(default_factory=dict)
     operations: int = 0
@@ -117,20 +121,20 @@ def fill(folder: Path, content: Contents) -> None:
 
 
 class Run:
-    """A command in a forked process, in a folder."""
+    """The old (0) or new (1) run of a case in a forked process, in a folder."""
 
     def __init__(
-        self, folder: Path, arguments: list[str], action: int = COUNT, at: int = 0, number: int = 0, log: str = ""
+        self, folder: Path, case: Case, which: int = 1, action: int = COUNT, at: int = 0, number: int = 0, log: str = ""
     ) -> None:
         Run._made += 1
         self._err, self._note = (folder.with_name(f"{folder.name}.{Run._made}.{kind}") for kind in ("err", "count"))
         self.process = os.fork()
         if self.process == 0:
-            self._run(folder, arguments, action, at, number, log)
+            self._run(folder, case, which, action, at, number, log)
 
     _made = 0
 
-    def _run(self, folder: Path, arguments: list[str], action: int, at: int, number: int, log: str) -> None:
+    def _run(self, folder: Path, case: Case, which: int, action: int, at: int, number: int, log: str) -> None:
         status = 1
         try:
             os.chdir(folder)
@@ -139,10 +143,10 @@ class Run:
                 os.dup2(stream.fileno(), 2)
                 for kind in (signal.SIGTERM, signal.SIGHUP):  # as `photosite.cli.main.main`
                     signal.signal(kind, lambda number, _: sys.exit(128 + number))
-                arm(folder, action, at, number, log)
                 try:
-                    with contextlib.redirect_stdout(io.StringIO()):
-                        status = run(arguments)
+                    with contextlib.redirect_stdout(io.StringIO()), case.within():
+                        arm(folder, action, at, number, log)
+                        status = run(case.command(which))
                 except SystemExit as stop:
                     status = int(stop.code or 0)
                 except BaseException:
@@ -175,7 +179,12 @@ def _warm(case: Case, folder: Path) -> None:
     jit._forked.without_threads = True  # as forked processes have them
     fill(folder, {})
     silent = io.StringIO()
-    with contextlib.chdir(folder), contextlib.redirect_stdout(silent), contextlib.redirect_stderr(silent):
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(silent),
+        contextlib.redirect_stderr(silent),
+        case.within(),
+    ):
         run(case.command(0))
 
 
@@ -184,7 +193,7 @@ def prepare(case: Case, folder: Path) -> list[str]:
     _warm(case, folder)
     for which in (0, 1, 1):
         fill(folder, {})
-        ended = Run(folder, case.command(which)).wait()
+        ended = Run(folder, case, which).wait()
         if ended.status != 0:
             return [f"{case.name}: exit status {ended.status} without a fault: {ended.err}"]
         found = contents(folder)
@@ -195,11 +204,11 @@ def prepare(case: Case, folder: Path) -> list[str]:
     if not case.overwrites:
         case.old = {}
     fill(folder, case.old)
-    case.operations = Run(folder, case.command(1), log=f"{folder}.log").wait().operations
+    case.operations = Run(folder, case, log=f"{folder}.log").wait().operations
     if contents(folder) != case.new:
         return [f"{case.name}: a run over older outputs gives others"]
     fill(folder, case.old)
-    case.allocations = Run(folder, case.command(1), NO_MEMORY, -1).wait().operations
+    case.allocations = Run(folder, case, action=NO_MEMORY, at=-1).wait().operations
     return []
 
 
@@ -247,7 +256,7 @@ def findings(case: Case, folder: Path, ended: Ended, *, killed: bool = False, ag
     if "Traceback" in ended.err or "libhdf5" in ended.err or "HDF5-DIAG" in ended.err:
         wrong.append(f"raw messages: {ended.err[-1500:]}")
     if again and not (not case.overwrites and found == case.new):
-        repeated = Run(folder, case.command(1)).wait()
+        repeated = Run(folder, case).wait()
         found = contents(folder)
         if repeated.status != 0 or found != case.new:
             names = [name for name in found.keys() | case.new if found.get(name) != case.new.get(name)]

@@ -11,6 +11,7 @@ import argparse
 import errno
 import os
 import random
+import re
 import shutil
 import signal
 import sys
@@ -20,7 +21,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # wherever it is run from
-from cases import cases, write_inputs
+sys.path.insert(1, str(Path(__file__).parents[1] / "helpers"))
+from cases import cases
+from inputs import write_inputs
 from power import failures
 
 import faults
@@ -45,7 +48,7 @@ def with_faults(case: Case, folder: Path, most: int, rng: random.Random) -> tupl
     for action, number, count in kinds:
         for at in _chosen(count, most, rng):
             fill(folder, case.old)
-            ended = Run(folder, case.command(1), action, at, number).wait()
+            ended = Run(folder, case, 1, action, at, number).wait()
             tries += 1
             wrong += [f"{case.name}, action {action} at {at}: {text}" for text in findings(case, folder, ended)]
     return tries, wrong
@@ -56,17 +59,17 @@ def with_kills(case: Case, folder: Path, most: int, rng: random.Random) -> tuple
     tries, wrong = 0, []
     fill(folder, case.old)
     started = time.monotonic()
-    Run(folder, case.command(1)).wait()
+    Run(folder, case).wait()
     length_s = time.monotonic() - started
     for at in _chosen(case.operations, most, rng):
         fill(folder, case.old)
-        ended = Run(folder, case.command(1), faults.KILL, at).wait()
+        ended = Run(folder, case, 1, faults.KILL, at).wait()
         tries += 1
         wrong += [f"{case.name}, killed at {at}: {text}" for text in findings(case, folder, ended, killed=True)]
     for number in range(max(2, most // 4)):
         fill(folder, case.old)
         kind = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP)[number % 3]
-        running = Run(folder, case.command(1))
+        running = Run(folder, case)
         time.sleep(rng.uniform(0, length_s))
         os.kill(running.process, kind)
         tries += 1
@@ -79,7 +82,7 @@ def without_power(case: Case, folder: Path, most: int, rng: random.Random) -> tu
     """Record the operations of a case, and check what disks may hold when the power fails."""
     fill(folder, case.old)
     log = Path(f"{folder}.log")
-    Run(folder, case.command(1), log=str(log)).wait()
+    Run(folder, case, log=str(log)).wait()
     return failures(case, log.read_text(), str(folder), most)
 
 
@@ -90,7 +93,7 @@ def on_full_disks(case: Case, folder: Path, most: int, rng: random.Random) -> tu
     sizes = sorted({0, 1, 100, *(rng.randrange(total) for _ in range(most))})
     for size in sizes:
         fill(folder, case.old)
-        ended = Run(folder, case.command(1), faults.FULL, number=size).wait()
+        ended = Run(folder, case, 1, faults.FULL, number=size).wait()
         wrong += [f"{case.name}, full after {size} bytes: {text}" for text in findings(case, folder, ended)]
     return len(sizes), wrong
 
@@ -100,9 +103,9 @@ def in_races(case: Case, folder: Path, most: int, rng: random.Random) -> tuple[i
     tries, wrong = max(2, most // 4), []
     for number in range(tries):
         fill(folder, case.old)
-        both = [Run(folder, case.command(1))]
+        both = [Run(folder, case)]
         time.sleep(rng.choice([0, 0.01, 0.1]))
-        both.append(Run(folder, case.command(number % 2 if case.overwrites else 1)))
+        both.append(Run(folder, case, number % 2 if case.overwrites else 1))
         ended = [running.wait() for running in both]
         where = f"{case.name}, race {number}"
         for each in ended:
@@ -124,26 +127,35 @@ KINDS: dict[str, Callable[[Case, Path, int, random.Random], tuple[int, list[str]
 }
 
 
-def check(kind: str, only: str = "", most: int = 1_000_000, seed: int = 0, inputs: Path | None = None) -> list[str]:
-    """Run a kind over the cases whose names contain `only`; print a line for each, and return what is wrong."""
+def check(
+    kinds: list[str], only: str = "", most: int = 1_000_000, seed: int = 0, inputs: Path | None = None
+) -> list[str]:
+    """Run kinds over the cases whose names match `only`; print a line with their tries for each case.
+
+    Return what is wrong.
+    """
     # Memory, not a disk: what is tested is the order of operations, not their speed.
     parent = "/dev/shm" if Path("/dev/shm").is_dir() else None
     place = Path(tempfile.mkdtemp(prefix="faults-", dir=parent)).resolve()
     all_wrong = []
     try:
-        print(f"| {kind} | operations | tries | findings | s |\n|---|---|---|---|---|", flush=True)
+        print(f"| command | operations | {' | '.join(kinds)} | findings | s |", flush=True)
+        print("|---" * (4 + len(kinds)) + "|", flush=True)
         inputs = (inputs or place / "inputs").resolve()
-        chosen = [case for case in cases(inputs) if only in case.name]
-        write_inputs(inputs, chosen)
+        chosen = [case for case in cases(inputs) if re.search(only, case.name)]
+        write_inputs(inputs, [" ".join(case.command(which)) for case in chosen for which in (0, 1)])
         for case in chosen:
             started = time.monotonic()
             folder = place / "work"
             wrong = faults.prepare(case, folder)
-            tries = 0
+            tries = []
             if not wrong:
-                tries, wrong = KINDS[kind](case, folder, most, random.Random(f"{seed} {case.name}"))
-            seconds = time.monotonic() - started
-            print(f"| {case.name} | {case.operations} | {tries} | {len(wrong)} | {seconds:.0f} |", flush=True)
+                for kind in kinds:
+                    count, found = KINDS[kind](case, folder, most, random.Random(f"{seed} {case.name}"))
+                    tries.append(str(count))
+                    wrong += found
+            figures = [str(case.operations), *(tries or [""] * len(kinds)), str(len(wrong))]
+            print(f"| {case.name} | {' | '.join(figures)} | {time.monotonic() - started:.0f} |", flush=True)
             for text in wrong[:8]:
                 print(f"  {text}", file=sys.stderr, flush=True)
             all_wrong += wrong
@@ -156,7 +168,7 @@ def main() -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("kinds", choices=KINDS, nargs="+")
-    parser.add_argument("--only", default="", help="part of the names of the cases")
+    parser.add_argument("--only", default="", help="regular expression for the names of the cases")
     parser.add_argument("--most", type=int, default=1_000_000, help="tries of each kind for a case; default: all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--inputs", type=Path, help="folder that keeps the inputs; default: temporary")
@@ -166,8 +178,7 @@ def main() -> None:
             library = faults.build_shim(Path(folder))
             child = os.spawnve(os.P_WAIT, sys.executable, [sys.executable, *sys.argv], faults.shim_environment(library))
         sys.exit(child)
-    wrong = [check(kind, given.only, given.most, given.seed, given.inputs) for kind in given.kinds]
-    sys.exit(1 if any(wrong) else 0)
+    sys.exit(1 if check(given.kinds, given.only, given.most, given.seed, given.inputs) else 0)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -29,7 +30,7 @@ def run(*arguments: str) -> str:
 def test_a_command_under_faults() -> None:
     """Every operation on files fails, or is the last before a kill or a power failure."""
     table = run("faults", "kills", "power", "full-disk", "--only", "sensors export", "--most", "4")
-    assert table.count("| 0 |") == 4
+    assert re.search(r"\| sensors export \| \d+ \| \d+ \| \d+ \| \d+ \| \d+ \| 0 \|", table), table
 
 
 TEMPORARY = "/r/.photosite-0f1e2d3c-4711-123456-0000000"
