@@ -9,7 +9,6 @@ import csv
 import math
 import os
 from collections.abc import Callable, Mapping
-from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.errors import FileError, InputError, in_file
 from photosite.files.hdf5 import check_own_data, check_stored
 from photosite.files.small_files import check_stored_file, read_small
+from photosite.files.tiff_pages import decoded, pages_of
 from photosite.optics.checks import number_array
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.tables import OtfTable, PsfTable
@@ -29,7 +29,6 @@ _LARGEST_TEXT = 64 << 20
 _ALWAYS_READ_VALUES = 1 << 24
 """Numbers that a file however small may hold: a compressed pupil of 4096 x 4096 samples."""
 _MOST_VALUES_PER_BYTE = 8
-_MOST_PAGES = 1000
 
 _DESIGN_FIELDS = ("wavelength_nm", "psf", "spacing_um", "field_y", "field_x", "unit")
 """Fields of a `LensDesign` in an archive; the options of the low-rank sum are in the optics file."""
@@ -274,11 +273,9 @@ def load_tiff(path: Path) -> dict[str, Any]:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        found = list(islice(file.pages, _MOST_PAGES + 1))  # damaged pages can form a chain without end
-        if len(found) > _MOST_PAGES:
-            raise FileError(path, "pages", expected=f"at most {_MOST_PAGES}")
+        found = pages_of(path, file)
         _check_values(path, sum(page.size for page in found))
-        pages = [page.asarray() for page in found]
+        pages = [decoded(path, page) for page in found]
     if not pages or any(page.ndim != 2 or page.shape != pages[0].shape for page in pages):
         raise FileError(path, "pages", expected="gray and of equal size, one page for each wavelength")
     return {"psf": np.stack(pages)}

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, PhotositeError
+from photosite.files.tiff_pages import decoded, pages_of
 from photosite.files.writing import Piece, atomic_path, write_bands
 from photosite.scene.cube import RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.io.color_space import space_of_tiff
@@ -66,7 +67,7 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
 
 
 def _content(path: Path, file: Any, options: ReadOptions) -> SpectralCube | Scene:
-    pages = [page for page in file.pages if not page.is_reduced]
+    pages = [page for page in pages_of(path, file) if not page.is_reduced]
     if not pages:
         raise FileError(path, "has no pages")
     first = pages[0]
@@ -127,7 +128,7 @@ def _read_picture(path: Path, page: Any, size: int, options: ReadOptions) -> Sce
     if int(page.bitspersample) != 8 * page.dtype.itemsize:
         raise FileError(path, "bits a value", value=page.bitspersample, expected="8 or 16")
     space = space_of_tiff(path, page)
-    values = page.asarray()
+    values = decoded(path, page)
     values = values.reshape(*values.shape[:2], -1) if int(page.planarconfig) != _PLANES else np.moveaxis(values, 0, 2)
     count = 3 if form == _RGB else 1
     colors, opacity = values[:, :, :count], values[:, :, count:]
@@ -165,7 +166,7 @@ def _stack(
     shape = rows, cols, len(pages)
     if all(page.is_contiguous for page in pages):
         return shape, {"path": path, "dtype": dtype, "band_offsets": tuple(int(p.dataoffsets[0]) for p in pages)}
-    pieces: Iterator[Piece] = ((band, 0, page.asarray()[None]) for band, page in enumerate(pages))
+    pieces: Iterator[Piece] = ((band, 0, decoded(path, page)[None]) for band, page in enumerate(pages))
     return shape, _copied(path, pieces, shape, dtype)
 
 
@@ -181,7 +182,7 @@ def _samples(path: Path, page: Any, dtype: np.dtype[Any], size: int) -> tuple[tu
     if math.prod(shape) * dtype.itemsize > _LARGEST_COMPRESSED:
         hint = "Save it uncompressed, or with a page a band"
         raise FileError(path, "has a compressed page of more than 1 GiB", hint=hint)
-    values: NDArray[Any] = page.asarray()
+    values: NDArray[Any] = decoded(path, page)
     pieces: Iterator[Piece] = iter([(0, 0, values if planes else np.moveaxis(values, 2, 0))])
     return shape, _copied(path, pieces, shape, dtype)
 
