@@ -54,6 +54,16 @@ def test_a_damaged_file_is_compiled_anew(kernel: Callable[[], Any], tmp_path: Pa
     assert sum(again.stats.cache_hits.values()) == 1
 
 
+def test_a_kernel_is_kept_while_another_process_writes(
+    kernel: Callable[[], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A temporary file of another process takes its name after it was listed, and before it is looked at."""
+    monkeypatch.setattr(Path, "glob", lambda folder, _: [folder / "renamed by now.tmp"])
+    kernel()(2.0)
+    monkeypatch.undo()
+    assert len(files(tmp_path)) == 1
+
+
 def test_a_folder_that_cannot_be_written_is_no_error(kernel: Callable[[], Any], tmp_path: Path) -> None:
     (tmp_path / "kernels").write_text("a file in the place of the folder")
     assert kernel()(2.0) == 4.0

@@ -22,6 +22,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # wherever it is run from
 sys.path.insert(1, str(Path(__file__).parents[1] / "helpers"))
+from caches import race
 from cases import cases
 from inputs import write_inputs
 from power import failures
@@ -99,10 +100,12 @@ def on_full_disks(case: Case, folder: Path, most: int, rng: random.Random) -> tu
 
 
 def in_races(case: Case, folder: Path, most: int, rng: random.Random) -> tuple[int, list[str]]:
-    """Run a case twice at once, with the same arguments and with different ones, over older outputs."""
+    """Run a case twice at once: with different arguments over older outputs, or resuming a run that was killed."""
     tries, wrong = max(2, most // 4), []
     for number in range(tries):
         fill(folder, case.old)
+        if number % 2:
+            Run(folder, case, 1, faults.KILL, rng.randint(1, case.operations)).wait()
         both = [Run(folder, case)]
         time.sleep(rng.choice([0, 0.01, 0.1]))
         both.append(Run(folder, case, number % 2 if case.overwrites else 1))
@@ -125,6 +128,10 @@ KINDS: dict[str, Callable[[Case, Path, int, random.Random], tuple[int, list[str]
     "full-disk": on_full_disks,
     "races": in_races,
 }
+
+
+CACHES = "simulate, empty caches"
+"""Name of the race of two processes that fill the caches, among those of the cases."""
 
 
 def check(
@@ -157,6 +164,14 @@ def check(
             figures = [str(case.operations), *(tries or [""] * len(kinds)), str(len(wrong))]
             print(f"| {case.name} | {' | '.join(figures)} | {time.monotonic() - started:.0f} |", flush=True)
             for text in wrong[:8]:
+                print(f"  {text}", file=sys.stderr, flush=True)
+            all_wrong += wrong
+        if "races" in kinds and re.search(only, CACHES):
+            started = time.monotonic()
+            wrong = race(place / "caches", kernels=True)
+            figures = ["", *("1" if kind == "races" else "" for kind in kinds), str(len(wrong))]
+            print(f"| {CACHES} | {' | '.join(figures)} | {time.monotonic() - started:.0f} |", flush=True)
+            for text in wrong:
                 print(f"  {text}", file=sys.stderr, flush=True)
             all_wrong += wrong
     finally:

@@ -77,8 +77,9 @@ class KernelCache(FunctionCache):
 
 def _remove_abandoned(folder: Path) -> None:
     for path in folder.glob(f"*{_TEMPORARY}"):
-        if time.time() - path.stat().st_mtime > _ABANDONED_S:
-            path.unlink()
+        with suppress(OSError):  # another process may rename or remove it at the same time
+            if time.time() - path.stat().st_mtime > _ABANDONED_S:
+                path.unlink()
 
 
 @lru_cache(maxsize=1)
