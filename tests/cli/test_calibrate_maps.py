@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 import photosite as ps
-from photosite.sensor.io.sensor_file import load_measured_chip
+from photosite.sensor.io.sensor_file import dump_sensor, load_measured_chip
+from photosite.sensor.sections import Maps
+
+SHARED = dump_sensor(ps.load_sensor("nikon-d200").with_(maps=Maps(file="mine.maps.h5", sha256="0" * 64)))
 
 
 def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack: Path, tmp_path: Path) -> None:
@@ -26,3 +29,12 @@ def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack
     shot = ps.open_frames(stack).of_kind("dark")[0]
     mean = np.mean(list(shot), axis=0)
     assert np.corrcoef(simulated.ravel(), mean.ravel())[0, 1] > 0.7
+
+
+def test_shared_maps_are_noticed_before_the_calibration(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    for name in ("mine", "other"):
+        (tmp_path / f"{name}.sensor.yaml").write_text(SHARED, encoding="utf-8")
+    (tmp_path / "mine.maps.h5").write_bytes(b"")
+    done = photosite("calibrate", stack, "--maps", "--force", "-o", tmp_path / "mine.sensor.yaml")
+    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
+    assert "other.sensor.yaml" in done.err

@@ -66,7 +66,7 @@ def cases(inputs: Path) -> list[Case]:
         Case("simulate, HDF5", f"simulate {SMALL} --seed {{value}} -o shot.h5 --clean clean.h5 --force", seeds),
         Case("develop", f"develop {inputs}/shot.dng --brightness {{value}} -o shot.png --force", seeds),
         Case("convert, HDF5", f"{convert} scene.h5", distances),
-        Case("convert, ENVI", f"{convert} scene.hdr", distances, overwrites=False),
+        Case("convert, ENVI", f"{convert} scene.hdr", distances),
         Case(
             "export, darktable",
             "export {value} darktable --maker A --model B --gain-setting 100 -o noise.json --force",

@@ -130,7 +130,10 @@ def test_round_trip(tmp_path: Path, name: str) -> None:
     again = tmp_path / "again"
     again.mkdir()
     load_optics(tmp_path / "mine.optics.yaml").save(again / "mine.optics.yaml")
-    assert (again / "mine.optics.yaml").read_text() == (tmp_path / "mine.optics.yaml").read_text()
+    # The last digit of a number in a table may differ, and then its digest does.
+    texts = ((folder / "mine.optics.yaml").read_text().splitlines() for folder in (again, tmp_path))
+    first, second = ([line for line in text if "sha256" not in line] for text in texts)
+    assert first == second
 
 
 def test_all_parts_at_once(tmp_path: Path) -> None:
@@ -158,6 +161,27 @@ def test_round_trip_of_a_bare_lens(lens: Lens | DiffractionLimited, tmp_path: Pa
     found = load_optics(tmp_path / "a.yaml")
     assert_same(Lens(BASE), found)
     assert (found.name, found.blur, found.focus_distance_m) == (None, None, None)
+
+
+def remove_digest(file: Path) -> None:
+    lines = file.read_text(encoding="utf-8").splitlines()
+    file.write_text("\n".join(line for line in lines if "sha256" not in line) + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize("kind", ["psf", "array"])
+def test_a_table_of_another_lens_is_an_error(tmp_path: Path, kind: str) -> None:
+    """As when a program ends after the table was replaced, and before the optics file."""
+    table = {"psf": "a.psf.npz", "array": "a.pupil.npz"}[kind]
+    Lens(BASE, BLURS[kind]).save(tmp_path / "a.yaml")
+    with np.load(tmp_path / table) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    last = {"psf": "psf", "array": "amplitude"}[kind]
+    np.savez(tmp_path / table, **arrays | {last: 0.9999 * arrays[last]})
+    with pytest.raises(FileError) as caught:
+        load_optics(tmp_path / "a.yaml")
+    assert caught.value.path == str(tmp_path / table)
+    remove_digest(tmp_path / "a.yaml")
+    load_optics(tmp_path / "a.yaml")
 
 
 def test_saving_again_removes_the_former_tables(tmp_path: Path) -> None:
@@ -287,6 +311,7 @@ def test_damaged_arrays(tmp_path: Path, name: str, damage: Any, what: Any) -> No
 
 def test_invalid_arrays(tmp_path: Path) -> None:
     Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
+    remove_digest(tmp_path / "a.yaml")
     np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), "x"))
     with raises(FileError, "amplitude"):
         load_optics(tmp_path / "a.yaml")

@@ -144,6 +144,21 @@ def test_a_sensor_file_and_its_maps_are_one_unit(
     assert left == {"mine.sensor.yaml", "mine.maps.h5"}
 
 
+def test_maps_of_another_sensor_file_are_not_replaced(tmp_path: Path) -> None:
+    path, other = tmp_path / "mine.sensor.yaml", tmp_path / "other.sensor.yaml"
+    write_sensor(load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS), path, chip())
+    load_sensor(path).save(other)  # in the same folder: it has the same maps
+    (tmp_path / "note.yaml").write_text("maps: [mine.maps.h5")
+    before = path.read_text()
+    with raises(FileError, "holds the maps of other.sensor.yaml", path=str(tmp_path / "mine.maps.h5")):
+        write_sensor(load_sensor(path).with_(name="again"), path, chip(row_noise_dn=0.6))
+    assert path.read_text() == before
+    same(load_measured_chip(load_sensor(other)), chip())
+    other.unlink()
+    write_sensor(load_sensor(path).with_(name="again"), path, chip(row_noise_dn=0.6))
+    same(load_measured_chip(load_sensor(path)), chip(row_noise_dn=0.6))
+
+
 def test_missing_and_changed_maps(tmp_path) -> None:
     sensor = load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS, maps=chip().save(tmp_path / "a.maps.h5"))
     chip(row_noise_dn=0.6).save(tmp_path / "a.maps.h5")

@@ -177,7 +177,7 @@ def command(
     from photosite.frames.linearization import linearize as linearized
     from photosite.frames.linearization import read_linearization
     from photosite.frames.open import open_frames
-    from photosite.sensor.io.sensor_file import maps_path
+    from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     if into is not None:
         of_files = (output, name, report, checkpoint, linearize, contribute, license_id, camera, attribution)
@@ -208,6 +208,7 @@ def command(
         sensor = sensor.with_(name=printable(name))
     if maps and output is not None:
         options.check_new(maps_path(output))
+        check_maps_are_free(output)
     is_series = len(frames.gain_settings) > 1
     if given and sensor is None:
         raise click.UsageError("--contribute needs pixel size, volts and spectra, which frames lack: give --sensor")

@@ -137,6 +137,18 @@ def test_a_missing_header_or_data_file(tmp_path: Path) -> None:
     assert "has no data beside it" in error_of(tmp_path / "other.hdr").what
 
 
+def test_data_of_an_interrupted_overwrite_are_an_error(tmp_path: Path) -> None:
+    """New data of the same size with the old header, as when a program ends between the two renames."""
+    path = saved(tmp_path, RNG.random((8, 6, 5)).astype(np.float32))
+    for factor in (1, 2):
+        (tmp_path / str(factor)).mkdir()
+        convert(path, tmp_path / str(factor) / "made.hdr", distance_m=factor, mean_luminance_cd_m2=40 * factor)
+    first, second = (tmp_path / str(factor) / "made.hdr" for factor in (1, 2))
+    assert read_scene(first).distance_m == 1
+    first.with_suffix(".img").write_bytes(second.with_suffix(".img").read_bytes())
+    assert error_of(first).path == str(first.with_suffix(".img"))
+
+
 def test_data_that_shrink_while_they_are_read(tmp_path: Path) -> None:
     path = saved(tmp_path, np.ones((40, 30, 5), np.float32))
     cube = open_cube(path)

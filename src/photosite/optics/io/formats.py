@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError, InputError, did_you_mean
+from photosite.files.small_files import reading
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.io import design_index, iset, optics_file, tables, zemax
 from photosite.optics.lens import Lens
@@ -102,7 +104,13 @@ FORMATS = (
 
 
 def read(
-    holds: str, file: str | PathLike[str], *, program: str | None = None, folder: Path = Path(), **options: Any
+    holds: str,
+    file: str | PathLike[str],
+    *,
+    program: str | None = None,
+    folder: Path = Path(),
+    sha256: str | None = None,
+    **options: Any,
 ) -> Any:
     """Return the value of a kind that a file holds.
 
@@ -112,13 +120,15 @@ def read(
         Kind of value, and name of the format, see `Format`. None: the first that fits.
     file, folder
         The file, relative to a folder.
+    sha256
+        SHA-256 of the file, hexadecimal, where an optics file states it.
     **options
         Options of the format; an unknown one raises `InputError`.
 
     Raises
     ------
     FileError
-        If no format fits, or the file is invalid.
+        If no format fits, the file is invalid, or it is another one than `sha256` states.
     """
     path = folder / file
     known = [entry for entry in FORMATS if entry.holds == holds and program in (None, entry.name)]
@@ -134,7 +144,18 @@ def read(
             raise FileError(path, name, value=options[name], expected=f"omitted for a file of format {chosen.name}")
     if chosen.suffixes and not os.path.isfile(path):  # False for an invalid name
         raise FileError(path, "no such file")
-    return chosen.read(path, **options)
+    found = chosen.read(path, **options)
+    if sha256 is not None:
+        _check_digest(path, sha256)
+    return found
+
+
+def _check_digest(path: Path, sha256: str) -> None:
+    with reading(path), path.open("rb") as stream:
+        found = hashlib.file_digest(stream, "sha256").hexdigest()
+    if found != sha256.lower():
+        hint = "Save the lens again, or remove sha256 if the file was changed on purpose"
+        raise FileError(path, "is not the file that was written with the optics file", hint=hint)
 
 
 def load_optics(path: str | PathLike[str]) -> Lens:

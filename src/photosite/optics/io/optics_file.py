@@ -19,6 +19,7 @@ File names are relative to the optics file. docs/howto/optics.md describes all s
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -117,7 +118,10 @@ def parse_optics(
 def write_optics(
     lens: Lens | DiffractionLimited, path: str | PathLike[str], provenance: Mapping[str, str] | None = None
 ) -> None:
-    """Write an optics file and the tables beside it, all or nothing.
+    """Write an optics file and the tables beside it.
+
+    If writing fails, the files that were there are kept. The optics file has the SHA-256 of its table, so that one of
+    another lens is an error when it is read.
 
     Parameters
     ----------
@@ -157,7 +161,9 @@ def write_optics(
     with atomic_folder(file.absolute().parent, add=True) as folder:
         for name, write in tables.items():
             write(folder / name)
-        (folder / file.name).write_text(text, encoding="utf-8")
+            section = fields["blur"].get("pupil", fields["blur"])  # the one that names the table
+            section["sha256"] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        (folder / file.name).write_text(dump_yaml(fields) if tables else text, encoding="utf-8")
     for name in before - set(tables):
         with suppress(OSError):  # a table that is no longer named does no harm
             file.with_name(name).unlink()
@@ -480,10 +486,12 @@ class PupilSection(Description):
     vane_width: Number = 0.0
     vane_rotation_deg: Number = 0.0
     amplitude: str | None = None
+    sha256: str | None = None
 
     def _build(self, info: ValidationInfo) -> Pupil:
-        array = None if self.amplitude is None else self._read(info, "pupil amplitude", "amplitude")
-        return Pupil(**self.model_dump(exclude={"amplitude"}), amplitude=array)
+        named = self.amplitude is not None
+        array = self._read(info, "pupil amplitude", "amplitude", sha256=self.sha256) if named else None
+        return Pupil(**self.model_dump(exclude={"amplitude", "sha256"}), amplitude=array)
 
 
 class ChromaticFocus(Description):
@@ -555,10 +563,11 @@ class OtfSection(Description):
 
     kind: str
     file: str
+    sha256: str | None = None
     beyond: Literal["zero", "diffraction"] = "zero"
 
     def _build(self, info: ValidationInfo) -> Any:
-        return self._read(info, "OTFs", "file", beyond=self.beyond)
+        return self._read(info, "OTFs", "file", sha256=self.sha256, beyond=self.beyond)
 
 
 class PsfSection(Description):
@@ -566,6 +575,7 @@ class PsfSection(Description):
 
     kind: str
     file: str
+    sha256: str | None = None
     spacing_um: PositiveNumber | None = None
     wavelength_nm: Wavelengths | None = None
     normalise: StrictBool = False
@@ -579,6 +589,7 @@ class LensDesignSection(Description):
 
     kind: str
     source: str
+    sha256: str | None = None
     tolerance: PositiveNumber | None = None
     rank: Annotated[StrictInt, Field(ge=1)] | None = None
     detail_um: PositiveNumber | None = None

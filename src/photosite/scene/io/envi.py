@@ -3,11 +3,12 @@
 Fields used: samples, lines, bands, header offset, data type, interleave, byte order; wavelength and wavelength units;
 reflectance scale factor (a divisor); data gain values (a factor per band); data ignore value; bbl, the list of bad
 bands (those marked 0 are skipped); and, written by photosite, data units (see `photosite.scene.units`), distance m,
-width m and light.
+width m, light and data digest.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 import warnings
 from collections.abc import Iterator, Mapping
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.small_files import read_small
+from photosite.files.small_files import read_small, reading
 from photosite.files.writing import atomic_path
 from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, Stated, select_bands, wavelengths_in_nm
 from photosite.scene.options import ReadOptions
@@ -61,6 +62,9 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
         raise FileError(header_path, "is a library of spectra, not an image")
     data_path = _data_of(path, header_path)
     _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
+    if "data digest" in header and str(header["data digest"]) != _digest(data_path):
+        hint = "Write the cube again, or remove the line 'data digest' if the data were changed on purpose"
+        raise FileError(data_path, f"holds other data than {header_path.name} was written with", hint=hint)
     stated = Stated(header_path, header)
     values = stated.numbers("wavelength", bands)
     unit = str(header["wavelength units"]) if "wavelength units" in header else None
@@ -144,6 +148,20 @@ def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
         raise FileError(data_path, "size", value=f"{size} bytes", expected=f"{wanted} bytes by its header", hint=hint)
 
 
+_PARTS, _PART_BYTES = 64, 4096
+
+
+def _digest(path: Path) -> str:
+    """Return a digest of parts of a file, evenly spaced: a cube of gigabytes is not read for it."""
+    digest = hashlib.sha256()
+    with reading(path), path.open("rb") as file:
+        last = max(0, path.stat().st_size - _PART_BYTES)
+        for part in range(_PARTS):
+            file.seek(last * part // (_PARTS - 1))
+            digest.update(file.read(_PART_BYTES))
+    return digest.hexdigest()
+
+
 def _good_bands(path: Path, bbl: Array) -> NDArray[np.bool_]:
     """Return (bands,) whether each band is good, with a warning of bad ones."""
     bad = np.flatnonzero(bbl == 0)
@@ -172,7 +190,10 @@ def _units(path: Path, header: Mapping[str, Any], factor: float | None, options:
 
 
 def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
-    """Write header and data (.img) of a scene's photon radiance at every sample, in single precision."""
+    """Write header and data (.img) of a scene's photon radiance at every sample, in single precision.
+
+    The two files take their names one after the other; the header's digest tells whether the data are its own.
+    """
     kind = next((kind for kind in _INTERLEAVES if kind == interleave), None)
     if kind is None:
         raise InputError("interleave", value=interleave, expected="'bsq', 'bil' or 'bip'")
@@ -202,6 +223,7 @@ def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
             "wavelength": _written(cube.wavelength_nm),
             "data units": "photons/s/sr/m2/nm",
             "distance m": repr(float(scene.distance_m)),
+            "data digest": _digest(numbers),
         }
         if scene.width_m is not None:
             fields["width m"] = repr(float(scene.width_m))

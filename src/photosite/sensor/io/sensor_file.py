@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, did_you_mean, message_of
 from photosite.files.hdf5 import check_own_data, create_hdf5
 from photosite.files.small_files import check_stored_file, reading
-from photosite.files.writing import FolderLock, atomic_path, sync
+from photosite.files.writing import FolderLock, atomic_path, is_temporary, sync
 from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_text, rewrite_yaml, validated
 from photosite.sensor.chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
 from photosite.sensor.file_units import (
@@ -136,7 +136,8 @@ def write_sensor(sensor: Sensor, path: str | PathLike[str], chip: MeasuredChip |
     Raises
     ------
     FileError
-        If it cannot be written, its maps are missing or changed, or another process has held the file for a minute.
+        If it cannot be written, its maps are missing or changed, its maps would replace those of another sensor file,
+        or another process has held the file for a minute.
     """
     path = Path(path)
     source = sensor.maps
@@ -147,6 +148,7 @@ def write_sensor(sensor: Sensor, path: str | PathLike[str], chip: MeasuredChip |
     if chip is None and source is None:
         _write_text(sensor, path)
         return
+    check_maps_are_free(path)
     target = maps_path(path)
     new = _new_maps(target)
     lock = FolderLock(path.parent, f".{path.name}.lock", wait_s=_WAIT_S)
@@ -169,6 +171,35 @@ def write_sensor(sensor: Sensor, path: str | PathLike[str], chip: MeasuredChip |
         _put_in_place(new, target)
     finally:
         lock.release()
+
+
+def check_maps_are_free(path: Path) -> None:
+    """Check that no other sensor file in the folder uses the maps that a sensor file with maps replaces.
+
+    Raises
+    ------
+    FileError
+        If one does: its maps would be lost.
+    """
+    target = maps_path(path)
+    if not target.exists():
+        return
+    for other in sorted(path.parent.iterdir()):
+        if other.name == path.name or is_temporary(other.name) or other.suffix.lower() not in (".yaml", ".yml"):
+            continue
+        if _has_maps(other, target):
+            hint = f"Choose another name, or remove {other.name} if it is no longer needed"
+            raise FileError(target, f"holds the maps of {other.name}, too, and would be replaced", hint=hint)
+
+
+def _has_maps(path: Path, maps: Path) -> bool:
+    """Return whether a file is a sensor file with these maps."""
+    try:
+        text = read_text(path, "a sensor file")
+        found = parse_sensor(text, path).maps if maps.name in text else None
+    except (FileError, OSError):
+        return False
+    return found is not None and os.path.realpath(found.file) == os.path.realpath(maps)
 
 
 _WAIT_S = 60.0
