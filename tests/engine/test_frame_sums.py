@@ -178,6 +178,29 @@ def test_mean_frame_uses_the_smallest_type():
     assert np.array_equal(kept.mean(), sums.mean())
 
 
+class Stored:
+    """A frame as in a file."""
+
+    def __init__(self, dn):
+        self.dn, self.shape = dn, dn.shape
+
+    def read_rows(self, first, out):
+        out[:] = self.dn[first : first + len(out)]
+
+
+def test_a_mean_frame_stays_when_the_sums_change():
+    frames = stack(n=16, top=4096, seed=6)
+    for white, scale in ((4095, 1), (4095, 4), (65_535, 1)):  # the second holds numbers above `white`
+        sums = FrameSums(frames.shape[1:], BAYER, white=white)
+        kept = sums.add_last([Stored(frame * np.uint16(scale)) for frame in frames]).mean_frame()
+        expected = frames.mean(axis=0) * scale
+        assert np.array_equal(kept.mean(), expected)
+        sums.clear().add_last([Stored(frame // 2) for frame in frames])
+        sums.clear().add(frames // 3)
+        assert np.array_equal(sums.sum, (frames // 3).sum(axis=0))
+        assert np.array_equal(kept.mean(), expected)
+
+
 def test_frame_means():
     frames = stack(n=4, seed=9)
     means = FrameSums(frames.shape[1:], BAYER).add(frames).frame_means()

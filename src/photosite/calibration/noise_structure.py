@@ -248,4 +248,4 @@ def _runs(reader: FrameReader, group: GroupStatistics, pixels: int) -> Iterator[
     height = min(max(2 * pixels // frames // cols, LEAST_SIDE * step), rows) // step * step
     start = (rows - height) // 2 // step * step
     for first in np.linspace(0, len(sources) - length, runs).astype(int):
-        yield reader.each(sources[first : first + length], lambda dn: dn[start : start + height].copy())
+        yield reader.each(sources[first : first + length], np.copy, slice(start, start + height))

@@ -8,14 +8,15 @@ A *label* is an integer that a repeating tile assigns to each pixel, such as the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F64, I64, carray, compiled, pointer, prange, prefetch
+from photosite.engine.jit import F64, I64, THREADS, carray, compiled, pointer, prange, prefetch
 from photosite.engine.map_statistics import label_pixels
 
 MOST_FRAMES = 1 << 15
@@ -36,6 +37,9 @@ LANES = 64
 
 BAND = 16
 """Rows that a thread processes at a time."""
+
+_READ_BYTES = 1 << 21
+"""Bytes of rows of all frames that a thread reads at a time, so that they stay in the cache."""
 
 _TOGETHER = 8
 """Frames added to the sums at once."""
@@ -121,6 +125,20 @@ class MeanFrame:
         return _filled(None, self.sum.shape, mean_map, self.sum, self.count)
 
 
+class FrameRows(Protocol):
+    """A frame of uint16 of which some rows are read at a time, by any thread, such as from a file."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+
+    def read_rows(self, first: int, out: NDArray[np.uint16], /) -> None:
+        """Read successive rows into a C-contiguous array (n, cols)."""
+
+
+Frame = NDArray[np.unsignedinteger] | FrameRows
+
+
 def _filled(out: F64 | None, shape: tuple[int, ...], fill: Callable[..., None], *arguments: object) -> F64:
     """Fill a map by a kernel, the given one or a new one, and return it."""
     if out is None:
@@ -146,8 +164,8 @@ class _LabelSquares(NamedTuple):
 class FrameSums:
     """Exact count, sum and sum of squares per pixel of a stack of frames.
 
-    It takes 12 bytes per pixel, or 4 where all frames are added at once by `add_last`, and two numbers per frame and
-    label. With at most 32 768 frames of 16 bits, a pixel's sum stays below 2^31, its sum of squares below 2^47, and
+    It takes 12 bytes per pixel, or 2 to 4 where all frames are added at once by `add_last`, and two numbers per frame
+    and label. With at most 32 768 frames of 16 bits, a pixel's sum stays below 2^31, its sum of squares below 2^47, and
     n sum(y^2), used for the variance, below 2^62.
 
     - `shape`: (rows, cols) of a frame.
@@ -175,7 +193,7 @@ class FrameSums:
             raise ValueError(f"labels must have at most {LANES} columns, got {self.labels.shape[1]}")
         self.black, self.white = black, white
         self.count = 0
-        self.sum = np.zeros(shape, np.uint32)
+        self.sum: NDArray[np.unsignedinteger] = np.zeros(shape, np.uint32)
         self._squares: NDArray[np.uint64] | None = None
         self._label_squares: _LabelSquares | None = None
         self.highest: list[int] = []
@@ -208,11 +226,11 @@ class FrameSums:
         self._label_squares = None
         return self
 
-    def add(self, frames: NDArray[np.unsignedinteger] | Iterable[NDArray[np.unsignedinteger]]) -> FrameSums:
+    def add(self, frames: NDArray[np.unsignedinteger] | Iterable[Frame]) -> FrameSums:
         """Add a frame (rows, cols), a stack (frames, rows, cols) or an iterable of frames; return self.
 
         A stack or a list is added at about the speed of memory. Single frames are slower, because the sums are read and
-        written for each.
+        written for each. Frames in files (`FrameRows`) are read into the cache, a few rows of all at a time.
 
         Raises `ValueError` if a frame has another size, is not uint8 or uint16, or there are more than 32 768 frames.
         Earlier frames may have been added.
@@ -220,22 +238,22 @@ class FrameSums:
         if isinstance(frames, np.ndarray) and frames.ndim == 2:
             frames = (frames,)
         if isinstance(frames, np.ndarray | Sequence):
-            self._add_batch(list(frames))
+            self._add_batch(list(frames), self.white)
             return self
         left = iter(frames)
         pixels = max(self.shape[0] * self.shape[1], 1)
         together = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // (2 * pixels)))
         while batch := list(islice(left, together)):
-            self._add_batch(batch)
+            self._add_batch(batch, self.white)
             del batch  # free it before the next batch is read
         return self
 
-    def add_last(self, frames: Sequence[NDArray[np.unsignedinteger]]) -> FrameSums:
+    def add_last(self, frames: Sequence[Frame]) -> FrameSums:
         """Add the last frames, and compute the squares of `label_totals` in the same pass; return self.
 
         This is faster than `add` and `label_totals`, because the squares of single pixels are neither stored nor read
         again. `sum_of_squares`, `variance`, `state` and `merge` are not available afterwards, and no frames can be
-        added.
+        added. Where all frames are in files, `sum` may have 16 bits, and `mean_frame` takes it over.
 
         Raises `ValueError` as `add` does, or if there are no frames.
 
@@ -247,34 +265,51 @@ class FrameSums:
         """
         if not len(frames):
             raise ValueError("frames must not be empty")
-        self._add_batch(list(frames), last=True)
+        self._add_batch(list(frames), self.white, last=True)
         return self
 
-    def _add_batch(self, frames: list[NDArray[np.unsignedinteger]], *, last: bool = False) -> None:
+    def _widen(self) -> None:
+        """Replace a sum of 16 bits, which a mean frame may have taken over; its content is lost."""
+        if self.sum.dtype != np.uint32:
+            self.sum = np.empty(self.shape, np.uint32)
+
+    def _add_batch(self, frames: Sequence[Frame], full_scale: int, *, last: bool = False) -> None:
         for frame in frames:
-            if frame.shape != self.shape or frame.dtype not in (np.uint8, np.uint16):
-                raise ValueError(f"frames must be {self.shape} of uint8 or uint16, got {frame.shape} of {frame.dtype}")
+            dtype = frame.dtype if isinstance(frame, np.ndarray) else np.uint16
+            if frame.shape != self.shape or dtype not in (np.uint8, np.uint16):
+                raise ValueError(f"frames must be {self.shape} of uint8 or uint16, got {frame.shape} of {dtype}")
         if self.count + len(frames) > MOST_FRAMES:
             raise ValueError(f"a stack must have at most {MOST_FRAMES} frames")
-        if len({frame.dtype for frame in frames}) > 1:
-            frames = [frame.astype(np.uint16, copy=False) for frame in frames]
-        frames = [np.ascontiguousarray(frame) for frame in frames]
         if not frames:
             return
-        unused = last and self.count == 0
-        squares = np.empty((0, 0), np.uint64) if unused else self.sum_of_squares
-        addresses = np.array([frame.ctypes.data for frame in frames], np.int64)
+        stored = [frame for frame in frames if not isinstance(frame, np.ndarray)]
+        if len(stored) < len(frames):
+            held = [frame if isinstance(frame, np.ndarray) else _whole(frame) for frame in frames]
+            if len({frame.dtype for frame in held}) > 1:
+                held = [frame.astype(np.uint16, copy=False) for frame in held]
+            held = [np.ascontiguousarray(frame) for frame in held]
+        only = last and self.count == 0
+        # Of frames in memory too, it would double the time of compilation.
+        narrow = only and len(stored) == len(frames) and len(frames) * full_scale < 1 << 16
+        if narrow:
+            self.sum = np.empty(self.shape, np.uint16)
+        else:
+            self._widen()
+        squares = np.empty((0, 0), np.uint64) if only else self.sum_of_squares
         bands, n_labels = -(-self.shape[0] // BAND), len(self._clipped)
         totals = np.zeros((bands, len(frames), n_labels), np.uint64)
         clipped = np.zeros((bands, n_labels, 2), np.int64)
         highest = np.zeros((bands, len(frames)), np.uint32)
         of_labels = _LabelSquares.zeros(bands, n_labels)
-        like = np.empty(0, frames[0].dtype)
-        paired = like.itemsize == 2 and self.shape[1] % 2 == 0 and not (addresses % 4).any()
-        add_frames(
-            addresses, like, paired, self.labels, self.black, self.white, self.count, last,
-            self.sum, squares, totals, clipped, highest, of_labels.exact, of_labels.spread,
-        )  # fmt: skip
+        settings: tuple[Any, ...] = self.labels, self.black, self.white, self.count, last
+        results: tuple[Any, ...] = self.sum, squares, totals, clipped, highest, of_labels.exact, of_labels.spread
+        if len(stored) == len(frames):
+            _add_stored(stored, settings, results)
+        else:
+            add_frames(*_addresses(held), *settings, *results)
+        if narrow and (top := int(highest.max())) > full_scale:
+            self._add_batch(frames, top, last=True)
+            return
         if last:
             self._label_squares = of_labels
         self._frame_totals.extend(totals.sum(axis=0))
@@ -314,6 +349,7 @@ class FrameSums:
                 raise ValueError(f"{name} must have shape {shape}, got {state[name].shape}")
         if int(state["sum"].sum(dtype=np.uint64)) != int(state["frame_totals"].sum(dtype=np.uint64)):
             raise ValueError("the sums of the pixels and the totals of the frames differ")
+        self._widen()
         self.sum[...] = state["sum"]
         self._label_squares = None
         self.sum_of_squares[...] = state["sum_of_squares"]
@@ -347,7 +383,9 @@ class FrameSums:
         return _filled(out, self.shape, mean_map, self.sum, self.count)
 
     def mean_frame(self) -> MeanFrame:
-        """Return a copy of the mean, which stays valid when the sums change."""
+        """Return the mean, which stays valid when the sums change: a copy, unless the sum has 16 bits."""
+        if self.sum.dtype == np.uint16:
+            return MeanFrame(self.sum, self.count, self.labels)
         fits = self.count * max(self.highest, default=0) < 1 << 16
         return MeanFrame(self.sum.astype(np.uint16 if fits else np.uint32), self.count, self.labels)
 
@@ -400,6 +438,41 @@ class FrameSums:
         return tuple(result)
 
 
+def _whole(frame: FrameRows) -> NDArray[np.unsignedinteger]:
+    out = np.empty(frame.shape, np.uint16)
+    frame.read_rows(0, out)
+    return out
+
+
+def _addresses(frames: Sequence[_Ints]) -> tuple[Any, ...]:
+    """Return the arguments of `add_frames` that tell where the pixels are."""
+    addresses = np.array([frame.ctypes.data for frame in frames], np.int64)
+    like = np.empty(0, frames[0].dtype)
+    paired = like.itemsize == 2 and frames[0].shape[1] % 2 == 0 and not (addresses % 4).any()
+    return addresses, like, paired
+
+
+def _add_stored(frames: Sequence[FrameRows], settings: tuple[Any, ...], results: tuple[Any, ...]) -> None:
+    """Add frames that are read a few rows at a time, each thread into memory of its own that stays in its cache."""
+    rows, cols = frames[0].shape
+    height = max(_READ_BYTES // max(2 * len(frames) * cols, 1) // BAND, 1) * BAND
+    unused: list[_Ints] = []
+
+    def add(first: int) -> None:
+        buffer = unused.pop() if unused else np.empty((len(frames), height, cols), np.uint16)
+        last = min(first + height, rows)
+        for frame, out in zip(frames, buffer, strict=True):
+            frame.read_rows(first, out[: last - first])
+        bands = slice(first // BAND, -(-last // BAND))
+        parts: list[Any] = [part[first:last] for part in results[:2]] + [part[bands] for part in results[2:]]
+        arguments: tuple[Any, ...] = (*_addresses([*buffer]), *settings, first, *parts)
+        add_rows(*arguments)
+        unused.append(buffer)
+
+    with ThreadPoolExecutor(THREADS) as threads:
+        list(threads.map(add, range(0, rows, height)))
+
+
 # Kernels of `FrameSums`: several frames per pass over each run of pixels, at about the speed of memory.
 #
 # A run is a piece of a row that fits the inner caches. The pixels of eight frames are copied there, the extremes and
@@ -446,64 +519,117 @@ def add_frames(
     - `highest`: (bands, frames) uint32, zeros: becomes the largest number.
     - `exact`, `spread`: As for `label_squares`.
     """
+    for band in prange(totals.shape[0]):
+        _add_band(
+            addresses, like, paired, labels, black, white, before, last, 0,
+            sums, squares, totals, clipped, highest, exact, spread, band,
+        )  # fmt: skip
+
+
+@compiled()
+def add_rows(
+    addresses: _Ints,
+    like: _Ints,
+    paired: bool,
+    labels: _Ints,
+    black: int,
+    white: int,
+    before: int,
+    last: bool,
+    start: int,
+    sums: _Ints,
+    squares: _Ints,
+    totals: _Ints,
+    clipped: _Ints,
+    highest: _Ints,
+    exact: _Ints,
+    spread: F64,
+) -> None:
+    """As `add_frames` in one thread, for whole bands of rows of frames, of which the first is the row `start`."""
+    for band in range(totals.shape[0]):
+        _add_band(
+            addresses, like, paired, labels, black, white, before, last, start,
+            sums, squares, totals, clipped, highest, exact, spread, band,
+        )  # fmt: skip
+
+
+@compiled()
+def _add_band(
+    addresses: _Ints,
+    like: _Ints,
+    paired: bool,
+    labels: _Ints,
+    black: int,
+    white: int,
+    before: int,
+    last: bool,
+    start: int,
+    sums: _Ints,
+    squares: _Ints,
+    totals: _Ints,
+    clipped: _Ints,
+    highest: _Ints,
+    exact: _Ints,
+    spread: F64,
+    band: int,
+) -> None:
     rows, cols = sums.shape
     tile_rows, tile_cols = labels.shape
     lanes, n = LANES // tile_cols * tile_cols, np.uint64(before + addresses.size)
     run = RUN // (2 * tile_cols) * 2 * tile_cols  # starts with the tile's first column, and with a pair
-    for band in prange(totals.shape[0]):
-        stage = np.zeros(_TOGETHER * RUN, np.uint16)
-        words = stage.view(np.uint32)
-        part = np.empty(RUN, np.uint32)
-        run_sums, run_squares = np.empty(RUN, np.uint32), np.empty(RUN, np.uint64)
-        counts = np.zeros((2, LANES), np.uint32)
-        whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
-        for r in range(band * BAND, min(rows, (band + 1) * BAND)):
-            row_labels = labels[r % tile_rows]
-            for c in range(0, cols, run):
-                m = min(run, cols - c)
-                if before:
-                    run_sums[:m] = sums[r, c : c + m]
-                    run_squares[:m] = squares[r, c : c + m]
-                else:
-                    run_sums[:m] = 0
-                    run_squares[:m] = 0
-                for first in range(0, addresses.size, _TOGETHER):
-                    present = min(_TOGETHER, addresses.size - first)
-                    top = np.uint32(0)
-                    for k in range(present):
-                        place = (r * cols + c) * like.itemsize
-                        here = pointer(addresses[first + k] + place)
-                        if paired:
-                            ahead = addresses[0] + place + 2 * m
-                            if first + k + 1 < addresses.size:
-                                ahead = addresses[first + k + 1] + place
-                            source = carray(here, m // 2, np.uint32)
-                            lowest, high, even, odd = _copy_pairs(source, words, k * RUN, ahead)
-                        else:
-                            _copy(carray(here, m, like.dtype), stage, k * RUN)
-                            lowest, high, even, odd = _extremes_and_totals(stage, words, k * RUN, m)
-                        top = max(top, high)
-                        highest[band, first + k] = max(highest[band, first + k], high)
-                        if tile_cols <= 2:
-                            totals[band, first + k, row_labels[0]] += np.uint64(even)
-                            totals[band, first + k, row_labels[tile_cols - 1]] += np.uint64(odd)
-                        else:
-                            _lane_totals(stage[k * RUN : k * RUN + m], row_labels, counts, totals[band, first + k])
-                        if lowest <= black or high >= white:
-                            _lane_clips(stage[k * RUN : k * RUN + m], row_labels, black, white, counts, clipped[band])
-                    for k in range(present, _TOGETHER):
-                        stage[k * RUN : k * RUN + m] = 0
-                    if top <= _NARROW:
-                        _add_narrow(stage, m, part, run_sums, run_squares)
+    stage = np.zeros(_TOGETHER * RUN, np.uint16)
+    words = stage.view(np.uint32)
+    part = np.empty(RUN, np.uint32)
+    run_sums, run_squares = np.empty(RUN, np.uint32), np.empty(RUN, np.uint64)
+    counts = np.zeros((2, LANES), np.uint32)
+    whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
+    for r in range(band * BAND, min(rows, (band + 1) * BAND)):
+        row_labels = labels[(start + r) % tile_rows]
+        for c in range(0, cols, run):
+            m = min(run, cols - c)
+            if before:
+                run_sums[:m] = sums[r, c : c + m]
+                run_squares[:m] = squares[r, c : c + m]
+            else:
+                run_sums[:m] = 0
+                run_squares[:m] = 0
+            for first in range(0, addresses.size, _TOGETHER):
+                present = min(_TOGETHER, addresses.size - first)
+                top = np.uint32(0)
+                for k in range(present):
+                    place = (r * cols + c) * like.itemsize
+                    here = pointer(addresses[first + k] + place)
+                    if paired:
+                        ahead = addresses[0] + place + 2 * m
+                        if first + k + 1 < addresses.size:
+                            ahead = addresses[first + k + 1] + place
+                        source = carray(here, m // 2, np.uint32)
+                        lowest, high, even, odd = _copy_pairs(source, words, k * RUN, ahead)
                     else:
-                        _add_wide(stage, m, run_sums, run_squares)
-                sums[r, c : c + m] = run_sums[:m]
-                if last:
-                    _lane_squares(run_sums[:m], run_squares[:m], lanes, n, whole, rounded)
+                        _copy(carray(here, m, like.dtype), stage, k * RUN)
+                        lowest, high, even, odd = _extremes_and_totals(stage, words, k * RUN, m)
+                    top = max(top, high)
+                    highest[band, first + k] = max(highest[band, first + k], high)
+                    if tile_cols <= 2:
+                        totals[band, first + k, row_labels[0]] += np.uint64(even)
+                        totals[band, first + k, row_labels[tile_cols - 1]] += np.uint64(odd)
+                    else:
+                        _lane_totals(stage[k * RUN : k * RUN + m], row_labels, counts, totals[band, first + k])
+                    if lowest <= black or high >= white:
+                        _lane_clips(stage[k * RUN : k * RUN + m], row_labels, black, white, counts, clipped[band])
+                for k in range(present, _TOGETHER):
+                    stage[k * RUN : k * RUN + m] = 0
+                if top <= _NARROW:
+                    _add_narrow(stage, m, part, run_sums, run_squares)
                 else:
-                    squares[r, c : c + m] = run_squares[:m]
+                    _add_wide(stage, m, run_sums, run_squares)
+            sums[r, c : c + m] = run_sums[:m]
             if last:
-                _add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
+                _lane_squares(run_sums[:m], run_squares[:m], lanes, n, whole, rounded)
+            else:
+                squares[r, c : c + m] = run_squares[:m]
+        if last:
+            _add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
 
 
 @compiled()

@@ -16,6 +16,7 @@ import numpy as np
 from photosite.errors import InputError
 from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.raw_frame import MOST_BITS, Numbers, check_bits
+from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, shifted, tile_text
 from photosite.values.exposure import check_exposure, format_exposure
@@ -46,6 +47,14 @@ class FrameSource(Shown):
     thread_safe: bool = False
     path: Path | None = None
     whole: Callable[[], Numbers] | None = None
+
+    def open_rows(self) -> StoredRows | None:
+        """Open the frame to read some rows at a time; None where only `read` reads it.
+
+        A `read` of files offers this by a method of the same name.
+        """
+        opened: Callable[[], StoredRows | None] | None = getattr(self.read, "open_rows", None)
+        return None if opened is None else opened()
 
 
 @dataclass(frozen=True)

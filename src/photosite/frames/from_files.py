@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Never, TypeVar
 
 import numpy as np
 
@@ -25,8 +25,9 @@ from photosite.frames.frame_set import (
 )
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
 from photosite.frames.io.dng import read_whole_dng
-from photosite.frames.io.formats import read_frame, read_headers, read_pixels
+from photosite.frames.io.formats import open_stored_rows, read_frame, read_headers, read_pixels
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
+from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
 
@@ -79,7 +80,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     sources = [
         FrameSource(
             f.file.name,
-            partial(_read, f.file.path, f.file.location, bits, cfa, shape),
+            _FrameReading(f.file.path, f.file.location, bits, cfa, shape),
             True,
             path=f.file.path,
             whole=partial(read_whole_dng, f.file.path) if beside else None,
@@ -254,16 +255,35 @@ def _check_sensor(source: str, sensor: Sensor, bits: int, cfa: Cfa) -> None:
         raise FileError(source, f"the frames have the color filter array {tile_text(cfa)}, but {theirs}")
 
 
-def _read(path: Path, location: FrameLocation | None, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> Numbers:
-    """Read a frame, and check it against what all frames share."""
-    if location is None:
-        name, dn = str(path), read_frame(path, bits, cfa)[0].dn
-    else:
-        name = f"{path}{location.label}"
-        dn = of_bits(name, read_pixels(path, location), bits)
-    if dn.shape != shape:
-        raise FileError(name, f"the frame was {shape} when the frame set was opened and is now {dn.shape}")
-    return dn
+@dataclass(frozen=True)
+class _FrameReading:
+    """Reads a frame, and checks it against what all frames share."""
+
+    path: Path
+    location: FrameLocation | None
+    bits: int
+    cfa: Cfa | None
+    shape: tuple[int, int]
+
+    def __call__(self) -> Numbers:
+        """Return the digital numbers."""
+        if self.location is None:
+            dn = read_frame(self.path, self.bits, self.cfa)[0].dn
+        else:
+            dn = of_bits(self._name, read_pixels(self.path, self.location), self.bits)
+        return dn if dn.shape == self.shape else self._changed(dn.shape)
+
+    def open_rows(self) -> StoredRows | None:
+        """Open the frame to read some rows at a time; None where its pixels are not stored as they are."""
+        opened = open_stored_rows(self.path, self.location, self.bits, self.cfa)
+        return opened if opened is None or opened.shape == self.shape else self._changed(opened.shape)
+
+    @property
+    def _name(self) -> str:
+        return f"{self.path}{self.location.label if self.location else ''}"
+
+    def _changed(self, shape: tuple[int, ...]) -> Never:
+        raise FileError(self._name, f"the frame was {self.shape} when the frame set was opened and is now {shape}")
 
 
 def _shared(values: Sequence[Value | None]) -> Value | None:

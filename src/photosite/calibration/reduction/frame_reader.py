@@ -31,23 +31,37 @@ from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.stored_rows import StoredRows
 
 T = TypeVar("T")
+
+_Numbers = NDArray[np.unsignedinteger] | StoredRows
 
 Progress = Callable[[int, int], None]
 """Called with (frames read, frames to read) after each frame."""
 
 
 class _Read(NamedTuple):
-    """A frame that was read: its source, its (rows, cols) digital numbers and, for a checkpoint, its identity."""
+    """A frame that was read, or opened: its source, its digital numbers and, for a checkpoint, its identity."""
 
     source: FrameSource
-    dn: NDArray[np.unsignedinteger]
+    dn: _Numbers
     identity: FrameIdentity | None = None
+
+    def rows(self, indices: Iterable[int]) -> NDArray[np.unsignedinteger]:
+        """Return some rows (n, cols)."""
+        return self.dn.take_rows(indices) if isinstance(self.dn, StoredRows) else self.dn[list(indices)]
+
+    def whole(self) -> NDArray[np.unsignedinteger]:
+        """Return the (rows, cols) digital numbers."""
+        return self.dn.read() if isinstance(self.dn, StoredRows) else self.dn
 
 
 _TOGETHER, _TOGETHER_BYTES = 12, 240 << 20
 """Frames added to the sums in one pass, and their memory limit."""
+
+_OPEN = 64
+"""The same of frames whose rows are read while they are added: files that are open at a time."""
 
 _AHEAD, _AHEAD_BYTES = 4, 80 << 20
 """Frames read ahead, and their memory limit; at least two frames, and one for each core."""
@@ -96,6 +110,7 @@ class FrameReader:
         unread = (source for group in order for source in self._unread(group))
         self._first_pass = self._read_ahead(unread, identify=isinstance(checkpoint, Checkpoint))
         self._sums: FrameSums | None = None
+        self._buffers: list[NDArray[np.uint16]] = []
 
     def __enter__(self) -> FrameReader:
         return self
@@ -185,11 +200,27 @@ class FrameReader:
         """Return the frames of a group that entered its sums, in their order."""
         return [group.frames[i] for i in self._used[id(group)]]
 
-    def each(self, sources: Iterable[FrameSource], function: Callable[[NDArray[np.unsignedinteger]], T]) -> list[T]:
-        """Return a function of each frame, in their order; frames are read, and the function called, in threads."""
+    def each(
+        self,
+        sources: Iterable[FrameSource],
+        function: Callable[[NDArray[np.unsignedinteger]], T],
+        rows: slice = slice(None),
+    ) -> list[T]:
+        """Return a function of each frame, or of some successive rows, in the order of the frames.
+
+        Frames are read, and the function called, in threads. Their memory is used again: the result must not view it.
+        """
+        first, last, _ = rows.indices(self._shape[0])
 
         def result(source: FrameSource) -> T:
-            return function(source.read())
+            stored = source.open_rows()
+            if stored is None:
+                return function(source.read()[rows])
+            buffer = self._buffers.pop() if self._buffers else np.empty(self._shape, np.uint16)
+            stored.read_rows(first, buffer[: last - first])
+            found = function(buffer[: last - first])
+            self._buffers.append(buffer)
+            return found
 
         futures = []
         for source in sources:
@@ -270,14 +301,14 @@ class FrameReader:
 
     def _new(self, group: FrameGroup, first: FirstPass) -> Iterator[_Read]:
         """Read the remaining frames of a group in the first pass, and leave repeats out."""
-        grid = sample_grid(self._shape, len(group))
+        grid_rows, grid_cols = sample_grid(self._shape, len(group))
         for read in islice(self._first_pass, len(group) - first.read):
             if read.identity is not None:
                 first.identities.append(read.identity)
-            original = self._repeated(read.dn, group, first)
+            original = self._repeated(read, group, first)
             if original is None:
                 first.used.append(first.read)
-                first.samples.append(read.dn[grid].astype(np.uint16))
+                first.samples.append(read.rows(grid_rows.ravel())[:, grid_cols.ravel()].astype(np.uint16))
                 first.read += 1
                 yield read
             else:
@@ -299,7 +330,8 @@ class FrameReader:
         # Sums that are saved need the squares of the pixels.
         squares = variance or self._checkpoint is not None
         following = list(islice(left, 1))
-        while batch := following + list(islice(left, self._together - len(following))):
+        together = _OPEN if following and isinstance(following[0].dn, StoredRows) else self._together
+        while batch := following + list(islice(left, together - len(following))):
             following = [] if squares else list(islice(left, 1))
             add = sums.add if squares or following else sums.add_last
             add([read.dn for read in batch])
@@ -339,6 +371,8 @@ class FrameReader:
 
     def _checked(self, source: FrameSource, identify: bool = False) -> _Read:
         stamp = file_stamp(source) if identify else None
+        if not identify and (opened := source.open_rows()) is not None:
+            return _Read(source, opened)
         dn = source.read()
         if dn.shape != self._shape or dn.dtype not in (np.uint8, np.uint16):
             raise FileError(
@@ -348,14 +382,15 @@ class FrameReader:
             )
         return _Read(source, dn, identity(stamp, dn) if identify else None)
 
-    def _repeated(self, dn: NDArray[np.unsignedinteger], group: FrameGroup, first: FirstPass) -> str | None:
+    def _repeated(self, read: _Read, group: FrameGroup, first: FirstPass) -> str | None:
         """Return the name of an earlier frame of the group with the same pixels; some rows are compared first."""
-        digest = hashlib.sha256(dn[:: max(1, dn.shape[0] // _SAMPLED_ROWS)].tobytes()).hexdigest()
+        rows = self._shape[0]
+        digest = hashlib.sha256(read.rows(range(0, rows, max(1, rows // _SAMPLED_ROWS))).tobytes()).hexdigest()
         candidates = [group.frames[i] for i, other in zip(first.used, first.digests, strict=True) if other == digest]
         # Clipped frames may repeat; any other two differ by their noise.
-        if candidates and self._clipped_share(dn, group) <= 0.5:
+        if candidates and self._clipped_share(dn := read.whole(), group) <= 0.5:
             for candidate in candidates:
-                if np.array_equal(self._checked(candidate).dn, dn):
+                if np.array_equal(self._checked(candidate).whole(), dn):
                     return candidate.name
         first.digests.append(digest)
         return None

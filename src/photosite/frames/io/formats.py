@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Sequence
 from os import PathLike
@@ -18,8 +19,15 @@ from photosite.frames.io.camera_raw import read_camera_raw, read_camera_raw_head
 from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header, write_dng
 from photosite.frames.io.hdf5 import write_hdf5
 from photosite.frames.io.png import write_png
-from photosite.frames.io.tiff import read_directories, read_tiff_headers, read_tiff_pixels, write_tiff
+from photosite.frames.io.tiff import (
+    open_tiff_rows,
+    read_directories,
+    read_tiff_headers,
+    read_tiff_pixels,
+    write_tiff,
+)
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame, check_bits
+from photosite.frames.stored_rows import StoredRows
 from photosite.values.cfa import Cfa, cfa_from
 
 Format = Literal["dng", "tiff", "png", "hdf5", "fits", "camera raw"]
@@ -125,6 +133,18 @@ def read_frame(
 def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame of a file of several, without its header."""
     return _pixels(path, detect_format(path), location)
+
+
+def open_stored_rows(
+    path: Path, location: FrameLocation | None, bits: int | None, cfa: Cfa | None
+) -> StoredRows | None:
+    """Open a frame to read some rows at a time; None where its pixels are not stored as they are.
+
+    The header is checked as by `read_frame`, but not the numbers against the bit depth.
+    """
+    if not hasattr(os, "preadv") or detect_format(path) != "tiff":
+        return None
+    return open_tiff_rows(path, location, bits, cfa)
 
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:

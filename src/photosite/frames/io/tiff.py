@@ -24,6 +24,8 @@ from photosite.files.small_files import reading
 from photosite.files.tiff_pages import HIGHEST_COMPRESSION, decoded
 from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.raw_frame import Numbers, RawFrame
+from photosite.frames.stored_rows import StoredRows
+from photosite.values.cfa import Cfa
 
 SUB_IFDS, EXIF_IFD = 330, 34665
 
@@ -339,7 +341,7 @@ def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> Numbe
     """Read the (rows, cols) values of a TIFF file's page; without a location, of the first page."""
     page = read_directories(path)[0] if location is None else read_directory(path, int(location.part))
     rows, cols, bits = checked_size(path, page, 32)
-    if page.number(COMPRESSION) in (None, 1) and page.number(STRIP_OFFSETS) and page.number(FILL_ORDER) in (None, 1):
+    if _in_strips(page):
         return _stored_pixels(path, page, (rows, cols), bits)
     import tifffile
 
@@ -355,6 +357,35 @@ def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> Numbe
     if pixels.shape != (rows, cols):
         raise FileError(path, f"is damaged: it decodes to {pixels.shape} pixels, its tags state {rows} x {cols}")
     return np.ascontiguousarray(pixels, np.uint32) if bits == 32 else np.ascontiguousarray(pixels, np.uint16)
+
+
+def open_tiff_rows(path: Path, location: FrameLocation | None, bits: int | None, cfa: Cfa | None) -> StoredRows | None:
+    """Open a page as `read_tiff_pixels` finds it, after a check of its header, to read some rows at a time.
+
+    None unless its pixels are stored without gaps, in 16 bits and the byte order of this machine.
+    """
+    pages = read_directories(path) if location is None else [read_directory(path, int(location.part))]
+    page = pages[0]
+    rows, cols, stored_bits = checked_size(path, page, 32)
+    native = np.dtype(f"{page.order}u2") == np.uint16
+    if len(pages) > 1 or stored_bits != 16 or not native or not _in_strips(page):
+        return None
+    offsets, counts = page.numbers(STRIP_OFFSETS) or (), page.numbers(STRIP_COUNTS) or ()
+    if any(at + count != then for at, count, then in zip(offsets, counts, offsets[1:], strict=False)):
+        return None
+    header = _header(path, page, None)
+    header.resolve_bits(path, bits)
+    header.resolve_cfa(path, cfa)
+    return StoredRows(path, int(offsets[0]), (rows, cols))
+
+
+def _in_strips(page: Directory) -> bool:
+    """Return whether the pixels are stored in strips as they are."""
+    return (
+        page.number(COMPRESSION) in (None, 1)
+        and bool(page.number(STRIP_OFFSETS))
+        and (page.number(FILL_ORDER) in (None, 1))
+    )
 
 
 def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: int) -> Numbers:

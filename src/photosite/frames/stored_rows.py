@@ -1,0 +1,83 @@
+"""Rows of a frame whose pixels are stored uncompressed, read from its file a few at a time."""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+from photosite.files.small_files import reading
+
+
+class StoredRows:
+    """The rows of a frame in a file that stays open as long as this object exists; any thread may read them.
+
+    Parameters
+    ----------
+    path
+        The file.
+    offset
+        Position in the file, in bytes, of the first pixel; the others follow without gaps.
+    shape
+        Rows and columns of the frame, uint16 in the byte order of this machine.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be opened.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.NamedTemporaryFile() as file:
+    ...     _ = file.write(np.arange(12, dtype=np.uint16).tobytes())
+    ...     file.flush()
+    ...     StoredRows(Path(file.name), 0, (3, 4)).take_rows([0, 2])
+    array([[ 0,  1,  2,  3],
+           [ 8,  9, 10, 11]], dtype=uint16)
+    """
+
+    def __init__(self, path: Path, offset: int, shape: tuple[int, int]) -> None:
+        self.path, self.shape = path, shape
+        self._offset = offset
+        with reading(path):
+            self._file = os.open(path, os.O_RDONLY)
+        weakref.finalize(self, os.close, self._file)
+
+    def read_rows(self, first: int, out: NDArray[np.uint16]) -> None:
+        """Read successive rows into a C-contiguous array (n, cols).
+
+        Raises
+        ------
+        FileError
+            If the file ends before, or cannot be read.
+        """
+        left = out.data.cast("B")
+        place = self._offset + 2 * first * self.shape[1]
+        while left:
+            try:
+                got = os.preadv(self._file, [left], place)
+            except OSError as error:
+                raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
+            if not got:
+                raise FileError(self.path, f"is truncated: it ends at byte {place}, within its image data")
+            left, place = left[got:], place + got
+
+    def take_rows(self, rows: Iterable[int]) -> NDArray[np.uint16]:
+        """Return some rows (n, cols), which need not be adjacent."""
+        wanted = list(rows)
+        out = np.empty((len(wanted), self.shape[1]), np.uint16)
+        for row, line in zip(wanted, out, strict=True):
+            self.read_rows(row, line)
+        return out
+
+    def read(self) -> NDArray[np.uint16]:
+        """Return the whole frame."""
+        out = np.empty(self.shape, np.uint16)
+        self.read_rows(0, out)
+        return out

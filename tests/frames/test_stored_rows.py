@@ -1,0 +1,109 @@
+"""Rows of uncompressed frames: the same numbers as of the whole frame, and errors where the file has changed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import tifffile
+
+import photosite as ps
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.reduce import reduce_frames
+from photosite.engine.frame_sums import FrameSums
+from photosite.errors import FileError
+
+BAYER = np.array([[0, 1], [1, 2]])
+SHAPE = (70, 50)
+
+
+def stack(count, seed=1):
+    return np.random.default_rng(seed).integers(100, 4000, (count, *SHAPE), dtype=np.uint16)
+
+
+def frame_set(folder, frames, **written):
+    for number, dn in enumerate(frames):
+        tifffile.imwrite(folder / f"dark_{number:02d}.tif", dn, photometric="minisblack", **written)
+    entries = "- {kind: dark, exposure: 1/100, files: dark*.tif}"
+    (folder / "protocol.yaml").write_text(f"photosite_protocol: 1\nbits: 12\ncfa: rggb\nframes:\n{entries}\n")
+    return ps.open_frames(folder)
+
+
+@pytest.mark.parametrize("written", [{}, {"rowsperstrip": 7}], ids=["one strip", "many strips"])
+def test_rows_are_those_of_the_frame(tmp_path, written):
+    frames = stack(3)
+    (group,) = frame_set(tmp_path, frames, **written).groups
+    for source, dn in zip(group.frames, frames, strict=True):
+        rows = source.open_rows()
+        assert rows.shape == SHAPE
+        part = np.empty((5, SHAPE[1]), np.uint16)
+        rows.read_rows(9, part)
+        np.testing.assert_array_equal(part, dn[9:14])
+        np.testing.assert_array_equal(rows.take_rows([60, 3]), dn[[60, 3]])
+        np.testing.assert_array_equal(rows.read(), dn)
+
+
+@pytest.mark.parametrize("written", [{"compression": "zlib"}, {"byteorder": ">"}, {"tile": (16, 16)}], ids=str)
+def test_other_frames_are_read_whole(tmp_path, written):
+    frames = stack(2)
+    (group,) = frame_set(tmp_path, frames, **written).groups
+    assert group.frames[0].open_rows() is None
+    np.testing.assert_array_equal(group.frames[1].read(), frames[1])
+
+
+@pytest.mark.parametrize("tile", [BAYER, np.arange(36).reshape(6, 6) % 3], ids=["Bayer", "6 x 6"])
+def test_sums_of_rows_are_those_of_arrays(tmp_path, tile, monkeypatch):
+    frames = stack(11)
+    monkeypatch.setattr("photosite.engine.frame_sums._READ_BYTES", 1)  # one band at a time
+    (group,) = frame_set(tmp_path, frames).groups
+    opened = [source.open_rows() for source in group.frames]
+    whole = FrameSums(SHAPE, tile, white=3990).add(frames)
+    for sums in (
+        FrameSums(SHAPE, tile, white=3990).add(opened),
+        FrameSums(SHAPE, tile, white=3990).add([*frames[:4]]).add(opened[4:]),
+        FrameSums(SHAPE, tile, white=3990).add([frames[0], *opened[1:]]),
+    ):
+        np.testing.assert_array_equal(sums.sum_of_squares, whole.sum_of_squares)
+        np.testing.assert_array_equal(sums.sum, whole.sum)
+        assert sums.highest == whole.highest
+        assert sums.label_totals() == whole.label_totals()
+    last = FrameSums(SHAPE, tile, white=3990).add_last(opened)
+    assert last.label_totals() == FrameSums(SHAPE, tile, white=3990).add_last(frames).label_totals()
+
+
+def test_stored_and_compressed_frames_give_the_same_reduction(tmp_path):
+    frames = stack(5)
+    found = []
+    for number, written in enumerate(({}, {"compression": "zlib"})):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        with FrameReader(frame_set(folder, frames, **written)) as reader:
+            found.append(reduce_frames(reader))
+    assert found[0].darks[0].levels == found[1].darks[0].levels
+    assert found[0].darks[0].frame_means == found[1].darks[0].frame_means
+
+
+def test_a_file_that_was_cut_off_is_an_error(tmp_path):
+    frames = frame_set(tmp_path, stack(3))
+    source = frames.groups[0].frames[1]
+    rows = source.open_rows()
+    with source.path.open("r+b") as file:
+        file.truncate(2000)
+    with pytest.raises(FileError) as error:
+        rows.read()
+    assert error.value.path == str(source.path)
+    with pytest.raises(FileError) as error:
+        ps.calibrate(frames)
+    assert error.value.path == str(source.path)
+
+
+def test_a_file_of_another_size_or_depth_is_an_error(tmp_path):
+    frames = frame_set(tmp_path, stack(3))
+    source = frames.groups[0].frames[1]
+    tifffile.imwrite(source.path, np.zeros((8, 8), np.uint16), photometric="minisblack")
+    with pytest.raises(FileError) as error:
+        source.open_rows()
+    assert error.value.path == str(source.path)
+    tifffile.imwrite(source.path, np.full(SHAPE, 5000, np.uint16), photometric="minisblack")
+    with pytest.raises(FileError) as error:
+        ps.calibrate(frames)
+    assert error.value.path == str(source.path)
