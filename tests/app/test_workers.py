@@ -65,6 +65,30 @@ def test_cancelling_ends_a_process_that_does_not_listen(worker: Worker) -> None:
     assert not is_running(pid)
 
 
+def test_cancelling_before_the_process_is_prepared_leaves_it_alone() -> None:
+    made, cancelled = Worker(prepare=_slow), threading.Event()
+    cancelled.set()
+    try:
+        pid = made.process.pid
+        with pytest.raises(CancelledError):
+            made.call(os.getpid, time_s=60, cancelled=cancelled)
+        assert made.call(os.getpid, time_s=60) == pid
+    finally:
+        made.close()
+
+
+def _slow() -> None:
+    time.sleep(1)
+
+
+def test_a_process_that_cannot_be_prepared_computes() -> None:
+    made = Worker(prepare=_raise)
+    try:
+        assert made.call(abs, -1, time_s=60) == 1
+    finally:
+        made.close()
+
+
 def test_a_process_that_dies_is_replaced(worker: Worker) -> None:
     pid = worker.call(os.getpid, time_s=60)
     threading.Timer(0.1, os.kill, (pid, signal.SIGKILL)).start()

@@ -269,6 +269,7 @@ def test_a_folder_is_calibrated_with_a_changed_group(page, link, axe) -> None:
     points.focus()
     page.keyboard.press("ArrowRight")
     assert "(95 %)" in view.locator(".plot-value").first.inner_text()
+    save(page, "calibrate-results")
     page.evaluate(axe)
     page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
     result = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")

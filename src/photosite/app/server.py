@@ -10,7 +10,6 @@ import os
 import secrets
 import shutil
 import socket
-import threading
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -45,8 +44,8 @@ from photosite.app.files import (
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
 from photosite.app.state import CameraState, Part, Places, SensorState, Text
-from photosite.app.view import View, exact_frame, saved_frame, view_bytes
-from photosite.app.workers import BusyError, CancelledError, Job, Pool, Queue, WorkerError
+from photosite.app.view import View, exact_frame, prepare_frames, prepare_views, saved_frame, view_bytes
+from photosite.app.workers import BusyError, Job, Pool, Queue, WorkerError
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.errors import InputError, PhotositeError
 from photosite.files.writing import TemporaryFolder
@@ -101,7 +100,10 @@ class Code(Part):
 
 
 class JobInfo(Part):
-    """A job of the queue. `result` is there when `status` is done, `error` when it is failed."""
+    """A job of the queue. `result` is there when `status` is done, `error` when it is failed.
+
+    `seconds` is the time of the computation, so far or in all; `done` of `total` parts of `what` are done.
+    """
 
     id: str
     kind: str
@@ -172,17 +174,14 @@ class Bench:
         (self.folder / "results").mkdir()
         self.uploads: dict[str, Path] = {}
         memory = settings.memory_bytes or _machine_bytes() * 3 // 4
-        self.pool = Pool(settings.pictures, memory)
-        self.queue = Queue(settings.jobs, time_s=settings.job_s, memory_bytes=memory, finished=self.tidy)
-        for number in range(settings.pictures):  # compile before the first picture is asked for
-            threading.Thread(target=self._warm, args=(f"warm-{number}",), daemon=True).start()
-
-    def _warm(self, tab: str) -> None:
-        try:
-            view = View(height=64, width=96)
-            self.pool.call(tab, view_bytes, CameraState(), self.places, view, self.kept, time_s=_VIEW_S)
-        except (PhotositeError, WorkerError, BusyError, CancelledError):
-            pass  # the first picture says what is wrong
+        self.pool = Pool(settings.pictures, memory, prepare_views)
+        self.queue = Queue(
+            settings.jobs,
+            time_s=settings.job_s,
+            memory_bytes=memory,
+            prepare=prepare_frames,
+            finished=self.tidy,
+        )
 
     @property
     def kept(self) -> Path:

@@ -340,7 +340,14 @@ def changed_sensor(state: SensorState, places: Places) -> Sensor:
     path = places.path(state.source)
     if path is None and state.source not in preset_names():
         raise InputError("sensor", value=state.source, expected=f"one of {', '.join(preset_names())}, or a file")
-    sensor = _loaded(state.source, None, 0) if path is None else _loaded("", path, path.stat().st_mtime_ns)
+    return _changed_sensor(state.model_dump_json(), path, 0 if path is None else path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _changed_sensor(text: str, path: Path | None, changed_ns: int) -> Sensor:
+    """Return the sensor of a state in JSON, made again when its file changes."""
+    state = SensorState.model_validate_json(text)
+    sensor = _loaded(state.source, None, 0) if path is None else _loaded("", path, changed_ns)
     if path is not None and state.source.startswith(UPLOAD) and sensor.maps is not None:
         raise InputError("an uploaded sensor file cannot name maps", hint="Put both files into the served folder")
     if state.gain_setting is not None:

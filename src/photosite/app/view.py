@@ -27,7 +27,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from pydantic import Field
 
-from photosite.app.state import Bench, CameraState, Part, Places, bench
+from photosite.app.state import Bench, CameraState, Part, Places, SensorState, bench
 from photosite.camera.camera import Camera
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
 from photosite.develop.develop import develop, develop_rgba, save_picture
@@ -58,6 +58,8 @@ _SHARP = 0.8
 """The preview leaves out a blur whose transfer is above this at half the sampling frequency of the view."""
 _TABLE = 512
 _MOST_PADDING = 96
+_PADDING_STEP = 16
+"""Paddings are multiples of this, so that a small change of the blur changes none."""
 
 Rectangle = tuple[int, int, int, int]
 Index = Annotated[int, Field(ge=0, le=1 << 20)]
@@ -196,6 +198,19 @@ def exact_frame(
     }
 
 
+def prepare_views() -> None:
+    """Import and compile what views need, and make the scene of the first one."""
+    with tempfile.TemporaryDirectory() as folder:
+        view_bytes(CameraState(), Places(), View(height=64, width=96), Path(folder))
+
+
+def prepare_frames() -> None:
+    """Import and compile what exact frames need."""
+    small = SensorState(changes={"rows": 64, "cols": 96})
+    with tempfile.TemporaryDirectory() as folder:
+        exact_frame(CameraState(sensor=small), Places(), Path(folder))
+
+
 def digital_numbers(state: CameraState, folder: Path) -> NDArray[Any] | None:
     """Return the exact frame of a state, (rows, cols), if it was computed and is still kept."""
     return _kept(_frame_file(folder, state))
@@ -265,15 +280,23 @@ _KEPT_SCENES = 3
 _scenes: OrderedDict[tuple[Any, ...], Scene] = OrderedDict()
 
 
+def _add(kept: OrderedDict[Any, Any], key: Any, value: Any, most: int = 16) -> None:
+    """Add a value to those that are kept, and drop the oldest beyond `most`.
+
+    Keys have the `id` of a scene or a sensor. The value holds this object, so that no other one can get its id.
+    """
+    while len(kept) >= most:
+        kept.popitem(last=False)
+    kept[key] = value
+
+
 def scene_of(found: Bench) -> Scene:
     """Return the scene of a state, made once."""
     request = found.request
     changed = Path(request.source).stat().st_mtime_ns if request.is_file else 0
     key = (request.source, changed, tuple(sorted((name, str(value)) for name, value in request.options.items())))
     if key not in _scenes:
-        while len(_scenes) >= _KEPT_SCENES:
-            _scenes.popitem(last=False)
-        _scenes[key] = found.scene()
+        _add(_scenes, key, found.scene(), _KEPT_SCENES)
     _scenes.move_to_end(key)
     return _scenes[key]
 
@@ -331,12 +354,11 @@ def _shown(found: Bench, view: View, folder: Path) -> Shown:
             mean_e, *(_spread(np.arange(axis.size), 3, t) // 3 for axis, t in zip((rows, cols), tile, strict=True))
         )
         of_few = _of_view(found, few.shape[0], few.shape[1], [])
+        taken = of_few.frame(few, scene)
         if state.capture.noise:
-            dn = _averaged_numbers(found, scene, mean_e, step)
-            pixels = np.asarray(of_few.frame(few, scene).dn)
+            dn, pixels = _averaged_numbers(found, scene, mean_e, step), np.asarray(taken.dn)
         else:
             dn, pixels = of_view.camera.clean_dn(mean_e), of_few.camera.clean_dn(few)
-        taken = _empty(of_view, scene, tile)
     notes = [] if exact else notes
     return Shown(rows, cols, step, taken, _with_numbers(taken, dn), dn, mean_e, pixels, exact, tuple(notes))
 
@@ -365,26 +387,45 @@ def _averaged_numbers(found: Bench, scene: Scene, mean_e: F32, step: int) -> F32
     The mean and the standard deviation of a pixel are those of simulated pixels at some signals; noise of rows and
     columns is drawn apart, because the pixels of a block share it.
     """
-    sensor, noise = found.camera.sensor, found.camera.sensor.noise
-    lines_mv = noise.row_noise_mv.value, noise.column_noise_mv.value
-    top = max(float(mean_e.max()), 1.0)
-    levels = top * np.linspace(0.0, 1.0, _LEVELS) ** 2
-    tile = len(sensor.array.cfa), len(sensor.array.cfa[0])
-    at_levels = _of_view(found, _LEVELS * tile[0], _PER_LEVEL * tile[1], [])
-    if any(lines_mv):
-        alone_mv = max(noise.read_noise_mv.value**2 - lines_mv[0] ** 2 - lines_mv[1] ** 2, 0.0) ** 0.5
-        alone = at_levels.camera.sensor.with_(row_noise_mv=0, column_noise_mv=0, read_noise_mv=alone_mv)
-        at_levels = Bench(found.state, replace(at_levels.camera, sensor=alone), found.request)
-    mosaic = np.repeat(levels.astype(np.float32), tile[0])[:, None] * np.ones(_PER_LEVEL * tile[1], np.float32)
-    drawn = np.asarray(at_levels.frame(mosaic, scene).dn, np.float64).reshape(_LEVELS, -1)
-    seed = found.state.capture.seed
-    dn = _with_noise(mean_e, top, drawn.mean(axis=1), drawn.std(axis=1) / step, _normal(seed, mean_e.shape))
-    for mv, axis in zip(lines_mv, (0, 1), strict=True):
+    sensor, seed = found.camera.sensor, found.state.capture.seed
+    top = 2.0 ** (np.ceil(4.0 * np.log2(max(float(mean_e.max()), 1.0))) / 4.0)  # few values, so that most are kept
+    mean_dn, spread_dn = _pixels_at_levels(found, scene, top)
+    dn = _with_noise(mean_e, top, mean_dn, spread_dn / step, _normal(seed, mean_e.shape))
+    for mv, axis in zip(_line_noise_mv(sensor), (0, 1), strict=True):
         if mv:
             spread_dn = sensor.electrons(mv) * sensor.system_gain_dn_per_e / step**0.5
             line = np.random.default_rng([seed, axis]).normal(0.0, spread_dn, mean_e.shape[axis])
             dn += np.float32(np.expand_dims(line, 1 - axis))
     return dn
+
+
+def _line_noise_mv(sensor: Sensor) -> tuple[float, float]:
+    """Return the noise of rows and of columns."""
+    return sensor.noise.row_noise_mv.value, sensor.noise.column_noise_mv.value
+
+
+_at_levels: OrderedDict[tuple[Any, ...], tuple[Sensor, F64, F64]] = OrderedDict()
+
+
+def _pixels_at_levels(found: Bench, scene: Scene, top: float) -> tuple[F64, F64]:
+    """Return mean and standard deviation of digital numbers at squares of even steps from 0 to `top` electrons.
+
+    Noise of rows and columns is left out.
+    """
+    sensor = found.camera.sensor
+    key = (id(sensor), found.state.capture.model_dump_json(), top)
+    if key not in _at_levels:
+        levels = top * np.linspace(0.0, 1.0, _LEVELS) ** 2
+        tile = len(sensor.array.cfa), len(sensor.array.cfa[0])
+        sample = _of_view(found, _LEVELS * tile[0], _PER_LEVEL * tile[1], [])
+        if any(lines_mv := _line_noise_mv(sensor)):
+            alone_mv = max(sensor.noise.read_noise_mv.value**2 - lines_mv[0] ** 2 - lines_mv[1] ** 2, 0.0) ** 0.5
+            alone = sample.camera.sensor.with_(row_noise_mv=0, column_noise_mv=0, read_noise_mv=alone_mv)
+            sample = Bench(found.state, replace(sample.camera, sensor=alone), found.request)
+        mosaic = np.repeat(levels.astype(np.float32), tile[0])[:, None] * np.ones(_PER_LEVEL * tile[1], np.float32)
+        drawn = np.asarray(sample.frame(mosaic, scene).dn, np.float64).reshape(_LEVELS, -1)
+        _add(_at_levels, key, (sensor, drawn.mean(axis=1), drawn.std(axis=1)))
+    return _at_levels[key][1:]
 
 
 @lru_cache(maxsize=2)
@@ -474,8 +515,21 @@ def _picked(whole: NDArray[Any], rows: I64, cols: I64) -> NDArray[Any]:
     return np.ascontiguousarray(whole[rows][:, cols])
 
 
+_of_sizes: OrderedDict[tuple[int, int, int], tuple[Sensor, Sensor, list[str]]] = OrderedDict()
+
+
 def _of_size(sensor: Sensor, rows: int, cols: int, notes: list[str]) -> Sensor:
     """Return the sensor with the view's number of pixels; effects that depend on places in the array are left out."""
+    key = (id(sensor), rows, cols)
+    if key not in _of_sizes:
+        left_out: list[str] = []
+        _add(_of_sizes, key, (sensor, _resized(sensor, rows, cols, left_out), left_out))
+    _, found, left_out = _of_sizes[key]
+    notes += left_out
+    return found
+
+
+def _resized(sensor: Sensor, rows: int, cols: int, notes: list[str]) -> Sensor:
     changes: dict[str, Any] = {"rows": rows, "cols": cols}
     if sensor.maps is not None:
         changes["maps"] = None
@@ -525,26 +579,28 @@ def approximate_rate(camera: Camera, scene: Scene, rows: I64, cols: I64, step: i
     sensor, where = camera.sensor, placement(scene, camera)
     cfa, names = sensor.array.cfa, sensor.channel_names
     coupling = electrons_per_weight(scene, camera)
-    per_map = coupling.sum(axis=2).astype(np.float32)
+    per_map = coupling.sum(axis=2)
+    scale = float(np.abs(per_map).max()) or 1.0  # an f-number changes this factor and the blur alone
+    relative = (per_map / scale).round(7).astype(np.float32)
     pitch = pitch_m(sensor)
     notes: list[str] = []
-    transfer, padding = _transfer(camera, scene, coupling, step, notes)
+    blur = _blur(camera, scene, coupling, step, notes)
+    padding = 0 if blur is None else blur.padding
     sampled_rows = _samples(rows, padding, step, len(cfa), where.row_start, where.row_step, scene.shape[0])
     sampled_cols = _samples(cols, padding, step, len(cfa[0]), where.col_start, where.col_step, scene.shape[1])
-    image_of = _channel_images(scene, per_map, sampled_rows, sampled_cols)
+    image_of = _channel_images(scene, relative, sampled_rows, sampled_cols)
     rate = np.empty((rows.size, cols.size), np.float32)
     for channel, name in enumerate(names):
         sites = [(slice(r, None, len(cfa)), slice(c, None, len(cfa[0]))) for r, c in channel_sites(cfa, name)]
-        if transfer is None:
+        if blur is None:
             for site in sites:
                 rate[site] = image_of(channel, site)
             continue
-        image = transfer(image_of(channel, _WHOLE), channel)[
-            padding : padding + rows.size, padding : padding + cols.size
-        ]
+        image = blur.blurred(channel, image_of)[padding : padding + rows.size, padding : padding + cols.size]
         for site in sites:
             rate[site] = image[site]
     np.maximum(rate, np.float32(0), out=rate)
+    rate *= np.float32(scale)
     y_m = (rows + 0.5 * step - sensor.array.rows / 2) * pitch[0]
     x_m = (cols + 0.5 * step - sensor.array.cols / 2) * pitch[1]
     if camera.optics.relative_illumination(np.zeros(1), scene.distance_m) is not None:
@@ -625,12 +681,25 @@ _gathered: OrderedDict[tuple[Any, ...], tuple[Scene, F32]] = OrderedDict()
 
 _WHOLE = slice(None), slice(None)
 
-_OfChannel = Callable[[int, tuple[slice, slice]], F32]
+
+class _ChannelImages(NamedTuple):
+    """A function of a channel and a part of the pixels, which returns its image there, and what it depends on."""
+
+    image: Callable[[int, tuple[slice, slice]], F32]
+    shape: tuple[int, int]
+    scene: Scene
+    key: tuple[Any, ...]
+
+    def __call__(self, channel: int, part: tuple[slice, slice]) -> F32:
+        """Return the image of a channel in a part of the pixels."""
+        return self.image(channel, part)
 
 
-def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) -> _OfChannel:
-    """Return a function of a channel and a part of the pixels, which returns its electrons per second there."""
-    maps = scene.weights
+def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) -> _ChannelImages:
+    """Return the images of the channels, for electrons per second and weight of each map."""
+    maps, shape = scene.weights, (rows.size, cols.size)
+    key = (id(scene), *(part.tobytes() for of_axis in (rows, cols) for part in of_axis))
+    key_of_images = (*key, per_map.tobytes())
     if maps[0].size <= rows.size * cols.size:
         images = (per_map @ maps.reshape(len(maps), -1)).reshape(-1, *maps.shape[1:])
 
@@ -638,36 +707,77 @@ def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) 
             found: F32 = _sampled(images[channel : channel + 1], rows.at(part[0]), cols.at(part[1]))[0]
             return found
 
-        return sampled
-    key = (id(scene), *(part.tobytes() for of_axis in (rows, cols) for part in of_axis))
+        return _ChannelImages(sampled, shape, scene, key_of_images)
     if key not in _gathered:
-        while len(_gathered) >= _KEPT_SCENES:
-            _gathered.popitem(last=False)
-        _gathered[key] = scene, _sampled(maps, rows, cols)  # with the scene, so that its id stays its own
+        _add(_gathered, key, (scene, _sampled(maps, rows, cols)), _KEPT_SCENES)
     few = _gathered[key][1]
 
     def mixed(channel: int, part: tuple[slice, slice]) -> F32:
         return np.asarray(np.tensordot(per_map[channel], few[:, part[0], part[1]], axes=1), np.float32)
 
-    return mixed
+    return _ChannelImages(mixed, shape, scene, key_of_images)
 
 
-_Transfer = Callable[[F32, int], F32]
+@dataclass(frozen=True, eq=False)
+class _Blur:
+    """The blur of lens and photodetector for the mean spectrum.
 
-
-def _transfer(
-    camera: Camera, scene: Scene, coupling: NDArray[np.float64], step: int, notes: list[str]
-) -> tuple[_Transfer | None, int]:
-    """Return the blur of lens and photodetector for the mean spectrum, and its reach in pixels of the view.
-
-    None where the blur is too small to be seen.
+    Parameters
+    ----------
+    table
+        (channels, n) transfer of the lens at even steps of frequency from 0 to `longest`, in cycles per m.
+    spacing, sides
+        Of pixels of the view and of the photodetector, down and across, in m.
+    padding
+        Reach in pixels of the view.
     """
+
+    table: F32
+    longest: float
+    spacing: tuple[float, float]
+    sides: tuple[float, float]
+    padding: int
+
+    def blurred(self, channel: int, image_of: _ChannelImages) -> F32:
+        """Return the blurred image of a channel."""
+        shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in image_of.shape)
+        key = (channel, shape, self.spacing, self.sides, *image_of.key)
+        if key not in _spectra:
+            of_image = scipy.fft.rfft2(image_of(channel, _WHOLE), s=shape, workers=-1)
+            for axis, (side, spacing) in enumerate(zip(self.sides, self.spacing, strict=True)):
+                frequency = (np.fft.rfftfreq if axis else np.fft.fftfreq)(shape[axis], spacing)
+                of_image *= np.expand_dims(np.sinc(frequency * side).astype(np.float32), 1 - axis)
+            _add(_spectra, key, (image_of.scene, of_image), _KEPT_SPECTRA)
+        spectrum = (
+            _spectra[key][1] * self.table[channel][_places(shape, self.spacing, self.longest, self.table.shape[1])]
+        )
+        found: F32 = scipy.fft.irfft2(spectrum, s=shape, workers=-1, overwrite_x=True)
+        return found  # what is beyond the padding does not reach the view
+
+
+_KEPT_SPECTRA = 6
+_spectra: OrderedDict[tuple[Any, ...], tuple[Scene, NDArray[np.complex64]]] = OrderedDict()
+"""Spectra of the channels before the lens's blur, which a change of the f-number does not change."""
+
+
+@lru_cache(maxsize=2)
+def _places(shape: tuple[int, ...], spacing: tuple[float, float], longest: float, count: int) -> NDArray[np.int32]:
+    """Return the places of a transform's frequencies in a table of `count` entries from 0 to `longest`."""
+    fy = np.fft.fftfreq(shape[0], spacing[0]).astype(np.float32)
+    fx = np.fft.rfftfreq(shape[1], spacing[1]).astype(np.float32)
+    place = np.sqrt(fy[:, None] ** 2 + fx**2)
+    place *= np.float32((count - 1) / longest)
+    return np.asarray(place.astype(np.int32))
+
+
+def _blur(camera: Camera, scene: Scene, coupling: NDArray[np.float64], step: int, notes: list[str]) -> _Blur | None:
+    """Return the blur of a view, or None where it is too small to be seen."""
     spread, sensor = camera.optics.point_spread(scene.distance_m), camera.sensor
     if scene.shape == (1, 1):
-        return None, 0
+        return None
     if not isinstance(spread, RadialPsf):
         notes.append("the preview is without the lens's blur")
-        return None, 0
+        return None
     grid = scene.wavelength_nm
     pitch = pitch_m(sensor)
     spectrum = np.abs(np.einsum("ckw,k->cw", coupling, scene.weights.mean(axis=(1, 2), dtype=np.float64)))
@@ -680,40 +790,17 @@ def _transfer(
     table = shares @ np.stack([spread.otf(frequency, float(grid[w])) for w in few])
     half = np.searchsorted(frequency, 0.5 / (step * min(pitch)))
     if table[:, : min(half + 1, _TABLE)].min() > _SHARP:
-        return None, 0
+        return None
     reach = max(spread.reach_m(float(grid[w])) for w in few)
-    padding = int(min(np.ceil(0.3 * reach / (step * min(pitch))) + 1, _MOST_PADDING))
+    blocks = np.ceil((0.3 * reach / (step * min(pitch)) + 1) / _PADDING_STEP)
     side = float(np.sqrt(sensor.pixel.fill_factor.value))
-
-    spacing = step * pitch[0], step * pitch[1]
-
-    def blurred(image: F32, channel: int) -> F32:
-        shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in image.shape)
-        response = _response(table[channel].tobytes(), longest, shape, spacing, (pitch[0] * side, pitch[1] * side))
-        spectrum = scipy.fft.rfft2(image, s=shape, workers=-1)  # what is beyond the padding does not reach the view
-        spectrum *= response
-        found: F32 = scipy.fft.irfft2(spectrum, s=shape, workers=-1, overwrite_x=True)
-        return found[: image.shape[0], : image.shape[1]]
-
-    return blurred, padding
-
-
-@lru_cache(maxsize=8)
-def _response(
-    table: bytes, longest: float, shape: tuple[int, ...], spacing: tuple[float, float], sides: tuple[float, float]
-) -> F32:
-    """Return the transfer of lens and photodetector at the frequencies of a transform.
-
-    `table` holds the lens's at frequencies from 0 to `longest`, `sides` are those of the photodetector in m.
-    """
-    fy = np.fft.fftfreq(shape[0], spacing[0]).astype(np.float32)
-    fx = np.fft.rfftfreq(shape[1], spacing[1]).astype(np.float32)
-    place = np.sqrt(fy[:, None] ** 2 + fx**2)
-    place *= np.float32((_TABLE - 1) / longest)
-    found: F32 = np.frombuffer(table).astype(np.float32)[place.astype(np.int32)]
-    found *= np.sinc(fy * np.float32(sides[0])).astype(np.float32)[:, None]
-    found *= np.sinc(fx * np.float32(sides[1])).astype(np.float32)
-    return found
+    return _Blur(
+        table.astype(np.float32),
+        longest,
+        spacing=(step * pitch[0], step * pitch[1]),
+        sides=(pitch[0] * side, pitch[1] * side),
+        padding=int(min(_PADDING_STEP * blocks, _MOST_PADDING)),
+    )
 
 
 # What the page writes beside the picture.

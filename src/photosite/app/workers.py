@@ -1,7 +1,8 @@
 """Worker processes: calls with limits on time and memory, and jobs that wait in a queue and can be cancelled.
 
 Pictures and jobs have processes of their own, so that a long job delays no picture. Job processes run at a lower
-priority. A process that dies, hangs or is cancelled is replaced.
+priority. A process that dies, hangs or is cancelled is replaced. A new process first imports and compiles what its
+calls need; until then jobs wait in the queue, and cancelling one leaves the process alone.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ Progress = Callable[[int, int, str], object]
 Status = Literal["queued", "running", "done", "failed", "cancelled"]
 
 _SPAWN = multiprocessing.get_context("spawn")
-_GRACE_S = 0.3
-"""Time in which a cancelled call can stop by itself, at its next report of progress."""
+_GRACE_S = 1.5
+"""Time in which a cancelled call can stop by itself, at its next report of progress. A new process needs several times
+as long before it computes."""
+_JOB_NICENESS = 5
+"""A job gets a third of the time of a picture that is computed meanwhile; at 10, it stands still on a busy machine."""
 _POLL_S = 0.05
 _MOST_KEPT = 64
 
@@ -52,10 +56,12 @@ class Worker:
         Added to the priority value of the process; 0 keeps it.
     memory_bytes
         Limit of its address space; 0 is no limit. Not enforced on Windows.
+    prepare
+        A function of a module without arguments that a new process runs before its first call. Its errors are ignored.
     """
 
-    def __init__(self, niceness: int = 0, memory_bytes: int = 0) -> None:
-        self._settings = niceness, memory_bytes
+    def __init__(self, niceness: int = 0, memory_bytes: int = 0, prepare: Callable[[], object] | None = None) -> None:
+        self._settings = niceness, memory_bytes, prepare
         self._lock = threading.Lock()
         self._closed = False
         self._start()
@@ -63,6 +69,7 @@ class Worker:
     def _start(self) -> None:
         self._cancelled = _SPAWN.Event()
         self._connection, theirs = _SPAWN.Pipe()
+        self._prepared = False
         arguments = (theirs, self._cancelled, *self._settings)
         self.process = _SPAWN.Process(target=_serve, args=arguments, daemon=True, name="photosite worker")
         self.process.start()
@@ -120,9 +127,15 @@ class Worker:
         progress: Progress | None,
         cancelled: threading.Event | None,
     ) -> Any:
+        deadline, stop_at = time.monotonic() + time_s, float("inf")
+        while not self._is_prepared():
+            if cancelled is not None and cancelled.is_set():
+                raise CancelledError
+            if time.monotonic() > deadline:
+                self._replace()
+                raise WorkerError(f"the process did not start within {time_s:g} s")
         self._cancelled.clear()
         self._connection.send((function, arguments, progress is not None))
-        deadline, stop_at = time.monotonic() + time_s, float("inf")
         while True:
             if self._connection.poll(_POLL_S):
                 kind, content = self._connection.recv()
@@ -146,6 +159,19 @@ class Worker:
                 self._replace()
                 raise WorkerError(f"the computation took longer than {time_s:g} s and was ended")
 
+    def wait_until_prepared(self) -> None:
+        """Wait until the process can compute, at most as long as it lives."""
+        with self._lock, contextlib.suppress(EOFError, OSError):
+            while not self._closed and self.process.is_alive() and not self._is_prepared():
+                pass
+
+    def _is_prepared(self) -> bool:
+        """Wait up to `_POLL_S` for the process to be prepared."""
+        if not self._prepared and self._connection.poll(_POLL_S):
+            self._connection.recv()
+            self._prepared = True
+        return self._prepared
+
     def _replace(self) -> None:
         self._end()
         self._start()
@@ -162,7 +188,9 @@ class Worker:
         self._end()
 
 
-def _serve(requests: Connection, cancelled: Any, niceness: int, memory_bytes: int) -> None:
+def _serve(
+    requests: Connection, cancelled: Any, niceness: int, memory_bytes: int, prepare: Callable[[], object] | None
+) -> None:
     """Run calls until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
@@ -170,6 +198,10 @@ def _serve(requests: Connection, cancelled: Any, niceness: int, memory_bytes: in
     if niceness and hasattr(os, "nice"):
         os.nice(niceness)
     _limit_memory(memory_bytes)
+    with contextlib.suppress(Exception):  # the first call raises the error again
+        if prepare is not None:
+            prepare()
+    requests.send("prepared")
 
     def report(done: int, total: int, what: str = "") -> None:
         if cancelled.is_set():
@@ -217,12 +249,20 @@ class Pool:
     ----------
     count, memory_bytes
         Number of workers, and the limit of each one's memory.
+    prepare
+        As for `Worker`.
     most_waiting
         Calls that wait for one worker; more raise `BusyError`.
     """
 
-    def __init__(self, count: int, memory_bytes: int = 0, most_waiting: int = 16) -> None:
-        self.workers = [Worker(0, memory_bytes) for _ in range(count)]
+    def __init__(
+        self,
+        count: int,
+        memory_bytes: int = 0,
+        prepare: Callable[[], object] | None = None,
+        most_waiting: int = 16,
+    ) -> None:
+        self.workers = [Worker(0, memory_bytes, prepare) for _ in range(count)]
         self._waiting = [0] * count
         self._most_waiting = most_waiting
         self._lock = threading.Lock()
@@ -262,7 +302,17 @@ class Job:
         self.result: Any = None
         self.error = ""
         self.cancelled = threading.Event()
-        self.seconds = 0.0
+        self.started = 0.0
+        self._ended: float | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Time that the call has taken so far, or took."""
+        return 0.0 if not self.started else (self._ended or time.monotonic()) - self.started
+
+    def end(self, status: Status) -> None:
+        """Record how the call ended."""
+        self._ended, self.status = time.monotonic(), status
 
 
 class Queue:
@@ -274,6 +324,8 @@ class Queue:
         Number of workers.
     time_s, memory_bytes
         Limits of a job.
+    prepare
+        As for `Worker`. Jobs wait for a prepared worker.
     most_waiting
         Jobs that wait; more raise `BusyError`.
     finished
@@ -286,6 +338,7 @@ class Queue:
         *,
         time_s: float = 1800.0,
         memory_bytes: int = 0,
+        prepare: Callable[[], object] | None = None,
         most_waiting: int = 16,
         finished: Callable[[], object] = lambda: None,
     ) -> None:
@@ -294,7 +347,7 @@ class Queue:
         self._waiting: deque[Job] = deque()
         self._changed = threading.Condition()
         self._closed = False
-        self.workers = [Worker(10, memory_bytes) for _ in range(count)]
+        self.workers = [Worker(_JOB_NICENESS, memory_bytes, prepare) for _ in range(count)]
         self._threads = [threading.Thread(target=self._run, args=(worker,), daemon=True) for worker in self.workers]
         for thread in self._threads:
             thread.start()
@@ -336,6 +389,7 @@ class Queue:
 
     def _run(self, worker: Worker) -> None:
         while True:
+            worker.wait_until_prepared()  # another one can take the job meanwhile
             with self._changed:
                 while not self._waiting and not self._closed:
                     self._changed.wait()
@@ -351,7 +405,7 @@ class Queue:
         def progress(done: int, total: int, what: str) -> None:
             job.progress = done, total, what
 
-        started = time.monotonic()
+        job.started = time.monotonic()
         try:
             job.result = worker.call(
                 job.function, *job.arguments, time_s=self._time_s, progress=progress, cancelled=job.cancelled
@@ -363,8 +417,7 @@ class Queue:
             job.error, status = str(error), "failed"
         except Exception as error:
             job.error, status = message_of(error), "failed"
-        job.seconds = time.monotonic() - started
-        job.status = status
+        job.end(status)
 
     def close(self) -> None:
         """End the processes; running jobs fail."""

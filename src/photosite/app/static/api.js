@@ -39,6 +39,19 @@ export async function upload(file, kind, { folder = "", name = file.name } = {})
   return (await answer(path, { method: "POST", body: file })).json();
 }
 
+// A function that says how far a job is, and how long the rest of what it does now takes at the speed so far.
+export function progressReporter() {
+  let what = null, since = 0, before = 0;
+  return (job) => {
+    if (job.status === "queued") return "waits for a free process";
+    const now = performance.now();
+    if (what !== job.what) [what, since, before] = [job.what, now, job.done];
+    const spent = (now - since) / 1000, left = job.done > before ? spent * (job.total - job.done) / (job.done - before) : 0;
+    const rest = spent > 1 && left > 2 ? `, about ${Math.ceil(left)} s more` : "";
+    return `${what || "computing"}${job.total > 1 ? ` ${job.done} of ${job.total}` : ""}, ${Math.round(job.seconds)} s${rest}`;
+  };
+}
+
 // Waits for a job; `report` gets each state of it. Returns the job when it has ended.
 export async function finished(job, report = () => {}) {
   let wait = 80;

@@ -80,13 +80,13 @@ function drawGroups(root) {
     const kind = element("select", { "aria-label": `Kind of group ${k + 1}`, onchange: () => { edits[k] = { ...edits[k], kind: kind.value }; keep(); } },
       ...[["dark", "dark frames"], ["light", "flat fields"], ["omit", "left out"]].map(([value, text]) => element("option", { value }, text)));
     kind.value = edits[k].kind;
-    return [String(k + 1), kind, number(k, "exposure_s", "Exposure time in s", { min: 1e-9, required: true }), number(k, "gain_setting", "Gain setting", { min: 0, placeholder: "none" }), String(each.frames), each.frames > 1 ? `${each.first} … ${each.last}` : each.first];
+    return [String(k + 1), kind, number(k, "exposure_s", "Exposure time in s", { min: 1e-9, required: true }), number(k, "gain_setting", "Gain setting", { min: 0, placeholder: "none" }), String(each.frames), element("td", { class: "files" }, each.frames > 1 ? `${each.first} … ${each.last}` : each.first)];
   });
   keep();
   root.replaceChildren(element("div", { class: "card" },
     element("h3", {}, `${found.groups.reduce((sum, each) => sum + each.frames, 0)} frames of ${found.rows} × ${found.cols} pixels, ${found.bits} bits${found.black_level_dn ? `, black level ${short(found.black_level_dn)} DN` : ""}`),
     element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Groups of frames" },
-      table(found.sensor ? `The protocol names the sensor ${found.sensor}.` : "As understood from metadata and names.", ["Group", "Kind", "Exposure time (s)", "Gain setting", "Frames", "Files"], rows)),
+      table(found.sensor ? `The protocol names the sensor ${found.sensor}.` : "As understood from metadata and names.", ["Group", "Kind", "Exposure time (s)", "Gain setting", "Frames", "Files"], rows, { class: "numbered" })),
     note,
     ...(found.notes.length ? [element("ul", { class: "notes" }, ...found.notes.map((text) => element("li", {}, text)))] : []),
     element("p", {}, element("label", { class: "choice" }, maps, " Maps of the chip: DSNU, PRNU, dark current, read noise, defects")),

@@ -1,6 +1,6 @@
 // The camera view: form, preview, exact frame, plots and regions.
 
-import { finished, post, postForBytes, remove, showError, tab } from "./api.js";
+import { finished, post, postForBytes, progressReporter, remove, showError, tab } from "./api.js";
 import { copied, element, short, table } from "./dom.js";
 import { partRow } from "./parts.js";
 import { dropOnView, picks } from "./picks.js";
@@ -186,6 +186,7 @@ function describeView(header, spent) {
   const saturated = header.saturated_fraction > 0 ? `; ${short(100 * header.saturated_fraction, 2)} % of them saturated` : "";
   const time = spent === null ? "" : `; ${Math.round(spent)} ms`;
   const rest = `${header.sensor}, ${size}: ${sampling}${saturated}${time}.`;
+  if (header.exact) at("working").hidden = true;
   if (header.exact) badge("exact", "exact frame", rest);
   else badge("preview", "preview", `${rest} ${exactWanted ? "The exact frame follows." : ""}`);
   at("notes").hidden = !header.notes.length;
@@ -248,12 +249,13 @@ async function exact() {
     mine = await post("/api/frames", { state, tab });
   } catch { return; } // the preview has said what is wrong
   job = mine;
-  at("working").hidden = false;
+  const progress = progressReporter();
   const ended = await finished(mine, (now) => {
-    if (job !== mine && job?.id !== mine.id) return;
+    if (job?.id !== mine.id) return;
+    at("working").hidden = Boolean(last?.exact); // a frame that is kept is on the screen already
     const bar = at("progress");
     if (now.total) { bar.max = now.total; bar.value = now.done; } else bar.removeAttribute("value");
-    at("working-text").textContent = now.status === "queued" ? "Exact frame: waits for other computations" : `Exact frame: ${now.what || "scene"} ${now.total ? `${now.done} of ${now.total}` : ""}`;
+    at("working-text").textContent = `Exact frame: ${progress(now)}`;
   }).catch((error) => ({ id: mine.id, status: "failed", error: error.message }));
   if (job?.id !== mine.id) return;
   job = null;

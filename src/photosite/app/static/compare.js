@@ -57,7 +57,7 @@ function build() {
   const root = document.getElementById("view-compare");
   pictures?.show([]);
   pictures = null;
-  const kinds = element("fieldset", { class: "choices" }, element("legend", {}, "Compare"), ...KINDS.map(([kind, label]) => {
+  const kinds = element("fieldset", { class: "choices" }, element("legend", { class: "hidden" }, "What to compare"), ...KINDS.map(([kind, label]) => {
     const button = element("input", { type: "radio", name: "compare-kind", value: kind, onchange: () => { content.kind = kind; build(); root.querySelector(`[value=${kind}]`).focus(); } });
     button.checked = content.kind === kind;
     return element("label", {}, button, ` ${label}`);
@@ -183,10 +183,10 @@ function draw(root, found) {
     { label: "frequency on the sensor (cycles/mm)" }, { label: "MTF", low: 0 });
   const value = (name, figure) => { const each = found.cameras[name][figure]; return typeof each === "string" ? each : each === null ? figure.startsWith("snr") ? "not reached" : "–" : short(each); };
   const notes = [...found.notes, ...names.map((name) => found.chart[name].reason && `${name}: ${found.chart[name].reason}`).filter(Boolean)];
-  root.replaceChildren(plots,
+  root.replaceChildren(plots, element("div", { class: "beside" },
     card("Figures", table(`${short(found.exposure_s)} s, ${found.illuminant}`, ["Figure", ...names], FIGURES.map(([figure, label]) => [label, ...names.map((name) => value(name, figure))])),
       element("p", { class: "hint" }, "SNR of one pixel with the whole noise of a frame. SNR10: luminance of the surface, and illuminance on an 18 % gray chart, at which the signal is 10 times the noise. Dynamic range as in EMVA 1288 release 4.0. MTF on the axis, along the rows, at 550 nm.")),
-    card("Color error on the chart", ...colors(found, names)), ...patches(found, names),
+    card("Color error on the chart", ...colors(found, names))), element("div", { class: "beside" }, ...patches(found, names)),
     notes.length ? element("ul", { class: "notes", "aria-label": "Notes" }, ...notes.map((note) => element("li", {}, note))) : "");
 }
 

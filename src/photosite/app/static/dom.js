@@ -28,12 +28,15 @@ export function short(value, digits = 4) {
   return String(Number(value.toPrecision(size >= 10 ** digits ? Math.ceil(Math.log10(size)) : digits)));
 }
 
-export function table(caption, head, rows) {
-  return element("table", {},
-    element("caption", {}, caption),
+export const captionOf = (text) => element("caption", {}, element("span", {}, text));
+
+// Cells can be texts or elements; an element of a cell of its own, td, is taken as it is.
+export function table(caption, head, rows, attributes = {}) {
+  return element("table", attributes,
+    captionOf(caption),
     element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
     element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map((cell, k) =>
-      k === 0 ? element("th", { scope: "row" }, cell) : element("td", {}, cell))))));
+      k === 0 ? element("th", { scope: "row" }, cell) : cell instanceof HTMLTableCellElement ? cell : element("td", {}, cell))))));
 }
 
 export async function copied(title, text, note = "") {

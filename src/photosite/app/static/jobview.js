@@ -1,6 +1,6 @@
 // What the views with a job share: a button that runs it, progress, cancel, and the code.
 
-import { finished, post, remove, showError, tab } from "./api.js";
+import { finished, post, progressReporter, remove, showError, tab } from "./api.js";
 import { copied, element } from "./dom.js";
 import { toHash } from "./state.js";
 
@@ -26,10 +26,10 @@ export function jobBar(name, view, request, shown, label = "Compute", content = 
     } catch (error) { showError(error.message); return; }
     run.disabled = true;
     stop.hidden = false;
-    const begun = performance.now();
+    const progress = progressReporter();
     const ended = await finished(mine, (now) => {
       if (job.id !== mine.id) return;
-      text.textContent = now.status === "queued" ? "waits for other computations" : now.total ? `${now.done} of ${now.total} ${now.what}, ${Math.round((performance.now() - begun) / 1000)} s` : `computing, ${Math.round((performance.now() - begun) / 1000)} s`;
+      text.textContent = progress(now);
     }).catch((error) => ({ status: "failed", error: error.message }));
     if (job.id !== mine.id) return;
     run.disabled = false;

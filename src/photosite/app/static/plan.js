@@ -22,9 +22,8 @@ export async function show(content) {
   const drawWants = () => {
     const rows = Object.entries(request.wants).map(([name, text]) => {
       const label = parameters.find((each) => each.name === name);
-      const unit = label?.unit ? `, or a number in ${label.unit}` : "";
       return element("div", { class: "fields" },
-        field(`${label?.label ?? name}: percent such as 2%${unit}`, "", { type: "text", required: true }, text, (value) => { request.wants[name] = value; }),
+        field(label?.label ?? name, label?.unit || "%", { type: "text", required: true }, text, (value) => { request.wants[name] = value; }),
         element("button", { type: "button", "aria-label": `Remove ${label?.label ?? name}`, onclick: () => { delete request.wants[name]; drawWants(); } }, "Remove"));
     });
     const left = parameters.filter((each) => !(each.name in request.wants));
@@ -43,23 +42,27 @@ export async function show(content) {
         field("Longest flat field", "s", { type: "number", min: 1e-6 }, request.longest_flat_s, (value) => { request.longest_flat_s = value; }),
         field("Illuminant of the flat fields", "", { type: "text" }, request.illuminant, (value) => { request.illuminant = value; }),
         field("Time to save a frame", "s", { type: "number", min: 0 }, request.seconds_per_frame, (value) => { request.seconds_per_frame = value; })),
-      element("h3", {}, "Wanted standard uncertainty"), wants),
+      element("h3", {}, "Wanted standard uncertainty"),
+      element("p", { class: "hint" }, "Percent of the value, such as 2%, or a number in the parameter's unit."), wants),
     bar, results);
   start();
 }
 
 function draw(root, found, parameters) {
   const minutes = found.seconds / 60;
-  const label = (name) => parameters.find((each) => each.name === name) ?? { label: name, unit: "" };
+  const named = (name) => {
+    const { label, unit } = parameters.find((each) => each.name === name) ?? { label: name, unit: "" };
+    return unit ? `${label} (${unit})` : label;
+  };
   const groups = found.steps.map((each) => [each.kind === "dark" ? "dark frames" : "flat fields", String(each.frames), short(each.exposure_s), Object.entries(each.electrons ?? {}).map(([name, value]) => `${name} ${short(value, 3)}`).join(", ") || "–"]);
   const expected = Object.entries(found.expected).filter(([, each]) => each.standard_uncertainty !== null && each.standard_uncertainty !== undefined).map(([name, each]) => {
     const known = each.standard_uncertainty < Math.abs(each.value ?? 0);
-    return [label(name).label, known ? short(each.value) : "0", short(each.standard_uncertainty, 2), known ? short(100 * each.standard_uncertainty / Math.abs(each.value), 2) : "–", label(name).unit || "1", request.wants[name] ?? ""];
+    return [named(name), known ? short(each.value) : "0", short(each.standard_uncertainty, 2), known ? short(100 * each.standard_uncertainty / Math.abs(each.value), 2) : "–", request.wants[name] ?? ""];
   });
-  root.replaceChildren(
+  root.replaceChildren(element("div", { class: "beside" },
     element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Frames of the plan" }, element("h3", {}, `${found.frames} frames, about ${minutes < 90 ? `${short(minutes, 2)} minutes` : `${short(minutes / 60, 2)} hours`}`),
       found.least_of_a_calibration ? element("p", { class: "hint" }, "The minimum of a calibration reaches the wanted precision.") : null,
       table(`Black level ${short(found.black_level_dn)} DN, so that dark frames do not clip.`, ["Kind", "Frames", "Exposure time (s)", "Mean signal (e⁻)"], groups)),
     element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Expected uncertainties" }, element("h3", {}, "Expected"),
-      table("What a calibration of these frames reaches.", ["Parameter", "Expected", "Standard uncertainty", "Relative (%)", "Unit", "Wanted"], expected)));
+      table("What a calibration of these frames reaches.", ["Parameter", "Expected", "Standard uncertainty", "Relative (%)", "Wanted"], expected))));
 }

@@ -1,7 +1,7 @@
 // The results of a calibration: files, tables with intervals, curves with residuals, and maps.
 
 import { chipMap } from "./chipmap.js";
-import { element, short } from "./dom.js";
+import { captionOf, element, short } from "./dom.js";
 import { plot } from "./plots.js";
 
 const STYLES = { R: "s1", G: "s2", B: "s0", M: "s0" };
@@ -11,7 +11,7 @@ const cells = (each) => [each.value === null ? "–" : short(each.value, 5), eac
 function estimates(caption, first, rows) {
   const missing = rows.some((each) => each.value === null && each.reason);
   const head = [...first, "Value", "95 % interval", "Unit", ...(missing ? ["Why it is missing"] : [])];
-  return element("table", {}, element("caption", {}, caption), element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
+  return element("table", {}, captionOf(caption), element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
     element("tbody", {}, ...rows.map((each) => element("tr", {}, element("th", { scope: "row" }, each.label), ...(first.length > 1 ? [element("td", {}, each.part)] : []),
       ...cells(each).map((text) => element("td", {}, text)), missing ? element("td", { class: "reason" }, each.value === null ? each.reason : "") : null))));
 }
