@@ -5,10 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import json
-import shlex
 from pathlib import Path
 
 import pytest
+from copied_code import executed, json_of
 from PIL import Image
 
 import photosite as ps
@@ -22,23 +22,9 @@ from photosite.app.compare_view import (
     validation_code,
 )
 from photosite.app.state import LensState, Places, SensorState
-from photosite.cli.main import run
 from photosite.errors import InputError
 
 NOWHERE = Places()
-
-
-def executed(code: str) -> dict:
-    names: dict = {}
-    exec("\n".join(line for line in code.splitlines() if not line.startswith(("print(", "found.plot"))), names)
-    return names
-
-
-def json_of(command: str, capsys: pytest.CaptureFixture[str]) -> dict:
-    words = shlex.split(command)
-    assert words[0] == "photosite"
-    assert run([*words[1:], "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
 
 
 def test_a_comparison_its_python_and_its_command_agree(

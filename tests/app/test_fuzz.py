@@ -20,7 +20,7 @@ LEAVES = st.one_of(
 JSON = st.recursive(
     LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=4), max_leaves=12
 )
-PATHS = ("/api/view", "/api/form", "/api/code", "/api/comparison/code", "/api/plan/code")
+PATHS = ("/api/view", "/api/form", "/api/code", "/api/comparison/code", "/api/validation/code", "/api/plan/code")
 
 STATE = {"scene": {"source": "uniform"}, "lens": {}, "sensor": {"changes": {"rows": 8, "cols": 8}}, "capture": {}}
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import base64
 import json
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
+from copied_code import executed, json_of
 
 import photosite as ps
 from photosite.app.calibrate_view import (
@@ -30,30 +30,12 @@ from photosite.app.views import (
     run_sweep,
     sweep_code,
 )
-from photosite.cli.main import run
 from photosite.errors import InputError
 from photosite.frames.io.libcamera import read_libcamera
 from photosite.frames.raw_frame import RawFrame
 
 NOWHERE = Places()
 CHANGED = SensorState(changes={"read_noise_e": 2.0})
-
-
-def executed(code: str) -> dict:
-    """Run code without what it prints and draws."""
-    names: dict = {}
-    kept = [
-        line for line in code.splitlines() if not line.startswith(("print(", "found.plot", "table.plot", "cal.report"))
-    ]
-    exec("\n".join(kept), names)
-    return names
-
-
-def json_of(command: str, capsys: pytest.CaptureFixture[str]) -> dict:
-    words = shlex.split(command)
-    assert words[0] == "photosite"
-    assert run([*words[1:], "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
 
 
 def test_changed_sensors_have_no_command() -> None:

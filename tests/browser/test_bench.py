@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -77,13 +79,15 @@ def test_no_violations_of_accessibility_and_nothing_cut_off(
     page.set_viewport_size({"width": width, "height": WIDTHS[width]})
     page.emulate_media(color_scheme=appearance)
     opened(page, link, view)
+    if PICTURES and view == "compare":
+        wait(page, "document.querySelectorAll('#view-compare .badge.exact').length === 2")
+    save(page, f"{view}-{width}-{appearance}")
     page.evaluate(axe)
     page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
     result = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")
     found = [
         (v["id"], [node["target"] for node in v["nodes"]][:3], v["nodes"][0]["any"][:1]) for v in result["violations"]
     ]
-    save(page, f"{view}-{width}-{appearance}")
     assert not found
     assert len(result["passes"]) > 15
     assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -197,6 +201,41 @@ def test_a_wrong_value_is_explained_and_the_page_goes_on(page, link) -> None:
     set_number(page, "Distance", 2)
     page.wait_for_selector("#badge.exact")
     assert page.is_hidden("#alert")
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="finds the processes of the server in /proc")
+def test_the_page_goes_on_after_all_worker_processes_died(page, link, folder: Path) -> None:
+    opened(page, link)
+    processes: dict[str, tuple[str, bytes]] = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended
+            processes[path.name] = (path / "status").read_text(), (path / "cmdline").read_bytes()
+    server = next(pid for pid, (_, line) in processes.items() if b"serve" in line and str(folder).encode() in line)
+    workers = [pid for pid, (of, line) in processes.items() if f"PPid:\t{server}\n" in of and b"spawn_main" in line]
+    assert len(workers) >= 3
+    for pid in workers:
+        os.kill(int(pid), signal.SIGKILL)
+    set_number(page, "Exposure", 0.21)
+    page.wait_for_selector("#badge.preview")
+    page.wait_for_selector("#badge.exact")
+    assert page.is_hidden("#alert")
+
+
+@pytest.mark.refused
+def test_a_process_that_dies_at_work_and_a_full_disk_are_said_on_the_page(page, link) -> None:
+    opened(page, link)
+    lost = {"error": "the computation failed: its process ended; a new one was started"}
+    page.route("**/api/view", lambda route: route.fulfill(status=503, json=lost), times=1)
+    set_number(page, "Exposure", 0.22)
+    page.wait_for_selector("#alert:not([hidden])")
+    assert "process ended" in page.inner_text("#alert")
+    page.wait_for_selector("#badge.exact")
+    assert page.is_hidden("#alert")
+    full = {"id": "x", "kind": "frame", "status": "failed", "error": "No space left on device: frame.npy"}
+    page.route("**/api/frames", lambda route: route.fulfill(status=202, json=full), times=1)
+    set_number(page, "Exposure", 0.23)
+    page.wait_for_selector("#alert:not([hidden])")
+    assert "No space left" in page.inner_text("#alert")
 
 
 def test_a_long_frame_can_be_cancelled_and_another_tab_goes_on(page, link, browser) -> None:

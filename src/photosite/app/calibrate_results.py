@@ -183,7 +183,7 @@ def combined_result(found: CombinedCalibration, places: Places) -> Result:
     }
     return Result(
         "combined",
-        f"{count} capture{'s' * (count > 1)} told apart by their noise",
+        f"{count} capture{'s' * (count > 1)} distinguished by their noise",
         tables=({"title": "Parameters", "first": "Part", "rows": rows},),
         curves=(transfer,),
         warnings=(*found.warnings, *problems),

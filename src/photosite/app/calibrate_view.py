@@ -7,7 +7,6 @@ of one exposure, in subfolders, by `calibrate_captures`, and frames that combine
 from __future__ import annotations
 
 import shlex
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +15,7 @@ from pydantic import Field
 
 from photosite.app.calibrate_results import Result, combined_result, of_captures, of_one, of_series
 from photosite.app.copy_text import sensor_lines, source_name
+from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import FILE, UPLOAD, Part, Places, SensorState, Text, changed_sensor
 from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
@@ -23,7 +23,7 @@ from photosite.calibration.captures import calibrate_captures
 from photosite.calibration.combined import calibrate_combined
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError
-from photosite.errors import InputError, PhotositeWarning
+from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.frames.io.formats import SUFFIXES
 from photosite.frames.open import open_frames
@@ -76,8 +76,7 @@ def folder_path(folder: str, places: Places) -> Path:
 def list_frames(request: FolderRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
     """Return the groups of frames of a folder as `open_frames` understands them, and its subfolders with frames."""
     path = folder_path(request.folder, places)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PhotositeWarning)
+    with recorded_warnings() as texts:
         frames = open_frames(path)
     groups = [
         {
@@ -91,7 +90,7 @@ def list_frames(request: FolderRequest, places: Places, progress: Progress | Non
         for group in frames.groups
     ]
     own = {name: getattr(frames, name) for name in ("rows", "cols", "bits", "black_level_dn")}
-    notes = [*frames.notes, *_texts(caught)]
+    notes = [*frames.notes, *texts]
     sensor = None if frames.sensor is None else frames.sensor.name
     return {**own, "groups": groups, "notes": notes, "sensor": sensor, "subfolders": _subfolders(path)}
 
@@ -107,10 +106,6 @@ def _subfolders(path: Path) -> list[str]:
         for folder in folders[:_MOST_SUBFOLDERS]
         if any(entry.suffix.lower() in SUFFIXES for entry in folder.iterdir())
     ]
-
-
-def _texts(caught: list[warnings.WarningMessage]) -> list[str]:
-    return list(dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning)))
 
 
 def edited(frames: FrameSet, edits: tuple[GroupEdit, ...]) -> FrameSet:
@@ -154,11 +149,9 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
         if progress is not None:
             progress(done, total, "frames")
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PhotositeWarning)
+    with recorded_warnings() as texts:
         result = _calibrated(request, places, report)
-    texts = list(dict.fromkeys([*result.warnings, *_texts(caught)]))
-    return replace(result, warnings=tuple(texts)).to_dict()
+    return replace(result, warnings=tuple(dict.fromkeys([*result.warnings, *texts]))).to_dict()
 
 
 def _calibrated(request: CalibrationRequest, places: Places, report: Any) -> Result:

@@ -6,7 +6,6 @@ import base64
 import json
 import shlex
 import tempfile
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,11 +15,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from photosite.app.copy_text import exposure_text, lens_fields, lens_line, sensor_lines, source_name
+from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import LensState, Part, Places, SensorState, Text, changed_sensor, lens
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
 from photosite.develop.develop import save_picture
-from photosite.errors import InputError, PhotositeWarning
+from photosite.errors import InputError
 from photosite.frames.io.formats import raw_files, read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.scene.scene import DEFAULT_DISTANCE_M
@@ -95,14 +95,9 @@ def compare(request: Comparison, places: Places, progress: Progress | None = Non
         for label, one in zip(_labels(request.cameras, places), request.cameras, strict=True)
     }
     conditions: dict[str, Any] = {name: getattr(request, name) for name in _CONDITIONS}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PhotositeWarning)
+    with recorded_warnings() as texts:
         found = compare_cameras(cameras, **conditions).to_dict()
-    return {**found, "notes": _texts(caught)}
-
-
-def _texts(caught: list[warnings.WarningMessage]) -> list[str]:
-    return list(dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning)))
+    return {**found, "notes": texts}
 
 
 def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
@@ -191,12 +186,11 @@ def run_validation(request: ValidationRequest, places: Places, progress: Progres
     if progress is not None:
         progress(0, 0, "the chart is simulated")
     test: dict[str, Any] = {name: getattr(request, name) for name in _OF_VERDICT}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PhotositeWarning)
+    with recorded_warnings() as texts:
         found = validate_frames(frames, conditions, corners, **test)
     return {
         **found.to_dict(),
-        "warnings": _texts(caught),
+        "warnings": texts,
         "fit_summary": found.fit_summary,
         "pictures": _pictures(found),
     }

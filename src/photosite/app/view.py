@@ -13,7 +13,6 @@ import json
 import os
 import tempfile
 import time
-import warnings
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -27,13 +26,14 @@ import scipy.fft
 from numpy.typing import NDArray
 from pydantic import Field
 
+from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import Bench, CameraState, Part, Places, SensorState, bench
 from photosite.camera.camera import Camera
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
 from photosite.develop.develop import develop, develop_rgba, save_picture
 from photosite.engine.jit import compiled, prange, read_only
 from photosite.engine.mosaic_means import block_start, mosaic_means
-from photosite.errors import InputError, PhotositeWarning
+from photosite.errors import InputError
 from photosite.frames.companding import decompanded
 from photosite.frames.io.clean_mosaic import write_clean_mosaic
 from photosite.frames.raw_frame import RawFrame
@@ -122,8 +122,7 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
         of the developed picture: red, green, blue and 255.
     """
     started = time.perf_counter()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PhotositeWarning)
+    with recorded_warnings() as texts:
         found = bench(state, places)
         shown = _shown(found, view, folder)
         picture = b""
@@ -133,7 +132,7 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
                 picture = _developed(shown.raw, state.brightness).tobytes()
             except InputError as error:
                 notes.append(f"not developed: {error}")
-    notes += dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning))
+    notes += texts
     header = _header(found, shown, view, folder) | {"notes": notes, "developed": bool(picture), "mean": view.mean}
     dn = shown.dn if shown.dn.dtype == np.uint16 else shown.dn.astype(np.float32)
     header["dn_type"] = str(dn.dtype) if view.dn else None
@@ -174,8 +173,7 @@ def exact_frame(
     """Compute the exact frame of a state, keep it in a folder for views, and return its facts."""
     found = bench(state, places)
     scene = scene_of(found)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PhotositeWarning)
+    with recorded_warnings() as texts:
         rate = _kept(_mean_file(folder, state))
         if rate is None:
             rate = found.mean_image(scene, progress)
@@ -194,7 +192,7 @@ def exact_frame(
         "max_dn": float(dn.max()),
         "saturated_fraction": float((dn >= raw.white_level_dn).mean()),
         "suggested_exposure_s": found.camera.auto_exposure_s(mean / state.capture.exposure_s) if rate.any() else None,
-        "warnings": list(dict.fromkeys(str(w.message) for w in caught if isinstance(w.message, PhotositeWarning))),
+        "warnings": texts,
     }
 
 
@@ -283,7 +281,7 @@ _scenes: OrderedDict[tuple[Any, ...], Scene] = OrderedDict()
 def _add(kept: OrderedDict[Any, Any], key: Any, value: Any, most: int = 16) -> None:
     """Add a value to those that are kept, and drop the oldest beyond `most`.
 
-    Keys have the `id` of a scene or a sensor. The value holds this object, so that no other one can get its id.
+    Keys have the `id` of a sensor or a scene's weights. The value holds this object, so that no other one gets its id.
     """
     while len(kept) >= most:
         kept.popitem(last=False)
@@ -296,7 +294,12 @@ def scene_of(found: Bench) -> Scene:
     changed = Path(request.source).stat().st_mtime_ns if request.is_file else 0
     key = (request.source, changed, tuple(sorted((name, str(value)) for name, value in request.options.items())))
     if key not in _scenes:
-        _add(_scenes, key, found.scene(), _KEPT_SCENES)
+        scene = found.scene()
+        for other in _scenes.values():  # a change of the luminance leaves the weights, so that their spectra are kept
+            if np.array_equal(scene.weights, other.weights):
+                scene = replace(scene, weights=other.weights)
+                break
+        _add(_scenes, key, scene, _KEPT_SCENES)
     _scenes.move_to_end(key)
     return _scenes[key]
 
@@ -683,7 +686,7 @@ _WHOLE = slice(None), slice(None)
 
 
 class _ChannelImages(NamedTuple):
-    """A function of a channel and a part of the pixels, which returns its image there, and what it depends on."""
+    """The images of the channels in pixels of a view, computed when they are asked for, and what they depend on."""
 
     image: Callable[[int, tuple[slice, slice]], F32]
     shape: tuple[int, int]
@@ -698,7 +701,7 @@ class _ChannelImages(NamedTuple):
 def _channel_images(scene: Scene, per_map: F32, rows: _Samples, cols: _Samples) -> _ChannelImages:
     """Return the images of the channels, for electrons per second and weight of each map."""
     maps, shape = scene.weights, (rows.size, cols.size)
-    key = (id(scene), *(part.tobytes() for of_axis in (rows, cols) for part in of_axis))
+    key = (id(maps), *(part.tobytes() for of_axis in (rows, cols) for part in of_axis))
     key_of_images = (*key, per_map.tobytes())
     if maps[0].size <= rows.size * cols.size:
         images = (per_map @ maps.reshape(len(maps), -1)).reshape(-1, *maps.shape[1:])

@@ -85,7 +85,7 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
     }
     drawn.append(svg("path", { class: `line ${line.style || `s${number % 8}`}`, d: path }));
   });
-  const cursor = svg("line", { class: "hover", y1: TOP, y2: H - BOTTOM, x1: -9, x2: -9 });
+  const cursor = svg("line", { class: "hover", y1: TOP, y2: H - BOTTOM, x1: -9, x2: -9, visibility: "hidden" });
   drawn.append(cursor);
   const value = element("p", { class: "plot-value", "aria-live": "polite" });
   // Points where there are some, else the values of all lines.
@@ -95,6 +95,7 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
   const show = (at) => {
     cursor.setAttribute("x1", px(at));
     cursor.setAttribute("x2", px(at));
+    cursor.setAttribute("visibility", "visible");
     value.textContent = `${x.label} ${short(at)}: ` + lines.map((line) => valueAt(line, at)).filter(Boolean).join(", ");
   };
   drawn.addEventListener("pointermove", (event) => {

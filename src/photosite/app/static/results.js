@@ -10,8 +10,9 @@ const cells = (each) => [each.value === null ? "–" : short(each.value, 5), eac
 
 function estimates(caption, first, rows) {
   const missing = rows.some((each) => each.value === null && each.reason);
-  const head = [...first, "Value", "95 % interval", "Unit", ...(missing ? ["Why it is missing"] : [])];
-  return element("table", {}, captionOf(caption), element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
+  const head = [...first, "Value", "95 % interval", "Unit"].map((text) => element("th", { scope: "col" }, text));
+  if (missing) head.push(element("th", { scope: "col", class: "reason" }, "Why it is missing"));
+  return element("table", {}, captionOf(caption), element("thead", {}, element("tr", {}, ...head)),
     element("tbody", {}, ...rows.map((each) => element("tr", {}, element("th", { scope: "row" }, each.label), ...(first.length > 1 ? [element("td", {}, each.part)] : []),
       ...cells(each).map((text) => element("td", {}, text)), missing ? element("td", { class: "reason" }, each.value === null ? each.reason : "") : null))));
 }
