@@ -13,10 +13,11 @@ from photosite.calibration.black_level_drift import dark_series
 from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
+from photosite.calibration.converter_error import ConverterCodes
 from photosite.calibration.dark_result import DarkResult, with_shared_charge, without_mean_slope
 from photosite.calibration.em_gain import stated_gain_warning
 from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
-from photosite.calibration.glow import find_glow
+from photosite.calibration.glow import GlowMap, find_glow
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
 from photosite.calibration.parameters import estimate_parameters, least_dark_variance, saturated_electrons
@@ -33,6 +34,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.nonuniformity import is_large
 from photosite.sensor.model import Sensor
+from photosite.values.deferred import Deferred
 from photosite.values.estimate import Estimate
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -58,7 +60,12 @@ LEAST_PATTERN = 0.05
 
 
 def assemble(
-    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: FixedPatterns, sensor: Sensor | None
+    reduction: Reduction,
+    dark: DarkResult,
+    light: LightResult,
+    patterns: FixedPatterns,
+    converter: Deferred[ConverterCodes | Missing],
+    sensor: Sensor | None,
 ) -> Calibration:
     """Return the calibration."""
     frames, names, channels = reduction.frames, reduction.names, light.channels
@@ -84,7 +91,8 @@ def assemble(
         channels=per_channel if len(names) > 1 else {},
         clipped_electrons=saturated_electrons(together),
         black_level_drift=dark_series(dark, light.gain),
-        glow=None if dark.slope_map is None else find_glow(dark.slope_map.slopes.slopes, light.gain),
+        deferred_glow=_deferred_glow(dark, light.gain),
+        deferred_converter=converter,
         response_curve={name: channel.curve for name, channel in by_name.items() if channel.curve is not None},
         readout_channels=measured_channels(patterns.structure, patterns.dark_structure, patterns.taps, light.gain),
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
@@ -117,7 +125,6 @@ def assemble(
         electrical_scale=scale,
         coupling=None if isinstance(light.noise.coupling, Missing) else light.noise.coupling,
         charge_transfer=None,
-        converter=None,
         chip=None,
         temporal=None,
         dark_distribution=None,
@@ -126,6 +133,13 @@ def assemble(
         gain_setting=frames.gain_settings[0],
         temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
     )
+
+
+def _deferred_glow(dark: DarkResult, gain: Value) -> Deferred[GlowMap | None]:
+    if dark.slope_map is None:
+        return Deferred(lambda: None)
+    slopes = dark.slope_map.slopes.slopes
+    return Deferred(lambda: find_glow(slopes, gain))
 
 
 def _em_gain_warnings(sensor: Sensor | None, gain: Estimate) -> Iterator[str]:

@@ -121,7 +121,7 @@ def calibrate(
                 check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
             converter = measure_converter(reduction, reader)
-        calibration = replace(assemble(reduction, dark, light, patterns, sensor), converter=converter)
+        calibration = assemble(reduction, dark, light, patterns, converter, sensor)
         calibration = replace(calibration, charge_transfer=measure_charge_transfer(reduction.frames, calibration))
         if maps:
             for pattern in calibration.spatial.values():

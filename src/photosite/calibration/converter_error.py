@@ -24,6 +24,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.engine.site_planes import count_numbers
 from photosite.errors import InputError
 from photosite.sensor.effects.converter_error import ConverterError
+from photosite.values.deferred import Deferred
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain
@@ -186,8 +187,14 @@ class ConverterCodes(Shown):
         }
 
 
-def measure_converter(reduction: Reduction, reader: FrameReader) -> ConverterCodes | Missing:
-    """Return the error of the converter, or why it cannot be estimated; some frames are read again."""
+def measure_converter(reduction: Reduction, reader: FrameReader) -> Deferred[ConverterCodes | Missing]:
+    """Return the error of the converter, or why it cannot be estimated; some frames are read again, at once."""
+    counted = _count(reduction, reader)
+    return Deferred(lambda: counted if isinstance(counted, Missing) else converter_codes(*counted))
+
+
+def _count(reduction: Reduction, reader: FrameReader) -> tuple[list[Density], tuple[float, float]] | Missing:
+    """Return the counts of the codes and the lowest and highest level, or why flat fields do not show the error."""
     if any(found is not None for found in (*reduction.steps, *reduction.sums)):
         return Missing("the numbers are not the converter's codes: some are left out, doubled or summed")
     chosen = [entry for entry in reduction.lights if entry.frames > 1 and _smooth(entry)]
@@ -209,7 +216,7 @@ def measure_converter(reduction: Reduction, reader: FrameReader) -> ConverterCod
         found = np.array(reader.each(reader.used_sources(entry.group)[:each], count_numbers))[:, : reader.white + 1]
         counts = np.stack([found[half::2].sum(axis=0) for half in (0, 1)])
         densities.append(Density(counts, min(math.sqrt(level.variance) for level in entry.levels)))
-    return converter_codes(densities, (min(levels), max(levels)))
+    return densities, (min(levels), max(levels))
 
 
 def _smooth(entry: GroupStatistics) -> bool:

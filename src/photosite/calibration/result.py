@@ -12,6 +12,7 @@ from photosite.calibration.emva1288 import EMVA1288, emva1288_figures
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Curve, LinearRange
 from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
+from photosite.values.deferred import Deferred
 from photosite.values.shown import ResultTable, clipped
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
 
@@ -58,10 +59,8 @@ class Calibration(Parameters):
         Charge transfer inefficiency; None unless `base` states a charge transfer.
     black_level_drift
         1/f drift of the black level over the dark frames; None with too few frames.
-    glow
-        Amplifier glow in the map of the dark current; None without such a map.
-    converter
-        Nonlinearity of the converter's codes, or why it is missing.
+    deferred_glow, deferred_converter
+        What `glow` and `converter` are computed from when they are first read.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -114,8 +113,8 @@ class Calibration(Parameters):
     readout_channels: ReadoutChannels | None = None
     charge_transfer: TransferLoss | None = None
     black_level_drift: BlackLevelSeries | None = None
-    glow: GlowMap | None = None
-    converter: ConverterCodes | Missing | None = None
+    deferred_glow: Deferred[GlowMap | None] = field(repr=False)
+    deferred_converter: Deferred[ConverterCodes | Missing] = field(repr=False)
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
@@ -132,6 +131,19 @@ class Calibration(Parameters):
     no_maps_reason: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
+
+    @property
+    def glow(self) -> GlowMap | None:
+        """Amplifier glow in the map of the dark current; None without such a map.
+
+        Until it is first read, the map stays in memory: 8 bytes per pixel.
+        """
+        return self.deferred_glow.value
+
+    @property
+    def converter(self) -> ConverterCodes | Missing:
+        """Nonlinearity of the converter's codes, or why it is missing."""
+        return self.deferred_converter.value
 
     @cached_property
     def covariance(self) -> JointCovariance:
@@ -256,7 +268,7 @@ class Calibration(Parameters):
             "charge_transfer": None if self.charge_transfer is None else self.charge_transfer.to_dict(),
             "black_level_drift": None if (drift := self.black_level_drift) is None else drift.to_dict(),
             "glow": None if self.glow is None else self.glow.to_dict(),
-            "converter": None if self.converter is None else self.converter.to_dict(),
+            "converter": self.converter.to_dict(),
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

@@ -382,9 +382,7 @@ def _linearity_blocks(calibration: Calibration) -> tuple[Block, ...]:
 
 def _converter_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return the nonlinearity of the converter, with a figure where it is beyond chance."""
-    if (found := calibration.converter) is None:
-        return ()
-    heading = Subheading("Converter")
+    found, heading = calibration.converter, Subheading("Converter")
     if isinstance(found, Missing):
         return heading, reason_block(found.reason)
     entries = {"Differential nonlinearity": found.dnl_rms_lsb, "Integral nonlinearity": found.inl_rms_lsb}
