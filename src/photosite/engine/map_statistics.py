@@ -219,16 +219,18 @@ def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tup
     )
 
 
-@compiled(parallel=True)
+@compiled()
 def remove_group_means(values: F32, groups: I64, rounds: int, tails: float) -> None:
     """Subtract means of groups from each row of values in place, and clip what is left, in several rounds.
+
+    The function is single-threaded: the waiting threads of a parallel loop would take time from those that read frames.
 
     - `values`: (rows, n), C-contiguous.
     - `groups`: (groupings, n) index of the group of each value, from 0; the groupings follow each other.
     - `tails`: Largest deviation that is left, in medians of the sizes of a quarter of the row's deviations.
     """
     count = groups.max() + 1
-    for r in prange(values.shape[0]):
+    for r in range(values.shape[0]):
         row = values[r]
         for _ in range(rounds):
             for k in range(groups.shape[0]):

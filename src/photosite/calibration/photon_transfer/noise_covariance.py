@@ -22,7 +22,9 @@ another one. A large one is withheld.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any
@@ -135,6 +137,13 @@ class FrameProducts:
             self._normal += [[pixels * float(np.vdot(a, b)) for b in basis] for a in basis]
             self._square += float(np.trace(products))
             self._freedom += pixels * (m - 1)
+
+    def merge(self, other: FrameProducts) -> None:
+        """Add the products of other pixels of the channel."""
+        self._fitted += other._fitted
+        self._normal += other._normal
+        self._square += other._square
+        self._freedom += other._freedom
 
     def covariance(self) -> FrameCovariance:
         """Return the estimate; `UNKNOWN` without a run."""
@@ -338,8 +347,8 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     means: list[list[_RowMeans]] = [[] for _ in range(channels)]
     between = [FrameProducts() for _ in range(channels)]
     for run in runs:
-        for (r, c), channel in np.ndenumerate(tile):
-            between[channel].add([dn[r :: tile.shape[0], c :: tile.shape[1]] for dn in run])
+        for channel, of_site in zip(tile.flat, _products_by_site(run, tile.shape), strict=True):
+            between[channel].merge(of_site)
         for first, second in zip(run[::2], run[1::2], strict=False):
             planes = _difference_planes(first, second, tile.shape)
             variance = {phase: plane.var() for phase, plane in planes.items()}
@@ -366,6 +375,19 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
         period = _row_period(means[k], tile.shape[0])
         result.append(NoiseCovariance(covariance, uncertainty, of_sum, of_next, *row, period, between[k].covariance()))
     return result
+
+
+def _products_by_site(run: Run, tile: tuple[int, ...]) -> list[FrameProducts]:
+    """Return the products of the frames of a run at each site of the tile, computed in threads."""
+
+    def products(site: tuple[int, ...]) -> FrameProducts:
+        found = FrameProducts()
+        found.add([dn[site[0] :: tile[0], site[1] :: tile[1]] for dn in run])
+        return found
+
+    sites = list(np.ndindex(*tile))
+    with ThreadPoolExecutor(min(len(sites), os.cpu_count() or 1)) as threads:
+        return list(threads.map(products, sites))
 
 
 def _difference_planes(

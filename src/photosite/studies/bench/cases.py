@@ -27,7 +27,12 @@ from photosite.studies.bench.captures import (
 )
 from photosite.studies.bench.convert_cube import convert_cube
 from photosite.studies.bench.effects import captures_d200, effects_curve_d200, effects_em_d200, moving_d200
-from photosite.studies.bench.frames import accumulate_against_reading, accumulate_d200, calibrate_protocol
+from photosite.studies.bench.frames import (
+    accumulate_against_reading,
+    accumulate_d200,
+    calibrate_protocol,
+    calibrate_protocol_405,
+)
 from photosite.studies.bench.gpu import gpu_capture, gpu_noise, gpu_transfers
 from photosite.studies.bench.lenses import FIRST_KINDS, fine_color, first_frame, first_frame_cached
 from photosite.studies.bench.pairs import pairs_lens, pairs_noise
@@ -51,6 +56,7 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "accumulate_d200": accumulate_d200,
     "accumulate_against_reading": accumulate_against_reading,
     "calibrate_protocol": calibrate_protocol,
+    "calibrate_protocol_405": calibrate_protocol_405,
     "gpu_noise": gpu_noise,
     "gpu_capture": gpu_capture,
     "gpu_transfers": gpu_transfers,
@@ -59,6 +65,9 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "convert_cube": convert_cube,
     "cli_simulate": cli_simulate,
 }
+
+BY_NAME = ("calibrate_protocol_405",)
+"""Cases that are measured only where they are named, because they write gigabytes."""
 
 Size = TypeVar("Size", int, float)
 
@@ -71,7 +80,7 @@ def run_cases(
     Parameters
     ----------
     names
-        Names in `CASES`; all by default.
+        Names in `CASES`; all but those of `BY_NAME` by default.
     quick
         Fewer repeats and smaller stacks.
     report
@@ -91,7 +100,7 @@ def run_cases(
         if name not in CASES:
             raise InputError("case", value=name, expected="a known name", hint=did_you_mean(name, CASES))
     measured, left_out = {}, {}
-    for name in names or CASES:
+    for name in names or [name for name in CASES if name not in BY_NAME]:
         report(name)
         try:
             measured[name] = CASES[name](quick)

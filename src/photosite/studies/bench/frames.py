@@ -14,7 +14,7 @@ from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.captures import COLS, MEGAPIXELS, ROWS
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
-from photosite.studies.protocol import ShootingProtocol, Step, series
+from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 
 
@@ -62,11 +62,15 @@ def accumulate_against_reading(quick: bool = False) -> Case:
     return Case(ours, theirs, peak_mb(work_maps, frames=len(pixels)), pixels.size / 1e6)
 
 
-def write_frames(folder: str, repeats: int) -> None:
-    """Write 16 frames per repeat by a virtual D200."""
+def benchmark_protocol(repeats: int) -> ShootingProtocol:
+    """Return a protocol of 16 frames per repeat."""
     dark = series("dark", 1 / 1000, 1 / 25, exposures=4, count=repeats)
     light = series("light", 1 / 1000, 1 / 25, exposures=9, count=repeats)
-    protocol = ShootingProtocol("benchmark", (Step("dark", 1 / 8000, 3 * repeats), *dark, *light))
+    return ShootingProtocol("benchmark", (Step("dark", 1 / 8000, 3 * repeats), *dark, *light))
+
+
+def write_frames(folder: str, protocol: ShootingProtocol) -> None:
+    """Write frames of a virtual D200."""
     sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS))
     virtual_lab(sensor, protocol, seed=1).write(folder)
 
@@ -89,10 +93,19 @@ def work_read(folder: str) -> None:
 
 def calibrate_protocol(quick: bool = False) -> Case:
     """Calibration of 64 uncompressed TIFF frames (quick: 16), against reading their files."""
+    return _calibration(benchmark_protocol(1 if quick else 4), 1 if quick else 5)
+
+
+def calibrate_protocol_405(quick: bool = False) -> Case:
+    """The same for the 405 frames of the 2008 paper, 8 GB on disk and in the page cache (quick: one run)."""
+    return _calibration(paper_d200_protocol(), 1 if quick else 3)
+
+
+def _calibration(protocol: ShootingProtocol, repeats: int) -> Case:
     with tempfile.TemporaryDirectory() as temporary:
-        folder, repeats = f"{temporary}/frames", 1 if quick else 4
-        write_frames(folder, repeats)
+        folder = f"{temporary}/frames"
+        write_frames(folder, protocol)
         work_read(folder)  # fills the page cache
         work_calibrate(folder)  # compiles the kernels
-        ours, theirs = in_turn(lambda: work_calibrate(folder), lambda: work_read(folder), 1 if quick else 5)
-        return Case(ours, theirs, peak_mb(work_calibrate, folder=folder), 16 * repeats * MEGAPIXELS)
+        ours, theirs = in_turn(lambda: work_calibrate(folder), lambda: work_read(folder), repeats)
+        return Case(ours, theirs, peak_mb(work_calibrate, folder=folder), protocol.frame_count * MEGAPIXELS)

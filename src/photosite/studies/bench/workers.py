@@ -25,7 +25,7 @@ from photosite.engine.workers import run_tasks
 from photosite.errors import InputError
 from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.studies.bench.frames import write_frames
+from photosite.studies.bench.frames import benchmark_protocol, write_frames
 
 _PAIRS = 32
 _SIDE = 512
@@ -232,7 +232,7 @@ def measure_workers(report: Callable[[str], object]) -> tuple[dict[str, Efficien
         raise InputError("this measurement needs the package distributed", hint=hint)
     with tempfile.TemporaryDirectory() as folder:
         report("writing frames")
-        write_frames(f"{folder}/frames", 1)
+        write_frames(f"{folder}/frames", benchmark_protocol(1))
         found = {}
         for name in LOADS:
             report(f"measuring {name} on two workers")
