@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -330,6 +331,22 @@ def test_an_uploaded_folder_is_calibrated_with_maps(page, link, folder: Path) ->
     view.get_by_role("button", name="Copy as Python").click()
     page.wait_for_selector("#code[open]")
     assert "maps=True" in page.inner_text("#code-text")
+
+
+def test_a_dropped_folder_is_uploaded(page, link, folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "few").mkdir()
+    for path in sorted((folder / "stack").iterdir())[::6]:
+        shutil.copy(path, tmp_path / "few")
+    (tmp_path / "few" / "notes.txt").write_text("no frame")
+    opened(page, link, "calibrate")
+    box = page.locator(".drop-here").bounding_box()
+    place = {"x": box["x"] + 20, "y": box["y"] + 10}
+    files = {"items": [], "files": [str(tmp_path / "few")], "dragOperationsMask": 1}
+    driver = page.context.new_cdp_session(page)
+    for kind in ("dragEnter", "dragOver", "drop"):
+        driver.send("Input.dispatchDragEvent", {"type": kind, "data": files, **place})
+    page.get_by_text("3 frames of few uploaded, 1 other file left out").wait_for()
+    wait(page, "document.querySelectorAll('#view-calibrate .numbered tbody tr').length === 3")
 
 
 def test_a_sweep_over_two_fields(page, link) -> None:

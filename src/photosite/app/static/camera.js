@@ -27,6 +27,12 @@ export async function start(content) {
     const value = Number(at("brightness").value);
     if (value > 0) { state.brightness = value; request(performance.now()); remember(); }
   });
+  at("auto-brightness").addEventListener("click", () => {
+    state.brightness = Number(Math.min(Math.max(state.brightness * picture.brightening(), 1e-3), 1e6).toPrecision(3));
+    at("brightness").value = state.brightness;
+    request(performance.now());
+    remember();
+  });
   at("auto-exposure").addEventListener("click", () => {
     if (suggested === null) return;
     state.capture.exposure_s = suggested;
@@ -92,7 +98,8 @@ async function build() {
   const scene = form.scene.flatMap((each) => each.name === "options"
     ? [element("fieldset", {}, element("legend", {}, each.title), ...each.fields.map(optionRow))]
     : each.fields.map((field) => part("scene")(field.name === "illuminant" ? { ...field, choices: LIGHTS } : field)));
-  const lens = state.lens.source ? [element("p", { class: "hint" }, "The optics file defines the lens.")] : form.lens[0].fields.map(part("lens"));
+  const lens = state.lens.source ? [element("p", { class: "hint" }, "The optics file defines the lens.")]
+    : [...form.lens[0].fields.map(part("lens")), element("p", { class: "hint", id: "field-of-view" }, fieldOfView())];
   undo = element("button", { type: "button", onclick: () => { Object.assign(state.sensor, { changes: {}, binning: null }); reload(true); } }, "Undo changes of the sensor");
   controls.replaceChildren(
     element("div", { class: "pick" }, ...(await picks(form, state, reload)), undo),
@@ -129,7 +136,15 @@ function reload(ofSensor = false) {
   loadForm().then(() => changed(performance.now()));
 }
 
-const array = () => ["rows", "cols"].map((name) => state.sensor.changes[name] ?? form.sensor[0].fields.find((field) => field.name === name).value);
+const sensorValue = (name) => state.sensor.changes[name] ?? form.sensor.flatMap((each) => each.fields).find((field) => field.name === name).value;
+const array = () => ["rows", "cols"].map(sensorValue);
+
+// The angle that the frame covers: with a focal length for another sensor, it is far too small or too large.
+function fieldOfView() {
+  const degrees = (count, um) => short(2 * Math.atan(count * um / 2000 / state.lens.focal_length_mm) * 180 / Math.PI, 3);
+  const [rows, cols] = array();
+  return `Field of view ${degrees(cols, sensorValue("width_um"))}° × ${degrees(rows, sensorValue("height_um"))}°, focused at infinity.`;
+}
 
 function remember() {
   if (!at("view-camera").hidden) history.replaceState(null, "", toHash("camera", state));
@@ -138,6 +153,7 @@ function remember() {
 // A value was changed at time `when`: a preview now, the exact frame when nothing changes for a while.
 function changed(when) {
   at("auto-exposure").disabled = true; // until the exact frame is known
+  if (at("field-of-view")) at("field-of-view").textContent = fieldOfView();
   if (undo) undo.hidden = !Object.keys(state.sensor.changes).length && !state.sensor.binning;
   cancel(false);
   request(when);

@@ -32,6 +32,7 @@ export function folderDrop(taken) {
     if (busy) return;
     if (!frames.length) { text.textContent = "There are no frames in it: DNG, camera raw, TIFF, PNG, HDF5 or FITS."; return; }
     const label = frames[0].name.split("/")[0], depth = frames.every(({ name }) => name.startsWith(`${label}/`)) ? label.length + 1 : 0;
+    const others = found.length - frames.length;
     busy = true;
     stop = false;
     cancel.hidden = false;
@@ -42,7 +43,7 @@ export function folderDrop(taken) {
         text.textContent = `Uploading and checking ${k + 1} of ${frames.length} frames`;
         folder = (await upload(file, "frames", { folder, name: name.slice(depth) })).name;
       }
-      text.textContent = stop ? "Upload cancelled." : `${frames.length} frames of ${label} uploaded${found.length > frames.length ? `, ${found.length - frames.length} other files left out` : ""}.`;
+      text.textContent = stop ? "Upload cancelled." : `${frames.length} frames of ${label} uploaded${others ? `, ${others} other ${others > 1 ? "files" : "file"} left out` : ""}.`;
       if (!stop) taken(folder, label);
     } catch (error) { text.textContent = `Upload failed: ${error.message}`; }
     busy = false;

@@ -157,6 +157,18 @@ export class Picture {
     }
   }
 
+  // The factor that makes the bright parts of the developed picture nearly white; 1 where it has none.
+  brightening() {
+    const { rgba } = this.data ?? {};
+    if (!rgba || this.layer !== "developed") return 1;
+    const counts = new Uint32Array(256);
+    for (let k = 0; k < rgba.length; k += 4) counts[Math.max(rgba[k], rgba[k + 1], rgba[k + 2])]++;
+    let code = 255;
+    for (let above = counts[255]; code > 1 && above < rgba.length / 4 / 200; above += counts[code]) code--;
+    const share = code / 255;
+    return 0.9 / (share > 0.04045 ? ((share + 0.055) / 1.055) ** 2.4 : share / 12.92);
+  }
+
   paint() {
     const { header, dn, mean, rgba } = this.data, { rows, cols } = header;
     if (this.image.width !== cols || this.image.height !== rows) {
