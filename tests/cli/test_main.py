@@ -147,6 +147,23 @@ def called(*arguments: str, shell: str = "", **environment: str) -> subprocess.C
     )
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of the address space")
+def test_a_limit_of_virtual_memory_that_ends_libraries_is_refused() -> None:
+    line = f"ulimit -v 800000; {sys.executable} -m photosite sensors list"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "ulimit -v" in done.stderr
+
+
+def test_threads_that_cannot_be_started(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails() -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr("photosite.sensor.io.sensor_file.preset_names", fails)
+    done = photosite("sensors", "list")
+    assert (done.status, done.err.count("\n")) == (2, 1)
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full and bash")
 def test_output_that_cannot_be_written_is_one_line() -> None:
     done = called("sensors", "list", shell="> /dev/full")

@@ -9,7 +9,6 @@ import errno
 import importlib
 import io
 import keyword
-import logging
 import os
 import re
 import signal
@@ -82,12 +81,33 @@ class LazyGroup(Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a command."""
-        return load_command(cmd_name) if cmd_name in COMMANDS else None
+        if cmd_name not in COMMANDS:
+            return None
+        _check_address_space()
+        if not sys.flags.dev_mode:
+            _discard_logs()
+        return load_command(cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table; no command is imported for it."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
+
+
+_LEAST_ADDRESS_SPACE_KB = 1_500_000
+"""A small calibration takes 1.39 million kB while LLVM compiles its kernels (docs/validation/faults.md)."""
+
+
+def _check_address_space() -> None:
+    """Refuse a limit of the address space below which C libraries end the process: LLVM, OpenBLAS, the C library."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_ADDRESS_SPACE_KB * 1024:
+        least = f"must be {_LEAST_ADDRESS_SPACE_KB} kB or more, got {limit // 1024} kB"
+        raise click.ClickException(f"the limit of virtual memory {least}. Raise it with ulimit -v")
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
@@ -125,11 +145,10 @@ def main() -> NoReturn:
 
 
 def _separate_messages() -> None:
-    """Discard what libraries write to standard error: C libraries by its file descriptor, others by logs.
+    """Discard what C libraries write to standard error by its file descriptor.
 
     photosite's own lines go to a copy of the descriptor. `python -X dev -m photosite` shows all messages.
     """
-    logging.getLogger().addHandler(logging.NullHandler())
     try:
         sys.stderr.flush()
         own, nowhere = os.dup(sys.stderr.fileno()), os.open(os.devnull, os.O_WRONLY)
@@ -138,6 +157,15 @@ def _separate_messages() -> None:
     sys.stderr = open(own, "w", buffering=1, encoding=sys.stderr.encoding, errors="backslashreplace")  # noqa: SIM115
     os.dup2(nowhere, 2)
     os.close(nowhere)
+
+
+def _discard_logs() -> None:
+    """Discard what Python libraries log, which goes to standard error where nobody has set up logging."""
+    import logging
+
+    root = logging.getLogger()
+    if not root.handlers:
+        root.addHandler(logging.NullHandler())
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -172,6 +200,10 @@ def run(arguments: Sequence[str]) -> int:
             return _fail_of_system(error)
         except MemoryError:
             return _fail(_NO_MEMORY)
+        except RuntimeError as error:
+            if "can't start new thread" not in str(error):  # Python gives no error number
+                raise
+            return _fail("no thread can be started: the limit of memory or of processes is too low (ulimit -v, -u)")
         except ImportError as error:
             if "failed to map segment" not in str(error):  # the dynamic loader gives no error number
                 raise

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import re
-import secrets
 import shutil
 import sqlite3
 import tempfile
 import time
 import weakref
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -162,6 +159,8 @@ def _sync_below(folder: Path) -> None:
     found = [(Path(place), names) for place, _, names in os.walk(folder)]
     files = [place / name for place, names in found for name in names]
     if len(files) > 1:
+        from concurrent.futures import ThreadPoolExecutor  # which takes milliseconds of each command's start
+
         with ThreadPoolExecutor(min(_SYNC_THREADS, len(files))) as threads:
             list(threads.map(sync, files))
     else:
@@ -242,7 +241,7 @@ def _begin(folder: Path) -> bool:
 
 def _temporary_name(suffix: str = "", start: str = ".") -> str:
     process = os.getpid()
-    return f"{start}photosite-{_system()}-{process}-{_started(process) or 0}-{secrets.token_hex(4)}{suffix}"
+    return f"{start}photosite-{_system()}-{process}-{_started(process) or 0}-{os.urandom(4).hex()}{suffix}"
 
 
 _UNKNOWN = "0" * 8
@@ -256,6 +255,8 @@ def _system() -> str:
         table = os.readlink("/proc/self/ns/pid")
     except OSError:  # not Linux
         return _UNKNOWN
+    import hashlib
+
     return hashlib.sha256(f"{boot} {table}".encode()).hexdigest()[:8]
 
 
