@@ -211,6 +211,17 @@ def test_missing_frames_are_reported(darks_only, read_page, tmp_path: Path) -> N
     assert "No digests of the frames: dark-7.tif: is not there any more." in page.text
 
 
+def test_a_temporary_folder_of_frames_is_not_named(darks_only, read_page, tmp_path: Path) -> None:
+    """The frames of `photosite demo` are removed, or take another name, when its report is written."""
+    name = "/demo/.photosite-0f1e2d3c-4711-123456-89abcdef/frames/dark-7.tif"
+    frame = replace(darks_only.frames_used[0], source=FrameSource(name, darks_only.frames_used[0].source.read))
+    path = tmp_path / "report.html"
+    replace(darks_only, frames_used=(frame,)).report(path)
+    page = read_page(path.read_text(encoding="utf-8"))
+    assert "dark-7.tif" in page.text
+    assert ".photosite-" not in path.read_text(encoding="utf-8")
+
+
 def test_correlations_are_those_of_the_covariance(loop) -> None:
     table = correlation_table(loop.calibration)
     titles = [column.title for column in table.columns]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TypeVar
 
 from photosite.calibration.charge_transfer import TransferLoss
@@ -12,6 +13,7 @@ from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
+from photosite.files.writing import is_temporary
 from photosite.report.chip import (
     defect_blocks,
     line_blocks,
@@ -141,7 +143,8 @@ def rejected_blocks(calibration: Calibration) -> tuple[Block, ...]:
 def provenance_blocks(calibration: Calibration, beside: str = "frames") -> tuple[Block, ...]:
     """Return the source, the frames used and their digests, which a PDF has in the file `beside` (`Table.beside`)."""
     folder, names = _without_folder([frame.name for frame in calibration.frames_used])
-    place = f" Folder of the frames: {folder}." if folder else ""
+    kept = folder and not any(is_temporary(part) for part in Path(folder).parts)  # those of the demo are not
+    place = f" Folder of the frames: {folder}." if kept else ""
     opened = Paragraph(f"Measurement: {calibration.source}.{place}")
     title = f"The {len(names)} frames used"
     try:
