@@ -39,6 +39,7 @@ def outcomes(virtual):
             calibrations.append((sensor, calibration))
             exposures = [calibration.spatial[name].dark.exposure_s for row in sensor.array.cfa for name in row]
             truth = virtual.truth(sensor, photons_known=known, dark_exposures_s=exposures)
+            truth["interpixel_coupling_percent"] = 0.0
             for name, estimate in calibration.estimates().items():
                 if name in truth:
                     assert estimate.value is not None, (name, estimate.reason)
@@ -46,8 +47,8 @@ def outcomes(virtual):
                     errors.setdefault((cfa, name), []).append(pair)
                 elif name == "shading_percent":
                     assert abs(estimate.value) < 3.0 * estimate.standard_uncertainty
-                elif name.startswith(("row_noise", "column_noise")):
-                    # The sensors have none: four uncertainties of the variance.
+                elif name.startswith(("row_", "column_")):
+                    # The sensors have no such noise, offsets or gains: four uncertainties of the variance.
                     assert abs(estimate.value) < 7.0 * estimate.standard_uncertainty, name
                 elif name.startswith("linearity_error"):
                     # Straight responses: noise widens the extremes, but to five uncertainties only once in 500 runs.
@@ -76,6 +77,7 @@ def test_intervals_contain_the_truth(outcomes):
 
 
 def test_errors_are_centred_and_uncertainties_right(outcomes):
+    """That of a full well includes the gains of other chips' columns, of which noise shows some in 96 columns."""
     errors, _ = outcomes
     wrong = {}
     for name in names(errors):
@@ -85,7 +87,7 @@ def test_errors_are_centred_and_uncertainties_right(outcomes):
             continue
         pulls = pairs[:, 0] / pairs[:, 1]
         mean, width = pulls.mean() * np.sqrt(len(pulls)), np.sqrt((pulls**2).mean())
-        if abs(mean) > 3.5 or not 0.5 < width < 1.5:
+        if abs(mean) > 3.5 or not (0.4 if name == "saturation_dn" else 0.5) < width < 1.5:
             wrong[name] = (mean, width)
     assert not wrong
 
