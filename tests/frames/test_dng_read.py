@@ -107,6 +107,8 @@ def test_a_monochrome_dng(tmp_path, dn):
         ({50711: (SHORT, [2])}, "CFALayout"),
         ({50829: (LONG, [0, 0, 61, 70])}, "the file is damaged: active area"),
         ({50829: (LONG, [0, 0, 61])}, "the file is damaged: active area"),
+        ({50829: (DOUBLE, [0.0, 0.0, 1e-4, 1e-4])}, "the file is damaged: active area"),
+        ({50830: (DOUBLE, [0.0, 0.0, np.nan, 1.0])}, "the file is damaged: masked areas"),
         ({51041: (DOUBLE, [1e-4] * 5)}, "the file is damaged: its tags contradict"),
         ({50717: (LONG, [70000])}, "bits"),
     ],

@@ -351,18 +351,19 @@ def _size(raw: Directory) -> tuple[int, int]:
 def _active_area(path: Path, raw: Directory) -> Area:
     rows, cols = _size(raw)
     match raw.numbers(ACTIVE_AREA) or (0, 0, rows, cols):
-        case (top, left, bottom, right) if 0 <= top < bottom <= rows and 0 <= left < right <= cols:
-            return int(top), int(left), int(bottom), int(right)
+        case (int(top), int(left), int(bottom), int(right)) if 0 <= top < bottom <= rows and 0 <= left < right <= cols:
+            return top, left, bottom, right
         case area:
             raise FileError(path, f"the file is damaged: active area {area} in {rows} x {cols} pixels")
 
 
 def _masked_areas(path: Path, raw: Directory) -> list[Area]:
     rows, cols = _size(raw)
-    edges = [int(edge) for edge in raw.numbers(MASKED_AREAS) or ()]
+    edges = raw.numbers(MASKED_AREAS) or ()
     areas = list(zip(edges[::4], edges[1::4], edges[2::4], edges[3::4], strict=False))
-    if len(edges) % 4 or not all(0 <= t < b <= rows and 0 <= left < r <= cols for t, left, b, r in areas):
-        raise FileError(path, f"the file is damaged: masked areas {tuple(edges)} in {rows} x {cols} pixels")
+    whole = len(edges) % 4 == 0 and all(isinstance(edge, int) for edge in edges)
+    if not whole or not all(0 <= t < b <= rows and 0 <= left < r <= cols for t, left, b, r in areas):
+        raise FileError(path, f"the file is damaged: masked areas {edges} in {rows} x {cols} pixels")
     return areas
 
 
