@@ -40,11 +40,11 @@ def test_calibrate_reads_the_captures(photosite: Any, tmp_path: Path) -> None:
     assert photosite("shoot", *PHONE, "--captures", "-o", stack).status == 0
     parts = photosite("calibrate", stack, "--captures", "high,low", "--report", tmp_path / "r.html", "--json")
     assert parts.status == 0
-    found = dict(
-        zip(zip(parts.json["capture"], parts.json["parameter"], strict=True), parts.json["value"], strict=True)
-    )
-    assert found["low", "signal_ratio"] == pytest.approx(0.25, rel=0.01)
-    assert found["high", "read_noise_e"] == pytest.approx(0.8, rel=0.1)
+    columns = (parts.json[name] for name in ("capture", "parameter", "value", "lower_95", "upper_95"))
+    found = {(capture, name): values for capture, name, *values in zip(*columns, strict=True)}
+    assert found["low", "signal_ratio"][0] == pytest.approx(0.25, rel=0.01)
+    _, lower, upper = found["high", "read_noise_e"]
+    assert 0.6 < lower < 0.8 < upper < 1.1
     assert "Sensitivity ratio" in (tmp_path / "r.html").read_text()
     wrong = photosite("calibrate", stack, "--captures", "high,middle")
     assert (wrong.status, wrong.err.count("\n")) == (2, 1)
