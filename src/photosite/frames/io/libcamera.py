@@ -21,6 +21,8 @@ from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.uncertain import Measured
 
 _FULL_SCALE_DN16 = 65535
+_LEAST_SLOPE = 1e-6
+"""Far below that of any sensor, DN per root of a DN."""
 _NODES = np.linspace(0.0, 1.0, 257)
 
 LIBCAMERA_LOSS = (
@@ -84,7 +86,8 @@ def read_libcamera(path: str | PathLike[str]) -> NoiseProfile:
         slope = finite_number(noise["reference_slope"], "reference_slope")
         stated = algorithms.get("rpi.black_level", {}).get("black_level")
         black = 0.0 if stated is None else finite_number(stated, "black_level")
-        if constant < 0 or slope <= 0 or not 0 <= black < _FULL_SCALE_DN16:
+        valid = 0 <= constant <= _FULL_SCALE_DN16 and _LEAST_SLOPE <= slope <= _FULL_SCALE_DN16
+        if not valid or not 0 <= black < _FULL_SCALE_DN16:
             values = f"reference_constant {constant:g}, reference_slope {slope:g}, black_level {black:g}"
             raise ValueError(f"{values} are out of range")
         span = _FULL_SCALE_DN16 - black
