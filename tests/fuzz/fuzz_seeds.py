@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import struct
 import tempfile
 import zlib
@@ -320,7 +321,11 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
         "mat73": ((place / "scene.mat").read_bytes(),),
         "mat5": ((place / "basis.mat").read_bytes(),),
         "stack": ((place / "stack.tif").read_bytes(), (place / "samples.tif").read_bytes()),
-        "envi": tuple((place / f"{interleave}.hdr").read_bytes() for interleave in ("bip", "bsq")),
+        # One file of data for both headers
+        "envi": tuple(
+            re.sub(rb"data digest.*\n", b"", (place / f"{interleave}.hdr").read_bytes())
+            for interleave in ("bip", "bsq")
+        ),
         "envi numbers": ((place / "bsq.img").read_bytes(),),
     }
 
