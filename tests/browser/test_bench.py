@@ -204,6 +204,7 @@ def test_a_wrong_value_is_explained_and_the_page_goes_on(page, link) -> None:
     assert page.is_hidden("#alert")
 
 
+@pytest.mark.refused
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="finds the processes of the server in /proc")
 def test_the_page_goes_on_after_all_worker_processes_died(page, link, folder: Path) -> None:
     opened(page, link)
@@ -217,7 +218,7 @@ def test_the_page_goes_on_after_all_worker_processes_died(page, link, folder: Pa
     for pid in workers:
         os.kill(int(pid), signal.SIGKILL)
     set_number(page, "Exposure", 0.21)
-    page.wait_for_selector("#badge.preview")
+    page.wait_for_selector("#badge:not(.exact)")  # a preview, or an error where a process ends during the request
     page.wait_for_selector("#badge.exact")
     assert page.is_hidden("#alert")
 

@@ -21,7 +21,7 @@ async function answer(path, options) {
   try {
     text = (await response.json()).error || text;
   } catch { /* no JSON */ }
-  throw new Error(text);
+  throw Object.assign(new Error(text), { status: response.status });
 }
 
 const posted = (content) => ({

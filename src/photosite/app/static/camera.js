@@ -183,7 +183,7 @@ async function request(when = null) {
     requestAnimationFrame(() => describeView(data.header, spent));
   } catch (error) {
     showError(error.message);
-    badge("", "no picture", "The settings above cannot be simulated.");
+    badge("", "no picture", error.status === 422 ? "The settings above cannot be simulated." : "");
   }
   inFlight = false;
   if (again) { again = false; request(); }
