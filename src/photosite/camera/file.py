@@ -15,6 +15,7 @@ File names are relative to the camera file. Missing fields have the values of th
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
@@ -210,7 +211,7 @@ def parse_scene(file: Path, data: Mapping[str, Any]) -> SceneRequest | PlanesReq
 def _plane(file: Path, section: Any, line: int | None) -> PlaneRequest:
     request = _scene(file, section, line, (*_SCENE_KEYS, "alpha"))
     alpha = optional_text(file, section, "alpha")
-    if alpha is not None and not (file.parent / alpha).exists():
+    if alpha is not None and not os.path.exists(file.parent / alpha):
         at = line_of(section, "alpha") or line
         raise FileError(file, "alpha", at, where="scene", value=alpha, expected="a file, relative to this one")
     return PlaneRequest(request, None if alpha is None else file.parent / alpha)
@@ -225,7 +226,7 @@ def _scene(file: Path, section: Any, line: int | None, known: tuple[str, ...]) -
     place = Place(file, at)
     if source not in BUILT_IN_SCENES:
         path = file.parent / source
-        if not path.exists():
+        if not os.path.exists(path):
             hint = None if Path(source).suffix else did_you_mean(source, BUILT_IN_SCENES)
             expected = "a built-in scene, or a file relative to this one"
             raise FileError(file, "source", at, where="scene", value=source, expected=expected, hint=hint)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -306,7 +306,7 @@ def check_covers(shape: tuple[int, ...], wanted: tuple[int, int], what: object) 
 def check_exist(inputs: Sequence[Any]) -> None:
     """Raise `FileError` if an input is the name of a file that is missing."""
     for given in inputs:
-        if isinstance(given, str | PathLike) and not Path(given).is_file():
+        if isinstance(given, str | PathLike) and not os.path.isfile(given):
             raise FileError(given, "there is no such file")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
@@ -96,7 +97,7 @@ def open_frames(
     given = SetProperties(bits, None if cfa is None else cfa_from(cfa))
     patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
     place = Path(path)
-    if not place.exists():
+    if not os.path.exists(place):  # which is False, too, for a name that the system refuses
         raise FileError(place, "there is no such file or folder")
     if not place.is_dir():
         check_stored_file(place)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from photosite.errors import InputError
-from photosite.values.cfa import MONOCHROME, Cfa, channel_names, plane_names, tile_text
+from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names, plane_names, tile_text
 from photosite.values.exposure import format_exposure
 from photosite.values.read_only import ReadOnly
 from photosite.values.region import Border
@@ -60,7 +60,7 @@ class RawFrame(Shown):
         Bit depth of the analog-to-digital converter, or of the combination of several captures, at most 24; the
         highest number is 2^bits - 1.
     cfa
-        Tile of the color filter array; `(("M",),)` for a monochrome sensor.
+        Tile of the color filter array, or its name such as "rggb"; `(("M",),)` for a monochrome sensor.
     black_level_dn
         Mean digital number of a pixel without light.
     white_level_dn
@@ -110,6 +110,7 @@ class RawFrame(Shown):
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
         check_bits(self.bits, MOST_BITS)
+        object.__setattr__(self, "cfa", cfa_from(self.cfa))
         kind = "uint16" if self.bits <= 16 else "uint32"
         if dn.ndim != 2 or dn.size == 0 or dn.dtype != kind:
             found = f"{dn.shape} of {dn.dtype}"

@@ -82,7 +82,7 @@ class CameraSource(Shown):
 def usual_places() -> tuple[Path, ...]:
     """Return the files and folders of `PHOTOSITE_PROFILES`, darktable and rawtoaces that exist."""
     named = [Path(text) for text in os.environ.get(VARIABLE, "").split(os.pathsep) if text]
-    if missing := next((path for path in named if not path.exists()), None):
+    if missing := next((path for path in named if not os.path.exists(path)), None):
         raise FileError(
             missing, "there is no such file or folder", hint=f"The environment variable {VARIABLE} names it"
         )

@@ -7,6 +7,7 @@ Mitsuba's default film converts spectra to color; here a film records the radian
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -245,7 +246,7 @@ class _Source:
                 raise InputError("parameters apply to scene files", hint="Write the values into the dictionary")
             if self._scene.get("type") != "scene":
                 raise InputError("scene", expected="a dictionary with the entry 'type': 'scene'")
-        elif not Path(self._scene).is_file():
+        elif not os.path.isfile(self._scene):
             raise FileError(self._scene, "cannot be read: there is no such file")
 
     @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -183,7 +184,7 @@ class SceneRequest(Shown):
             check_built_in(self.source, **self.options)
             return
         path = Path(self.source)
-        if not path.exists() and path.name == self.source and not path.suffix:
+        if not os.path.exists(path) and path.name == self.source and not path.suffix:
             what = f"no scene '{self.source}': it is neither a built-in scene nor a file"
             raise InputError(what, hint=did_you_mean(self.source, BUILT_IN_SCENES))
         ReadOptions(**self.options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -76,7 +77,7 @@ class Lamp(Shown):
 def load_lamp(name_or_path: str | PathLike[str]) -> Lamp:
     """Return a lamp from a file (`read_lamp`) if the name ends in .csv or is that of one, else from an illuminant."""
     path = Path(name_or_path)
-    if path.suffix.lower() == ".csv" or path.is_file():
+    if path.suffix.lower() == ".csv" or os.path.isfile(path):
         return read_lamp(path)
     return Lamp.from_name(str(name_or_path))
 

@@ -44,7 +44,7 @@ _CAMERA_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"\0MR
 
 def raw_files(path: Path) -> list[Path]:
     """Return the raw frames in a folder, by name; a file is returned itself. Raise `FileError` if there are none."""
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return [path]
     files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
     if not files:
@@ -178,7 +178,7 @@ def _pixels(path: Path, kind: Format, location: FrameLocation | None) -> Numbers
 
 def detect_format(path: Path) -> Format:
     """Return the format of a file."""
-    if path.is_dir():
+    if os.path.isdir(path):
         raise FileError(path, "the path is a folder", hint="read_raw reads one frame, open_frames a folder")
     with reading(path), path.open("rb") as file:
         head = file.read(16)

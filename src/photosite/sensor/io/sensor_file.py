@@ -85,7 +85,7 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     text = fspath(name_or_path)
     path = Path(text)
     is_path = not isinstance(name_or_path, str) or path.suffix in (".yaml", ".yml") or path.name != text
-    if text and (is_path or path.exists()):
+    if text and (is_path or os.path.exists(path)):
         return parse_sensor(read_text(path, "a sensor file"), path)
     names = preset_names()
     if text not in names:
