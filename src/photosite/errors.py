@@ -36,6 +36,8 @@ __all__ = [
 __dir__ = __all__.copy
 
 _LONGEST_VALUE = 80
+LONGEST_PATH = 400
+"""Characters of a path in a message."""
 _MOST_NAMES = 4
 
 
@@ -223,7 +225,8 @@ class FileError(PhotositeError):
 
     def format(self, spelling: Spelling = _PYTHON) -> str:
         """Return the message, one line, which begins with the path and the line number."""
-        return f"{self.place}: {self.format_content(spelling)}"
+        line = "" if self.line is None else f":{self.line}"
+        return f"{shortened(self.path, LONGEST_PATH)}{line}: {self.format_content(spelling)}"
 
     def format_content(self, spelling: Spelling = _PYTHON) -> str:
         """Return the message without the path and the line number."""
@@ -279,7 +282,18 @@ def _short(value: Any) -> str:
         text = " ".join(repr(value).split())
     except Exception:  # of a library's object, which must not hide the error that names it
         text = f"an object of type {type(value).__name__}"
-    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
+    return shortened(text, _LONGEST_VALUE)
+
+
+def shortened(text: str, longest: int) -> str:
+    """Return text of at most so many characters; of a longer one, the beginning.
+
+    Examples
+    --------
+    >>> shortened("a" * 20, 8)
+    'aaaaa...'
+    """
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
 _CONTROL = (*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xDC80, 0xDD00))

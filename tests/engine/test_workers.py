@@ -203,4 +203,4 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_workers_end_with_their_parent(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "run.py").write_text(SCRIPT)
-    assert not left_by(tmp_path / "run.py", number, processes=3)
+    assert not left_by(tmp_path / "run.py", number, processes=4)  # with the tracker of multiprocessing

@@ -22,6 +22,7 @@ from pydantic import BaseModel
 import photosite as ps
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSource
+from photosite.values.deferred import Deferred
 from photosite.values.uncertain import Source, Uncertain
 
 WAYS = {"pickle": lambda one: pickle.loads(pickle.dumps(one)), "copy": copy.copy, "deepcopy": copy.deepcopy}
@@ -47,6 +48,8 @@ def assert_same(one: Any, other: Any, where: str) -> None:
         np.testing.assert_array_equal(one, other, where)
     elif isinstance(one, FrameSource):
         np.testing.assert_array_equal(one.read(), other.read(), where)
+    elif isinstance(one, Deferred):
+        assert_same(one.value, other.value, where)
     elif isinstance(one, Mapping):
         if any(isinstance(key, Source) for key in one):  # equal only if they are the same object
             one, other = dict(enumerate(one.values())), dict(enumerate(other.values()))

@@ -23,16 +23,13 @@ import click
 
 import photosite
 from photosite.cli.command import Group, spelling_of_current_command
-from photosite.errors import PhotositeError, PhotositeWarning, printable
+from photosite.errors import LONGEST_PATH, PhotositeError, PhotositeWarning, printable, shortened
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells return."""
 EXIT_BROKEN_PIPE = 1
 """As click ends where the reader of the output has gone."""
-
-_LONGEST_PATH = 200
-
 
 COMMANDS = {
     "demo": "Run the whole loop on a virtual D200: frames, calibration, simulation, comparison, report.",
@@ -267,8 +264,7 @@ def _fail_of_system(error: OSError) -> int:
     message = error.strerror or str(error)
     if error.filename is None:
         return _fail(f"the output cannot be written: {message}" if error.errno == errno.ENOSPC else message)
-    place = os.fsdecode(error.filename)
-    return _fail(f"{place if len(place) <= _LONGEST_PATH else f'{place[:_LONGEST_PATH]}...'}: {message}")
+    return _fail(f"{shortened(os.fsdecode(error.filename), LONGEST_PATH)}: {message}")
 
 
 def _one_line(message: str) -> str:
