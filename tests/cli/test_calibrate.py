@@ -183,6 +183,7 @@ def test_several_cameras(photosite: Any, stack: Path, tmp_path: Path) -> None:
     done = photosite(*call, "--json")
     assert done.status == 2
     assert done.json["failed"] == ["three"]
+    assert [line for line in done.err.splitlines() if "warning" not in line][-1].startswith("photosite: ")
     alone = photosite("calibrate", tmp_path / "one", "--json").json
     assert done.json["cameras"]["one"]["parameters"] == alone["parameters"]
     kept = (tmp_path / "results" / "one.json").stat().st_mtime_ns

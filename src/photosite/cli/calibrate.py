@@ -325,6 +325,8 @@ def _calibrate_cameras(
     failed = [name for name, result in found.items() if ERROR in result]
     rows = [("camera", "result"), *((name, _camera_line(result)) for name, result in found.items())]
     show(as_json, {"path": into, "cameras": found, "failed": failed}, lambda: table(rows, "<<"))
+    if failed:
+        say(f"photosite: {len(failed)} of {len(found)} cameras failed: {', '.join(failed)}")
     return 2 if failed else 0
 
 
