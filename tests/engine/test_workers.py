@@ -189,9 +189,10 @@ def wait_until(condition: Callable[[], bool]) -> None:
 
 
 SCRIPT = """
-import sys
+import signal
 import worker_tasks
 from photosite.engine.workers import run_tasks
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores for what it runs in the background
 if __name__ == "__main__":
     found = run_tasks(worker_tasks.sleeping, range(4), processes=2)
     print("begun", flush=True)
