@@ -264,7 +264,7 @@ def test_the_picture_with_the_keyboard(page, link) -> None:
     page.keyboard.press("ArrowRight")
     wait(page, "text => document.getElementById('readout').textContent !== text", before)
     page.keyboard.press("0")
-    wait(page, "document.getElementById('status-text').textContent.includes('one of')")
+    wait(page, "document.getElementById('status-text').textContent.includes('the mean of')")
 
 
 def test_the_first_keys_reach_the_views_in_order(page, link) -> None:
