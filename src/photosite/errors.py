@@ -36,8 +36,7 @@ __all__ = [
 __dir__ = __all__.copy
 
 _LONGEST_VALUE = 80
-LONGEST_PATH = 400
-"""Characters of a path in a message."""
+_LONGEST_PATH = 400
 _MOST_NAMES = 4
 
 
@@ -226,7 +225,7 @@ class FileError(PhotositeError):
     def format(self, spelling: Spelling = _PYTHON) -> str:
         """Return the message, one line, which begins with the path and the line number."""
         line = "" if self.line is None else f":{self.line}"
-        return f"{shortened(self.path, LONGEST_PATH)}{line}: {self.format_content(spelling)}"
+        return f"{shortened_path(self.path)}{line}: {self.format_content(spelling)}"
 
     def format_content(self, spelling: Spelling = _PYTHON) -> str:
         """Return the message without the path and the line number."""
@@ -282,18 +281,20 @@ def _short(value: Any) -> str:
         text = " ".join(repr(value).split())
     except Exception:  # of a library's object, which must not hide the error that names it
         text = f"an object of type {type(value).__name__}"
-    return shortened(text, _LONGEST_VALUE)
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
 
 
-def shortened(text: str, longest: int) -> str:
-    """Return text of at most so many characters; of a longer one, the beginning.
+def shortened_path(path: str) -> str:
+    """Return a path for a message; of one with more than 400 characters, the beginning and the end.
 
     Examples
     --------
-    >>> shortened("a" * 20, 8)
-    'aaaaa...'
+    >>> shortened_path("frames/dark_01.tif")
+    'frames/dark_01.tif'
+    >>> len(shortened_path("frames/" * 100 + "dark_01.tif"))
+    400
     """
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+    return path if len(path) <= _LONGEST_PATH else f"{path[:100]}...{path[103 - _LONGEST_PATH :]}"
 
 
 _CONTROL = (*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xDC80, 0xDD00))

@@ -1,5 +1,6 @@
 """TIFF pages that would take much more memory or time than the file holds."""
 
+import json
 import tracemalloc
 
 import imagecodecs
@@ -54,6 +55,23 @@ def test_compressions_with_sizes_of_their_own_are_refused(tmp_path, read):
     with pytest.raises(FileError) as caught:
         read(tmp_path / "a.tif")
     assert caught.value.what == "compression"
+
+
+@pytest.mark.parametrize("compression", ["zlib", "lzw"])
+def test_uniform_planes_of_many_bands(tmp_path, compression):
+    """Each strip holds one band: a few bytes where it is uniform."""
+    cube = np.full((40, 256, 256), 7, np.uint16)
+    description = json.dumps({"wavelength_nm": list(range(400, 800, 10)), "units": "photons"})
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        cube,
+        photometric="minisblack",
+        planarconfig="separate",
+        compression=compression,
+        description=description,
+        metadata=None,
+    )
+    assert read_scene(tmp_path / "a.tif").shape == (256, 256)
 
 
 def test_pages_without_end(tmp_path):

@@ -66,8 +66,9 @@ def test_sums_of_rows_are_those_of_arrays(tmp_path, tile, monkeypatch):
         np.testing.assert_array_equal(sums.sum, whole.sum)
         assert sums.highest == whole.highest
         assert sums.label_totals() == whole.label_totals()
-    last = FrameSums(SHAPE, tile, white=3990).add_last(opened)
-    assert last.label_totals() == FrameSums(SHAPE, tile, white=3990).add_last(frames).label_totals()
+    totals = FrameSums(SHAPE, tile, white=3990).add_last(frames).label_totals()
+    for mixed in (opened, [*frames[:2], *opened[2:]], [*opened[:2], *frames[2:]]):
+        assert FrameSums(SHAPE, tile, white=3990).add_last(mixed).label_totals() == totals
 
 
 def test_stored_and_compressed_frames_give_the_same_reduction(tmp_path):

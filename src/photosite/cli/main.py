@@ -23,7 +23,7 @@ import click
 
 import photosite
 from photosite.cli.command import Group, spelling_of_current_command
-from photosite.errors import LONGEST_PATH, PhotositeError, PhotositeWarning, printable, shortened
+from photosite.errors import PhotositeError, PhotositeWarning, printable, shortened_path
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -157,7 +157,7 @@ def _separate_messages() -> None:
 
 
 def _discard_logs() -> None:
-    """Discard what Python libraries log, which goes to standard error where nobody has set up logging."""
+    """Discard what Python libraries log, which goes to standard error where no logging is set up."""
     import logging
 
     root = logging.getLogger()
@@ -264,7 +264,7 @@ def _fail_of_system(error: OSError) -> int:
     message = error.strerror or str(error)
     if error.filename is None:
         return _fail(f"the output cannot be written: {message}" if error.errno == errno.ENOSPC else message)
-    return _fail(f"{shortened(os.fsdecode(error.filename), LONGEST_PATH)}: {message}")
+    return _fail(f"{shortened_path(os.fsdecode(error.filename))}: {message}")
 
 
 def _one_line(message: str) -> str:

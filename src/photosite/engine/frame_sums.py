@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import islice
+from itertools import groupby, islice
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -238,14 +238,16 @@ class FrameSums:
         if isinstance(frames, np.ndarray) and frames.ndim == 2:
             frames = (frames,)
         if isinstance(frames, np.ndarray | Sequence):
-            self._add_batch(list(frames), self.white)
+            for batch in _by_kind(frames):
+                self._add_batch(batch, self.white)
             return self
         left = iter(frames)
         pixels = max(self.shape[0] * self.shape[1], 1)
         together = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // (2 * pixels)))
         while batch := list(islice(left, together)):
-            self._add_batch(batch, self.white)
-            del batch  # free it before the next batch is read
+            for part in _by_kind(batch):
+                self._add_batch(part, self.white)
+            del batch, part  # free it before the next batch is read
         return self
 
     def add_last(self, frames: Sequence[Frame]) -> FrameSums:
@@ -265,7 +267,10 @@ class FrameSums:
         """
         if not len(frames):
             raise ValueError("frames must not be empty")
-        self._add_batch(list(frames), self.white, last=True)
+        *before, last = _by_kind(frames)
+        for batch in before:
+            self._add_batch(batch, self.white)
+        self._add_batch(last, self.white, last=True)
         return self
 
     def _widen(self) -> None:
@@ -274,23 +279,18 @@ class FrameSums:
             self.sum = np.empty(self.shape, np.uint32)
 
     def _add_batch(self, frames: Sequence[Frame], full_scale: int, *, last: bool = False) -> None:
+        """Add frames that are all in memory, or all in files."""
         for frame in frames:
             dtype = frame.dtype if isinstance(frame, np.ndarray) else np.uint16
             if frame.shape != self.shape or dtype not in (np.uint8, np.uint16):
                 raise ValueError(f"frames must be {self.shape} of uint8 or uint16, got {frame.shape} of {dtype}")
         if self.count + len(frames) > MOST_FRAMES:
             raise ValueError(f"a stack must have at most {MOST_FRAMES} frames")
-        if not frames:
-            return
+        held = [frame for frame in frames if isinstance(frame, np.ndarray)]
         stored = [frame for frame in frames if not isinstance(frame, np.ndarray)]
-        if len(stored) < len(frames):
-            held = [frame if isinstance(frame, np.ndarray) else _whole(frame) for frame in frames]
-            if len({frame.dtype for frame in held}) > 1:
-                held = [frame.astype(np.uint16, copy=False) for frame in held]
-            held = [np.ascontiguousarray(frame) for frame in held]
         only = last and self.count == 0
         # Of frames in memory too, it would double the time of compilation.
-        narrow = only and len(stored) == len(frames) and len(frames) * full_scale < 1 << 16
+        narrow = only and not held and len(frames) * full_scale < 1 << 16
         if narrow:
             self.sum = np.empty(self.shape, np.uint16)
         else:
@@ -303,9 +303,12 @@ class FrameSums:
         of_labels = _LabelSquares.zeros(bands, n_labels)
         settings: tuple[Any, ...] = self.labels, self.black, self.white, self.count, last
         results: tuple[Any, ...] = self.sum, squares, totals, clipped, highest, of_labels.exact, of_labels.spread
-        if len(stored) == len(frames):
+        if stored:
             _add_stored(stored, settings, results)
         else:
+            if len({frame.dtype for frame in held}) > 1:
+                held = [frame.astype(np.uint16, copy=False) for frame in held]
+            held = [np.ascontiguousarray(frame) for frame in held]
             add_frames(*_addresses(held), *settings, *results)
         if narrow and (top := int(highest.max())) > full_scale:
             self._add_batch(frames, top, last=True)
@@ -438,10 +441,9 @@ class FrameSums:
         return tuple(result)
 
 
-def _whole(frame: FrameRows) -> NDArray[np.unsignedinteger]:
-    out = np.empty(frame.shape, np.uint16)
-    frame.read_rows(0, out)
-    return out
+def _by_kind(frames: Iterable[Frame]) -> list[list[Frame]]:
+    """Return the frames in runs that are all in memory, or all in files."""
+    return [list(run) for _, run in groupby(frames, lambda frame: isinstance(frame, np.ndarray))]
 
 
 def _addresses(frames: Sequence[_Ints]) -> tuple[Any, ...]:

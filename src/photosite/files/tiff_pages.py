@@ -15,6 +15,8 @@ HIGHEST_COMPRESSION = 10_000
 """Values to a compressed byte; LZW and deflate reach less."""
 
 _JPEG = 7
+_PLANES = 2
+"""Planar configuration of planes that follow each other."""
 _COMPRESSIONS = (1, 5, _JPEG, 8, 32773, 32946, 34925, 50000)
 """None, LZW, JPEG, deflate, PackBits, deflate (old), LZMA, Zstandard."""
 _START_OF_IMAGE, _START_OF_SCAN, _MARKER = 0xD8, 0xDA, 0xFF
@@ -49,7 +51,8 @@ def decoded(path: Path, page: Any) -> NDArray[Any]:
             hint="Save it uncompressed",
         )
     rows, cols = (page.tilelength, page.tilewidth) if page.is_tiled else (page.rowsperstrip, page.imagewidth)
-    values = (rows if page.is_tiled else min(rows, page.imagelength)) * cols * page.samplesperpixel
+    samples = 1 if int(page.planarconfig) == _PLANES else page.samplesperpixel
+    values = (rows if page.is_tiled else min(rows, page.imagelength)) * cols * samples
     stored = max(page.databytecounts, default=0)
     if values > HIGHEST_COMPRESSION * stored:
         raise FileError(path, f"is damaged: {stored} bytes cannot hold a strip or tile of {rows} x {cols} pixels")

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 from types import TracebackType
 from typing import NamedTuple, TypeVar
 
@@ -330,8 +330,7 @@ class FrameReader:
         # Sums that are saved need the squares of the pixels.
         squares = variance or self._checkpoint is not None
         following = list(islice(left, 1))
-        together = _OPEN if following and isinstance(following[0].dn, StoredRows) else self._together
-        while batch := following + list(islice(left, together - len(following))):
+        while batch := self._batch(following, left):
             following = [] if squares else list(islice(left, 1))
             add = sums.add if squares or following else sums.add_last
             add([read.dn for read in batch])
@@ -348,6 +347,16 @@ class FrameReader:
                 self._count(1)
             if group is not None and first is not None and self._checkpoint is not None and self._checkpoint.due():
                 self._checkpoint.save(group, sums, first)
+
+    def _batch(self, following: list[_Read], left: Iterator[_Read]) -> list[_Read]:
+        """Return the frames of the next pass: at most `_OPEN`, of which at most `_together` are in memory."""
+        batch, held = [], 0
+        for read in chain(following, left):
+            batch.append(read)
+            held += not isinstance(read.dn, StoredRows)
+            if len(batch) == _OPEN or held == self._together:
+                break
+        return batch
 
     def _count(self, frames: int) -> None:
         for _ in range(frames):
