@@ -18,9 +18,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
 
+import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.export.emva_xml import emva_results
 from photosite.calibration.result import Calibration
+from photosite.errors import PhotositeWarning
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.frames.frame_settings import Kind
 from photosite.studies.plain_camera import Effect, PlainCamera, bent, convolved
@@ -317,3 +319,19 @@ def test_reports_of_incomplete_sets(steps: tuple[tuple[Kind, float, int], ...], 
     calibrate(frames_of(*steps)).report(tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert (NO_DARKS if steps[0][0] == "light" else SINGLE) in text
+
+
+def test_a_saved_file_warns_of_assumed_values_that_remain(tmp_path: Path) -> None:
+    known = ps.load_sensor("nikon-d200")
+    known = known.with_(cfa="mono", channels={"M": known.channels["G"]})
+    gain = replace(known.measured("conversion_gain_uv_per_e"), assumed=True)
+    well = replace(known.measured("well_capacity_e"), assumed=True)
+    base = known.with_(conversion_gain_uv_per_e=gain, well_capacity_e=well)
+    single = frames_of(("dark", 0.01, 4), ("dark", 0.1, 4), *FLATS_1)
+    with pytest.warns(PhotositeWarning) as caught:
+        calibrate(single, base).save(tmp_path / "single.sensor.yaml")
+    [text] = [str(each.message) for each in caught if "assumed" in str(each.message)]
+    assert "conversion_gain_uv_per_e" in text
+    assert "well_capacity_e" in text
+    assert "read_noise_mv" not in text
+    assert ps.load_sensor(tmp_path / "single.sensor.yaml").measured("well_capacity_e") == well

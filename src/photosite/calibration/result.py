@@ -214,6 +214,8 @@ class Calibration(Parameters):
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file, and the chip's maps beside it if there are any.
 
+        Warns of values that the base sensor assumes and these frames do not give: the file keeps them.
+
         Raises
         ------
         CalibrationError

@@ -231,12 +231,12 @@ def _checked(
 
 
 def _check_full_well(sensor: Sensor) -> None:
-    """Refuse a well capacity, such as the placeholder of a nominal sensor file, at which every frame is black."""
+    """Refuse a well capacity, such as one that is still to be measured, at which every frame is black."""
     well = sensor.pixel.well_capacity_e
     if well.value * sensor.system_gain_dn_per_e < 0.5:
         hint = "Every frame would be black"
         if well.assumed:
-            hint += "; calibrate frames with this nominal file, and use the sensor file that results"
+            hint += "; measure it with flat fields up to saturation, two or more at each exposure, or state it"
         expected = f"at least {0.5 / sensor.system_gain_dn_per_e:.3g} (half a digital number)"
         name = f"sensor '{sensor.name}'"
         raise InputError("well_capacity_e", where=name, value=well.value, expected=expected, hint=hint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from datetime import date
 from os import PathLike
@@ -13,7 +14,7 @@ import numpy as np
 
 from photosite.calibration.converter_error import ConverterCodes
 from photosite.calibration.parameters import Parameters
-from photosite.errors import CalibrationError, printable
+from photosite.errors import CalibrationError, PhotositeWarning, printable
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.model import Effects
@@ -309,7 +310,13 @@ def _name_of_frames(source: str) -> str:
 
 def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
     """Write a calibration's sensor file with the maps of the chip, if any. Raises as `Calibration.save`."""
-    write_sensor(measured_sensor(calibration), path, calibration.chip)
+    sensor = measured_sensor(calibration)
+    write_sensor(sensor, path, calibration.chip)
+    sections = sensor.pixel, sensor.noise, sensor.readout
+    assumed = {name for section in sections for name, value in section if isinstance(value, Measured) and value.assumed}
+    if kept := [name for name in (*_MEASURED_FIELDS, "well_capacity_e") if name in assumed]:
+        problem = f"{path} has assumed values that these frames do not give: {', '.join(kept)}"
+        warnings.warn(PhotositeWarning(problem), stacklevel=3)
 
 
 def well_capacity(calibration: Calibration) -> Estimate:

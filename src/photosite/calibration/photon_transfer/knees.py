@@ -168,7 +168,7 @@ def linear_end(signal: _Array, variance: _Array, clipped: NDArray[np.bool_]) -> 
 
 
 def check_knees(channels: Sequence[Channel], source: str) -> None:
-    """Raise `SeveralCapturesError` if the variance steps by a factor that spoils the system gain."""
+    """Raise `SeveralCapturesError` if the variance steps by a factor that biases the system gain."""
     levels = [channel.levels for channel in channels]
     if not levels:
         return
