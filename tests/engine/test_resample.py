@@ -69,7 +69,7 @@ def mean_by_clipping(values: NDArray[np.float32], quadrilateral: list[Point]) ->
 
 
 @pytest.mark.parametrize("k", [-0.25, 0.0, 0.4])
-@pytest.mark.parametrize("step", [(0.07, 0.05), (0.9, 1.1), (2.7, 3.3)])
+@pytest.mark.parametrize("step", [(0.07, 0.05), (0.4, 0.6), (1.0, 1.0), (0.9, 1.1), (2.7, 3.3)])
 def test_means_equal_those_of_clipped_quadrilaterals(k: float, step: tuple[float, float]) -> None:
     """The map ends inside the grid on two sides; its border samples repeat beyond."""
     shape = (int(9 * step[0]) + 3, int(12 * step[1]) + 3)
