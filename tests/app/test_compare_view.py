@@ -21,7 +21,10 @@ from photosite.app.compare_view import (
     run_validation,
     validation_code,
 )
-from photosite.app.state import LensState, Places, SensorState
+from photosite.app.lens_state import LensState
+from photosite.app.places import Places
+from photosite.app.state import CameraState, SensorState, bench
+from photosite.app.views import PlanRequest, SweepRequest, plan, run_sweep
 from photosite.errors import InputError
 
 NOWHERE = Places()
@@ -106,3 +109,41 @@ def test_the_chart_is_found_or_the_reason_is_given(shots: Places) -> None:
     assert validation_code(behind, shots)[1] == ""
     detected = request.model_copy(update={"sensor": SensorState(source="file:small.sensor.yaml")})
     assert "--detect" in validation_code(detected, shots)[1]
+
+
+LAMP = "wavelength_nm,relative_energy\n380,1\n560,2\n780,6\n"
+
+
+def test_a_light_from_a_file_changes_the_comparison(tmp_path: Path) -> None:
+    (tmp_path / "lamp.csv").write_text(LAMP)
+    places = Places(folder=tmp_path)
+    request = Comparison(illuminant="file:lamp.csv", exposure_s=1 / 100)
+    found = compare(request, places)
+    camera = ps.Camera(ps.DiffractionLimited(2.8, 50), ps.load_sensor("nikon-d200"))
+    light = str(tmp_path / "lamp.csv")
+    own = ps.compare_cameras({"nikon-d200": camera}, illuminant=light, exposure_s=1 / 100).to_dict()
+    assert found["illuminant"] == "lamp.csv"
+    assert found["cameras"] == own["cameras"]
+    assert found["cameras"] != compare(Comparison(exposure_s=1 / 100), places)["cameras"]
+    python, command = compare_code(request, places)
+    assert light in python
+    assert light in command
+
+
+@pytest.mark.parametrize("name", ["{outside}", "file:../lamp.csv", "file:notes.txt", "upload:lamp", "no-such-light"])
+def test_no_view_reads_a_light_from_outside_the_folder(name: str, tmp_path: Path) -> None:
+    (tmp_path / "lamp.csv").write_text(LAMP)
+    (tmp_path / "served").mkdir()
+    (tmp_path / "served" / "notes.txt").write_text(LAMP)
+    places, name = Places(folder=tmp_path / "served"), name.format(outside=tmp_path / "lamp.csv")
+    with pytest.raises(InputError):
+        compare(Comparison(illuminant=name), places)
+    with pytest.raises(InputError):
+        run_validation(ValidationRequest(measured=("file:notes.txt",), illuminant=name), places)
+    with pytest.raises(InputError):
+        plan(PlanRequest(illuminant=name), places)
+    with pytest.raises(InputError):
+        run_sweep(SweepRequest(illuminant=name), places)
+    for scene in ({"illuminant": name}, {"options": {"illuminant": name}}):
+        with pytest.raises(InputError):
+            bench(CameraState.model_validate({"scene": scene}), places)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.app.state import Places, SensorState, changed_sensor, inside
+from photosite.app.places import Places, inside
+from photosite.app.state import SensorState, changed_sensor
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 

@@ -13,7 +13,8 @@ import pytest
 import photosite as ps
 from photosite.app.copy_text import command_text, python_text
 from photosite.app.form import parameters_of
-from photosite.app.state import CameraState, Places, bench
+from photosite.app.places import Places
+from photosite.app.state import CameraState, bench
 from photosite.app.view import View, approximate_rate, exact_frame, scene_of, view_bytes
 from photosite.cli.main import run
 from photosite.engine.mosaic_means import mosaic_means
@@ -64,6 +65,17 @@ STATES = [
             "combination": {"dn_per_e": 1.5, "bits": 16},
         }}},
     },
+    {
+        "lens": {
+            "f_number": 4, "focus_distance_m": 1.15,
+            "blur": {"zernike": {"11": 60, "4": 30}, "pupil": {"obscuration": 0.3}, "chromatic_focus": {}},
+            "relative_illumination": {"places_are": "height_mm", "places": [0, 0.5, 2], "relative": [1, 0.8, 0.6]},
+            "distortion": {"k1": -0.2, "k2": 0.1}, "lateral_color": {}, "veiling_glare": {"spread_mm": 1},
+        },
+        "sensor": {"source": "google-pixel-4a", "gain_setting": 100, "changes": SMALL | {
+            "gain_settings": [{"setting": 100, "analog_gain": 2.5, "read_noise_e": 7}], "row_noise_e": 1,
+        }},
+    },
 ]  # fmt: skip
 
 
@@ -95,7 +107,11 @@ def test_python_and_command_reproduce_the_frame_on_the_page_exactly(
         assert np.array_equal(picture, (names["picture"] * np.float32(255) + np.float32(0.5)).astype(np.uint8))
 
     monkeypatch.chdir(tmp_path)
-    words = shlex.split(command_text(state, places))
+    *file, command = command_text(state, places).split("\nEND\n")
+    if file:
+        first, content = file[0].split("\n", 1)
+        Path(first.split()[2]).write_text(content)
+    words = shlex.split(command)
     assert words[0] == "photosite"
     assert run([*words[1:], "--json"]) == 0
     if state.capture.noise:
@@ -151,6 +167,16 @@ def test_a_view_of_single_pixels_is_exact_once_the_mean_image_is_known(tmp_path:
     found = bench(other, places)
     whole = found.camera.capture(scene_of(found), 0.01, seed=9).dn
     assert np.array_equal(dn, whole[header["row"] : header["row"] + 40, header["col"] : header["col"] + 60])
+
+
+def test_a_change_of_the_luminance_scales_the_preview(tmp_path: Path) -> None:
+    for luminance in (40.0, 3.0, 900.0):
+        state = CameraState.model_validate({"scene": {"mean_luminance_cd_m2": luminance}, "sensor": {"changes": SMALL}})
+        header, _, mean, _ = decoded(view_bytes(state, Places(), View(height=130, width=194), tmp_path))
+        found = bench(state, Places())
+        rate, _ = approximate_rate(found.camera, scene_of(found), np.arange(130), np.arange(194), 1)
+        assert not header["exact"]
+        assert mean == pytest.approx(rate * state.capture.exposure_s, rel=1e-4, abs=1e-4)
 
 
 def test_the_preview_shows_the_bands_of_a_flickering_lamp(tmp_path: Path) -> None:

@@ -20,7 +20,9 @@ from photosite.app.calibrate_view import (
     list_frames,
     run_calibration,
 )
-from photosite.app.state import LensState, Places, SensorState
+from photosite.app.lens_state import LensState
+from photosite.app.places import Places
+from photosite.app.state import SensorState
 from photosite.app.views import (
     PlanRequest,
     Range,

@@ -193,6 +193,51 @@ def test_tables_captures_and_dropped_files_are_simulated(page, link, folder: Pat
     assert names["scene"].flicker.frequency_hz == 100.0
 
 
+def test_a_lens_with_aberrations_and_an_added_gain_setting(page, link, axe) -> None:
+    opened(page, link)
+    page.select_option("#pick-sensor", "google-pixel-4a")
+    page.wait_for_selector("#pick-gain")
+    set_number(page, "Rows", 200)
+    set_number(page, "Columns", 300)
+    for part in ("distortion", "blur", "pupil", "lateral_color", "relative_illumination", "veiling_glare"):
+        page.check(f"[data-part={part}]")
+    page.locator("[data-part=blur] >> xpath=../..").get_by_label("Defocus", exact=True).fill("20")
+    page.locator("[data-part=distortion] >> xpath=../..").get_by_label("Kind").select_option("table")
+    table = page.get_by_label("Percent, table")
+    table.fill("0 0\n5 -1 3")
+    table.blur()
+    assert table.get_attribute("aria-invalid") == "true"
+    table.fill("0 0\n20 -1")
+    table.blur()
+    f_number = page.get_by_label("f-number", exact=True)
+    f_number.fill("0.2")
+    f_number.blur()
+    assert page.get_by_text("f-number must be a number, 0.5 or more").is_visible()
+    f_number.fill("2.8")
+    page.get_by_text("Gain settings", exact=True).click()
+    page.get_by_role("button", name="Add to Other settings").click()
+    assert page.locator("#pick-gain option").all_inner_texts() == ["55", "110", "220", "440", "880", "1760"]
+    page.select_option("#pick-gain", "1760")
+    wait(page, "document.querySelector('#badge.exact') && location.hash.includes('camera=')")
+    page.click("#copy-python")
+    page.wait_for_selector("#code[open]")
+    names: dict = {}
+    exec(page.inner_text("#code-text"), names)
+    sensor, optics = names["sensor"], names["optics"]
+    assert (sensor.gain_setting, sensor.readout.analog_gain.value) == (1760, 32)
+    assert (optics.base.f_number, optics.blur.defocus_um, optics.blur.pupil.blades) == (2.8, 20, 7)
+    assert optics.distortion.ratio.tolist() == [1.0, 0.99]
+    page.click("#code-close")
+    page.evaluate(axe)
+    page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    result = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")
+    assert not [(v["id"], [node["target"] for node in v["nodes"]][:3]) for v in result["violations"]]
+    page.reload()
+    ready(page, "camera")
+    assert page.input_value("#pick-gain") == "1760"
+    assert page.is_checked("[data-part=lateral_color]")
+
+
 @pytest.mark.refused
 def test_a_wrong_value_is_explained_and_the_page_goes_on(page, link) -> None:
     opened(page, link)
@@ -389,6 +434,19 @@ def test_sensors_are_compared_with_linked_pictures_and_code(page, link) -> None:
     page.reload()
     ready(page, "compare")
     assert not view.get_by_role("checkbox", name="google-pixel-4a").is_checked()
+
+
+def test_sensors_are_compared_in_the_light_of_an_uploaded_spectrum(page, link, tmp_path: Path) -> None:
+    opened(page, link, "compare")
+    view = page.locator("#view-compare")
+    error = view.locator("tr", has=page.get_by_role("rowheader", name="Color error, mean ΔE 2000"))
+    before = error.inner_text()
+    lamp = tmp_path / "lamp.csv"
+    lamp.write_text("wavelength_nm,relative_energy\n380,6\n560,2\n780,1\n")
+    page.set_input_files("#view-compare input[type=file]", str(lamp))
+    view.get_by_text("s, lamp.csv").wait_for()
+    assert error.inner_text() != before
+    assert view.get_by_label("Light", exact=True).input_value().startswith("upload:")
 
 
 def test_lenses_are_compared_and_their_pictures_move_together(page, link) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.app.state import Places
+from photosite.app.places import Places
 from photosite.calibration.captures import CaptureCalibration
 from photosite.calibration.combined import CombinedCalibration
 from photosite.calibration.export.measured_sensor import calibration_noise_profile

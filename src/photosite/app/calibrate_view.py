@@ -15,8 +15,9 @@ from pydantic import Field
 
 from photosite.app.calibrate_results import Result, combined_result, of_captures, of_one, of_series
 from photosite.app.copy_text import sensor_lines, source_name
+from photosite.app.places import FILE, UPLOAD, Part, Places, Text
 from photosite.app.recorded_warnings import recorded_warnings
-from photosite.app.state import FILE, UPLOAD, Part, Places, SensorState, Text, changed_sensor
+from photosite.app.state import SensorState, changed_sensor
 from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.captures import calibrate_captures

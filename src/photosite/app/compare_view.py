@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from photosite.app.copy_text import exposure_text, lens_fields, lens_line, sensor_lines, source_name
+from photosite.app.copy_text import exposure_text, lens_lines, sensor_lines, source_name
+from photosite.app.lens_state import LensState, lens
+from photosite.app.places import Part, Places, Text
 from photosite.app.recorded_warnings import recorded_warnings
-from photosite.app.state import LensState, Part, Places, SensorState, Text, changed_sensor, lens
+from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
 from photosite.develop.develop import save_picture
@@ -45,13 +47,19 @@ class Comparison(Part):
 
     cameras: Annotated[tuple[CameraChoice, ...], Field(min_length=1, max_length=8)] = (CameraChoice(),)
     exposure_s: float = Field(1 / 15, gt=0, le=1e5, description="Exposure time in s.")
-    illuminant: Text = Field("3200K", description="Light on the surface and on the chart.")
+    illuminant: Text = Field("3200K", description=LIGHT)
     mean_luminance_cd_m2: float = Field(40.0, gt=0, le=1e9, description="Mean luminance of the chart's patches.")
     distance_m: float = Field(DEFAULT_DISTANCE_M, gt=0, le=1e6, description="Distance from the lens to the chart.")
     seed: int = Field(0, ge=0, lt=1 << 53, description="Key of the noise in the frames of the chart.")
 
 
-_CONDITIONS = ("exposure_s", "illuminant", "mean_luminance_cd_m2", "distance_m", "seed")
+_CONDITIONS = ("exposure_s", "mean_luminance_cd_m2", "distance_m", "seed")
+
+
+def _conditions(request: Comparison, places: Places) -> dict[str, Any]:
+    """Return the conditions as `compare_cameras` takes them."""
+    conditions = {name: getattr(request, name) for name in _CONDITIONS}
+    return {"illuminant": light_name(request.illuminant, places), **conditions}
 
 
 def _labels(cameras: tuple[CameraChoice, ...], places: Places) -> list[str]:
@@ -81,7 +89,8 @@ def _lens_label(state: LensState, places: Places) -> str:
         return _file_name(state.source, places)
     transmittance = "" if state.transmittance == 1 else f", {100 * state.transmittance:g} %"
     falloff = "" if state.falloff == "none" else f", {state.falloff}"
-    return f"f/{state.f_number:g}, {state.focal_length_mm:g} mm{transmittance}{falloff}"
+    parts = "" if state.diffraction_limited else ", with further fields"
+    return f"f/{state.f_number:g}, {state.focal_length_mm:g} mm{transmittance}{falloff}{parts}"
 
 
 def _file_name(source: str, places: Places) -> str:
@@ -94,10 +103,9 @@ def compare(request: Comparison, places: Places, progress: Progress | None = Non
         label: Camera(lens(one.lens, places), changed_sensor(one.sensor, places))
         for label, one in zip(_labels(request.cameras, places), request.cameras, strict=True)
     }
-    conditions: dict[str, Any] = {name: getattr(request, name) for name in _CONDITIONS}
     with recorded_warnings() as texts:
-        found = compare_cameras(cameras, **conditions).to_dict()
-    return {**found, "notes": texts}
+        found = compare_cameras(cameras, **_conditions(request, places)).to_dict()
+    return {**found, "illuminant": _file_name(request.illuminant, places), "notes": texts}
 
 
 def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
@@ -105,10 +113,11 @@ def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
     labels = _labels(request.cameras, places)
     lines = ["import photosite as ps", "", "cameras = {}"]
     for label, one in zip(labels, request.cameras, strict=True):
-        lines += [*sensor_lines(one.sensor, places), lens_line(one.lens, places)]
+        lines += [*sensor_lines(one.sensor, places), *lens_lines(one.lens, places)]
         lines.append(f"cameras[{label!r}] = ps.Camera(optics, sensor)")
-    conditions = ", ".join(f"{name}={getattr(request, name)!r}" for name in _CONDITIONS)
-    lines += [f"found = ps.compare_cameras(cameras, {conditions})", "print(found)", "found.plot()"]
+    conditions = _conditions(request, places)
+    arguments = ", ".join(f"{name}={value!r}" for name, value in conditions.items())
+    lines += [f"found = ps.compare_cameras(cameras, {arguments})", "print(found)", "found.plot()"]
     command = ""
     if not any(one.sensor.changed for one in request.cameras):
         names = [f"bench-{number}.camera.yaml" for number in range(1, len(labels) + 1)]
@@ -116,7 +125,7 @@ def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
             content = json.dumps(_camera_file(label, one, places), indent=1)
             command += f"cat > {name} <<'END'\n{content}\nEND\n"
         words = ["photosite", "cameras", "compare", *names, "--exposure", exposure_text(request.exposure_s)]
-        words += ["--illuminant", request.illuminant, "--luminance", repr(request.mean_luminance_cd_m2)]
+        words += ["--illuminant", conditions["illuminant"], "--luminance", repr(request.mean_luminance_cd_m2)]
         command += shlex.join([*words, "--distance", repr(request.distance_m), "--seed", str(request.seed)])
     return "\n".join(lines) + "\n", command
 
@@ -127,7 +136,7 @@ def _camera_file(label: str, one: CameraChoice, places: Places) -> dict[str, Any
     if one.sensor.gain_setting is not None:
         content["gain_setting"] = one.sensor.gain_setting
     source = one.lens.source
-    return content | {"optics": lens_fields(one.lens) if source is None else source_name(source, places)}
+    return content | {"optics": one.lens.fields if source is None else source_name(source, places)}
 
 
 class ValidationRequest(Part):
@@ -137,7 +146,7 @@ class ValidationRequest(Part):
     """Raw frames of one scene and setting: names of files, or folders of the served folder."""
     sensor: SensorState = SensorState()
     lens: LensState = LensState()
-    illuminant: Text = Field("A", description="Lamp: a name, or file:NAME or upload:ID of a spectroradiometer's CSV.")
+    illuminant: Text = Field("A", description=LIGHT)
     luminance_cd_m2: float | None = Field(None, gt=0, le=1e9, description="Mean luminance of the patches.")
     exposure_s: float | None = Field(None, gt=0, le=1e5, description="Exposure time. None: that of the files.")
     distance_m: float = Field(DEFAULT_DISTANCE_M, gt=0, le=1e6, description="Distance from the lens to the chart.")
@@ -168,7 +177,7 @@ def run_validation(request: ValidationRequest, places: Places, progress: Progres
     conditions = CaptureConditions(
         sensor=sensor,
         optics=lens(request.lens, places),
-        lamp=load_lamp(source_name(request.illuminant, places)),
+        lamp=load_lamp(light_name(request.illuminant, places)),
         exposure_s=request.exposure_s,
         luminance_cd_m2=request.luminance_cd_m2,
         distance_m=request.distance_m,
@@ -217,7 +226,7 @@ def _averaged(picture: NDArray[np.float32], step: int) -> NDArray[np.float32]:
 def validation_code(request: ValidationRequest, places: Places) -> tuple[str, str]:
     """Return the comparison as Python code, and as a command for an unchanged sensor behind a lossless ideal lens."""
     paths = [str(path) for path in _paths(request, places)]
-    lamp = source_name(request.illuminant, places)
+    lamp = light_name(request.illuminant, places)
     given = {
         name: value
         for name in ("exposure_s", "luminance_cd_m2", "distance_m")
@@ -233,7 +242,7 @@ def validation_code(request: ValidationRequest, places: Places) -> tuple[str, st
         "from photosite.validation.lamp import load_lamp",
         "",
         *sensor_lines(request.sensor, places),
-        lens_line(request.lens, places),
+        *lens_lines(request.lens, places),
         f"files = [file for path in {paths!r} for file in raw_files(Path(path))]",
         "frames = [ps.read_raw(file) for file in files]",
     ]
@@ -244,7 +253,7 @@ def validation_code(request: ValidationRequest, places: Places) -> tuple[str, st
     corners = repr(request.corners) if request.corners else "find_chart(replace(frames[0], cfa=sensor.array.cfa))"
     test = ", ".join(f"{name}={getattr(request, name)!r}" for name in _OF_VERDICT)
     lines += [f"corners = {corners}", f"found = validate_frames(frames, conditions, corners, {test})", "print(found)"]
-    plain = request.lens.source is None and lens_fields(request.lens).keys() <= {"f_number", "focal_length_mm"}
+    plain = request.lens.diffraction_limited and request.lens.fields.keys() <= {"f_number", "focal_length_mm"}
     command = ""
     if plain and not request.sensor.changed and request.sensor.gain_setting is None:
         words = ["photosite", "validate", *(word for path in paths for word in ("--measured", path))]

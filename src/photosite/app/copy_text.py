@@ -8,8 +8,11 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from photosite.app.state import CameraState, FlickerState, LensState, MotionState, Places, SensorState, bench
+from photosite.app.lens_state import LensState
+from photosite.app.places import Places
+from photosite.app.state import CameraState, FlickerState, MotionState, SensorState, bench, light_name
 from photosite.scene.scene_request import BUILT_IN_SCENES
+from photosite.sensor.gain_table import GAIN_TABLE
 from photosite.values.exposure import format_exposure, parse_exposure
 
 
@@ -24,7 +27,7 @@ def python_text(state: CameraState, places: Places) -> str:
     found = bench(state, places)
     taken, request = state.capture, found.request
     lines = ["import photosite as ps", "", *sensor_lines(state.sensor, places)]
-    lines.append(lens_line(state.lens, places))
+    lines += lens_lines(state.lens, places)
     cells = f", cells_per_pixel={taken.cells_per_pixel}" if taken.cells_per_pixel != 1 else ""
     lines.append(f"camera = ps.Camera(optics, sensor{cells})")
     options = dict(request.options)
@@ -75,10 +78,12 @@ def _flicker_text(flicker: FlickerState) -> str:
 def sensor_lines(state: SensorState, places: Places) -> list[str]:
     """Return lines of Python code that make a sensor."""
     lines = [f"sensor = ps.load_sensor({source_name(state.source, places)!r})"]
+    table = {name: value for name, value in state.changes.items() if name in GAIN_TABLE}
+    values = {name: value for name, value in state.changes.items() if name not in GAIN_TABLE}
+    lines += [f"sensor = sensor.with_(**{table!r})"] if table else []
     if state.gain_setting is not None:
         lines.append(f"sensor = sensor.at_gain_setting({state.gain_setting!r})")
-    if state.changes:
-        lines.append(f"sensor = sensor.with_(**{dict(state.changes)!r})")
+    lines += [f"sensor = sensor.with_(**{values!r})"] if values else []
     if state.binning is not None:
         lines.append(f"sensor = sensor.binned({state.binning.factor!r}, {state.binning.kind!r})")
     return lines
@@ -102,7 +107,7 @@ def command_text(state: CameraState, places: Places) -> str:
         words += ["--bin", str(binning.factor), "--bin-kind", binning.kind]
     words += ["--scene", source_name(scene.source, places)]
     for flag, value in (
-        ("--illuminant", None if scene.illuminant is None else source_name(scene.illuminant, places)),
+        ("--illuminant", None if scene.illuminant is None else light_name(scene.illuminant, places)),
         ("--luminance", scene.mean_luminance_cd_m2),
         ("--distance", scene.distance_m),
         ("--width", scene.width_m),
@@ -118,11 +123,13 @@ def command_text(state: CameraState, places: Places) -> str:
         words += [f"--motion={','.join(map(repr, rates))}"]
     if lens.source is not None:
         words += ["--optics", source_name(lens.source, places)]
-    else:
+    elif lens.diffraction_limited:
         words += ["--f-number", repr(lens.f_number), "--focal-length", repr(lens.focal_length_mm)]
-        for name, value in lens_fields(lens).items():
+        for name, value in lens.fields.items():
             if name not in ("f_number", "focal_length_mm"):
                 words += ["--lens-option", f"{name}={value}"]
+    else:
+        words += ["--optics", OPTICS_FILE]
     words += ["--exposure", exposure_text(taken.exposure_s), "--seed", str(taken.seed)]
     if taken.temperature_c is not None:
         words += ["--temperature", repr(taken.temperature_c)]
@@ -131,7 +138,19 @@ def command_text(state: CameraState, places: Places) -> str:
     words += ["-o", "shot.tif"]
     if not taken.noise:
         words += ["--clean", "clean.tif"]
-    return shlex.join(words)
+    return optics_file_text(lens) + shlex.join(words)
+
+
+OPTICS_FILE = "bench.optics.yaml"
+"""The optics file that a command writes for a lens that its options cannot describe."""
+
+
+def optics_file_text(lens: LensState) -> str:
+    """Return the command that writes `OPTICS_FILE`; nothing for a lens that needs none. JSON is YAML."""
+    if lens.source is not None or lens.diffraction_limited:
+        return ""
+    content = json.dumps({"photosite_optics": 1, **lens.fields}, indent=1)
+    return f"cat > {OPTICS_FILE} <<'END'\n{content}\nEND\n"
 
 
 def exposure_text(exposure_s: float) -> str:
@@ -146,21 +165,14 @@ def exposure_text(exposure_s: float) -> str:
     return short if parse_exposure(short) == exposure_s else repr(exposure_s)
 
 
-def lens_line(lens: LensState, places: Places) -> str:
-    """Return the line of Python code that makes a lens."""
+def lens_lines(lens: LensState, places: Places) -> list[str]:
+    """Return lines of Python code that make a lens."""
     if lens.source is not None:
-        return f"optics = ps.load_optics({source_name(lens.source, places)!r})"
-    return f"optics = ps.DiffractionLimited({_arguments(lens_fields(lens))})"
-
-
-def lens_fields(lens: LensState) -> dict[str, Any]:
-    """Return the fields of a diffraction-limited lens that are not at their defaults."""
-    found: dict[str, Any] = {"f_number": lens.f_number, "focal_length_mm": lens.focal_length_mm}
-    if lens.transmittance != 1.0:
-        found["transmittance"] = lens.transmittance
-    if lens.falloff != "none":
-        found["falloff"] = lens.falloff
-    return found
+        return [f"optics = ps.load_optics({source_name(lens.source, places)!r})"]
+    if lens.diffraction_limited:
+        return [f"optics = ps.DiffractionLimited({_arguments(lens.fields)})"]
+    fields = f"optics = parse_optics({lens.fields!r}, {OPTICS_FILE!r})"
+    return ["from photosite.optics.io.formats import parse_optics", fields]
 
 
 def source_name(name: str, places: Places) -> str:

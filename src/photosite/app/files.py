@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from photosite.app.state import Part
+from photosite.app.places import Part
+from photosite.color.illuminants import read_illuminant
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.child import ChildError, call_in_child
 from photosite.frames.io.formats import SUFFIXES as RAW_SUFFIXES
@@ -20,7 +21,6 @@ from photosite.frames.io.formats import read_headers, read_raw
 from photosite.optics.io.formats import load_optics
 from photosite.scene.io.formats import FORMATS, read_scene
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.validation.lamp import read_lamp
 
 FileKind = Literal["scene", "sensor", "lens", "raw", "lamp"]
 UploadKind = Literal["scene", "sensor", "lens", "raw", "lamp", "frames"]
@@ -222,7 +222,8 @@ def content_of(path: Path, kind: FileKind) -> str:
         rows, cols = read_raw(path).shape
         return f"{rows} x {cols} pixels"
     if kind == "lamp":
-        return read_lamp(path).name
+        read_illuminant(path)
+        return path.name
     try:
         scene = read_scene(path)
     except FileError as error:

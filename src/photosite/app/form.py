@@ -17,14 +17,13 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from photosite.app.lens_state import LensState
+from photosite.app.places import Part, Places
 from photosite.app.state import (
     BinningState,
     CaptureState,
     FlickerState,
-    LensState,
     MotionState,
-    Part,
-    Places,
     SceneState,
     SensorState,
     changed_sensor,
@@ -40,7 +39,7 @@ from photosite.sensor.io.sensor_file import preset_names
 from photosite.sensor.model import Sensor
 from photosite.sensor.optical_stack import OpticalStack
 from photosite.sensor.quantity import Bounds, as_file_value
-from photosite.sensor.sections import SECTIONS, Array
+from photosite.sensor.sections import SECTIONS, Array, GainSetting
 from photosite.values.cfa import NAMED, tile_text
 from photosite.values.uncertain import Measured
 
@@ -104,8 +103,6 @@ class Form(Part):
     capture: tuple[FormGroup, ...]
     sensors: tuple[str, ...]
     scenes: tuple[str, ...]
-    gain_settings: tuple[float, ...]
-    gain_setting: float | None
 
 
 _SHOWN_UNITS = {
@@ -114,7 +111,7 @@ _SHOWN_UNITS = {
 }  # fmt: skip
 _SUFFIXES = {
     "_cd_m2": "cd/m²", "_m": "m", "_mm": "mm", "_deg_per_s": "°/s", "_per_s": "1/s", "_s": "s", "_deg": "°",
-    "_nm": "nm", "_c": "°C", "_hz": "Hz",
+    "_nm": "nm", "_um": "µm", "_c": "°C", "_hz": "Hz",
 }  # fmt: skip
 
 _LIGHT: dict[str, dict[str, Any]] = {
@@ -142,17 +139,16 @@ _PROVENANCE = ("source", "assumed")
 def form(sensor: SensorState, scene: str, places: Places) -> Form:
     """Return the fields for a sensor and a scene, with the sensor's values."""
     found = changed_sensor(sensor, places)
+    as_in_file = changed_sensor(SensorState(source=sensor.source), places)
     binning = SensorState.model_fields["binning"]
     return Form(
         scene=tuple(_scene_groups(scene)),
         lens=(FormGroup(name="lens", title="Lens", fields=_lens_fields()),),
-        sensor=tuple(_sensor_groups(found)),
+        sensor=(*_sensor_groups(found), _gain_group(as_in_file)),
         binning=_field("binning", binning, None, example=BinningState().model_dump()),
         capture=(FormGroup(name="capture", title="Exposure", fields=_capture_fields()),),
         sensors=preset_names(),
         scenes=BUILT_IN_SCENES,
-        gain_settings=found.all_gain_settings,
-        gain_setting=found.gain_setting,
     )
 
 
@@ -187,9 +183,10 @@ def _lens_fields() -> tuple[FormField, ...]:
     words = parameters_of(DiffractionLimited)
     limits = {"f_number": (LOWEST_F_NUMBER, 32.0), "focal_length_mm": (SHORTEST_FOCAL_MM, 400.0)}
     fields = []
-    for name in ("f_number", "focal_length_mm", "transmittance", "falloff"):
-        info = LensState.model_fields[name]
-        found = _field(name, info, info.default, words[name])
+    for name, info in LensState.model_fields.items():
+        if name == "source":
+            continue
+        found = _field(name, info, info.default, words.get(name))
         if name in limits:
             lowest, highest = limits[name]
             found = found.model_copy(
@@ -248,6 +245,44 @@ def _sensor_groups(sensor: Sensor) -> Iterator[FormGroup]:
     yield FormGroup(name="captures", title="Captures", fields=(
         _field("captures", own["captures"], sensor.captures, channels=channels),
     ))  # fmt: skip
+
+
+_OF_SETTING = (
+    *("conversion_gain_uv_per_e", "analog_gain", "well_capacity_e", "read_noise_e", "row_noise_e", "column_noise_e"),
+    *("dsnu_e", "prnu_percent", "dark_current_e_per_s", "dcnu_percent", "black_level_dn"),
+)
+"""Values of a gain setting on the page; noise in electrons."""
+_OWN_SETTING = "Gain setting of the sensor file's values, such as ISO 100. It is needed where there are others."
+_OTHER_SETTINGS = "Others, ascending. An empty field has the value of the sensor file's own setting."
+
+
+def _gain_group(sensor: Sensor) -> FormGroup:
+    """Return the fields of the sensor's gain settings, as its file has them."""
+    own, volts = Sensor.model_fields, sensor.pixel.voltage_swing_v != ASSUMED_SWING
+    names = tuple(name for name in _OF_SETTING if volts or name != CONVERSION)
+    of_model = {name: info for pair in SECTIONS.values() for kind in pair for name, info in kind.model_fields.items()}
+    setting = GainSetting.model_fields["setting"]
+    fields = [_field("setting", setting, None)]
+    for name in names:
+        field = _field(name, of_model[name], None)
+        fields.append(field.model_copy(update={"optional": True, "slider": None}))
+    values = [_setting_values(sensor, entry.setting, names) for entry in sensor.gain_settings]
+    table = _field("gain_settings", own["gain_settings"], (), _OTHER_SETTINGS)
+    last = sensor.all_gain_settings[-1] if sensor.all_gain_settings else 100.0
+    at_last = sensor.at_gain_setting(last) if sensor.all_gain_settings else sensor
+    example = [{"setting": 2 * last, "analog_gain": 2 * at_last.readout.analog_gain.value}]
+    return FormGroup(name="gain_settings", title="Gain settings", fields=(
+        _field("gain_setting", own["gain_setting"], sensor.gain_setting, _OWN_SETTING),
+        _field("gain_setting_is_iso", own["gain_setting_is_iso"], sensor.gain_setting_is_iso),
+        table.model_copy(update={"fields": tuple(fields), "value": values, "example": example}),
+    ))  # fmt: skip
+
+
+def _setting_values(sensor: Sensor, setting: float, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return the values of a gain setting that differ from the sensor's own, with the ten digits that a link needs."""
+    own, values = (_values(each, names) for each in (sensor, sensor.at_gain_setting(setting)))
+    digits = {name: (float(f"{value.value:.10g}"), float(f"{own[name].value:.10g}")) for name, value in values.items()}
+    return {"setting": setting} | {name: there for name, (there, here) in digits.items() if there != here}
 
 
 def _values(sensor: Sensor, names: tuple[str, ...]) -> dict[str, Any]:
@@ -352,6 +387,9 @@ def _field(
     slider, logarithmic = None, False
     if kind in ("number", "whole"):
         slider, logarithmic = _slider(number if finite else None, example, lowest, highest, kind == "whole")
+        if isinstance(stated := extra.get("slider"), list):
+            low, high = (float(end) for end in stated)  # type: ignore[arg-type]
+            slider, logarithmic = (low, high), low > 0
     unit = str(extra.get("unit", ""))
     fields: tuple[FormField, ...] = ()
     if kind in ("section", "list"):
@@ -406,6 +444,7 @@ def _table(grid: FormField, columns: list[FormField]) -> FormField:
         kind="table",
         fields=(grid, *columns),
         optional=grid.optional,
+        only=grid.only,
     )
 
 
@@ -448,7 +487,9 @@ def _label(name: str) -> str:
     shown = {
         "dsnu": "DSNU", "prnu": "PRNU", "dcnu": "DCNU", "f number": "f-number", "cols": "Columns",
         "cfa": "Color filter array", "em gain": "EM gain", "dn per": "DN per electron", "decay pixels": "Decay",
-        "charge of": "Charge of capture", "overscan cols": "Overscan columns",
+        "charge of": "Charge of capture", "overscan cols": "Overscan columns", "places are": "Places in",
+        "zernike": "Zernike coefficients", "max field": "Largest field angle", "k1": "k1", "k2": "k2", "k3": "k3",
+        "gain setting is iso": "Settings are ISO speeds", "spread": "Decay length", "gain settings": "Other settings",
     }  # fmt: skip
     return shown.get(words, words[:1].upper() + words[1:])
 

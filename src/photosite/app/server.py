@@ -43,7 +43,8 @@ from photosite.app.files import (
 )
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
-from photosite.app.state import CameraState, Part, Places, SensorState, Text
+from photosite.app.places import Part, Places, Text
+from photosite.app.state import CameraState, SensorState
 from photosite.app.view import View, exact_frame, prepare_frames, prepare_views, saved_frame, view_bytes
 from photosite.app.workers import BusyError, Job, Pool, Queue, WorkerError
 from photosite.calibration.parameters import PARAMETER_LABELS

@@ -10,16 +10,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from pydantic.config import JsonDict, JsonValue
 
+from photosite.app.lens_state import LensState, lens
+from photosite.app.places import UPLOAD, Part, Places, Text
 from photosite.camera.camera import Camera
-from photosite.camera.file import DEFAULT_EXPOSURE_S, DEFAULT_F_NUMBER, DEFAULT_FOCAL_LENGTH_MM, DEFAULT_SENSOR, SetUp
+from photosite.camera.file import DEFAULT_EXPOSURE_S, DEFAULT_SENSOR, SetUp
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.errors import InputError
-from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.io.formats import load_optics
-from photosite.optics.lens import Optics
 from photosite.scene.charts.chart import DEFAULT_LUMINANCE_CD_M2
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.flicker import Flicker, PulseFlicker, SineFlicker, TableFlicker
@@ -27,24 +26,18 @@ from photosite.scene.motion import Motion
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import BUILT_IN_SCENES, DEFAULT_ILLUMINANT, DEFAULT_SCENE, SceneRequest
 from photosite.sensor.binning import Binning
+from photosite.sensor.gain_table import changed_at_setting
 from photosite.sensor.io.sensor_file import load_sensor, preset_names
 from photosite.sensor.model import Sensor
 
 MOST_PIXELS = 64_000_000
 """Pixels, and cells of the image, that the bench computes a frame of."""
 
-FILE, UPLOAD = "file:", "upload:"
-"""Prefixes of names that are not built in: a file of the served folder, and an uploaded one."""
-
-Text = Annotated[str, Field(max_length=400)]
 Numbers = Annotated[tuple[float, ...], Field(max_length=10_000)]
 Value = bool | int | float | Text | Numbers | None
 
 
-class Part(BaseModel):
-    """A part of the state; unknown fields are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+LIGHT = "CIE illuminant, blackbody such as 3200K, led 4000, or file:NAME or upload:ID of a CSV file."
 
 
 def _only_of(*kinds: JsonValue) -> JsonDict:
@@ -103,7 +96,8 @@ class SceneState(Part):
         DEFAULT_SCENE, description="A built-in scene, or file:NAME of the served folder, or upload:ID."
     )
     illuminant: Text | None = Field(
-        DEFAULT_ILLUMINANT, description="CIE illuminant, blackbody such as 3200K, or led 4000. None: the file's own."
+        DEFAULT_ILLUMINANT,
+        description=f"{LIGHT} None: the file's own.",
     )
     mean_luminance_cd_m2: float | None = Field(
         DEFAULT_LUMINANCE_CD_M2, gt=0, le=1e9, description="Mean luminance. None: the file's own."
@@ -120,16 +114,6 @@ class SceneState(Part):
     def dynamic(self) -> bool:
         """Whether the scene changes during an exposure."""
         return self.flicker is not None or self.motion is not None
-
-
-class LensState(Part):
-    """A diffraction-limited lens, or an optics file, which replaces it."""
-
-    source: Text | None = Field(None, description="An optics file, file:NAME or upload:ID. None: the fields below.")
-    f_number: float = Field(DEFAULT_F_NUMBER, description="As for `photosite.DiffractionLimited`.")
-    focal_length_mm: float = Field(DEFAULT_FOCAL_LENGTH_MM, description="As for `photosite.DiffractionLimited`.")
-    transmittance: float = Field(1.0, description="As for `photosite.DiffractionLimited`.")
-    falloff: Literal["none", "cos4"] = Field("none", description="As for `photosite.DiffractionLimited`.")
 
 
 class BinningState(Part):
@@ -210,67 +194,6 @@ def _digest(part: BaseModel) -> str:
     return hashlib.sha256(part.model_dump_json().encode()).hexdigest()[:32]
 
 
-class Places(Part):
-    """Where the names of files in a state are on disk, and the folder for the files of results."""
-
-    folder: Path | None = None
-    uploads: dict[str, Path] = {}
-    results: Path | None = None
-
-    def path(self, name: str) -> Path | None:
-        """Return the path of `file:NAME` or `upload:ID`; None for any other name.
-
-        Raises
-        ------
-        InputError
-            If the name leaves the served folder, or there is no such file.
-        """
-        if name.startswith(UPLOAD):
-            found = self.uploads.get(name.removeprefix(UPLOAD))
-            if found is None:
-                raise InputError("upload", value=name, expected="a file that was uploaded", hint="Upload it again")
-            return found
-        return inside(self.folder, name.removeprefix(FILE)) if name.startswith(FILE) else None
-
-
-def inside(folder: Path | None, name: str) -> Path:
-    """Return the path of a file or folder in the served folder.
-
-    Parameters
-    ----------
-    folder
-        The served folder.
-    name
-        A relative path with forward slashes.
-
-    Raises
-    ------
-    InputError
-        If nothing is served, the name is absolute or contains "..", a backslash, a colon or a control character, or
-        the file does not exist or lies outside the folder, symbolic links followed.
-
-    Examples
-    --------
-    >>> inside(Path("/data"), "../etc/passwd")
-    Traceback (most recent call last):
-    photosite.errors.InputError: file must be a relative path inside the served folder, got '../etc/passwd'
-    """
-    expected = "a relative path inside the served folder"
-    if folder is None:
-        raise InputError("no folder is served", hint="Start photosite serve with a folder")
-    parts = name.split("/")
-    if any(part in ("", "..", ".") for part in parts) or any(c in '\\:%~*?<>|"' or ord(c) < 32 for c in name):
-        raise InputError("file", value=name, expected=expected)
-    root = folder.resolve()
-    try:
-        found = root.joinpath(*parts).resolve(strict=True)
-    except (OSError, RuntimeError, ValueError):
-        raise InputError("file", value=name, expected="an existing file of the served folder") from None
-    if not found.is_relative_to(root):
-        raise InputError("file", value=name, expected=expected)
-    return found
-
-
 @dataclass(frozen=True, eq=False)
 class Bench:
     """The camera and the scene request of a state."""
@@ -336,7 +259,7 @@ def bench(state: CameraState, places: Places) -> Bench:
 
 
 def changed_sensor(state: SensorState, places: Places) -> Sensor:
-    """Return the sensor of a state: its gain setting is applied first, then the changes, then the binning."""
+    """Return the sensor of a state: `changed_at_setting`, then binned."""
     path = places.path(state.source)
     if path is None and state.source not in preset_names():
         raise InputError("sensor", value=state.source, expected=f"one of {', '.join(preset_names())}, or a file")
@@ -350,11 +273,9 @@ def _changed_sensor(text: str, path: Path | None, changed_ns: int) -> Sensor:
     sensor = _loaded(state.source, None, 0) if path is None else _loaded("", path, changed_ns)
     if path is not None and state.source.startswith(UPLOAD) and sensor.maps is not None:
         raise InputError("an uploaded sensor file cannot name maps", hint="Put both files into the served folder")
-    if state.gain_setting is not None:
-        sensor = sensor.at_gain_setting(state.gain_setting)
-    if {"maps", "covariance", "gain_settings"} & state.changes.keys():
-        raise InputError("changes", value=sorted(state.changes), expected="without maps, covariance and gain settings")
-    sensor = sensor.with_(**state.changes) if state.changes else sensor
+    if {"maps", "covariance"} & state.changes.keys():
+        raise InputError("changes", value=sorted(state.changes), expected="without maps and covariance")
+    sensor = changed_at_setting(sensor, state.gain_setting, state.changes)
     return sensor if state.binning is None else sensor.binned(state.binning.factor, state.binning.kind)
 
 
@@ -364,14 +285,20 @@ def _loaded(name: str, path: Path | None, changed_ns: int) -> Sensor:
     return load_sensor(name if path is None else path)
 
 
-def lens(state: LensState, places: Places) -> Optics:
-    """Return the lens of a state."""
-    if state.source is None:
-        return DiffractionLimited(state.f_number, state.focal_length_mm, state.transmittance, state.falloff)
-    path = places.path(state.source)
+def light_name(name: str, places: Places) -> str:
+    """Return what the library takes for the name of a light: a known illuminant, or the path of a CSV file.
+
+    Raises
+    ------
+    InputError
+        If there is no such illuminant, or the name is a path, which could be that of any file.
+    """
+    path = places.path(name)
+    if (path is None and name.strip().lower().endswith(".csv")) or (path is not None and path.suffix.lower() != ".csv"):
+        raise InputError("illuminant", value=name, expected="a known name, or file:NAME or upload:ID of a CSV file")
     if path is None:
-        raise InputError("lens", value=state.source, expected="an optics file")
-    return load_optics(path)
+        relative_energy(name, [560.0])
+    return name if path is None else str(path)
 
 
 def scene_request(state: SceneState, places: Places) -> SceneRequest:
@@ -380,13 +307,9 @@ def scene_request(state: SceneState, places: Places) -> SceneRequest:
     if path is None and state.source not in BUILT_IN_SCENES:
         raise InputError("scene", value=state.source, expected=f"one of {', '.join(BUILT_IN_SCENES)}, or a file")
     names = ("illuminant", "mean_luminance_cd_m2", "distance_m", "width_m")
+    if twice := [name for name in names if name in state.options]:
+        raise InputError("options", value=twice[0], expected=f"without {', '.join(names)}, fields of the scene itself")
     options = {name: value for name in names if (value := getattr(state, name)) is not None}
     if (light := options.get("illuminant")) is not None:
-        if light.strip().lower().endswith(".csv"):
-            found = places.path(light)
-            if found is None:
-                raise InputError("illuminant", value=light, expected="file:NAME of a CSV file, or a known name")
-            options["illuminant"] = str(found)
-        else:
-            relative_energy(light, [560.0])
+        options["illuminant"] = light_name(light, places)
     return SceneRequest(state.source if path is None else str(path), options | state.options)

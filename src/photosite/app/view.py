@@ -26,8 +26,9 @@ import scipy.fft
 from numpy.typing import NDArray
 from pydantic import Field
 
+from photosite.app.places import Part, Places
 from photosite.app.recorded_warnings import recorded_warnings
-from photosite.app.state import Bench, CameraState, Part, Places, SensorState, bench
+from photosite.app.state import Bench, CameraState, SensorState, bench
 from photosite.camera.camera import Camera
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
 from photosite.develop.develop import develop, develop_rgba, save_picture
@@ -40,6 +41,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.capture_snr import capture_budget
 from photosite.optics.point_spread import RadialPsf
 from photosite.scene.scene import Scene
+from photosite.scene.scene_request import SceneRequest
 from photosite.sensor.capture_readout import largest_light_e
 from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.model import Sensor
@@ -290,12 +292,27 @@ def _add(kept: OrderedDict[Any, Any], key: Any, value: Any, most: int = 16) -> N
 
 def scene_of(found: Bench) -> Scene:
     """Return the scene of a state, made once."""
-    request = found.request
+    return _made(found.request)
+
+
+def _unit_scene(found: Bench) -> tuple[Scene, float]:
+    """Return the scene at 1 cd/m2 where the state gives its luminance, and the factor of its light to that luminance.
+
+    The image is linear in the luminance, so that a change of it needs neither a scene nor an image.
+    """
+    luminance_cd_m2 = found.request.options.get("mean_luminance_cd_m2")
+    if luminance_cd_m2 is None:
+        return scene_of(found), 1.0
+    options = {**found.request.options, "mean_luminance_cd_m2": 1.0}
+    return _made(replace(found.request, options=options)), float(luminance_cd_m2)
+
+
+def _made(request: SceneRequest) -> Scene:
     changed = Path(request.source).stat().st_mtime_ns if request.is_file else 0
     key = (request.source, changed, tuple(sorted((name, str(value)) for name, value in request.options.items())))
     if key not in _scenes:
-        scene = found.scene()
-        for other in _scenes.values():  # a change of the luminance leaves the weights, so that their spectra are kept
+        scene = request.scene()
+        for other in _scenes.values():  # a change of the light leaves the weights, so that their spectra are kept
             if np.array_equal(scene.weights, other.weights):
                 scene = replace(scene, weights=other.weights)
                 break
@@ -314,7 +331,7 @@ def _pixels(first: int, count: int, step: int, tile: int, size: int) -> I64:
 
 def _shown(found: Bench, view: View, folder: Path) -> Shown:
     state, sensor = found.state, found.camera.sensor
-    array, scene = sensor.array, scene_of(found)
+    array, (scene, factor) = sensor.array, _unit_scene(found)
     tile = len(array.cfa), len(array.cfa[0])
     height, width = view.height, view.width
     if height * width > MOST_SHOWN:
@@ -328,7 +345,7 @@ def _shown(found: Bench, view: View, folder: Path) -> Shown:
     notes: list[str] = []
     if rate is None:
         light, notes = _preview_rate(found, scene, rows, cols, step)
-        mean_e = light * np.float32(state.capture.exposure_s) * _relative_light(found, rows, step)
+        mean_e = light * np.float32(factor * state.capture.exposure_s) * _relative_light(found, rows, step)
         if state.scene.motion is not None:
             notes = [*notes, "the preview is without motion"]
     else:
@@ -458,8 +475,18 @@ _rates: OrderedDict[tuple[Any, ...], tuple[F32, list[str]]] = OrderedDict()
 
 
 def _preview_rate(found: Bench, scene: Scene, rows: I64, cols: I64, step: int) -> tuple[F32, list[str]]:
-    """Return `approximate_rate`, that of the last state again where only exposure or noise changed."""
-    key = (found.state.mean_key, id(scene), step, int(rows[0]), rows.size, int(cols[0]), cols.size)
+    """Return `approximate_rate`, that of the last state again where only luminance, exposure or noise changed."""
+    of_any_luminance = found.state.scene.model_copy(update={"mean_luminance_cd_m2": None})
+    state = found.state.model_copy(update={"scene": of_any_luminance})
+    key = (
+        state.mean_key,
+        id(scene),
+        step,
+        int(rows[0]),
+        rows.size,
+        int(cols[0]),
+        cols.size,
+    )
     if key not in _rates:
         _rates.clear()
         _rates[key] = approximate_rate(found.camera, scene, rows, cols, step)
@@ -833,7 +860,7 @@ def _header(found: Bench, shown: Shown, view: View, folder: Path) -> dict[str, A
         "response": _response_table(sensor),
         "saturation_e": capacity,
         "sensor": sensor.name,
-        "scene": scene_of(found).name,
+        "scene": _unit_scene(found)[0].name,
         "exposure_s": taken.exposure_s,
         "snr": _snr_table(at, taken.exposure_s, max(capacity, 1.0)),
         "histogram": _histogram(shown.pixels, taken_as.white_level_dn, array.cfa),

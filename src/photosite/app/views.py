@@ -30,8 +30,10 @@ from photosite.app.compare_view import (
     run_validation,
     validation_code,
 )
-from photosite.app.copy_text import exposure_text, lens_fields, lens_line, sensor_lines, source_name
-from photosite.app.state import LensState, Part, Places, SensorState, Text, changed_sensor, lens
+from photosite.app.copy_text import exposure_text, lens_lines, sensor_lines, source_name
+from photosite.app.lens_state import LensState, lens
+from photosite.app.places import Part, Places, Text
+from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
@@ -66,7 +68,7 @@ class PlanRequest(Part):
     wants: dict[Text, Text] = Field({"system_gain_dn_per_e": "0.5%"}, min_length=1, max_length=12, description=_WANTS)
     longest_dark_s: float = Field(5.0, gt=0, le=1e5, description="Longest exposure time of a dark frame in s.")
     longest_flat_s: float = Field(1 / 20, gt=0, le=1e5, description="Longest exposure time of a flat field in s.")
-    illuminant: Text = Field("D65", description="Light of the flat fields.")
+    illuminant: Text = Field("D65", description=LIGHT)
     seconds_per_frame: float = Field(1.0, ge=0, le=3600, description="Time to read and save a frame, in s.")
 
 
@@ -78,7 +80,7 @@ def plan(request: PlanRequest, places: Places, progress: Progress | None = None)
         raised,
         _wants(request),
         design=Design(request.longest_dark_s, request.longest_flat_s),
-        illuminant=request.illuminant,
+        illuminant=light_name(request.illuminant, places),
     )
     seconds = sum(group.frames * (group.exposure_s + request.seconds_per_frame) for group in found.groups)
     return {**found.to_dict(), "seconds": seconds, "black_level_dn": raised.readout.black_level_dn.value}
@@ -91,6 +93,7 @@ def _wants(request: PlanRequest) -> dict[str, Want]:
 
 def plan_code(request: PlanRequest, places: Places) -> tuple[str, str]:
     """Return the plan as Python code and as a command, which takes unchanged sensors only."""
+    illuminant = light_name(request.illuminant, places)
     lines = [
         "import photosite as ps",
         "from photosite.studies.planning import Design, Want, plan_frames",
@@ -101,7 +104,7 @@ def plan_code(request: PlanRequest, places: Places) -> tuple[str, str]:
         f"texts = {[f'{name}={value}' for name, value in request.wants.items()]!r}",
         "wants = {want.parameter: want for want in map(Want.parse, texts)}",
         f"design = Design({request.longest_dark_s!r}, {request.longest_flat_s!r})",
-        f"plan = plan_frames(sensor, wants, design=design, illuminant={request.illuminant!r})",
+        f"plan = plan_frames(sensor, wants, design=design, illuminant={illuminant!r})",
         "print(plan.to_dict())",
     ]
     command = ""
@@ -112,7 +115,7 @@ def plan_code(request: PlanRequest, places: Places) -> tuple[str, str]:
         for name, value in request.wants.items():
             words += ["--want", f"{name}={value}"]
         words += ["--longest-flat", exposure_text(request.longest_flat_s)]
-        words += ["--longest-dark", exposure_text(request.longest_dark_s), "--illuminant", request.illuminant]
+        words += ["--longest-dark", exposure_text(request.longest_dark_s), "--illuminant", illuminant]
         command = shlex.join(words)
     return "\n".join(lines) + "\n", command
 
@@ -155,7 +158,7 @@ class SweepRequest(Part):
     measure: Literal["snr", "sensor_figures"] = Field("snr", description="As for `photosite sweep`.")
     luminance_cd_m2: float = Field(5.0, gt=0, le=1e9, description="Luminance of the surface, for snr.")
     exposure_s: float = Field(1 / 60, gt=0, le=1e5, description="Exposure time in s.")
-    illuminant: Text = Field("D65", description="Light on the surface.")
+    illuminant: Text = Field("D65", description=LIGHT)
 
 
 def run_sweep(request: SweepRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
@@ -164,7 +167,7 @@ def run_sweep(request: SweepRequest, places: Places, progress: Progress | None =
     if (points := math.prod(map(len, values.values()))) > _MOST_POINTS:
         raise InputError("values", value=points, expected=f"at most {_MOST_POINTS} cameras")
     camera = Camera(lens(request.lens, places), changed_sensor(request.sensor, places))
-    measure, done = _measure(request), 0
+    measure, done = _measure(request, places), 0
 
     def counted(changed: Camera) -> Any:
         nonlocal done
@@ -199,8 +202,8 @@ def _values(request: SweepRequest) -> dict[str, list[float]]:
     return {entry.field: entry.values for entry in request.ranges}
 
 
-def _measure(request: SweepRequest) -> Callable[[Camera], Any]:
-    light: dict[str, Any] = {"exposure_s": request.exposure_s, "illuminant": request.illuminant}
+def _measure(request: SweepRequest, places: Places) -> Callable[[Camera], Any]:
+    light: dict[str, Any] = {"exposure_s": request.exposure_s, "illuminant": light_name(request.illuminant, places)}
     if request.measure == "snr":
         return partial(snr, luminance_cd_m2=request.luminance_cd_m2, **light)
     return partial(sensor_figures, **light)
@@ -208,7 +211,8 @@ def _measure(request: SweepRequest) -> Callable[[Camera], Any]:
 
 def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
     """Return the sweep as Python code and as a sweep file with its command, which takes unchanged sensors only."""
-    light = f"exposure_s={request.exposure_s!r}, illuminant={request.illuminant!r}"
+    illuminant = light_name(request.illuminant, places)
+    light = f"exposure_s={request.exposure_s!r}, illuminant={illuminant!r}"
     if request.measure == "snr":
         light = f"luminance_cd_m2={request.luminance_cd_m2!r}, {light}"
     where = "gray_surface" if request.measure == "snr" else "sensor_comparison"
@@ -218,7 +222,7 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
         f"from photosite.studies.{where} import {request.measure}",
         "",
         *sensor_lines(request.sensor, places),
-        lens_line(request.lens, places),
+        *lens_lines(request.lens, places),
         f"values = {_values(request)!r}",
         f"measure = partial({request.measure}, {light})",
         "table = ps.sweep(ps.Camera(optics, sensor), values, measure)",
@@ -231,8 +235,8 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
         if request.sensor.gain_setting is not None:
             camera["gain_setting"] = request.sensor.gain_setting
         source = request.lens.source
-        camera["optics"] = lens_fields(request.lens) if source is None else source_name(source, places)
-        measured: dict[str, Any] = {"exposure": exposure_text(request.exposure_s), "illuminant": request.illuminant}
+        camera["optics"] = request.lens.fields if source is None else source_name(source, places)
+        measured: dict[str, Any] = {"exposure": exposure_text(request.exposure_s), "illuminant": illuminant}
         if request.measure == "snr":
             measured["luminance_cd_m2"] = request.luminance_cd_m2
         content = {

@@ -3,17 +3,18 @@
 import { finished, post, postForBytes, progressReporter, remove, showError, tab } from "./api.js";
 import { copied, element, short, table } from "./dom.js";
 import { partRow } from "./parts.js";
-import { dropOnView, picks } from "./picks.js";
+import { lights, spectrumUpload } from "./lights.js";
+import { dropOnView, gainPick, picks } from "./picks.js";
 import { Picture, decode, describe, snrLegend } from "./picture.js";
 import { plot } from "./plots.js";
 import { merged, toHash } from "./state.js";
 
 const at = (id) => document.getElementById(id);
 const IDLE_MS = 450;
-const LIGHTS = ["A", "D50", "D65", "3200K", "daylight 5600", "led 4000", "FL2", "FL11", "sunlight"];
 
 export let state = merged(null);
-let form = null, picture = null, job = null, idle = null, exactWanted = false;
+const GAIN_TABLE = ["gain_setting", "gain_settings", "gain_setting_is_iso"];
+let form = null, gain = null, picture = null, job = null, idle = null, exactWanted = false;
 let inFlight = false, again = false, since = null, last = null, undo = null, suggested = null;
 const open = new Set(["Light and place", "Lens", "Exposure", "Noise"]);
 
@@ -69,8 +70,9 @@ export async function restore(content) {
 
 async function loadForm() {
   try {
-    // The form shows the sensor's own values; changes are marked beside them.
-    form = await post("/api/form", { sensor: { ...state.sensor, changes: {}, binning: null }, scene: state.scene.source });
+    // The form shows the sensor's own values, at a gain setting that can be a changed one; changes are marked beside them.
+    const changes = Object.fromEntries(Object.entries(state.sensor.changes).filter(([name]) => GAIN_TABLE.includes(name)));
+    form = await post("/api/form", { sensor: { ...state.sensor, changes, binning: null }, scene: state.scene.source });
   } catch (error) {
     showError(error.message);
     return;
@@ -95,14 +97,17 @@ async function build() {
       changed(performance.now());
     });
   };
+  const known = await lights();
+  const spectrum = spectrumUpload((name) => { state.scene.illuminant = name; build().then(() => changed(performance.now())); });
   const scene = form.scene.flatMap((each) => each.name === "options"
     ? [element("fieldset", {}, element("legend", {}, each.title), ...each.fields.map(optionRow))]
-    : each.fields.map((field) => part("scene")(field.name === "illuminant" ? { ...field, choices: LIGHTS } : field)));
+    : each.fields.flatMap((field) => field.name === "illuminant" ? [part("scene")({ ...field, choices: known.map(([name]) => name) }), ...spectrum] : part("scene")(field)));
   const lens = state.lens.source ? [element("p", { class: "hint" }, "The optics file defines the lens.")]
-    : [...form.lens[0].fields.map(part("lens")), element("p", { class: "hint", id: "field-of-view" }, fieldOfView())];
-  undo = element("button", { type: "button", onclick: () => { Object.assign(state.sensor, { changes: {}, binning: null }); reload(true); } }, "Undo changes of the sensor");
+    : [...form.lens[0].fields.filter((each) => !each.fields.length).map(part("lens")), element("p", { class: "hint", id: "field-of-view" }, fieldOfView()), ...form.lens[0].fields.filter((each) => each.fields.length).map(part("lens"))];
+  gain = element("div", {}, ...gainPick(sensorValue, state, reload));
+  undo = element("button", { type: "button", onclick: undoSensor }, "Undo changes of the sensor");
   controls.replaceChildren(
-    element("div", { class: "pick" }, ...(await picks(form, state, reload)), undo),
+    element("div", { class: "pick" }, ...(await picks(form, state, reload)), gain, undo),
     group("Light and place", scene),
     group("Lens", lens),
     group("Exposure", form.capture[0].fields.map(part("capture"))),
@@ -120,12 +125,19 @@ function optionRow(field) {
   });
 }
 
+function undoSensor() {
+  if ("gain_settings" in state.sensor.changes || "gain_setting" in state.sensor.changes) state.sensor.gain_setting = null;
+  Object.assign(state.sensor, { changes: {}, binning: null });
+  reload(true);
+}
+
 function sensorRow(field) {
   const changes = state.sensor.changes, isPart = ["section", "entries", "list"].includes(field.kind);
   return partRow(field, field.name in changes ? changes[field.name] : field.value, (value) => {
     const own = isPart ? JSON.stringify(value) === JSON.stringify(field.value) : value === null || value === field.value;
     if (own) delete changes[field.name];
     else changes[field.name] = value;
+    if (GAIN_TABLE.includes(field.name)) gain.replaceChildren(...gainPick(sensorValue, state, reload));
     if (["rows", "cols"].includes(field.name)) picture.setFrame(...array());
     changed(performance.now());
   });

@@ -4,6 +4,7 @@ import { get, post, showError, upload } from "./api.js";
 import { state as camera } from "./camera.js";
 import { element, short, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
+import { lightField, lights } from "./lights.js";
 import { LinkedPictures } from "./linked.js";
 import { plot } from "./plots.js";
 
@@ -20,7 +21,6 @@ const FIGURES = [
   ["mean_delta_e_2000", "Color error, mean ΔE 2000"], ["largest_delta_e_2000", "Color error, largest ΔE 2000"],
   ["mean_delta_e_2000_left_out", "Mean ΔE 2000 of patches left out of the fit"],
 ];
-const LIGHTS = ["3200K", "A", "D50", "D65", "daylight 5600", "led 4000", "FL2", "FL11", "sunlight"];
 const FITS = [["light", "fit it to the patches"], ["", "as given"], ["fill_factor", "as given, fit the fill factor"]];
 const WHITE_OVER_MEAN = 4.5; // of a ColorChecker's patches: such a white is as bright in all pictures
 const COMPUTE_MS = 400;
@@ -41,8 +41,8 @@ export async function show(restored) {
   if (built && !restored) return;
   built = true;
   if (restored) content = { ...content, ...restored, of: { ...content.of, ...restored.of } };
-  const [form, ...lists] = await Promise.all([post("/api/form", {}), ...["sensor", "lens", "raw", "folder", "lamp", "scene"].map((kind) => get(`/api/files?kind=${kind}`))]);
-  const [sensors, lenses, raws, folders, lamps, scenes] = lists.map((list) => list.map((file) => `file:${file.name}`));
+  const [form, lamps, ...lists] = await Promise.all([post("/api/form", {}), lights(), ...["sensor", "lens", "raw", "folder", "scene"].map((kind) => get(`/api/files?kind=${kind}`))]);
+  const [sensors, lenses, raws, folders, scenes] = lists.map((list) => list.map((file) => `file:${file.name}`));
   known = { sensors: form.sensors.map((source) => ({ source })), lenses, raws, folders, lamps, scenes: [...form.scenes, ...scenes] };
   known.sensors.push(...sensors.map((source) => ({ source })));
   const own = Object.keys(camera.sensor.changes).length > 0 || camera.sensor.gain_setting !== null || Boolean(camera.sensor.binning);
@@ -63,7 +63,6 @@ function build() {
     return element("label", {}, button, ` ${label}`);
   }));
   root.replaceChildren(element("h2", { id: "compare-title" }, "Compare"), kinds,
-    element("datalist", { id: "compare-lights" }, ...[...LIGHTS, ...known.lamps].map((value) => element("option", { value }))),
     ...(content.kind === "measured" ? buildMeasured() : buildCameras()));
 }
 
@@ -101,7 +100,7 @@ function buildCameras() {
   same.checked = content.same;
   const light = element("div", { class: "fields" },
     field("Exposure time", "s", { type: "number", min: 1e-6, required: true }, Number(content.exposure_s.toPrecision(6)), (value) => { content.exposure_s = value; changed(); }),
-    field("Light", "", { type: "text", list: "compare-lights", required: true }, content.illuminant, (value) => { content.illuminant = value; changed(); }),
+    ...lightField("Light", known.lamps, content.illuminant, (value) => { content.illuminant = value; changed(); }),
     field("Mean luminance", "cd/m²", { type: "number", min: 1e-6, required: true }, content.mean_luminance_cd_m2, (value) => { content.mean_luminance_cd_m2 = value; changed(); }),
     scene, element("label", { class: "check" }, "Pictures of the same brightness", same));
   start();
@@ -220,22 +219,18 @@ function buildMeasured() {
   const option = (value, text) => { const made = element("option", { value }, text); made.selected = content.measured.includes(value); return made; };
   files.append(...known.folders.map((name) => option(name, `${name.replace("file:", "")}/ (folder)`)), ...known.raws.map((name) => option(name, name.replace("file:", ""))));
   for (const name of content.measured) if (![...known.folders, ...known.raws].includes(name)) files.append(option(name, name));
-  const receive = (kind, done) => {
-    const box = element("input", { type: "file", multiple: kind === "raw", hidden: true, "aria-label": `Upload ${kind === "raw" ? "raw frames" : "a lamp's spectrum"}`, onchange: async () => {
-      try {
-        for (const file of box.files) done(await upload(file, kind));
-        showError("");
-      } catch (error) { showError(error.message); }
-    } });
-    return box;
-  };
-  const raw = receive("raw", (found) => {
-    known.raws.push(found.name);
-    content.measured = [...content.measured, found.name];
-    files.append(option(found.name, `${found.file_name}, ${found.holds}`));
-  });
-  const light = field("Lamp", "", { type: "text", list: "compare-lights", required: true }, of.illuminant, (value) => { of.illuminant = value; });
-  const lamp = receive("lamp", (found) => { of.illuminant = light.querySelector("input").value = found.name; });
+  const raw = element("input", { type: "file", multiple: true, hidden: true, "aria-label": "Upload raw frames", onchange: async () => {
+    try {
+      for (const file of raw.files) {
+        const found = await upload(file, "raw");
+        known.raws.push(found.name);
+        content.measured = [...content.measured, found.name];
+        files.append(option(found.name, `${found.file_name}, ${found.holds}`));
+      }
+      showError("");
+    } catch (error) { showError(error.message); }
+  } });
+  const light = lightField("Lamp", known.lamps, of.illuminant, (value) => { of.illuminant = value; });
   const optional = (label, unit, name, attributes = {}) => {
     const box = element("input", { type: "number", step: "any", placeholder: "of the files", ...attributes });
     box.value = of[name] ?? "";
@@ -254,7 +249,7 @@ function buildMeasured() {
   const drawFields = () => fields.replaceChildren(
     sensorChoice("Sensor simulated", of.sensor, (sensor) => { of.sensor = sensor; }),
     ...lensFields(of.lens, (lens, again) => { of.lens = lens; if (again) drawFields(); }),
-    light, element("button", { type: "button", onclick: () => lamp.click() }, "Upload a spectrum …"), lamp,
+    ...light,
     choice("Light level", FITS, of.fit ?? "", (value) => { of.fit = value; }),
     optional("Mean luminance of the patches", "cd/m²", "luminance_cd_m2", { min: 1e-6, placeholder: "of the lamp" }),
     optional("Exposure time", "s", "exposure_s", { min: 1e-9 }), optional("Distance to the chart", "m", "distance_m", { min: 1e-3, placeholder: "1.2" }),

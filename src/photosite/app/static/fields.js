@@ -38,6 +38,14 @@ export function fieldRow(field, value, changed) {
       min: field.lowest, max: field.highest, placeholder: field.optional ? "default" : null, required: !field.optional,
     });
     box.value = typeof value === "number" ? Number(value.toPrecision(6)) : value ?? "";
+    const problem = element("p", { class: "problem", id: `${id}-problem`, role: "alert", hidden: true });
+    box.setAttribute("aria-describedby", `${field.description ? `${hint} ` : ""}${problem.id}`);
+    const check = () => {
+      const valid = box.validity.valid;
+      problem.hidden = valid;
+      problem.textContent = valid ? "" : `${field.label} must be ${range(field)}.`;
+      if (valid) box.removeAttribute("aria-invalid"); else box.setAttribute("aria-invalid", "true");
+    };
     const slider = field.slider ? element("input", {
       type: "range", min: 0, max: STEPS, step: 1, "aria-label": `${field.label} slider${field.unit ? ` in ${field.unit}` : ""}`,
     }) : null;
@@ -46,23 +54,33 @@ export function fieldRow(field, value, changed) {
     show();
     spoken();
     box.addEventListener("input", () => {
-      if (box.value === "" && !field.optional) return;
-      if (!box.validity.valid) return;
+      if (!box.validity.valid) return; // it can be half a number yet
+      check();
       show();
       spoken();
       set(box.value === "" ? null : Number(box.value));
     });
+    box.addEventListener("change", check);
     slider?.addEventListener("input", () => {
       const next = fromPosition(field, Number(slider.value));
       box.value = next;
+      check();
       spoken();
       set(next);
     });
     row.append(element("div", { class: "label" }, label, element("span", { class: "entry" }, box, unit)));
     if (slider) row.append(slider);
+    row.append(problem);
   }
   if (field.description) row.append(element("p", { class: "hint", id: hint }, field.description));
   return row;
+}
+
+// The values that a number field takes, as text.
+function range({ kind, lowest, highest }) {
+  const number = kind === "whole" ? "a whole number" : "a number";
+  if (lowest !== null && highest !== null) return `${number} from ${lowest} to ${highest}`;
+  return lowest !== null ? `${number}, ${lowest} or more` : highest !== null ? `${number}, ${highest} at most` : number;
 }
 
 function same(one, other) {

@@ -38,6 +38,16 @@ export function dropOnView(view, stateOf, reload) {
   dropped(view, async ([file]) => take(file, await kindOf(file), stateOf(), reload));
 }
 
+// The choice of the gain setting: none where the sensor has only one.
+export function gainPick(valueOf, state, reload) {
+  const own = valueOf("gain_setting"), settings = [own, ...valueOf("gain_settings").map((each) => each.setting)].filter((each) => Number.isFinite(each));
+  if (settings.length < 2) return [];
+  const list = element("select", { id: "pick-gain", "data-key": "gain", onchange: () => { state.sensor.gain_setting = Number(list.value); reload(); } },
+    ...settings.sort((a, b) => a - b).map((value) => element("option", { value }, String(value))));
+  list.value = String(state.sensor.gain_setting ?? own);
+  return [element("label", { for: "pick-gain" }, "Gain setting"), list];
+}
+
 export async function picks(form, state, reload) {
   const lists = await Promise.all(["scene", "sensor", "lens"].map((kind) => get(`/api/files?kind=${kind}`).catch(() => [])));
   const pick = (kind, label, builtIn, files, current) => {
@@ -59,12 +69,6 @@ export async function picks(form, state, reload) {
     pick("lens", "Lens", [["", "diffraction-limited lens"]], lists[2], state.lens.source ?? ""),
     pick("sensor", "Sensor", named(form.sensors), lists[1], state.sensor.source),
   ];
-  if (form.gain_settings.length > 1) {
-    const list = element("select", { id: "pick-gain", "data-key": "gain", onchange: () => { state.sensor.gain_setting = Number(list.value); reload(); } },
-      ...form.gain_settings.map((value) => element("option", { value }, String(value))));
-    list.value = String(state.sensor.gain_setting ?? form.gain_setting);
-    found.push(element("div", {}, element("label", { for: "pick-gain" }, "Gain setting"), list));
-  }
   found.push(element("p", { class: "hint" }, "Or drop a scene, a lens or a sensor file on this page."));
   return found;
 }

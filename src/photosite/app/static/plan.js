@@ -3,6 +3,7 @@
 import { get, post } from "./api.js";
 import { element, short, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
+import { lightField, lights } from "./lights.js";
 
 let request = { sensor: { source: "nikon-d200" }, wants: { system_gain_dn_per_e: "0.5%", prnu_percent: "2%" }, longest_dark_s: 5, longest_flat_s: 0.05, illuminant: "D65", seconds_per_frame: 1 };
 let built = false;
@@ -12,7 +13,7 @@ export async function show(content) {
   if (built && !content) return;
   built = true;
   if (content) request = { ...request, ...content };
-  const [{ sensors }, parameters] = await Promise.all([post("/api/form", {}), get("/api/parameters")]);
+  const [{ sensors }, parameters, known] = await Promise.all([post("/api/form", {}), get("/api/parameters"), lights()]);
   const results = element("div", { "aria-live": "polite" });
   const { bar, start } = jobBar("plan", "plan", () => request, (found) => draw(results, found, parameters));
   const pick = element("select", { onchange: () => { request.sensor = { source: pick.value }; } }, ...sensors.map((name) => element("option", { value: name }, name)));
@@ -40,7 +41,7 @@ export async function show(content) {
         element("label", {}, "Sensor assumed", pick),
         field("Longest dark frame", "s", { type: "number", min: 1e-6 }, request.longest_dark_s, (value) => { request.longest_dark_s = value; }),
         field("Longest flat field", "s", { type: "number", min: 1e-6 }, request.longest_flat_s, (value) => { request.longest_flat_s = value; }),
-        field("Illuminant of the flat fields", "", { type: "text" }, request.illuminant, (value) => { request.illuminant = value; }),
+        ...lightField("Illuminant of the flat fields", known, request.illuminant, (value) => { request.illuminant = value; }),
         field("Time to save a frame", "s", { type: "number", min: 0 }, request.seconds_per_frame, (value) => { request.seconds_per_frame = value; })),
       element("h3", {}, "Wanted standard uncertainty"),
       element("p", { class: "hint" }, "Percent of the value, such as 2%, or a number in the parameter's unit."), wants),

@@ -2,7 +2,7 @@
 
 export const initial = () => ({
   scene: { source: "macbeth", illuminant: "A", mean_luminance_cd_m2: 40, distance_m: null, width_m: null, flicker: null, motion: null, options: {} },
-  lens: { source: null, f_number: 8, focal_length_mm: 50, transmittance: 1, falloff: "none" },
+  lens: { source: null, f_number: 8, focal_length_mm: 50, transmittance: 1, falloff: "none", transmittance_table: null, focus_distance_m: null, blur: null, relative_illumination: null, distortion: null, lateral_color: null, veiling_glare: null },
   sensor: { source: "nikon-d200", gain_setting: null, changes: {}, binning: null },
   capture: { exposure_s: 1 / 3, seed: 0, temperature_c: null, cells_per_pixel: 1, noise: true },
   brightness: 1,

@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { state as camera } from "./camera.js";
 import { element, short, svg, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
+import { lightField, lights } from "./lights.js";
 import { viridis } from "./picture.js";
 import { plot } from "./plots.js";
 
@@ -27,7 +28,7 @@ export async function show(content) {
   if (built && !content) return;
   built = true;
   if (content) request = { ...request, ...content };
-  const { sensors } = await post("/api/form", {});
+  const [{ sensors }, known] = await Promise.all([post("/api/form", {}), lights()]);
   const { bar, start } = jobBar("sweep", "sweep", () => request, (found) => { result = found; draw(); });
   const ownChanged = Object.keys(camera.sensor.changes).length > 0 || camera.sensor.source.includes(":") || camera.sensor.gain_setting !== null;
   const choices = [...sensors.map((name) => [name, { source: name }]), ...(ownChanged ? [["sensor of the camera view", camera.sensor]] : [])];
@@ -43,7 +44,8 @@ export async function show(content) {
   async function ranges() {
     const form = await post("/api/form", { sensor: { source: request.sensor.source, gain_setting: request.sensor.gain_setting ?? null } });
     fields = new Map([["pixel_width_um", { label: "Pixel width, noise in electrons kept", unit: "µm" }]]);
-    for (const group of [...form.lens, ...form.sensor.filter((each) => !each.optional)]) for (const each of group.fields) if (each.kind === "number" || each.kind === "whole") fields.set(each.name, each);
+    const ofLens = form.lens[0].fields.filter((each) => !each.optional), ofSensor = form.sensor.filter((each) => each.name !== "gain_settings").flatMap((each) => each.fields);
+    for (const each of [...ofLens, ...ofSensor]) if (each.kind === "number" || each.kind === "whole") fields.set(each.name, each);
     const row = (entry, number) => {
       const list = element("select", { onchange: () => { entry.field = list.value; } }, ...[...fields].map(([name, each]) => element("option", { value: name }, each.unit ? `${each.label} (${each.unit})` : each.label)));
       if (![...list.options].some((option) => option.value === entry.field)) entry.field = list.options[0].value;
@@ -66,7 +68,7 @@ export async function show(content) {
       field("Focal length", "mm", { type: "number", min: 0.2 }, request.lens.focal_length_mm, (value) => { request.lens = { ...request.lens, focal_length_mm: value }; }),
       element("label", {}, "Measure", measure), luminance,
       field("Exposure time", "s", { type: "number", min: 1e-6 }, Number(request.exposure_s.toPrecision(6)), (value) => { request.exposure_s = value; }),
-      field("Illuminant", "", { type: "text" }, request.illuminant, (value) => { request.illuminant = value; })), box),
+      ...lightField("Illuminant", known, request.illuminant, (value) => { request.illuminant = value; })), box),
     bar, element("div", { id: "sweep-results", "aria-live": "polite" }));
   start();
 }

@@ -541,6 +541,8 @@ class WavefrontSection(Description):
                 zernike_terms({term: value}, self.index, self.norm)
             except InputError as error:
                 raise located(error, "zernike", key) from None
+            if term in coefficients:
+                raise located(InputError("Zernike term", value=key, expected="stated once"), "zernike", key)
             coefficients[term] = value
         return Wavefront(coefficients, **{name: value for name, value in self if name not in ("kind", "zernike")})
 
@@ -548,8 +550,8 @@ class WavefrontSection(Description):
 def _term(key: int | str, index: str) -> Any:
     """Return the key of a coefficient: a number, or (n, m) of "n,m"."""
     if index != "nm":
-        if isinstance(key, int):
-            return key
+        if isinstance(key, int) or (key.isdecimal() and len(key) < 7):
+            return int(key)
         raise InputError("Zernike term", value=key, expected=f"a whole number from 1 for index {index}")
     try:
         n, m = (int(part) for part in str(key).split(","))
