@@ -197,6 +197,7 @@ def test_a_lens_with_aberrations_and_an_added_gain_setting(page, link, axe) -> N
     opened(page, link)
     page.select_option("#pick-sensor", "google-pixel-4a")
     page.wait_for_selector("#pick-gain")
+    page.get_by_text("Array", exact=True).click()
     set_number(page, "Rows", 200)
     set_number(page, "Columns", 300)
     for part in ("distortion", "blur", "pupil", "lateral_color", "relative_illumination", "veiling_glare"):
