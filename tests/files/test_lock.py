@@ -27,6 +27,7 @@ def test_one_holder_in_a_process(tmp_path: Path) -> None:
         with pytest.raises(FileError) as caught:
             FolderLock(tmp_path)
         assert Path(caught.value.path) == tmp_path
+    assert [entry.name for entry in tmp_path.iterdir()] == [LOCK_NAME]
     first.release()
     assert list(tmp_path.iterdir()) == []
     second = FolderLock(tmp_path)
