@@ -6,7 +6,7 @@
      action 2   operation `at` and all later ones that need space fail with `number`
      action 3   the process is killed before operation `at`
      action 4   the disk is full after `number` bytes: later writes are short, then fail with ENOSPC
-     action 5   allocation `at` of 64 KiB or more by NumPy's arrays fails (at < 0: they are only counted)
+     action 5   allocation `at` of more than 64 KiB by NumPy fails (at < 0: they are only counted)
    shim_count() returns the number of operations (action 5: allocations) since then. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -219,6 +219,7 @@ NAMED(mkdir, "folder", (const char *path, mode_t mode), AT_FDCWD, (path, mode))
 NAMED(mkdirat, "folder", (int base, const char *path, mode_t mode), base, (base, path, mode))
 
 /* Allocations of arrays: those whose caller is NumPy's core. */
+/* NumPy 2.4 allocates buffers of 64 KiB without the interpreter's lock, and crashes if there is no memory for them. */
 #define LARGE 65536
 static int of_numpy(void *caller) {
     static char *begin, *end;
@@ -229,7 +230,7 @@ static int of_numpy(void *caller) {
     return 1;
 }
 static int no_memory(size_t size, void *caller) {
-    if (action != 5 || !*folder || size < LARGE || !of_numpy(caller)) return 0;
+    if (action != 5 || !*folder || size <= LARGE || !of_numpy(caller)) return 0;
     return __sync_add_and_fetch(&count, 1) == at;
 }
 extern void *__libc_malloc(size_t), *__libc_calloc(size_t, size_t), *__libc_realloc(void *, size_t);
