@@ -12,10 +12,14 @@ import pytest
 
 import photosite as ps
 from photosite.app.copy_text import command_text, python_text
+from photosite.app.exact_frame import exact_frame
 from photosite.app.form import parameters_of
+from photosite.app.kept_scenes import scene_of
 from photosite.app.places import Places
+from photosite.app.preview_light import approximate_rate
+from photosite.app.shown import View
 from photosite.app.state import CameraState, bench
-from photosite.app.view import View, approximate_rate, exact_frame, scene_of, view_bytes
+from photosite.app.view import view_bytes
 from photosite.cli.main import run
 from photosite.engine.mosaic_means import mosaic_means
 

@@ -30,6 +30,7 @@ from starlette.requests import ClientDisconnect
 import photosite
 from photosite.app import views
 from photosite.app.copy_text import command_text, python_text
+from photosite.app.exact_frame import exact_frame, prepare_frames, saved_frame
 from photosite.app.files import (
     FileEntry,
     FileKind,
@@ -44,8 +45,9 @@ from photosite.app.files import (
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
 from photosite.app.places import Part, Places, Text
+from photosite.app.shown import View
 from photosite.app.state import CameraState, SensorState
-from photosite.app.view import View, exact_frame, prepare_frames, prepare_views, saved_frame, view_bytes
+from photosite.app.view import prepare_views, view_bytes
 from photosite.app.workers import BusyError, Job, Pool, Queue, WorkerError
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.errors import InputError, PhotositeError

@@ -416,7 +416,7 @@ class FolderLock:
         database = None
         try:
             database = sqlite3.connect(self._path, timeout=self._wait_s, isolation_level=None, check_same_thread=False)
-            database.execute("PRAGMA journal_mode=OFF")  # nothing is written: no journal's file that could be left behind
+            database.execute("PRAGMA journal_mode=OFF")  # which could be left behind
             database.execute("BEGIN EXCLUSIVE")
         except sqlite3.Error as error:
             if database is not None:
