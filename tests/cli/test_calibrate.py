@@ -11,29 +11,7 @@ import pytest
 import photosite as ps
 from photosite.calibration.result import Calibration
 from photosite.cli.main import run
-
-NAMES = (
-    "read_noise_dn",
-    "read_noise_e",
-    "read_noise_mv",
-    "dsnu_dn",
-    "dsnu_e",
-    "dsnu_mv",
-    "prnu_percent",
-    "dark_voltage_mv_per_s",
-    "dark_current_e_per_s",
-    "system_gain_dn_per_e",
-    "saturation_dn",
-    "saturation_capacity_e",
-    "quantum_efficiency_percent",
-    "temporal_dark_noise_e",
-    "dsnu1288_e",
-    "prnu1288_percent",
-    "snr_max_db",
-    "dynamic_range_db",
-    "sensitivity_threshold_photons",
-    "saturation_capacity_photons",
-)
+from photosite.studies.closed_loop import HEADLINE
 
 
 def test_json_without_the_truth(photosite: Any, stack: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,7 +25,7 @@ def test_json_without_the_truth(photosite: Any, stack: Path, tmp_path: Path, mon
     assert done.json["report"] == str(report)
     assert report.read_text() == "a report"
     found = done.json["parameters"]
-    assert set(NAMES) <= set(found)
+    assert set(HEADLINE) <= set(found)
     assert isinstance(done.json["warnings"], list)
     for name, entry in found.items():
         if entry["value"] is None:
