@@ -192,6 +192,12 @@ def test_frames_of_captures_are_calibrated_with_their_ratio(tmp_path: Path) -> N
     ratio = found["tables"][0]["rows"][-1]
     assert ratio["interval_95"][0] < 0.25 < ratio["interval_95"][1]
     assert calibration_code(request, places)[1].endswith("--captures large,small --report report.html")
+    with_maps = request.model_copy(update={"maps": True})
+    of_each = [{each["name"] for each in part["maps"]} for part in run_calibration(with_maps, places)["parts"]]
+    assert of_each[0] == of_each[1] >= {"offset_dn", "prnu"}
+    python, command = calibration_code(with_maps, places)
+    assert command == ""
+    assert "names}\ncal = ps.calibrate_captures(frames, maps=True)" in python
     with pytest.raises(InputError):
         run_calibration(CalibrationRequest(folder="hdr", captures=("large", "other")), places)
 
@@ -208,13 +214,14 @@ def test_maps_of_the_chip_show_its_pixels_and_defects(tmp_path: Path) -> None:
             dn = np.uint16(164.5 + offset + 0.5 * electrons + noise.normal(0, 2, (64, 64)))
             RawFrame(dn, bits=14).save(tmp_path / "stack" / f"{kind}_{time_ms}ms_{number}.png")
     found = run_calibration(CalibrationRequest(folder="stack", maps=True), Places(folder=tmp_path))
-    maps = {each["name"]: each for each in found["maps"]}
+    (part,) = found["parts"]
+    maps = {each["name"]: each for each in part["maps"]}
     assert {"offset_dn", "prnu", "read_noise_dn"} <= maps.keys()
     shown = maps["offset_dn"]
     values = np.frombuffer(base64.b64decode(shown["values"]), "<f4").reshape(shown["rows"], shown["cols"])
     assert np.corrcoef(values.ravel(), offset.ravel())[0, 1] > 0.9
     assert shown["range"][0] < shown["median"] < shown["range"][1]
-    assert [10, 20] in [entry[:2] for entry in found["defects"]["listed"]]
+    assert [10, 20] in [entry[:2] for entry in part["defects"]["listed"]]
 
 
 def test_groups_can_be_changed_before_a_calibration(stack: Path) -> None:

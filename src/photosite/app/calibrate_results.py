@@ -6,7 +6,7 @@ import base64
 import math
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +44,9 @@ class Result:
     method, title
         How it was calibrated, and of what.
     parts
-        Parameters, those of each channel, and curves, of each gain setting or capture.
+        Parameters, those of each channel, curves and maps of the chip, of each gain setting or capture.
     tables, curves
         Results of all parts together.
-    maps, defects
-        Maps of the chip, and its defective pixels.
     files
         Names and addresses of the files for download.
     """
@@ -58,8 +56,6 @@ class Result:
     parts: tuple[dict[str, Any], ...] = ()
     tables: tuple[dict[str, Any], ...] = ()
     curves: tuple[dict[str, Any], ...] = ()
-    maps: tuple[dict[str, Any], ...] = ()
-    defects: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     rejected: tuple[str, ...] = ()
     files: tuple[dict[str, str], ...] = ()
@@ -79,8 +75,6 @@ def of_one(found: Calibration, setting: float | None, places: Places) -> Result:
         "one",
         f"{found.frame_count} frames of {found.rows} × {found.cols} pixels, {found.bits} bits",
         parts=(_part("", found),),
-        maps=() if found.chip is None else _maps(found.chip),
-        defects={} if found.chip is None else _defects(found.chip),
         warnings=(*found.warnings, *problems),
         rejected=found.rejected,
         files=files,
@@ -201,6 +195,8 @@ def _part(name: str, found: Calibration) -> dict[str, Any]:
             for channel, entries in result["channels"].items()
         },
         "curves": _curves(found),
+        "maps": () if found.chip is None else _maps(found.chip),
+        "defects": {} if found.chip is None else _defects(found.chip),
     }
 
 

@@ -161,10 +161,10 @@ def _calibrated(request: CalibrationRequest, places: Places, report: Any) -> Res
     method = request.method
     if method == "captures" or (method is None and _capture_names(request, path, stated)):
         names = _capture_names(request, path, stated)
-        if request.groups or request.maps:
-            raise InputError("groups and maps", expected="left as they are found with the frames of each capture")
+        if request.groups:
+            raise InputError("groups", expected="left as they are found with the frames of each capture")
         parts = {name: open_frames(path / name) for name in names}
-        return of_captures(calibrate_captures(parts, stated, progress=report), places)
+        return of_captures(calibrate_captures(parts, stated, maps=request.maps, progress=report), places)
     frames = edited(open_frames(path), request.groups)
     sensor = frames.sensor if stated is None else stated
     if method == "series" or (method is None and len(frames.gain_settings) > 1):
@@ -198,10 +198,10 @@ def _capture_names(request: CalibrationRequest, path: Path, sensor: Sensor | Non
 
 
 def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, str]:
-    """Return the calibration as Python code and as a command, which takes groups as they are found."""
+    """Return the calibration as Python code and as a command, which takes unchanged groups and no maps of captures."""
     path, method = str(folder_path(request.folder, places)), request.method or "one"
     lines = ["import photosite as ps", ""]
-    sensor = ""
+    sensor, maps = "", ", maps=True" if request.maps and (method == "one" or request.captures) else ""
     if request.sensor is not None:
         lines += sensor_lines(request.sensor, places)
         sensor = ", sensor"
@@ -209,20 +209,19 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
         lines += [
             f"folder, names = {path!r}, {list(request.captures)!r}",
             'frames = {name: ps.open_frames(f"{folder}/{name}") for name in names}',
-            f"cal = ps.calibrate_captures(frames{sensor})",
+            f"cal = ps.calibrate_captures(frames{sensor}{maps})",
         ]
     else:
         lines.append(f"frames = ps.open_frames({path!r})")
         if request.groups:
             lines[0] = "from dataclasses import replace\n\nimport photosite as ps"
             lines += _edit_lines(request.groups)
-        maps = ", maps=True" if request.maps and method == "one" else ""
         calibrated = {"one": "calibrate", "series": "calibrate_series"}.get(method, "calibrate_combined")
         lines.append(f"cal = ps.{calibrated}(frames{sensor}{maps})")
     lines += ["print(cal)", 'cal.report("report.html")']
     command = ""
     changed = request.sensor is not None and (request.sensor.changed or request.sensor.gain_setting is not None)
-    if not request.groups and not changed:
+    if not request.groups and not changed and not (request.captures and request.maps):
         words = ["photosite", "calibrate", path]
         if request.sensor is not None:
             words += ["--sensor", source_name(request.sensor.source, places)]
@@ -230,7 +229,7 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
                 words += ["-o", "mine.sensor.yaml"]
         if request.captures:
             words += ["--captures", ",".join(request.captures)]
-        words += ["--maps"] if request.maps and method == "one" else []
+        words += ["--maps"] if maps else []
         command = shlex.join([*words, "--report", "report.html"])
     return "\n".join(lines) + "\n", command
 

@@ -195,7 +195,8 @@ def command(
             raise click.UsageError("-o, --maps, --linearize, --checkpoint and --contribute need frames of one capture")
         if not alone:
             raise click.UsageError(_OF_ONE)
-        parts = calibrate_captures({each: open_frames(path / each, **reading) for each in names}, progress=Stages())
+        frames_of = {each: open_frames(path / each, **reading) for each in names}
+        parts = calibrate_captures(frames_of, options.sensor_or(None, sensor_name), progress=Stages())
         _show_captures(parts, report, as_json)
         return None
     frames = open_frames(path, **reading)

@@ -14,7 +14,7 @@ export function jobBar(name, view, request, shown, label = "Compute", content = 
     try {
       const found = (await post(`/api/${name}/code`, request()))[kind];
       if (found) await copied(kind === "python" ? "Python" : "Command", found);
-      else showError("No single command does this: the sensor or the groups were changed. Copy it as Python.");
+      else showError("No single command does this. Copy it as Python.");
     } catch (error) { showError(error.message); }
   };
   async function start() {

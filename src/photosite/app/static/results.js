@@ -44,8 +44,9 @@ function part(each, result) {
   const plots = element("div", { class: "plots" }, ...each.curves.map(curveCard));
   const channels = Object.entries(each.channels).map(([channel, rows]) => element("details", { class: "card" }, element("summary", {}, `Channel ${channel}`),
     scrolled(`Parameters of channel ${channel}${name ? `, ${name}` : ""}`, estimates("Of this channel alone.", ["Parameter"], rows))));
-  if (!name) return [element("div", { class: "card" }, element("h3", {}, title), table), plots, ...channels];
-  return [element("details", { class: "card" }, element("summary", {}, name), table, plots, ...channels)];
+  const maps = element("div", { class: "plots" }, ...each.maps.map((map) => chipMap(map, each.defects)));
+  if (!name) return [element("div", { class: "card" }, element("h3", {}, title), table), plots, ...channels, maps];
+  return [element("details", { class: "card" }, element("summary", {}, name), table, plots, ...channels, maps)];
 }
 
 export function drawResults(root, result) {
@@ -55,6 +56,5 @@ export function drawResults(root, result) {
     ...list("Limits of the result", result.warnings), ...list("Frames left out", result.rejected),
     ...result.tables.map((table) => element("div", { class: "card" }, element("h3", {}, table.title), scrolled(table.title, estimates(result.title, ["Parameter", table.first], table.rows)))),
     ...(result.curves.length ? [element("div", { class: "plots" }, ...result.curves.map(curveCard))] : []),
-    ...result.parts.flatMap((each) => part(each, result)),
-    ...(result.maps.length ? [element("div", { class: "plots" }, ...result.maps.map((map) => chipMap(map, result.defects)))] : []));
+    ...result.parts.flatMap((each) => part(each, result)));
 }
