@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
+from photosite.app.files import listed
 from photosite.app.places import Places, inside
 from photosite.app.state import SensorState, changed_sensor
 from photosite.errors import InputError
@@ -61,6 +62,24 @@ def test_a_state_names_no_path_by_itself(served: Path, client) -> None:
         {"sensor": {"changes": {"maps": {"file": path, "sha256": "0" * 64}}}},
     ):
         assert client.post("/api/view", json={"state": state}).status_code == 422, state
+
+
+@pytest.mark.parametrize("name", ["../secret.sensor.yaml", "0123456789abcdef/../x", "0123456789abcdef/x", "", "/x"])
+def test_no_name_of_a_result_leads_out_of_the_results(served: Path, tmp_path: Path, name: str) -> None:
+    (tmp_path / "results" / "0123456789abcdef").mkdir(parents=True)
+    (tmp_path / "x").write_text("secret")
+    with pytest.raises(InputError):
+        Places(folder=served, results=tmp_path / "results").path(f"result:{name}")
+    with pytest.raises(InputError):
+        Places(folder=served).path(f"result:{name}")
+
+
+def test_only_yaml_that_names_its_format_is_listed(tmp_path: Path) -> None:
+    ps.load_sensor("nikon-d200").save(tmp_path / "mine.yaml")
+    ps.Lens(ps.DiffractionLimited(4, 50)).save(tmp_path / "fast.yaml")
+    (tmp_path / "protocol.yaml").write_text("photosite_protocol: 1\nsensor: mine.yaml\n")
+    assert [entry.name for entry in listed(tmp_path, "sensor")] == ["mine.yaml"]
+    assert [entry.name for entry in listed(tmp_path, "lens")] == ["fast.yaml"]
 
 
 def test_files_of_the_folder_are_listed_and_read(served: Path, client) -> None:

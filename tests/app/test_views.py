@@ -22,7 +22,7 @@ from photosite.app.calibrate_view import (
 )
 from photosite.app.lens_state import LensState
 from photosite.app.places import Places
-from photosite.app.state import SensorState
+from photosite.app.state import SensorState, changed_sensor
 from photosite.app.views import (
     PlanRequest,
     Range,
@@ -108,6 +108,9 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return served
 
 
+MONO = {"channels": {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}}
+
+
 def test_a_calibration_is_that_of_the_library(stack: Path, tmp_path: Path) -> None:
     places = Places(folder=stack, results=tmp_path)
     listing = list_frames(FolderRequest(folder="stack"), places)
@@ -126,6 +129,15 @@ def test_a_calibration_is_that_of_the_library(stack: Path, tmp_path: Path) -> No
     transfer = next(curve for curve in part["curves"] if curve["kind"] == "photon_transfer")
     assert len(transfer["channels"]["M"]["residual"]) == len(transfer["channels"]["M"]["x"]) > 3
     assert [file["name"] for file in found["files"]] == ["noise-profile.libcamera.json", "report.html"]
+    known = CalibrationRequest(
+        folder="stack", sensor=SensorState(source="vendor-2.2um", changes={"cfa": "mono", "bits": 12, **MONO})
+    )
+    with_sensor = run_calibration(known, places)
+    assert not [text for text in with_sensor["warnings"] if str(tmp_path) in text]
+    address = next(file["address"] for file in with_sensor["files"] if file["name"] == "mine.sensor.yaml")
+    source = address.replace("/api/results/", "result:")
+    measured = changed_sensor(SensorState(source=source, changes={"rows": 32}), places)
+    assert measured.system_gain_dn_per_e == pytest.approx(gain["value"])
     profile = tmp_path / found["files"][0]["address"].split("/", 3)[-1]
     assert read_libcamera(profile).system_gain_dn_per_e.value / 16 == pytest.approx(gain["value"])  # on 16 bits
     assert done
@@ -186,6 +198,7 @@ def test_frames_of_captures_are_calibrated_with_their_ratio(tmp_path: Path) -> N
                 )
     places = Places(folder=tmp_path)
     assert list_frames(FolderRequest(folder="hdr/large"), places)["subfolders"] == []
+    assert list_frames(FolderRequest(folder="hdr"), places)["subfolders"] == ["large", "small"]
     request = CalibrationRequest(folder="hdr", captures=("large", "small"))
     found = run_calibration(request, places)
     assert (found["method"], len(found["parts"])) == ("captures", 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import os
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.app.places import Places
+from photosite.app.recorded_warnings import recorded_warnings
 from photosite.calibration.captures import CaptureCalibration
 from photosite.calibration.combined import CombinedCalibration
 from photosite.calibration.export.measured_sensor import calibration_noise_profile
@@ -385,7 +387,7 @@ def _profile_writers(steps: Sequence[Step]) -> dict[str, Callable[[Path], object
 def _written(
     places: Places, writers: Mapping[str, Callable[[Path], object]]
 ) -> tuple[tuple[dict[str, str], ...], list[str]]:
-    """Write files into a new folder of results; return their names and addresses, and why some are missing."""
+    """Write files into a new folder of results; return names and addresses, why some are missing, and warnings."""
     if places.results is None:
         return (), []
     folder = places.results / secrets.token_hex(8)
@@ -393,8 +395,10 @@ def _written(
     problems = []
     for name, write in writers.items():
         try:
-            write(folder / name)
+            with recorded_warnings() as texts:
+                write(folder / name)
         except PhotositeError as error:
             problems.append(f"{name} was not written: {error}")
+        problems += [text.replace(f"{folder}{os.sep}", "") for text in texts]
     files = sorted(path.name for path in folder.iterdir() if path.is_file())
     return tuple({"name": name, "address": f"/api/results/{folder.name}/{name}"} for name in files), problems

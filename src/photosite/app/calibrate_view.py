@@ -75,7 +75,7 @@ def folder_path(folder: str, places: Places) -> Path:
 
 
 def list_frames(request: FolderRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
-    """Return the groups of frames of a folder as `open_frames` understands them, and its subfolders with frames."""
+    """Return the groups of frames of a folder as `open_frames` understands them, and subfolders with both kinds."""
     path = folder_path(request.folder, places)
     with recorded_warnings() as texts:
         frames = open_frames(path)
@@ -93,7 +93,12 @@ def list_frames(request: FolderRequest, places: Places, progress: Progress | Non
     own = {name: getattr(frames, name) for name in ("rows", "cols", "bits", "black_level_dn")}
     notes = [*frames.notes, *texts]
     sensor = None if frames.sensor is None else frames.sensor.name
-    return {**own, "groups": groups, "notes": notes, "sensor": sensor, "subfolders": _subfolders(path)}
+    kinds: dict[str, set[str]] = {}
+    for group in frames.groups:
+        for frame in group.frames:
+            kinds.setdefault(Path(frame.name).parent.name, set()).add(group.kind)
+    both = [name for name in _subfolders(path) if len(kinds.get(name, ())) > 1]
+    return {**own, "groups": groups, "notes": notes, "sensor": sensor, "subfolders": both}
 
 
 _MOST_SUBFOLDERS = 40
@@ -149,6 +154,8 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
     def report(done: int, total: int) -> None:
         if progress is not None:
             progress(done, total, "frames")
+            if done == total:
+                progress(0, 1, "estimates")
 
     with recorded_warnings() as texts:
         result = _calibrated(request, places, report)

@@ -72,12 +72,27 @@ def listed(folder: Path | None, kind: FileKind | Literal["folder"]) -> list[File
         else:
             for name in sorted(names):
                 path = here / name
-                if name.lower().endswith(SUFFIXES[kind]) and not name.startswith(".") and not path.is_symlink():
+                if name.lower().endswith(SUFFIXES[kind]) and not name.startswith(".") and _may_hold(path, kind):
                     size = path.stat().st_size
                     found.append(FileEntry(name=path.relative_to(root).as_posix(), bytes=size))
         if len(found) >= MOST_LISTED:
             break
     return found[:MOST_LISTED]
+
+
+_YAML = {"sensor": b"photosite_sensor", "lens": b"photosite_optics"}
+_HEAD_BYTES = 1 << 16
+
+
+def _may_hold(path: Path, kind: FileKind) -> bool:
+    """Return whether a file is no link and, of YAML, names its format at its beginning."""
+    if path.is_symlink() or kind not in _YAML:
+        return not path.is_symlink()
+    try:
+        with path.open("rb") as file:
+            return _YAML[kind] in file.read(_HEAD_BYTES)
+    except OSError:
+        return False
 
 
 async def store(folder: Path, file_name: str, kind: FileKind, content: AsyncIterator[bytes]) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from photosite.errors import InputError
 
-FILE, UPLOAD = "file:", "upload:"
-"""Prefixes of names that are not built in: a file of the served folder, and an uploaded one."""
+FILE, UPLOAD, RESULT = "file:", "upload:", "result:"
+"""Prefixes of names that are not built in: a file of the served folder, an uploaded one, and a file of a result."""
 
 Text = Annotated[str, Field(max_length=400)]
 
@@ -29,18 +30,25 @@ class Places(Part):
     results: Path | None = None
 
     def path(self, name: str) -> Path | None:
-        """Return the path of `file:NAME` or `upload:ID`; None for any other name.
+        """Return the path of `file:NAME`, `upload:ID` or `result:ID/NAME`; None for any other name.
 
         Raises
         ------
         InputError
-            If the name leaves the served folder, or there is no such file.
+            If the name leaves the served folder or that of the results, or there is no such file.
         """
         if name.startswith(UPLOAD):
             found = self.uploads.get(name.removeprefix(UPLOAD))
             if found is None:
                 raise InputError("upload", value=name, expected="a file that was uploaded", hint="Upload it again")
             return found
+        if name.startswith(RESULT):
+            part = re.fullmatch(r"([0-9a-f]{16})/(\w[\w.-]{0,99})", name.removeprefix(RESULT))
+            if part is None or self.results is None or not (file := self.results / part[1] / part[2]).is_file():
+                raise InputError(
+                    "result", value=name, expected="a file of a result that is kept", hint="Compute it again"
+                )
+            return file
         return inside(self.folder, name.removeprefix(FILE)) if name.startswith(FILE) else None
 
 

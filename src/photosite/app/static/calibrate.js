@@ -8,7 +8,7 @@ import { drawResults } from "./results.js";
 
 const fresh = { groups: [], maps: false, captures: [], method: null };
 let request = { folder: "", sensor: null, ...fresh };
-let built = false, found = null;
+let built = false, found = null, listing = 0;
 
 export async function show(content) {
   const root = document.getElementById("view-calibrate");
@@ -17,7 +17,7 @@ export async function show(content) {
   if (content) request = { ...request, ...content };
   const [{ sensors }, folders, files, server] = await Promise.all([post("/api/form", {}), get("/api/files?kind=folder"), get("/api/files?kind=sensor"), get("/api/server")]);
   const groups = element("div", { "aria-live": "polite" }), results = element("div", { "aria-live": "polite" });
-  const { bar } = jobBar("calibration", "calibrate", () => request, (result) => { request.method = result.method; drawResults(results, result); }, "Calibrate");
+  const { bar } = jobBar("calibration", "calibrate", () => request, (result) => { request.method = result.method; drawResults(results, result); bar.scrollIntoView(); }, "Calibrate");
   const folder = element("select", { onchange: () => open(folder.value) },
     ...(server.folder ? [element("option", { value: "" }, server.folder)] : []), ...folders.map((each) => element("option", { value: each.name }, each.name)));
   function open(name, label = name) {
@@ -30,16 +30,19 @@ export async function show(content) {
   const sensor = element("select", { onchange: () => { request.sensor = sensor.value ? { source: sensor.value } : null; request.method = null; } }, ...known.map(([value, text]) => element("option", { value }, text)));
   sensor.value = request.sensor?.source ?? "";
   async function list() {
+    const mine = ++listing;
     groups.replaceChildren(element("p", { class: "hint", role: "status" }, "Reading the names and headers of the frames …"));
     results.replaceChildren();
     try {
       const ended = await finished(await post(`/api/frames-of-folder?tab=${tab}`, { folder: request.folder }));
+      if (mine !== listing) return; // another folder was chosen
       if (ended.status !== "done") throw new Error(ended.error || "cancelled");
       showError("");
       found = ended.result;
       if (request.groups.length !== found.groups.length) request.groups = [];
       drawGroups(groups);
     } catch (error) {
+      if (mine !== listing) return;
       groups.replaceChildren(element("p", { class: "card" }, `No frames to calibrate: ${error.message}`));
     }
   }
@@ -73,7 +76,7 @@ function drawGroups(root) {
     const box = element("input", { type: "number", step: "any", "aria-label": `${label} of group ${k + 1}`, ...attributes, onchange: () => {
       if (box.validity.valid) { edits[k] = { ...edits[k], [name]: box.value === "" ? null : Number(box.value) }; keep(); }
     } });
-    box.value = edits[k][name] ?? "";
+    box.value = edits[k][name] === null ? "" : Number(edits[k][name].toPrecision(6));
     return box;
   };
   const rows = found.groups.map((each, k) => {

@@ -13,6 +13,7 @@ const at = (id) => document.getElementById(id);
 const IDLE_MS = 450;
 
 export let state = merged(null);
+const FIRST_SETTING = 100; // of a sensor that states none, when others are added
 const GAIN_TABLE = ["gain_setting", "gain_settings", "gain_setting_is_iso"];
 let form = null, gain = null, picture = null, job = null, idle = null, exactWanted = false;
 let inFlight = false, again = false, since = null, last = null, undo = null, suggested = null;
@@ -137,6 +138,10 @@ function sensorRow(field) {
     const own = isPart ? JSON.stringify(value) === JSON.stringify(field.value) : value === null || value === field.value;
     if (own) delete changes[field.name];
     else changes[field.name] = value;
+    if (field.name === "gain_settings" && value.length && sensorValue("gain_setting") === null) {
+      changes.gain_setting = FIRST_SETTING; // the others need it
+      build().then(() => at("camera-controls").querySelector('[aria-label="Add to Other settings"]').focus());
+    }
     if (GAIN_TABLE.includes(field.name)) gain.replaceChildren(...gainPick(sensorValue, state, reload));
     if (["rows", "cols"].includes(field.name)) picture.setFrame(...array());
     changed(performance.now());

@@ -35,7 +35,7 @@ let content = {
 let built = false, known = null, later = null, pictures = null;
 
 const sensorKey = (sensor) => JSON.stringify([sensor.source, sensor.gain_setting ?? null, sensor.changes ?? {}, sensor.binning ?? null]);
-const titleOf = (sensor) => sensor.source.replace(/^(file|upload):/, "") + (Object.keys(sensor.changes ?? {}).length || sensor.binning ? ", changed" : "");
+const titleOf = (sensor) => sensor.source.replace(/^(file:|upload:|result:.*\/)/, "") + (Object.keys(sensor.changes ?? {}).length || sensor.binning ? ", changed" : "");
 
 export async function show(restored) {
   if (built && !restored) return;
@@ -45,9 +45,7 @@ export async function show(restored) {
   const [sensors, lenses, raws, folders, scenes] = lists.map((list) => list.map((file) => `file:${file.name}`));
   known = { sensors: form.sensors.map((source) => ({ source })), lenses, raws, folders, lamps, scenes: [...form.scenes, ...scenes] };
   known.sensors.push(...sensors.map((source) => ({ source })));
-  const own = Object.keys(camera.sensor.changes).length > 0 || camera.sensor.gain_setting !== null || Boolean(camera.sensor.binning);
-  if (own) known.sensors.push(camera.sensor);
-  for (const sensor of [...content.sensors, content.sensor, content.of.sensor]) {
+  for (const sensor of [camera.sensor, ...content.sensors, content.sensor, content.of.sensor]) {
     if (!known.sensors.some((each) => sensorKey(each) === sensorKey(sensor))) known.sensors.push(sensor);
   }
   build();

@@ -28,11 +28,13 @@ try { setAppearance(localStorage.getItem("photosite-appearance") ?? "system"); }
 
 const links = new Map();
 for (const link of document.querySelectorAll("nav a")) links.set(link.dataset.view, link);
-let started = false;
+let started = false, shown = null;
 
 async function route(byHand) {
   const { view, content } = fromHash(location.hash), name = view in VIEWS ? view : "camera";
   showError("");
+  if (name !== shown && shown !== null) window.scrollTo(0, 0);
+  shown = name;
   for (const [each, link] of links) {
     if (each === name) link.setAttribute("aria-current", "page"); else link.removeAttribute("aria-current");
     document.getElementById(`view-${each}`).hidden = each !== name;

@@ -54,7 +54,7 @@ export async function picks(form, state, reload) {
     const list = element("select", { id: `pick-${kind}`, "data-key": kind, onchange: () => { CHOSEN[kind](state, list.value); reload(kind === "sensor"); } },
       ...builtIn.map(([value, text]) => element("option", { value }, text)),
       ...(files.length ? [element("optgroup", { label: "Files of the folder" }, ...files.map((file) => element("option", { value: `file:${file.name}` }, file.name)))] : []));
-    if (![...list.options].some((option) => option.value === current)) list.append(element("option", { value: current }, uploads.get(current)?.text ?? current));
+    if (![...list.options].some((option) => option.value === current)) list.append(element("option", { value: current }, uploads.get(current)?.text ?? current.replace(/^result:.*\//, "calibrated: ")));
     list.value = current;
     const file = element("input", { type: "file", id: `upload-${kind}`, class: "hidden", tabindex: "-1", "aria-hidden": "true" });
     file.addEventListener("change", () => { if (file.files.length) take(file.files[0], kind, state, reload); });

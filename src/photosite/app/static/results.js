@@ -1,8 +1,10 @@
 // The results of a calibration: files, tables with intervals, curves with residuals, and maps.
 
+import { state as camera } from "./camera.js";
 import { chipMap } from "./chipmap.js";
 import { captionOf, element, short } from "./dom.js";
 import { plot } from "./plots.js";
+import { toHash } from "./state.js";
 
 const STYLES = { R: "s1", G: "s2", B: "s0", M: "s0" };
 
@@ -51,6 +53,11 @@ function part(each, result) {
 
 export function drawResults(root, result) {
   const files = result.files.map(({ name, address }) => element("a", { class: "button", href: address, download: name }, `Download ${name}`));
+  const sensor = result.files.find(({ name }) => name.endsWith(".sensor.yaml"));
+  if (sensor) {
+    const source = sensor.address.replace("/api/results/", "result:");
+    files.push(element("a", { class: "button", href: toHash("camera", { ...camera, sensor: { source, gain_setting: null, changes: {}, binning: null } }) }, "Open the sensor in the camera view"));
+  }
   root.replaceChildren(
     ...(files.length ? [element("div", { class: "toolbar" }, ...files)] : []),
     ...list("Limits of the result", result.warnings), ...list("Frames left out", result.rejected),
