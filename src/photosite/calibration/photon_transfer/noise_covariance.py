@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from statistics import NormalDist
@@ -35,6 +35,7 @@ from scipy.linalg import toeplitz
 from scipy.special import gammainccinv, gammaincinv
 
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
+from photosite.engine.noise_products import DifferenceProducts, difference_products, frame_products
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value
 
@@ -46,6 +47,9 @@ LEAST_RUN = 4
 
 PART = 1 << 18
 """Pixels of a frame that are compared at once."""
+
+Run = Sequence[NDArray[np.unsignedinteger]]
+"""Two or more successive frames of one level."""
 
 BLOCK = 8
 """Rows and columns of the blocks whose means are subtracted, because shading that drifts is smooth."""
@@ -124,15 +128,18 @@ class FrameProducts:
         self._normal = np.zeros((FRAME_REACH + 1, FRAME_REACH + 1))
         self._square, self._freedom = 0.0, 0.0
 
-    def add(self, run: Sequence[NDArray[np.unsignedinteger]]) -> None:
-        """Add a run of (rows, cols) frames; fewer than `LEAST_RUN` are ignored."""
+    def add(self, run: Run, site: tuple[int, ...] = (0, 0), tile: tuple[int, ...] = (1, 1)) -> None:
+        """Add the pixels of a site of the tile in a run of (rows, cols) frames; fewer than `LEAST_RUN` are ignored."""
         m = len(run)
         if m < LEAST_RUN:
             return
         center = np.eye(m) - 1.0 / m
         basis = [center @ toeplitz(np.arange(m) == lag) @ center for lag in range(FRAME_REACH + 1)]
-        for residual in _residuals(run):
-            products, pixels = residual @ residual.T, residual.shape[1]
+        for whole, pixels in frame_products(np.asarray(run, np.uint16), site, tile, BLOCK, PART):
+            of_pattern, pattern = whole.mean(axis=0), float(whole.mean())
+            products = whole - of_pattern - of_pattern[:, None] + pattern
+            if pattern:
+                products -= np.outer(of_pattern - pattern, of_pattern - pattern) / pattern
             self._fitted += [float(np.vdot(each, products)) for each in basis]
             self._normal += [[pixels * float(np.vdot(a, b)) for b in basis] for a in basis]
             self._square += float(np.trace(products))
@@ -153,24 +160,6 @@ class FrameProducts:
         variance = self._square / self._freedom
         covariance: NDArray[np.float64] = 2.0 * variance**2 * inverse[1:, 1:]
         return FrameCovariance((inverse @ self._fitted)[1:], covariance)
-
-
-def _residuals(run: Sequence[NDArray[np.unsignedinteger]]) -> Iterator[NDArray[np.float64]]:
-    """Yield (frames, pixels) noise without fixed pattern, changes of the light, lines and smooth drift, in parts."""
-    rows, cols = (length // BLOCK * BLOCK for length in run[0].shape)
-    step = max(PART // max(cols, 1) // BLOCK, 1) * BLOCK
-    for start in range(0, rows if cols else 0, step):
-        stack = np.stack([dn[start : min(start + step, rows), :cols] for dn in run]).astype(np.float64)
-        stack -= stack.mean(axis=2, keepdims=True)
-        stack -= stack.mean(axis=1, keepdims=True)
-        blocks = stack.reshape(len(run), -1, BLOCK, cols // BLOCK, BLOCK)
-        blocks -= blocks.mean(axis=(2, 4), keepdims=True)
-        residual = stack.reshape(len(run), -1)
-        pattern = residual.mean(axis=0)
-        residual -= pattern
-        if spread := float(pattern @ pattern):
-            residual -= np.outer(residual @ pattern / spread, pattern)
-        yield residual
 
 
 REACH = 2
@@ -198,14 +187,9 @@ IN_DOUBT = 0.5
 """Standard uncertainty that such a doubt adds, as a share of the correction: the interval then reaches from none to
 twice the correction."""
 
-Run = Sequence[NDArray[np.unsignedinteger]]
-"""Two or more successive frames of one level."""
-
 _LAGS = range(-REACH, REACH + 1)
 _NEXT = (REACH - 1, REACH, REACH, REACH + 1), (REACH, REACH - 1, REACH + 1, REACH)
 """Places of the next pixels of the column and of the row."""
-_Planes = dict[tuple[int, int], NDArray[np.float64]]
-_LineSums = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 
 @dataclass(frozen=True)
@@ -347,16 +331,16 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     means: list[list[_RowMeans]] = [[] for _ in range(channels)]
     between = [FrameProducts() for _ in range(channels)]
     for run in runs:
-        for channel, of_site in zip(tile.flat, _products_by_site(run, tile.shape), strict=True):
+        stack = np.asarray(run, np.uint16)
+        del run  # free the frames
+        for channel, of_site in zip(tile.flat, _products_by_site(stack, tile.shape), strict=True):
             between[channel].merge(of_site)
-        for first, second in zip(run[::2], run[1::2], strict=False):
-            planes = _difference_planes(first, second, tile.shape)
-            variance = {phase: plane.var() for phase, plane in planes.items()}
-            lines = {phase: _line_sums(plane) for phase, plane in planes.items()}
-            for phase in planes:
+        for found in _products_of_pairs(stack, tile.shape):
+            variance = {phase: _variance(found, phase, tile.shape) for phase in np.ndindex(*tile.shape)}
+            for phase in variance:
                 k = tile[phase]
-                means[k].append(_RowMeans.of(planes[phase]))
-                for dy, dx, covariance, count, other in _lagged(planes, lines, phase, tile.shape):
+                means[k].append(_RowMeans.of(found, phase, tile.shape))
+                for dy, dx, covariance, count, other in _lagged(found, phase, tile.shape):
                     place = k, dy + REACH, dx + REACH
                     weight = variance[phase] * variance[other] * count
                     products[place] += covariance * count
@@ -377,12 +361,12 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     return result
 
 
-def _products_by_site(run: Run, tile: tuple[int, ...]) -> list[FrameProducts]:
+def _products_by_site(stack: NDArray[np.uint16], tile: tuple[int, ...]) -> list[FrameProducts]:
     """Return the products of the frames of a run at each site of the tile, computed in threads."""
 
     def products(site: tuple[int, ...]) -> FrameProducts:
         found = FrameProducts()
-        found.add([dn[site[0] :: tile[0], site[1] :: tile[1]] for dn in run])
+        found.add(stack, site, tile)
         return found
 
     sites = list(np.ndindex(*tile))
@@ -390,21 +374,24 @@ def _products_by_site(run: Run, tile: tuple[int, ...]) -> list[FrameProducts]:
         return list(threads.map(products, sites))
 
 
-def _difference_planes(
-    first: NDArray[np.unsignedinteger], second: NDArray[np.unsignedinteger], tile: tuple[int, ...]
-) -> _Planes:
-    """Return the difference of two frames at each place of the tile, without their mean pattern."""
-    rows, cols = (length // step * step for length, step in zip(first.shape, tile, strict=True))
-    planes = {}
-    for r, c in np.ndindex(*tile):
-        a, b = (frame[r : rows : tile[0], c : cols : tile[1]].astype(np.float64) for frame in (first, second))
-        difference, mean = a - b, a + b
-        difference -= difference.mean()
-        mean -= mean.mean()
-        if spread := float(np.vdot(mean, mean)):
-            difference -= np.vdot(difference, mean) / spread * mean
-        planes[r, c] = difference
-    return planes
+def _products_of_pairs(stack: NDArray[np.uint16], tile: tuple[int, ...]) -> list[DifferenceProducts]:
+    """Return the products in the differences of pairs of successive frames, computed in threads."""
+    pairs = len(stack) // 2
+    with ThreadPoolExecutor(min(max(pairs, 1), os.cpu_count() or 1)) as threads:
+        return list(threads.map(lambda k: difference_products(*stack[2 * k : 2 * k + 2], tile, REACH), range(pairs)))
+
+
+def _plane_lines(
+    found: DifferenceProducts, phase: tuple[int, ...], tile: tuple[int, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the sums of the rows and of the columns of the plane of a phase."""
+    return found.rows[phase[0] :: tile[0], phase[1]], found.columns[phase[0], phase[1] :: tile[1]]
+
+
+def _variance(found: DifferenceProducts, phase: tuple[int, ...], tile: tuple[int, ...]) -> float:
+    rows, columns = _plane_lines(found, phase, tile)
+    pixels = len(rows) * len(columns)
+    return float(found.near[phase][REACH, REACH]) / pixels - (float(rows.sum()) / pixels) ** 2
 
 
 @dataclass(frozen=True)
@@ -417,10 +404,11 @@ class _RowMeans:
     spectrum: NDArray[np.float64]
 
     @classmethod
-    def of(cls, plane: NDArray[np.float64]) -> _RowMeans:
-        means = plane.mean(axis=1)
+    def of(cls, found: DifferenceProducts, phase: tuple[int, ...], tile: tuple[int, ...]) -> _RowMeans:
+        rows, columns = _plane_lines(found, phase, tile)
+        means = rows / len(columns)
         spectrum: NDArray[np.float64] = np.abs(np.fft.rfft(means)[1:]) ** 2
-        return cls(plane.shape[0], plane.shape[1], float(means @ means) / (len(means) - 1), spectrum)
+        return cls(len(rows), len(columns), float(means @ means) / (len(means) - 1), spectrum)
 
 
 def _row_noise(means: Sequence[_RowMeans], of_pixels: float) -> tuple[float, float, float]:
@@ -452,25 +440,21 @@ def _row_period(means: Sequence[_RowMeans], tile_rows: int) -> float | None:
 
 
 def _lagged(
-    planes: _Planes, lines: Mapping[tuple[int, int], _LineSums], phase: tuple[int, int], tile: tuple[int, ...]
+    found: DifferenceProducts, phase: tuple[int, ...], tile: tuple[int, ...]
 ) -> Iterable[tuple[int, int, float, int, tuple[int, int]]]:
     """Yield (rows, columns, covariance, products, phase of the neighbor) for the neighbors of the pixels of a phase."""
-    plane = planes[phase]
-    rows, cols = plane.shape
-    of_rows, of_columns, of_plane = lines[phase]
+    of_rows, of_columns = _plane_lines(found, phase, tile)
+    rows, cols, of_plane = len(of_rows), len(of_columns), float(of_rows.sum())
     by_row = _by_phase(phase[0], tile[0])
     by_column = _by_phase(phase[1], tile[1])
     for r, lags_y in by_row.items():
         for c, lags_x in by_column.items():
-            other = planes[r, c]
-            other_rows, other_columns, of_other = lines[r, c]
+            other_rows, other_columns = _plane_lines(found, (r, c), tile)
+            of_other = float(other_rows.sum())
             shifts_y, shifts_x = [s for _, s in lags_y], [s for _, s in lags_x]
-            near, pixels = np.empty((len(lags_y), len(lags_x))), np.empty((len(lags_y), len(lags_x)))
-            for i, sy in enumerate(shifts_y):
-                for j, sx in enumerate(shifts_x):
-                    a = plane[max(-sy, 0) : rows - max(sy, 0), max(-sx, 0) : cols - max(sx, 0)]
-                    b = other[max(sy, 0) : rows - max(-sy, 0), max(sx, 0) : cols - max(-sx, 0)]
-                    near[i, j], pixels[i, j] = np.einsum("ij,ij", a, b), a.size
+            places = np.ix_([REACH + dy for dy, _ in lags_y], [REACH + dx for dx, _ in lags_x])
+            near = found.near[phase][places]
+            pixels = np.outer([rows - abs(s) for s in shifts_y], [cols - abs(s) for s in shifts_x])
             of_row, in_row = _line_products(of_rows, other_rows, shifts_y, cols)
             of_column, in_column = _line_products(of_columns, other_columns, shifts_x, rows)
             far_row = (of_row - near.sum(1)) / (in_row - pixels.sum(1))
@@ -481,12 +465,6 @@ def _lagged(
             for i, (dy, _) in enumerate(lags_y):
                 for j, (dx, _) in enumerate(lags_x):
                     yield dy, dx, float(covariance[i, j]), int(pixels[i, j]), (r, c)
-
-
-def _line_sums(plane: NDArray[np.float64]) -> _LineSums:
-    rows: NDArray[np.float64] = plane.sum(axis=1)
-    columns: NDArray[np.float64] = plane.sum(axis=0)
-    return rows, columns, float(rows.sum())
 
 
 def _by_phase(start: int, period: int) -> dict[int, list[tuple[int, int]]]:
