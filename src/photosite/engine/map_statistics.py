@@ -252,15 +252,19 @@ def remove_group_means(values: F32, groups: I64, rounds: int, tails: float) -> N
 def _frame_line_sums(frame: NDArray[Any], rows_out: NDArray[np.uint32], columns_out: NDArray[np.uint32]) -> None:
     rows, cols = frame.shape
     tile_cols, tile_rows = rows_out.shape[1], columns_out.shape[0]
+    totals = np.empty(max(_LABEL_LANES // tile_cols, 1) * tile_cols, np.uint32)
+    size, lanes = np.uint64(cols), np.uint64(totals.size)
     for r in range(rows):
         row, columns = frame[r], columns_out[r % tile_rows]
-        for c in range(cols):
-            columns[c] += row[c]
-        for phase in range(tile_cols):
-            total = np.uint32(0)
-            for c in range(phase, cols, tile_cols):
-                total += row[c]
-            rows_out[r, phase] = total
+        totals[:] = 0
+        for first in range(np.uint64(0), size, lanes):
+            for lane in range(min(lanes, size - first)):
+                value = np.uint32(row[first + lane])
+                columns[first + lane] += value
+                totals[lane] += value
+        rows_out[r] = 0
+        for lane in range(totals.size):
+            rows_out[r, lane % tile_cols] += totals[lane]
 
 
 def line_sums(

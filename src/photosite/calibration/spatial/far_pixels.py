@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ _FAR = 8.0
 """Distance from the median in standard deviations by the quartiles: 1 of 10^15 pixels of a normal distribution."""
 _SHARE = 0.2
 _QUARTILE = 0.6745
-_SAMPLES = 1_000_000
+_SAMPLES = 1 << 16
+"""Pixels of a site from which the quartiles are computed, at least, where it has as many: the limit is known to 1 %."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,10 @@ def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -
     (100, 0.9)
     """
     sites = list(np.ndindex(tile[0], tile[1]))
-    step = 1 + (values.shape[0] // tile[0]) * (values.shape[1] // tile[1]) // _SAMPLES
+    rows, cols = (length // of_tile for length, of_tile in zip(values.shape, tile, strict=True))
+    step = max(rows * cols // _SAMPLES, 1)
+    while math.gcd(step, cols) > 1:  # else the same columns would be sampled in all rows
+        step -= 1
 
     def quartiles(site: tuple[int, ...]) -> list[float]:
         sample = spaced_values(values, (site[0], site[1]), tile, step)

@@ -268,7 +268,7 @@ def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = N
     step_rows, step_cols = (-(-count // MOST_CELLS) for count in (rows, cols))
     cells = np.ascontiguousarray(cells)
     # Leave out rows and columns of cells with parts that no light reached.
-    level = np.median(cells, axis=(2, 3))
+    level = _medians(cells.reshape(*cells.shape[:2], -1))
     lit = dark | (level > LEAST_LIGHT * np.median(level))
     lit_cols = lit.mean(axis=0) > 0.5
     lit_rows = lit[:, lit_cols].all(axis=1)
@@ -306,6 +306,13 @@ def _cells(mean: Array) -> Array:
     return cells[:: -(-rows // MOST_CELLS), :: -(-cols // MOST_CELLS)]
 
 
+def _medians(values: Array, axis: int = -1) -> Array:
+    """Return the medians along an axis of few values, for which sorting takes a fourth of the time of `np.median`."""
+    ordered = np.sort(np.moveaxis(values, axis, -1), axis=-1)
+    middle = values.shape[axis] // 2
+    return np.asarray(0.5 * (ordered[..., middle - 1 + values.shape[axis] % 2] + ordered[..., middle]))
+
+
 def _separable(labels: NDArray[np.int64], period: int) -> tuple[str, ...]:
     """Return which of columns and rows have as many pixels of every channel in each place of the period."""
     found = []
@@ -330,7 +337,7 @@ def _places(
     found = [np.empty((*size, CELL, CELL)) for size in ((), cells.shape[:1], cells.shape[1:2])]
     for channel in range(int(labels.max()) + 1):
         inside = labels == channel
-        medians = [np.median(cells[:, :, inside & (phase == k)], axis=2) for k in np.unique(phase[inside])]
+        medians = [_medians(cells[:, :, inside & (phase == k)]) for k in np.unique(phase[inside])]
         usual = np.mean(medians, axis=0)[..., None]
         if not (dark or (usual > 0.0).all()):
             return None
@@ -338,7 +345,7 @@ def _places(
         scaled = (values - usual if dark else values / usual) - ramp[:, :, inside]
         place = np.median(scaled, axis=(0, 1))
         found[0][inside] = place - place.mean() if dark else place / place.mean()
-        found[1][:, inside], found[2][:, inside] = np.median(scaled, axis=1), np.median(scaled, axis=0)
+        found[1][:, inside], found[2][:, inside] = _medians(scaled, axis=1), _medians(scaled, axis=0)
     return found
 
 
