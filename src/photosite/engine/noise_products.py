@@ -144,7 +144,7 @@ def difference_products(first: _Frames, second: _Frames, tile: tuple[int, ...], 
 
 
 @compiled()
-def _plane_line(source: _Frames, start: int, step: int, out: F64) -> int:
+def _plane_line(source: _Frames, start: int, step: int, out: F64) -> np.int64:
     """Copy every n-th pixel of a row, and return their sum."""
     total = np.uint64(0)
     for c in range(np.uint64(out.size)):

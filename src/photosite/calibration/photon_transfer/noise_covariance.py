@@ -128,7 +128,9 @@ class FrameProducts:
         self._normal = np.zeros((FRAME_REACH + 1, FRAME_REACH + 1))
         self._square, self._freedom = 0.0, 0.0
 
-    def add(self, run: Run, site: tuple[int, ...] = (0, 0), tile: tuple[int, ...] = (1, 1)) -> None:
+    def add(
+        self, run: Run | NDArray[np.uint16], site: tuple[int, ...] = (0, 0), tile: tuple[int, ...] = (1, 1)
+    ) -> None:
         """Add the pixels of a site of the tile in a run of (rows, cols) frames; fewer than `LEAST_RUN` are ignored."""
         m = len(run)
         if m < LEAST_RUN:
@@ -333,20 +335,20 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     for run in runs:
         stack = np.asarray(run, np.uint16)
         del run  # free the frames
-        for channel, of_site in zip(tile.flat, _products_by_site(stack, tile.shape), strict=True):
-            between[channel].merge(of_site)
+        for number, of_site in zip(tile.flat, _products_by_site(stack, tile.shape), strict=True):
+            between[number].merge(of_site)
         for found in _products_of_pairs(stack, tile.shape):
             variance = {phase: _variance(found, phase, tile.shape) for phase in np.ndindex(*tile.shape)}
             for phase in variance:
-                k = tile[phase]
-                means[k].append(_RowMeans.of(found, phase, tile.shape))
-                for dy, dx, covariance, count, other in _lagged(found, phase, tile.shape):
-                    place = k, dy + REACH, dx + REACH
+                channel = int(tile[phase])
+                means[channel].append(_RowMeans.of(found, phase, tile.shape))
+                for dy, dx, of_lag, count, other in _lagged(found, phase, tile.shape):
+                    place = channel, dy + REACH, dx + REACH
                     weight = variance[phase] * variance[other] * count
-                    products[place] += covariance * count
+                    products[place] += of_lag * count
                     squares[place] += weight
                     counts[place] += count
-                    again[place] += weight * (tile[other] == k)
+                    again[place] += weight * (tile[other] == channel)
     # A difference has twice the covariance of a frame. Within a channel, opposite lags have the same products.
     result = []
     for k in range(channels):
@@ -378,7 +380,9 @@ def _products_of_pairs(stack: NDArray[np.uint16], tile: tuple[int, ...]) -> list
     """Return the products in the differences of pairs of successive frames, computed in threads."""
     pairs = len(stack) // 2
     with ThreadPoolExecutor(min(max(pairs, 1), os.cpu_count() or 1)) as threads:
-        return list(threads.map(lambda k: difference_products(*stack[2 * k : 2 * k + 2], tile, REACH), range(pairs)))
+        return list(
+            threads.map(lambda k: difference_products(stack[2 * k], stack[2 * k + 1], tile, REACH), range(pairs))
+        )
 
 
 def _plane_lines(
