@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -174,9 +175,25 @@ def test_frames_that_cannot_be_read_are_refused_and_deleted(client, bench, tmp_p
     twice = client.post("/api/uploads", params=rest | {"name": "dark_10ms_0.png"}, content=frame_bytes(tmp_path))
     assert twice.status_code == 422
     assert [path.name for path in bench.places.path(good["name"]).iterdir()] == ["dark_10ms_0.png"]
-    for folder in ("upload:0000000000000000", "file:inner", "inner/mine.sensor.yaml", "../x"):
-        answer = client.post("/api/uploads", params=rest | {"name": "a.png", "folder": folder}, content=damaged)
-        assert answer.status_code == 422, folder
+
+
+@pytest.mark.parametrize("folder", ["upload:0000000000000000", "file:inner", "inner/mine.sensor.yaml", "../x"])
+def test_frames_are_uploaded_to_no_other_folder(client, served: Path, tmp_path: Path, folder: str) -> None:
+    rest = {"kind": "frames", "folder": folder, "name": "a.png"}
+    assert client.post("/api/uploads", params=rest, content=frame_bytes(tmp_path)).status_code == 422
+    assert not list(served.rglob("a.png"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of any bytes, and pipes")
+def test_names_that_cannot_be_asked_for_are_not_listed(tmp_path: Path) -> None:
+    for name in (b"a.csv", b"\xff\x1b[31m.csv", b"a\nb.csv", b"folder"):
+        (tmp_path / os.fsdecode(name)).mkdir() if name == b"folder" else (tmp_path / os.fsdecode(name)).touch()
+    os.symlink(tmp_path / "folder", tmp_path / "link")
+    os.mkfifo(tmp_path / "pipe.csv")
+    os.mkfifo(tmp_path / "pipe.sensor.yaml")
+    assert [entry.name for entry in listed(tmp_path, "lamp")] == ["a.csv"]
+    assert [entry.name for entry in listed(tmp_path, "folder")] == ["folder"]
+    assert listed(tmp_path, "sensor") == []
 
 
 def test_only_files_of_results_are_sent(client, bench) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -177,3 +180,21 @@ def test_patches_across_a_chart(photosite: Any, tmp_path: Path) -> None:
     assert "--patch-cols 6" in done.err
     assert photosite(*call, "--patch-cols", "4").status == 0
     assert len({part.c0 for part in ps.read_scene(tmp_path / "a.h5").regions}) == 4
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes")
+def test_an_exr_file_that_cannot_be_written_names_itself(photosite: Any, tmp_path: Path) -> None:
+    pytest.importorskip("OpenEXR")
+    import resource
+
+    scene, written = tmp_path / "scene.h5", tmp_path / "scene.exr"
+    ps.charts.macbeth(illuminant="A", mean_luminance_cd_m2=40).save(scene)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, before[1]))
+    try:
+        done = photosite("convert", scene, "--distance", 2, "-o", written)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert done.status == 2
+    assert done.err.endswith(f"photosite: {written}: cannot be written: {os.strerror(errno.EFBIG)}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.h5"]

@@ -56,6 +56,38 @@ exposure: 0.3
 """
 
 
+SHEET = {"pixel-um": 3.45, "full-well-e": 10500, "qe-peak": 0.65, "read-noise-e": 2, "bits": 12, "rows": 24, "cols": 32}
+GAINS = ["system-gain-dn-per-e", "system-gain-e-per-dn", "conversion-gain-uv-per-e", "voltage-swing-v"]
+
+
+@pytest.mark.parametrize("number", [*EXTREME, "0", "1e-320"])
+@pytest.mark.parametrize("option", ["full-well-e", "read-noise-e", "qe-peak", "pixel-um", *GAINS])
+def test_options_of_a_new_sensor(ends_well: Any, tmp_path: Path, option: str, number: str) -> None:
+    given = [f"--{name}={value}" for name, value in (SHEET | {option: number}).items()]
+    line = ends_well("sensors", "new", *given, "-o", tmp_path / "a.sensor.yaml")
+    assert option in line.replace("_", "-") or (option, number) == ("read-noise-e", "0")
+
+
+@pytest.mark.parametrize("value", ["1e300", "1e-320", "{value: 1, standard_uncertainty: 1e300}"])
+@pytest.mark.parametrize("field", ["system_gain_dn_per_e", "system_gain_e_per_dn"])
+def test_gains_of_a_sensor_file(ends_well: Any, tmp_path: Path, field: str, value: str) -> None:
+    file = tmp_path / "a.sensor.yaml"
+    assert not ends_well("sensors", "new", *[f"--{name}={given}" for name, given in SHEET.items()], "-o", file)
+    lines = [line for line in file.read_text().splitlines() if "system_gain" not in line]
+    file.write_text("\n".join(lines).replace("readout:", f"readout:\n  {field}: {value}") + "\n")
+    line = ends_well("sensors", "check", file)
+    assert field in line
+    assert "a.sensor.yaml:" in line
+
+
+@pytest.mark.parametrize("number", EXTREME)
+def test_the_gain_setting_of_an_export(ends_well: Any, tmp_path: Path, number: str) -> None:
+    line = ends_well(
+        "export", "vendor-2.2um", "darktable", f"--gain-setting={number}", "--model", "B", "-o", tmp_path / "a.json"
+    )
+    assert "--gain-setting" in line
+
+
 @pytest.mark.parametrize("number", [".inf", "1e300", "5e-324", "1e-40"])
 @pytest.mark.parametrize(
     ("field", "old"),

@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import click
@@ -169,6 +170,22 @@ def test_output_that_cannot_be_written_is_one_line() -> None:
     done = called("sensors", "list", shell="> /dev/full")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs bash")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams(tmp_path: Path, closed: str) -> None:
+    file = tmp_path / "a.sensor.yaml"
+    assert called("sensors", "export", "nikon-d200", "-o", str(file), shell=closed).returncode == 0
+    assert ps.load_sensor(file) == ps.load_sensor("nikon-d200")
+    done = called("sensors", "check", "missing.yaml", shell=closed)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full and bash")
+def test_neither_output_nor_its_error_can_be_written() -> None:
+    assert called("sensors", "list", shell="> /dev/full 2>&1").returncode == 2
 
 
 def test_a_reader_that_ends_gets_no_message() -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from photosite.app.places import Part
+from photosite.app.places import Part, is_plain
 from photosite.color.illuminants import read_illuminant
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.child import ChildError, call_in_child
@@ -58,7 +58,10 @@ class Upload(Part):
 
 
 def listed(folder: Path | None, kind: FileKind | Literal["folder"]) -> list[FileEntry]:
-    """Return files, or folders, of the served folder; hidden ones and symbolic links are left out."""
+    """Return files, or folders, of the served folder.
+
+    Hidden ones, symbolic links, and those whose names cannot be asked for are left out.
+    """
     if folder is None:
         return []
     found: list[FileEntry] = []
@@ -66,13 +69,13 @@ def listed(folder: Path | None, kind: FileKind | Literal["folder"]) -> list[File
     for place, folders, names in os.walk(root, followlinks=False):
         here = Path(place)
         depth = len(here.relative_to(root).parts)
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and depth < _MOST_DEPTH)
+        folders[:] = sorted(name for name in folders if _is_shown(here / name) and depth < _MOST_DEPTH)
         if kind == "folder":
             found += [FileEntry(name=(here / name).relative_to(root).as_posix(), bytes=0) for name in folders]
         else:
             for name in sorted(names):
                 path = here / name
-                if name.lower().endswith(SUFFIXES[kind]) and not name.startswith(".") and _may_hold(path, kind):
+                if name.lower().endswith(SUFFIXES[kind]) and _is_shown(path) and _may_hold(path, kind):
                     size = path.stat().st_size
                     found.append(FileEntry(name=path.relative_to(root).as_posix(), bytes=size))
         if len(found) >= MOST_LISTED:
@@ -80,14 +83,18 @@ def listed(folder: Path | None, kind: FileKind | Literal["folder"]) -> list[File
     return found[:MOST_LISTED]
 
 
+def _is_shown(path: Path) -> bool:
+    return is_plain(path.name) and not path.name.startswith(".") and not path.is_symlink()
+
+
 _YAML = {"sensor": b"photosite_sensor", "lens": b"photosite_optics"}
 _HEAD_BYTES = 1 << 16
 
 
 def _may_hold(path: Path, kind: FileKind) -> bool:
-    """Return whether a file is no link and, of YAML, names its format at its beginning."""
-    if path.is_symlink() or kind not in _YAML:
-        return not path.is_symlink()
+    """Return whether a path is a file and, of YAML, names its format at its beginning."""
+    if not path.is_file() or kind not in _YAML:
+        return path.is_file()
     try:
         with path.open("rb") as file:
             return _YAML[kind] in file.read(_HEAD_BYTES)

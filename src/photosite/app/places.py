@@ -78,7 +78,7 @@ def inside(folder: Path | None, name: str) -> Path:
     if folder is None:
         raise InputError("no folder is served", hint="Start photosite serve with a folder")
     parts = name.split("/")
-    if any(part in ("", "..", ".") for part in parts) or any(c in '\\:%~*?<>|"' or ord(c) < 32 for c in name):
+    if not all(is_plain(part) for part in parts):
         raise InputError("file", value=name, expected=expected)
     root = folder.resolve()
     try:
@@ -88,3 +88,16 @@ def inside(folder: Path | None, name: str) -> Path:
     if not found.is_relative_to(root):
         raise InputError("file", value=name, expected=expected)
     return found
+
+
+def is_plain(part: str) -> bool:
+    """Return whether a file or folder of this name can be asked for: Unicode text, without characters of paths.
+
+    Examples
+    --------
+    >>> is_plain("shot 1.dng"), is_plain(".."), is_plain("a\\nb.dng"), is_plain("\\udcff.dng")
+    (True, False, False, False)
+    """
+    if part in ("", ".", ".."):
+        return False
+    return not any(c in '\\:%~*?<>|"/' or ord(c) < 32 or "\ud800" <= c <= "\udfff" for c in part)

@@ -44,7 +44,7 @@ from photosite.app.files import (
 )
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
-from photosite.app.places import Part, Places, Text
+from photosite.app.places import UPLOAD, Part, Places, Text
 from photosite.app.shown import View
 from photosite.app.state import CameraState, SensorState
 from photosite.app.view import prepare_views, view_bytes
@@ -386,7 +386,7 @@ def create_app(bench: Bench, port: int, token: str) -> App:
             new = FrameFolder.start(bench.folder / "uploads") if not folder else None
             if new is not None and len(bench.uploads) >= _MOST_UPLOADS:
                 raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
-            place = new or FrameFolder.of(bench.places.path(folder))
+            place = new or FrameFolder.of(bench.uploads.get(folder.removeprefix(UPLOAD)))
             stored = await place.store(name, request.stream(), bench.settings.upload_bytes * _FOLDER_FILES)
             holds = await run_in_threadpool(check_frame, stored)
             bench.uploads[place.path.name] = place.path

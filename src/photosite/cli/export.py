@@ -38,9 +38,7 @@ def _target(text: str) -> Path:
 @click.argument("source", metavar="FOLDER|FILE|SENSOR")
 @click.argument("form", metavar="FORMAT", type=click.Choice(list(SUFFIXES)))
 @click.option("-o", "--output", type=_target, metavar="FILE", required=True, help="File to write; a folder for emva.")
-@click.option(
-    "--gain-setting", type=float, metavar="ISO", help="Gain setting to export, or that of a sensor file. Default: all."
-)
+@options.quantity("--gain-setting", unit="ISO", text="Gain setting to export, or that of a sensor file. Default: all.")
 @options.path_option("--into", text="For dng: the DNG file to copy.")
 @click.option("--maker", default="photosite", help="For darktable: the camera's maker, as its raw files state it.")
 @click.option(

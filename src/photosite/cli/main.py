@@ -15,6 +15,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from types import FrameType
 from typing import NoReturn, TextIO
@@ -126,6 +127,7 @@ def main() -> NoReturn:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminated)
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal's encoding may lack characters of names and units
             stream.reconfigure(errors="backslashreplace")
@@ -135,10 +137,32 @@ def main() -> NoReturn:
     try:
         sys.stdout.flush()
     except OSError as error:
-        # What is left in the buffer would fail once more when the interpreter ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard(sys.stdout)
         status = status or _fail_of_system(error)
+    try:
+        sys.stderr.flush()
+    except OSError:
+        _discard(sys.stderr)
     sys.exit(status)
+
+
+def _open_closed_streams() -> None:
+    """Open closed standard streams on the null device, also so that no file of a command gets their descriptors."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            handle = os.open(os.devnull, os.O_RDWR)
+            if handle != number:
+                os.dup2(handle, number)
+                os.close(handle)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+
+
+def _discard(stream: TextIO) -> None:
+    """Send what is left in the buffer to the null device; it would fail once more when the interpreter ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _separate_messages() -> None:
@@ -253,7 +277,8 @@ def _show_warning(
 
 
 def _fail(message: str) -> int:
-    click.echo(f"photosite: {_one_line(message)}", err=True)
+    with suppress(OSError):  # standard error on a full disk, or closed by its reader: the status says the rest
+        click.echo(f"photosite: {_one_line(message)}", err=True)
     return EXIT_BAD_INPUT
 
 

@@ -152,7 +152,7 @@ def _description(name: str) -> str:
     metavar="TILE",
     help=f"Color filter array: {', '.join(NAMED)}, or a tile such as RG/GB.  [default: mono]",
 )
-@click.option("--qe-peak", type=click.FloatRange(0, 1, min_open=True), metavar="X", help=_QE_PEAK)
+@click.option("--qe-peak", type=float, metavar="X", help=_QE_PEAK)
 @_sheet_options
 @click.option("--source", metavar="TEXT", help="Origin of the values, such as the data sheet.")
 @json_option

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import webbrowser
 from pathlib import Path
 
@@ -65,4 +66,7 @@ def command(folder: Path | None, port: int, opens: bool, upload_mb: int, job_min
         if opens:
             webbrowser.open(link)
 
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        # The event loop would print the exception by which other commands end; the server ends by itself at SIGTERM.
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     serve(Settings(folder=folder, upload_bytes=upload_mb << 20, job_s=60.0 * job_minutes), port, started)

@@ -22,8 +22,9 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from photosite.errors import InputError, did_you_mean
 from photosite.files.yaml import line_of
 from photosite.sensor.quantity import Covariance, as_measured
+from photosite.values.limits import check_magnitude
 from photosite.values.uncertain import JointCovariance, Measured, Source, Uncertain, correlated
-from photosite.values.validated import input_error, located, reject_unknown
+from photosite.values.validated import input_error, located, reject_unknown, unit_of
 
 Values = dict[str, Uncertain]
 Stated = dict[str, Measured]
@@ -218,14 +219,29 @@ def _either(names: list[str], word: str = "or") -> str:
 def _quantities(
     fields: Mapping[str, Any], kinds: tuple[type[BaseModel], ...], place: tuple[str | int, ...]
 ) -> Iterator[tuple[str, Measured]]:
-    """Yield the values with an uncertainty that fields state, checked by the fields' models."""
+    """Yield the values with an uncertainty that fields state, checked by the fields' models and their units."""
     for kind in kinds:
         for name, field in kind.model_fields.items():
             if field.annotation is Measured and name in fields:
                 try:
-                    yield name, _adapter(kind, name).validate_python(fields[name])
+                    value = _adapter(kind, name).validate_python(fields[name])
                 except ValidationError as error:
                     raise located(input_error(error), *place, name) from None
+                try:
+                    check_magnitude(name, value, unit_of(field))
+                except InputError as error:
+                    raise located(error, *place, name) from None
+                yield name, value
+
+
+def check_quantities(fields: Mapping[str, float], kinds: Iterable[type[BaseModel]]) -> None:
+    """Raise `InputError` for a value outside the limits of its field."""
+    try:
+        for _ in _quantities(fields, tuple(kinds), ()):
+            pass
+    except ValidationError as error:
+        found = input_error(error)
+        raise InputError(found.where or found.what, value=found.value, expected=found.expected) from None
 
 
 @cache

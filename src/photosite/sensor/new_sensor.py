@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from photosite.errors import InputError
 from photosite.sensor.assumed_channels import KNOWN, assumed_channels
-from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS
+from photosite.sensor.file_units import AMPLIFIER, CONVERSION, DN_PER_E, E_PER_DN, SWING, UNITS, check_quantities
 from photosite.sensor.io.sensor_file import parse_sensor
 from photosite.sensor.sections import SECTIONS
 from photosite.values.cfa import Cfa, cfa_from, channel_names, tile_text
@@ -22,6 +22,10 @@ photosite_sensor: 1
 name: {quoted}
 array: {{rows: {rows}, cols: {cols}, cfa: {cfa}}}
 """
+
+
+_SMALLEST_QE = 1e-6
+"""Below any photodetector; smaller ones give tables of nothing but rounding."""
 
 
 def new_sensor_file(
@@ -54,7 +58,8 @@ def new_sensor_file(
     FileError
         If values are missing, invalid, or contradict each other; with the line of the text.
     InputError
-        If the color filter array is unknown, or no shape is known for one of its channels.
+        If the color filter array is unknown, no shape is known for one of its channels, or a number is outside the
+        limits of its unit.
 
     Examples
     --------
@@ -64,6 +69,9 @@ def new_sensor_file(
       dsnu_e: {value: 1.2, source: "assumed: half of the read noise", assumed: true}
     """
     tile = cfa_from(cfa)
+    check_quantities(values, (kind for kinds in SECTIONS.values() for kind in kinds))
+    if not _SMALLEST_QE <= qe_peak <= 1.0:
+        raise InputError("qe_peak", value=qe_peak, expected=f"from {_SMALLEST_QE:g} to 1")
     stated = {**values, "bits": bits}
     assumed = _assumptions(stated)
     places = {field: section for section, kinds in SECTIONS.items() for kind in kinds for field in kind.model_fields}

@@ -7,6 +7,7 @@ from typing import Annotated, Any, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic.fields import FieldInfo
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from photosite.errors import InputError, did_you_mean
@@ -73,9 +74,14 @@ class Section(BaseModel):
     @classmethod
     def _check_magnitude(cls, value: Any, info: ValidationInfo) -> Any:
         name = str(info.field_name)
-        stated = cls.model_fields[name].json_schema_extra
-        check_magnitude(name, value, str(stated.get("unit")) if isinstance(stated, dict) else None)
+        check_magnitude(name, value, unit_of(cls.model_fields[name]))
         return value
+
+
+def unit_of(field: FieldInfo) -> str | None:
+    """Return the unit that a field of a model states, or None."""
+    stated = field.json_schema_extra
+    return str(stated.get("unit")) if isinstance(stated, dict) else None
 
 
 def reject_unknown(raw: Mapping[Any, Any], known: Sequence[str], *location: int | str) -> None:

@@ -520,7 +520,8 @@ def _library_errors(path: Path, *, writing: bool = False) -> Iterator[None]:
         with no_stderr(), redirect_stdout(io.StringIO()):
             yield
     except (RuntimeError, OSError, ValueError, TypeError, KeyError) as error:
-        reason = " ".join(str(error).replace(os.fspath(path), "it").split())[:120]
+        reason = " ".join(str(error).replace(os.fspath(path), "it").split())
         if writing:
-            raise FileError(path, f"cannot be written: {reason}") from None
-        raise FileError(path, f"is damaged or truncated ({reason})", hint=_RENDER_AGAIN) from None
+            of_system = reason.rpartition('". ')[2].rstrip(".")  # the library names the temporary file before it
+            raise FileError(path, f"cannot be written: {of_system[:120]}") from None
+        raise FileError(path, f"is damaged or truncated ({reason[:120]})", hint=_RENDER_AGAIN) from None
