@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from photosite.engine.layers import Field, Grid, Layer, View, term_spectra
+from photosite.engine.layers import Field, Grid, Layer, View, spectra_at_once, term_spectra
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.resample import Warp
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
@@ -51,7 +51,7 @@ def test_term_is_the_sum_of_weighted_maps(rows: int, cols: int) -> None:
         axis=-1,
     )
     fields = [RegularGridInterpolator((FIELD.row, FIELD.col), w)(points) for w in FIELD.weights]
-    out = np.empty((GRID.cells(0), GRID.cells(1) // 2 + 1), np.complex64)
+    out = np.empty((spectra_at_once(one), GRID.cells(0), GRID.cells(1) // 2 + 1), np.complex64)
     for mix, spectrum in zip(one.mixing, term_spectra(one, GRID, out), strict=True):
         maps = np.tensordot(mix, one.views[0].weights, axes=1)
         expected = sum(on_cells(m) * f for m, f in zip(maps, fields, strict=True))

@@ -26,7 +26,15 @@ def corners_of(
 def warped(values: NDArray[np.float32], corners: Corners) -> NDArray[np.float32]:
     rows = corners.y_m.size - 1
     first, last = corners.span(0, rows)
-    return warped_means(values[None, first:last], ONE, first, corners, 0, rows)[0]
+    return warped_rows(values[None, first:last], ONE, first, corners, 0, rows)[0]
+
+
+def warped_rows(
+    values: NDArray[np.float32], mixes: NDArray[np.float32], first: int, corners: Corners, begin: int, end: int
+) -> NDArray[np.float32]:
+    out = np.empty((len(mixes), end - begin, corners.x_m.size - 1), np.float32)
+    warped_means(values, mixes, first, corners, begin, out)
+    return out
 
 
 def looked_at(corners: Corners) -> NDArray[np.float64]:
@@ -90,9 +98,9 @@ def test_identity_warp_equals_plain_resampling(step: float) -> None:
     down = overlap(40, axis[0] - 20 * step, step, 50)
     across = overlap(60, axis[1] - 30 * step, step, 70)
     first, last = down.span(0, 40)
-    want = np.empty((40, 60), np.float32)
-    wide = mean_along_rows(values[first:last], across)
-    mean_of_rows(wide, down, 0, first, want)
+    wide, want = np.empty((last - first, 60), np.float32), np.empty((40, 60), np.float32)
+    mean_along_rows(values[first:last], across, wide)
+    mean_of_rows(wide, down, np.arange(40), first, want)
     np.testing.assert_allclose(got, want, atol=1e-6)
 
 
@@ -114,7 +122,7 @@ def test_strips_are_parts_of_the_whole() -> None:
     whole = warped(values, corners)
     for begin, end in ((0, 17), (17, 18), (18, 51), (51, 100)):
         first, last = corners.span(begin, end)
-        (part,) = warped_means(values[None, first:last], ONE, first, corners, begin, end)
+        (part,) = warped_rows(values[None, first:last], ONE, first, corners, begin, end)
         assert (part == whole[begin:end]).all()
 
 
@@ -129,6 +137,6 @@ def test_several_maps_equal_single_maps(k: float) -> None:
     values = np.random.default_rng(8).random((4, 23, 31)).astype(np.float32)
     corners = corners_of(40, 52, (23, 31), (0.52, 0.6), (11.2, 15.7), k)
     first, last = corners.span(7, 33)
-    got = warped_means(values[:, first:last], np.eye(len(values), dtype=np.float32), first, corners, 7, 33)
+    got = warped_rows(values[:, first:last], np.eye(len(values), dtype=np.float32), first, corners, 7, 33)
     alone = np.stack([warped(one, corners) for one in values])
     assert (got == alone[:, 7:33]).all()

@@ -67,6 +67,8 @@ _FEWEST_SAMPLES, _MOST_SAMPLES = 1e-9, 1e6
 _SMALLEST_IMAGE_M = 1e-30
 
 _STEP_PIXELS = 0.1
+_SAME_PLACE_PIXELS = 1e-6
+"""Largest distance between places in the frame that count as the same."""
 _POINTS_PER_SIDE = 65
 """Points on each side of a region whose images are computed."""
 
@@ -291,9 +293,18 @@ def _view(
     scene: Scene, weights: Mosaic, camera: Camera, node_nm: float, reach_m: float, occluders: tuple[View, ...] = ()
 ) -> View:
     """Return a scene's maps as the lens places them on the frame at a wavelength."""
-    where = placement(scene, camera)
-    warp = frame_warp(camera.optics.mapping(scene.distance_m), node_nm, reach_m, pitch_m(camera.sensor))
-    return View(weights, (where.row_start, where.col_start), (where.row_step, where.col_step), warp, occluders)
+    where, pitch, array = placement(scene, camera), pitch_m(camera.sensor), camera.sensor.array
+    start, step = (where.row_start, where.col_start), (where.row_step, where.col_step)
+    warp = frame_warp(camera.optics.mapping(scene.distance_m), node_nm, reach_m, pitch)
+    if warp is not None and np.ptp(warp.scale) * reach_m <= _SAME_PLACE_PIXELS * min(pitch):
+        # A magnification, as of lateral color without distortion: rows and columns are resampled separately.
+        scale, warp = float(warp.scale[0]), None
+        start = (
+            start[0] + (1 - scale) * step[0] * array.rows / 2,
+            start[1] + (1 - scale) * step[1] * array.cols / 2,
+        )
+        step = (scale * step[0], scale * step[1])
+    return View(weights, start, step, warp, occluders)
 
 
 def _field(spread: FieldPsf, sensor: Sensor) -> Field:

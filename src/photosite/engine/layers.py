@@ -4,28 +4,33 @@ A layer's *term* is a combination of weight maps on the padded grid of cells. If
 the sum of several combinations, each times a field weight. If the lens distorts, each cell takes the mean of a map over
 the place it sees through a warp. Occluders attenuate a map before the lens blurs it.
 
-With lateral color, each wavelength node has a view of its own. A few *node maps* per node are resampled once and
-stored, and all terms are combinations of them.
+With lateral color, each wavelength node has a view of its own. All terms are combinations of a few *node maps* per
+node. These are resampled a strip of rows at a time, and all terms computed from the strip while it is in the cache.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import scipy.fft
+from numpy.typing import NDArray
 
-from photosite.engine.jit import C64, F32, F64, I64, THREADS, compiled, prange
+from photosite.engine.jit import C64, F32, F64, I64, THREADS, compiled, prange, read_only, threads_for
 from photosite.engine.resample import Corners, Overlap, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
 from photosite.engine.transfer import Transfer
 
-_STRIP = 256
-"""Rows of cells that are resampled at a time."""
+_STRIP, _STRIP_LINES = 256, 2048
+"""Rows of cells that are resampled at a time, and rows of all maps and terms together: few enough for the cache, and
+many, because threads of numba and SciPy hinder each other when they take turns."""
+_CHUNK, _BLOCK = 16, 512
+"""Rows and columns of cells that a thread weighs at a time."""
 WORKERS = THREADS
-_MAPS_PER_WARP = 4
-"""Maps that are warped together: finding the place is most of the work, and each map needs memory meanwhile."""
+_MAPS_PER_PASS, _TERMS_PER_PASS = 4, 12
+"""Maps of one distorted view, and terms of several views, that are computed in one pass: finding the places that cells
+see is much of the work, but the spectra of all terms of a pass are stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,99 +104,108 @@ class Layer:
     # mixing is all 0 cost nothing.
     mixing: F32
     transfer: Transfer  # from each term to each channel, or to one
-    # (S_n, K) for each view: its node maps are these times its weights; the S of all views follow one another. They are
-    # resampled once and stored. None: terms combine the weights of the only view, and S is K.
+    # (S_n, K) for each view: its node maps are these times its weights; the S of all views follow one another. None:
+    # terms combine the weights of the only view, and S is K.
     node_maps: tuple[F32, ...] | None = None
     field: Field | None = None  # field weights of the R modes; None: R is 1, and the weight is 1 everywhere
     channel: int | None = None  # the only channel that the layer reaches; None: all
 
 
 def term_spectra(layer: Layer, grid: Grid, out: C64) -> Iterator[C64]:
-    """Yield each term of a layer on the cells, transformed along its rows; all share the memory of `out`."""
-    view = layer.views[0]
-    if layer.node_maps is None and layer.field is None and view.warp is None and not view.occluders:
-        plain = _PlainMaps(view, grid)
+    """Yield each term of a layer on the cells, transformed along its rows.
+
+    `out` is memory for `spectra_at_once(layer)` of them, (n, rows, cols // 2 + 1), which those to come overwrite.
+    """
+    if _is_plain(layer):
+        plain = _PlainMaps(layer.views[0], grid)
         for mix in layer.mixing[:, 0]:
-            plain.spectrum(mix, out)
-            yield out
-    elif layer.node_maps is None and view.warp is not None:
-        for part in _split_terms(layer):
-            yield from _term_spectra(part, grid, out)
-    else:
-        yield from _term_spectra(layer, grid, out)
+            plain.spectrum(mix, out[0])
+            yield out[0]
+        return
+    maps, field = [_maps_of_view(view, grid) for view in layer.views], _FieldWeights(layer.field, grid)
+    for node_maps, mixing in _passes(layer):
+        spectra = out[: len(mixing)]
+        _find_spectra(maps, node_maps, field, mixing, spectra)
+        yield from spectra
 
 
-def _split_terms(layer: Layer) -> Iterator[Layer]:
-    """Yield the layer with a few terms at a time, whose maps are warped together and stored."""
+def spectra_at_once(layer: Layer) -> int:
+    """Return the number of terms whose spectra are computed together."""
+    return 1 if _is_plain(layer) else max((len(mixing) for _, mixing in _passes(layer)), default=1)
+
+
+def _is_plain(layer: Layer) -> bool:
+    """Return whether each term is a combination of the weights of one view without distortion and occluders."""
+    view = layer.views[0]
+    return layer.node_maps is None and layer.field is None and view.warp is None and not view.occluders
+
+
+def _passes(layer: Layer) -> Iterator[tuple[list[F32], F32]]:
+    """Yield a few terms at a time: the node maps of each view that they use, and their mixing."""
     used = np.asarray(layer.mixing.any(axis=2))
+    if layer.node_maps is not None:
+        views = np.repeat(np.arange(len(layer.views)), [len(mixes) for mixes in layer.node_maps])
+        combinations, of_term = np.concatenate(layer.node_maps), np.asarray(layer.mixing.any(axis=1))
+        # Terms that share no map gain nothing from being computed together.
+        size = _TERMS_PER_PASS if (of_term.sum(axis=0) > 1).any() else 1
+        for first in range(0, len(of_term), size):
+            part = slice(first, first + size)
+            shown = of_term[part].any(axis=0)
+            node_maps = [combinations[shown & (views == view)] for view in range(len(layer.views))]
+            yield node_maps, layer.mixing[part][:, :, shown]
+        return
+    # Each combination that a term uses becomes a map. Without distortion, maps share nothing.
+    most = 1 if layer.views[0].warp is None else _MAPS_PER_PASS
     maps, first = used.sum(axis=1), 0
     while first < len(maps):
-        count = max(1, int(np.searchsorted(np.cumsum(maps[first:]), _MAPS_PER_WARP, side="right")))
+        count = max(1, int(np.searchsorted(np.cumsum(maps[first:]), most, side="right")))
         part = slice(first, first + count)
         first += count
-        if maps[part].sum() > _MAPS_PER_WARP:
-            yield replace(layer, mixing=layer.mixing[part])
-            continue
         mixing = np.zeros((*used[part].shape, int(maps[part].sum())), np.float32)
         mixing[(*np.nonzero(used[part]), np.arange(mixing.shape[2]))] = 1.0
-        yield replace(layer, mixing=mixing, node_maps=(layer.mixing[part][used[part]],))
+        yield [layer.mixing[part][used[part]]], mixing
 
 
-def _term_spectra(layer: Layer, grid: Grid, out: C64) -> Iterator[C64]:
-    """As `term_spectra`, for any layer."""
-    field = _FieldWeights(layer.field, grid)
-    terms: Iterator[_Rows]
-    if layer.node_maps is None:
-        terms = _terms_of_view(_maps_of_view(layer.views[0], grid), layer, field)
-    else:
-        terms = _terms_of_stored(_stored_maps(layer.views, layer.node_maps, grid), layer, field)
-    for term in terms:
-        for begin, end in _strips(len(out)):
-            out[begin:end] = scipy.fft.rfft(term(begin, end), axis=1, workers=WORKERS)
-        yield out
+def _find_spectra(
+    maps: Sequence[_Maps], node_maps: Sequence[F32], field: _FieldWeights, mixing: F32, spectra: C64
+) -> None:
+    """Compute the terms of a pass, transformed along their rows, (terms, rows, cols // 2 + 1)."""
+    (terms, rows), cols, count = spectra.shape[:2], field.across.shape[2], sum(map(len, node_maps))
+    weights = np.tensordot(mixing, field.across, axes=(1, 0))
+    strip = max(_CHUNK, _STRIP_LINES // (count + terms))
+    lines = np.empty((count * strip, cols), np.float32)
+    out = np.empty((terms, strip, cols), np.float32)
+    for begin, end in _strips(rows, strip):
+        size, first = end - begin, 0
+        numbers = np.empty((count, size), np.int64)
+        for of_view, mixes in zip(maps, node_maps, strict=True):
+            if len(mixes):
+                own = slice(first, first + len(mixes))
+                numbers[own] = first * size + of_view.rows(mixes, begin, end, lines[first * size :])
+                first += len(mixes)
+        if weights.size == cols and (weights == 1).all():  # the term is a map; equal rows are transformed once
+            distinct = lines[: numbers[0, -1] + 1]
+            spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=WORKERS)[numbers[0]]
+            continue
+        _weigh_rows(lines, numbers, weights, field.above[begin:end], field.share[begin:end], out)
+        for lines_of_term, spectrum in zip(out, spectra, strict=True):
+            spectrum[begin:end] = scipy.fft.rfft(lines_of_term[:size], axis=1, workers=WORKERS)
 
 
-def _terms_of_view(maps: _Maps, layer: Layer, field: _FieldWeights) -> Iterator[_Rows]:
-    """Yield a function for each term, whose maps are combined and resampled row by row."""
-    for mix in layer.mixing:
-        used = mix.any(axis=1)
-
-        def rows(begin: int, end: int, mixes: F32 = mix[used], across: F32 = field.across[used]) -> F32:
-            combined = maps.rows(mixes, begin, end)
-            if layer.field is None:
-                one: F32 = combined[0]
-                return one
-            return field.sum(combined, 0, across, begin, end)
-
-        yield rows
-
-
-def _terms_of_stored(maps: F32, layer: Layer, field: _FieldWeights) -> Iterator[_Rows]:
-    """Yield a function for each term, as the sum of (S, rows, cols) maps times their share of the field weights."""
-    for mix in layer.mixing:
-        only = int(mix.argmax()) if layer.field is None and np.count_nonzero(mix) == 1 and mix.max() == 1.0 else None
-        mixed = np.tensordot(mix, field.across, axes=(0, 0))
-
-        def rows(begin: int, end: int, only: int | None = only, across: F32 = mixed) -> F32:
-            return field.sum(maps, begin, across, begin, end) if only is None else maps[only, begin:end]
-
-        yield rows
-
-
-def _strips(rows: int) -> Iterator[tuple[int, int]]:
+def _strips(rows: int, size: int = _STRIP) -> Iterator[tuple[int, int]]:
     """Yield the first row of each strip, and the one after its last."""
-    return ((begin, min(begin + _STRIP, rows)) for begin in range(0, rows, _STRIP))
-
-
-_Rows = Callable[[int, int], F32]
-"""(begin, end) -> (end - begin, cols): rows of cells of a term."""
+    return ((begin, min(begin + size, rows)) for begin in range(0, rows, size))
 
 
 class _Maps(Protocol):
     """Maps on the grid's cells."""
 
-    def rows(self, mixes: F32, begin: int, end: int) -> F32:
-        """Return (R, end - begin, cols): rows of cells of the combinations (R, S) of maps."""
+    def rows(self, mixes: F32, begin: int, end: int, lines: F32) -> I64:
+        """Compute rows of cells of the combinations (R, S) of maps; equal rows may be computed once.
+
+        Fill the first of `lines`, (at least R (end - begin), cols), and return the number (R, end - begin) of each
+        row's line, in increasing order.
+        """
         ...
 
 
@@ -210,21 +224,28 @@ class _PlainMaps:
             grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)
         )
 
-    def rows(self, mixes: F32, begin: int, end: int) -> F32:
-        return np.stack([self._rows(mix, begin, end) for mix in mixes])
+    def rows(self, mixes: F32, begin: int, end: int, lines: F32) -> I64:
+        # A row that sees the same single row of samples as the row above is equal to it.
+        first = self._down.first[begin : end + 1]
+        single, sample = np.diff(first) == 1, self._down.sample[first[:-1]]
+        distinct = np.append(True, ~(single[1:] & single[:-1] & (np.diff(sample) == 0)))
+        outputs = begin + np.flatnonzero(distinct)
+        for r, mix in enumerate(mixes):
+            self._rows(mix, outputs, lines[r * outputs.size : (r + 1) * outputs.size])
+        return np.cumsum(distinct) - 1 + outputs.size * np.arange(len(mixes))[:, None]
 
-    def _rows(self, mix: F32, begin: int, end: int) -> F32:
-        """Return (end - begin, cols) of the map `mix @ weights`; the axis with fewer samples is resampled last."""
-        first, last = self._down.span(begin, end)
-        strip = np.tensordot(mix, self._weights[:, first:last], axes=1)
-        if last - first <= end - begin:
-            wide = mean_along_rows(strip, self._across)
-            rows = np.empty((end - begin, wide.shape[1]), np.float32)
-            mean_of_rows(wide, self._down, begin, first, rows)
-            return rows
-        short = np.empty((end - begin, self._weights.shape[2]), np.float32)
-        mean_of_rows(strip, self._down, begin, first, short)
-        return mean_along_rows(short, self._across)
+    def _rows(self, mix: F32, outputs: I64, out: F32) -> None:
+        """Compute rows of the map `mix @ weights`; the axis with fewer samples is resampled last."""
+        first, last = self._down.span(int(outputs[0]), int(outputs[-1]) + 1)
+        strip = _mixed(mix, self._weights[:, first:last])
+        if last - first <= len(outputs):
+            wide = np.empty((len(strip), out.shape[1]), np.float32)
+            mean_along_rows(strip, self._across, wide)
+            mean_of_rows(wide, self._down, outputs, first, out)
+        else:
+            short = np.empty((len(outputs), strip.shape[1]), np.float32)
+            mean_of_rows(strip, self._down, outputs, first, short)
+            mean_along_rows(short, self._across, out)
 
     def spectrum(self, mix: F32, out: C64) -> None:
         """Compute the map `mix @ weights`, transformed along its rows, into (rows, cols // 2 + 1).
@@ -235,13 +256,35 @@ class _PlainMaps:
         parts = out.view(np.float32)
         for begin, end in _strips(len(out)):
             first, last = self._down.span(begin, end)
+            outputs = np.arange(begin, end)
+            wide = np.empty((min(last - first, end - begin), self._across.first.size - 1), np.float32)
             if last - first <= end - begin:
-                strip = np.tensordot(mix, self._weights[:, first:last], axes=1)
-                wide = mean_along_rows(strip, self._across)
+                strip = _mixed(mix, self._weights[:, first:last])
+                mean_along_rows(strip, self._across, wide)
                 narrow = scipy.fft.rfft(wide, axis=1, workers=WORKERS).view(np.float32)
-                mean_of_rows(narrow, self._down, begin, first, parts[begin:end])
+                mean_of_rows(narrow, self._down, outputs, first, parts[begin:end])
             else:
-                out[begin:end] = scipy.fft.rfft(self._rows(mix, begin, end), axis=1, workers=WORKERS)
+                self._rows(mix, outputs, wide)
+                out[begin:end] = scipy.fft.rfft(wide, axis=1, workers=WORKERS)
+
+
+def _mixed(mix: F32, values: F32) -> F32:
+    """Return (rows, cols): the combination (K,) of (K, rows, cols) maps."""
+    out = np.empty(values.shape[1:], np.float32)
+    with threads_for(values.size):
+        _mix(read_only(mix), values, out)
+    return out
+
+
+@compiled(parallel=True)
+def _mix(mix: F32, values: F32, out: F32) -> None:
+    for r in prange(out.shape[0]):
+        line = out[r]
+        line[:] = 0.0
+        for k in range(mix.size):
+            weight, given = mix[k], values[k, r]
+            for c in range(line.size):
+                line[c] += weight * given[c]
 
 
 class _WarpedMaps:
@@ -260,9 +303,12 @@ class _WarpedMaps:
             shape=(view.weights.shape[1], view.weights.shape[2]),
         )
 
-    def rows(self, mixes: F32, begin: int, end: int) -> F32:
+    def rows(self, mixes: F32, begin: int, end: int, lines: F32) -> I64:
         first, last = self._corners.span(begin, end)
-        return warped_means(self._weights[:, first:last], mixes, first, self._corners, begin, end)
+        shape = len(mixes), end - begin, lines.shape[1]
+        out = lines[: shape[0] * shape[1]].reshape(shape)
+        warped_means(self._weights[:, first:last], mixes, first, self._corners, begin, out)
+        return np.arange(shape[0] * shape[1]).reshape(shape[:2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,32 +318,20 @@ class _OccludedMaps:
     maps: _Maps
     transmission: F32
 
-    def rows(self, mixes: F32, begin: int, end: int) -> F32:
-        return self.maps.rows(mixes, begin, end) * self.transmission[begin:end]
-
-
-def _stored_maps(views: Sequence[View], node_maps: Sequence[F32], grid: Grid) -> F32:
-    """Return (S, rows, cols): the node maps of all views on the grid's cells."""
-    shape = grid.cells(0), grid.cells(1)
-    stored, first = np.empty((sum(map(len, node_maps)), *shape), np.float32), 0
-    for view, mixes in zip(views, node_maps, strict=True):
-        if not len(mixes):
-            continue
-        maps = _maps_of_view(view, grid)
-        for begin, end in _strips(shape[0]):
-            stored[first : first + len(mixes), begin:end] = maps.rows(mixes, begin, end)
-        first += len(mixes)
-    return stored
+    def rows(self, mixes: F32, begin: int, end: int, lines: F32) -> I64:
+        seen = lines[self.maps.rows(mixes, begin, end, lines)]
+        lines[: len(mixes) * (end - begin)] = (seen * self.transmission[begin:end]).reshape(-1, lines.shape[1])
+        return np.arange(len(mixes) * (end - begin)).reshape(len(mixes), -1)
 
 
 def _transmission(occluders: Sequence[View], grid: Grid) -> F32:
     """Return (rows, cols) the light that passes all occluders; their parts of a cell are taken as independent."""
     passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
-    whole = np.ones((1, 1), np.float32)
+    whole, lines = np.ones((1, 1), np.float32), np.empty((_STRIP, grid.cells(1)), np.float32)
     for occluder in occluders:
         opacity = _maps_of_view(replace(occluder, occluders=()), grid)
         for begin, end in _strips(len(passing)):
-            passing[begin:end] *= np.float32(1) - opacity.rows(whole, begin, end)[0]
+            passing[begin:end] *= np.float32(1) - lines[opacity.rows(whole, begin, end, lines)[0]]
     return passing
 
 
@@ -308,37 +342,49 @@ class _FieldWeights:
         rows, centers = grid.cells(0), grid.centers(1)
         self.across = np.ones((1, 1, centers.size), np.float32)  # (R, P, cols), at the rows of nodes
         # For each row of cells the row of nodes above it, and the share of the one below.
-        self._index, self._share = np.zeros(rows, np.int64), np.zeros(rows, np.float32)
+        self.above, self.share = np.zeros(rows, np.int64), np.zeros(rows, np.float32)
         if field is None:
             return
         along = [np.interp(centers, field.col, line) for line in field.weights.reshape(-1, field.col.size)]
         self.across = np.stack(along).astype(np.float32).reshape(*field.weights.shape[:2], centers.size)
         position = np.interp(grid.centers(0), field.row, np.arange(field.row.size))
-        self._index = np.minimum(position.astype(np.int64), max(field.row.size - 2, 0))
-        self._share = (position - self._index).astype(np.float32)
+        self.above = np.minimum(position.astype(np.int64), max(field.row.size - 2, 0))
+        self.share = (position - self.above).astype(np.float32)
 
-    def sum(self, maps: F32, first: int, across: F32, begin: int, end: int) -> F32:
-        """Return (end - begin, cols): rows begin to end of the sum of maps times weights.
 
-        - `maps`: (n, rows, cols), of which row `first` is row `begin` of the grid.
-        - `across`: (n, P, cols) combinations of `self.across`.
-        """
-        out = np.empty((end - begin, maps.shape[2]), np.float32)
-        used = np.flatnonzero(across.any(axis=(1, 2)))
-        _weigh_rows(maps, used, first, across, self._index[begin:end], self._share[begin:end], out)
-        return out
+def _weigh_rows(lines: F32, numbers: I64, weights: F32, above: I64, share: F32, out: F32) -> None:
+    """Compute the first rows of `out`, (terms, at least rows, cols), as sums of maps times weights.
+
+    - `lines`, `numbers`: Row i of map s is `lines[numbers[s, i]]`.
+    - `weights`: (terms, S, P, cols) at the rows of nodes.
+    - `above`, `share`: (rows,) the row of nodes above each row, and the share of the one below.
+    """
+    _sum_rows(lines, numbers, weights, np.asarray(weights.any(axis=(2, 3))), above, share, out)
 
 
 @compiled(parallel=True)
-def _weigh_rows(maps: F32, used: I64, first: int, across: F32, index: I64, share: F32, out: F32) -> None:
-    """Compute the sum of the used maps, from row `first` on, times weights between rows index and index + 1."""
-    rows, cols = out.shape
-    last = across.shape[1] - 1
-    for i in prange(rows):
-        low, part = index[i], share[i]
-        line = np.zeros(cols, np.float32)
-        for r in used:
-            values, above, below = maps[r, first + i], across[r, low], across[r, min(low + 1, last)]
-            for c in range(cols):
-                line[c] += values[c] * (above[c] + part * (below[c] - above[c]))
-        out[i] = line
+def _sum_rows(
+    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: I64, share: F32, out: F32
+) -> None:
+    rows, cols = numbers.shape[1], out.shape[2]
+    for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
+        for left in range(0, cols, _BLOCK):  # what a block needs stays in the cache
+            block = slice(left, min(left + _BLOCK, cols))
+            for i in range(chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)):
+                for term in range(out.shape[0]):
+                    _add_weighed(
+                        lines, numbers[:, i], weights[term], used[term], above[i], share[i], block, out[term, i]
+                    )
+
+
+@compiled()
+def _add_weighed(
+    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: int, share: float, block: slice, out: F32
+) -> None:
+    total, below = out[block], min(above + 1, weights.shape[1] - 1)
+    total[:] = 0.0
+    for s in range(numbers.size):
+        if used[s]:
+            values, high, low = lines[numbers[s], block], weights[s, above, block], weights[s, below, block]
+            for c in range(total.size):
+                total[c] += values[c] * (high[c] + share * (low[c] - high[c]))

@@ -20,7 +20,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from photosite.engine.jit import C64, F32, F64, I64, compiled, prange, read_only
-from photosite.engine.layers import WORKERS, Grid, Layer, term_spectra
+from photosite.engine.layers import WORKERS, Grid, Layer, spectra_at_once, term_spectra
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer, folded_terms
 
 TAPS = 8
@@ -42,12 +42,13 @@ def mosaic_of_layers(
     """
     places = [(r, c, channel) for channel, of_channel in enumerate(sites) for r, c in of_channel]
     folds = _empty_folds(grid, places)
-    spectrum = np.empty((grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
+    most = max((spectra_at_once(layer) for layer in layers), default=0)
+    spectra = np.empty((most, grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
     done, total = 0, sum(len(layer.mixing) for layer in layers)
     for layer in layers:
         response = _Response(layer.transfer, sampling, grid)
         reached = folds if layer.channel is None else _of_channel(folds, layer.channel)
-        for term, lines in enumerate(term_spectra(layer, grid, spectrum)):  # one spectrum is in memory at a time
+        for term, lines in enumerate(term_spectra(layer, grid, spectra)):
             response.add(scipy.fft.fft(lines, axis=0, overwrite_x=True, workers=WORKERS), term, reached)
             done += 1
             if progress is not None:

@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
+from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only, threads_for
 
 _CHUNK = 16
 """Rows of cells that a thread processes at a time; all but the first reuse the edges of the row above."""
+_FEW_SAMPLES = 4
+"""Samples per output up to which all outputs of a line are computed as if they covered as many."""
 _BLOCK = 256
 """Cells whose shares in samples are computed together, unless each of them sees one sample."""
 
@@ -52,29 +54,57 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
     return Overlap(first, sample, share.astype(np.float32))
 
 
-@compiled()
-def mean_along_rows(values: F32, across: Overlap) -> F32:
-    """Return (rows, count): each row of (rows, samples) resampled. Single-threaded, because strips are short."""
+def mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
+    """Compute (rows, count): each row of (rows, samples) resampled."""
+    with threads_for(out.size):
+        _mean_along_rows(values, across, out)
+
+
+def mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F32) -> None:
+    """Compute some outputs, given by number, as means of whole rows; values[0] is sample number `offset`."""
+    with threads_for(out.size):
+        _mean_of_rows(values, down, outputs, offset, out)
+
+
+@compiled(parallel=True)
+def _mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
     first, sample, share = across
-    rows, count = values.shape[0], first.size - 1
-    out = np.empty((rows, count), np.float32)
-    for r in range(rows):
+    count = out.shape[1]
+    covered = 0
+    for i in range(count):
+        covered = max(covered, first[i + 1] - first[i])
+    if covered > _FEW_SAMPLES:
+        for r in prange(out.shape[0]):
+            for i in range(count):
+                total = np.float32(0.0)
+                for entry in range(first[i], first[i + 1]):
+                    total += values[r, sample[entry]] * share[entry]
+                out[r, i] = total
+        return
+    # Equally many entries for each output, for vector instructions; the last ones may have share 0.
+    samples, shares = np.empty((covered, count), np.uint32), np.empty((covered, count), np.float32)
+    for k in range(covered):
         for i in range(count):
-            total = np.float32(0.0)
-            for entry in range(first[i], first[i + 1]):
-                total += values[r, sample[entry]] * share[entry]
-            out[r, i] = total
-    return out
+            entry = min(first[i] + k, first[i + 1] - 1)
+            samples[k, i] = sample[entry]
+            shares[k, i] = share[entry] if first[i] + k == entry else np.float32(0.0)
+    for r in prange(out.shape[0]):
+        line, given = out[r], values[r]
+        line[:] = 0.0
+        for k in range(covered):
+            number, weight = samples[k], shares[k]
+            for i in range(count):
+                line[i] += given[number[i]] * weight[i]
 
 
-@compiled()
-def mean_of_rows(values: F32, down: Overlap, begin: int, offset: int, out: F32) -> None:
-    """Compute outputs begin, begin + 1, ... as means of whole rows; values[0] is sample number `offset`."""
+@compiled(parallel=True)
+def _mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F32) -> None:
     first, sample, share = down
-    for i in range(out.shape[0]):
-        for entry in range(first[begin + i], first[begin + i + 1]):
+    for i in prange(out.shape[0]):
+        begin = first[outputs[i]]
+        for entry in range(begin, first[outputs[i] + 1]):
             row, weight = values[sample[entry] - offset], share[entry]
-            if entry == first[begin + i]:
+            if entry == begin:
                 for c in range(out.shape[1]):
                     out[i, c] = row[c] * weight
             else:
@@ -132,8 +162,8 @@ class Corners:
         return np.asarray(np.interp(self.y_m[row] ** 2 + self.x_m**2, nodes, self.warp.scale))
 
 
-def warped_means(values: F32, mixes: F32, offset: int, corners: Corners, begin: int, end: int) -> F32:
-    """Return (R, end - begin, cols): means of maps over the places that rows begin to end of cells see.
+def warped_means(values: F32, mixes: F32, offset: int, corners: Corners, begin: int, out: F32) -> None:
+    """Compute (R, rows, cols): means of maps over the places that rows of cells from `begin` on see.
 
     The maps are the combinations `mixes` (R, K) of `values`, (K, n, map cols): rows `offset`, `offset + 1`, ..., at
     least those of `corners.span`.
@@ -141,11 +171,9 @@ def warped_means(values: F32, mixes: F32, offset: int, corners: Corners, begin: 
     count, (rows, cols) = len(mixes), values.shape[1:]
     maps, before = np.empty((count, rows, cols), np.float32), np.empty((count, rows, cols))
     _mix_and_integrate(read_only(values), read_only(mixes), maps, before)
-    out = np.empty((count, end - begin, corners.x_m.size - 1), np.float32)
     source = _Source(maps, before, offset)
     trace = _Trace(corners.warp.scale, corners.warp.step_m2, corners.x_m, *corners.axis, *corners.per_m)
-    _warped_means(source, trace, corners.y_m[begin : end + 1], out)
-    return out
+    _warped_means(source, trace, corners.y_m[begin : begin + out.shape[1] + 1], out)
 
 
 class _Source(NamedTuple):
