@@ -89,6 +89,18 @@ def test_mapping_without_distortion(cells: int) -> None:
     assert np.abs(moved - plain).max() < 1e-6 * plain.max()
 
 
+def test_a_magnification_is_the_limit_of_a_distortion() -> None:
+    """A distortion of 1e-5 pixels in the corner takes the general way; rays of both are at most as far apart."""
+    sensor, scene = D200.with_(rows=80, cols=120), random_scene(100, 140)
+    corner = corner_m(sensor)
+    with_magnification, with_distortion = (
+        ps.Camera(lens(third_order(k, corner, lateral=0.02)), sensor).mean_electrons(scene, 0.01)
+        for k in (0.0, 1e-5 * PITCH_M / corner)
+    )
+    assert np.abs(with_magnification - with_distortion).max() < 5e-5 * with_distortion.max()
+    assert np.abs(with_magnification - ps.Camera(lens(), sensor).mean_electrons(scene, 0.01)).max() > 1.0
+
+
 def test_mapping_without_distortion_with_a_field_psf() -> None:
     sensor, scene = D200.with_(rows=80, cols=120), random_scene(100, 140)
 
