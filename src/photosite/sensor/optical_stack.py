@@ -251,7 +251,7 @@ class OpticalStack(Section):
     angular_response: AngularResponse | None = about(
         "Response to light at an angle.",
         NO_UNIT,
-        {"angle_deg": [0.0, 20.0], "relative_response": [1.0, 0.9]},
+        {"angle_deg": [0.0, 20.0, 40.0], "relative_response": [1.0, 0.9, 0.7]},
         default=None,
     )
     crosstalk: Crosstalk | None = about(
