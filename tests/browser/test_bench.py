@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import time
@@ -166,7 +167,7 @@ def test_tables_captures_and_dropped_files_are_simulated(page, link, folder: Pat
     drop(page, "#picture", folder / "small.sensor.yaml")
     wait(page, "document.getElementById('status-text').textContent.startsWith('Small')")
     page.get_by_text("Spectral response", exact=True).click()
-    page.locator("summary", has_text="G").last.click()
+    page.locator("summary", has_text=re.compile("^G$")).last.click()
     table = page.get_by_label("Quantum efficiency, table").nth(1)
     table.fill("400 0.1\n500 0.6 0.2 7")
     table.blur()
