@@ -172,6 +172,7 @@ def _find_spectra(
     """Compute the terms of a pass, transformed along their rows, (terms, rows, cols // 2 + 1)."""
     (terms, rows), cols, count = spectra.shape[:2], field.across.shape[2], sum(map(len, node_maps))
     weights = np.tensordot(mixing, field.across, axes=(1, 0))
+    used = np.asarray(weights.any(axis=(2, 3)))
     strip = max(_CHUNK, _STRIP_LINES // (count + terms))
     lines = np.empty((count * strip, cols), np.float32)
     out = np.empty((terms, strip, cols), np.float32)
@@ -187,7 +188,8 @@ def _find_spectra(
             distinct = lines[: numbers[0, -1] + 1]
             spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=WORKERS)[numbers[0]]
             continue
-        _weigh_rows(lines, numbers, weights, field.above[begin:end], field.share[begin:end], out)
+        above, share = field.above[begin:end], field.share[begin:end]
+        _sum_rows(lines, numbers, weights, used, above, share, out)
         for lines_of_term, spectrum in zip(out, spectra, strict=True):
             spectrum[begin:end] = scipy.fft.rfft(lines_of_term[:size], axis=1, workers=WORKERS)
 
@@ -352,20 +354,16 @@ class _FieldWeights:
         self.share = (position - self.above).astype(np.float32)
 
 
-def _weigh_rows(lines: F32, numbers: I64, weights: F32, above: I64, share: F32, out: F32) -> None:
-    """Compute the first rows of `out`, (terms, at least rows, cols), as sums of maps times weights.
-
-    - `lines`, `numbers`: Row i of map s is `lines[numbers[s, i]]`.
-    - `weights`: (terms, S, P, cols) at the rows of nodes.
-    - `above`, `share`: (rows,) the row of nodes above each row, and the share of the one below.
-    """
-    _sum_rows(lines, numbers, weights, np.asarray(weights.any(axis=(2, 3))), above, share, out)
-
-
 @compiled(parallel=True)
 def _sum_rows(
     lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: I64, share: F32, out: F32
 ) -> None:
+    """Compute the first rows of `out`, (terms, at least rows, cols), as sums of maps times weights.
+
+    - `lines`, `numbers`: Row i of map s is `lines[numbers[s, i]]`.
+    - `weights`: (terms, S, P, cols) at the rows of nodes; `used`: (terms, S) whether any is not 0.
+    - `above`, `share`: (rows,) the row of nodes above each row, and the share of the one below.
+    """
     rows, cols = numbers.shape[1], out.shape[2]
     for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
         for left in range(0, cols, _BLOCK):  # what a block needs stays in the cache
