@@ -47,6 +47,10 @@ def test_components_and_error_are_reported(photosite: Any, tmp_path: Path) -> No
     assert "tolerance" not in again.out
     again = photosite("convert", tmp_path / "chart.h5", "--force", "-o", tmp_path / "b.h5", "--json")
     assert again.json["tolerance"] is None
+    for name, value in (("--variable", "cube"), ("--interleave", "bsq")):
+        refused = photosite("convert", tmp_path / "chart.h5", "--force", "-o", tmp_path / "b.h5", name, value)
+        assert refused.status == 2
+        assert f"holds a scene, to which an option does not apply. Omit {name} {value}" in refused.err
 
 
 def test_each_missing_option_is_asked_for(photosite: Any, bare: Path) -> None:

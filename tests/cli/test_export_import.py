@@ -12,6 +12,7 @@ from short_protocol import short_d200_protocol
 
 import photosite as ps
 from photosite.cli.main import run
+from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.frames.io.darktable import read_darktable
 
 
@@ -65,6 +66,8 @@ def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path
     done = photosite("export", stack, "emva", "-o", folder)
     assert done.status == 0
     assert "not in a descriptor: color filter array" in done.err
+    wrong = photosite("export", stack, "emva", "-o", tmp_path / "no", "--sensor", "nikon-d200")
+    assert (wrong.status, "--sensor does not apply to the format emva" in wrong.err) == (2, True)
     before = photosite("calibrate", stack, "--json").json["parameters"]
     after = photosite("calibrate", folder, "--cfa", "rggb", "--json").json["parameters"]
     for name in ("system_gain_dn_per_e", "read_noise_e", "quantum_efficiency_percent", "prnu1288_percent"):
@@ -99,6 +102,17 @@ def test_wrong_exports(
     assert why in done.err
     assert len(done.err.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_gain_setting_that_the_frames_do_not_have(
+    photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dark = np.full((2, 3), 64, np.uint16)
+    frames = frame_set_from_arrays([("dark", 0.1, dark, None, 400.0)], bits=12)
+    monkeypatch.setattr("photosite.frames.open.open_frames", lambda *_, **__: frames)
+    done = photosite("export", tmp_path, "darktable", "--gain-setting", 100, "-o", tmp_path / "a.json")
+    assert done.status == 2
+    assert "--gain-setting must be one of the frames': 400, got 100" in done.err
 
 
 def test_wrong_imports(photosite: Any, tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def test_figures_of_sensors_and_scenes(photosite: Any, file: Path) -> None:
     figures = ps.compare_sensors({"a": ps.load_sensor("vendor-2.2um")}, f_number=2).sensors["a"]
     row = dict(zip(found["measured"], found["rows"][2][2:], strict=True))
     assert row["snr10_lux"] == pytest.approx(figures.snr10_lux, rel=1e-3)
-    text = TEXT.replace("  f_number: [2, 4]", "  mean_luminance_cd_m2: [10, 20]")
+    text = TEXT.replace("  f_number: [2, 4]", "  mean_luminance_cd_m2: [10, 20]").replace("luminance_cd_m2: 20, ", "")
     file.write_text(text + "scene: {source: macbeth, illuminant: A}\n")
     rows = photosite("sweep", file, "--json").json["rows"]
     assert rows[1][2] / rows[0][2] == pytest.approx(2)
@@ -84,6 +84,7 @@ def test_figures_of_sensors_and_scenes(photosite: Any, file: Path) -> None:
         ("cd_m2: 20", "cd_m2: 20, illuminant: lamp.csv", "/lamp.csv: there is no such file"),
         ("f_number: [2", "distance_m: [2", ":6: field must be"),
         ("photosite_sweep", "photosite_camera", "is a camera file, not a sweep file"),
+        ("measure: {", "scene: macbeth\nmeasure: {", ":8: measure: luminance_cd_m2 does not apply with a scene"),
         ("measure: {", "scene: {source: macbet}\nmeasure: {", ":7: scene: source must be"),
     ],
 )

@@ -107,6 +107,13 @@ def test_saturated_pixels_have_no_polarization():
     np.testing.assert_allclose(seen.s0[:4], 1000, rtol=1e-6)
 
 
+def test_a_sensor_without_the_channels_is_an_error():
+    raw = ps.RawFrame(np.full((8, 8), 100, np.uint16), bits=12, cfa=NAMED["polarization"])
+    with pytest.raises(InputError) as error:
+        ps.stokes(raw, sensor=ps.load_sensor("nikon-d200"))
+    assert (error.value.what, error.value.value) == ("sensor", "Nikon D200")
+
+
 def test_what_has_no_stokes_parameters():
     with raises(InputError, "cfa", where="stokes", value="R, G, B"):
         stokes(RawFrame(np.ones((8, 8), np.uint16), bits=12, cfa=NAMED["rggb"]))

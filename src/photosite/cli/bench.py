@@ -34,6 +34,7 @@ def command(quick: bool, cases: tuple[str, ...], workers: bool, as_json: bool) -
     from photosite.studies.bench.cases import memory, run_cases, scaling
 
     if workers:
+        options.not_for("--workers", "quick", "cases")
         _measure_workers(as_json)
         return
     measured, left_out = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))

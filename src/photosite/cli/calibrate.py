@@ -193,6 +193,7 @@ def command(
     if names := _names_of_captures(path, captures, sensor_name):
         if output is not None or maps or linearize is not None or checkpoint is not None or given:
             raise click.UsageError("-o, --maps, --linearize, --checkpoint and --contribute need frames of one capture")
+        options.only_for("frames of one capture", "name", *_OF_ONE_CAPTURE)
         if not alone:
             raise click.UsageError(_OF_ONE)
         frames_of = {each: open_frames(path / each, **reading) for each in names}
@@ -218,6 +219,9 @@ def command(
     if frames.bits > 16 or (sensor is not None and sensor.captures is not None and not is_series):
         if given:
             raise click.UsageError("--contribute needs frames of one capture")
+        if not alone:
+            raise click.UsageError(_OF_ONE)
+        options.only_for("frames of one capture", "checkpoint", *_OF_ONE_CAPTURE)
         _combined(frames, sensor, output, report, as_json)
         return None
     if output is not None and sensor is None:
@@ -251,6 +255,7 @@ def command(
         say(f"photosite: {error.what}; the captures are distinguished by their noise")
         if given:
             raise click.UsageError("--contribute needs frames of one capture") from None
+        options.only_for("frames of one capture", *_OF_ONE_CAPTURE)
         _combined(frames, sensor, output, report, as_json)
         return None
     not_listed(held, calibration.warnings)
@@ -297,6 +302,8 @@ def _contribution(
     return _Contribution(folder, check_license(license_id), camera, attribution)
 
 
+_OF_ONE_CAPTURE = ("maps", "outlier_dark", "outlier_light")
+"""Parameters that need frames of one capture."""
 _OF_ONE = "--processes and --dask apply to frames of one gain setting and capture, or with --into to several cameras"
 
 

@@ -28,6 +28,10 @@ _profiles_option = click.option(
 )
 
 
+_OF_PROFILES = ("mono", "black_level_dn", "white_level_dn")
+"""Parameters that complete a noise profile."""
+
+
 @click.group("cameras", cls=Group, invoke_without_command=True)
 @click.pass_context
 def command(context: click.Context) -> None:
@@ -116,9 +120,17 @@ def show_camera(
     """
     from photosite.library.profile import load_camera_profile
 
+    if output is None:
+        options.only_for("-o", "sensor_name")
     camera = load_camera_profile(
         name, iso, profiles=profiles or None, mono=mono, black_level_dn=black_level_dn, white_level_dn=white_level_dn
     )
+    if camera.measured is not None:
+        options.not_for("a contributed camera, whose sensor file is complete", *_OF_PROFILES)
+        if sensor_name is not None:
+            say("photosite: --sensor does not apply to a contributed camera, whose sensor file is complete")
+    elif camera.noise is None:
+        options.only_for("noise profiles", *_OF_PROFILES)
     if output is not None:
         if sensor_name is None and camera.measured is None:
             raise click.UsageError("-o needs --sensor for what the files do not contain")

@@ -24,6 +24,9 @@ _OF_OPTIONS = (
 )
 """Options that a set-up file replaces."""
 
+_OF_SIMULATION = (*(name for name in _OF_OPTIONS if name != "sensor_name"), "integration", "set_up_file", "seed")
+"""Options of the simulation; the sensor also completes what a file does not state."""
+
 
 @click.command("compare", cls=Command)
 @click.argument("other", type=click.Path(path_type=Path))
@@ -72,6 +75,7 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
     from photosite.validation.set_up import read_set_up
     from photosite.validation.tool_comparison import compare
 
+    _check_options(other, reference, settings["set_up_file"])
     say_if_compiling()
     file = settings["set_up_file"] or (other if other.suffix.lower() == ".json" else None)
     set_up = _set_up(ctx, file, settings) if reference is None else None
@@ -91,6 +95,20 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
     lines = [line for line in (case and f"case: {case}", hint) if line]
     content = {"compared": named, "case": case, "hint": hint} | result.to_dict()
     show(as_json, content, lambda: _text(named, result, lines))
+
+
+def _check_options(other: Path, reference: Path | None, set_up_file: Path | None) -> None:
+    """Raise a usage error for an option that does not apply to these files."""
+    read = [path for path in (other, reference) if path is not None]
+    suffixes = {path.suffix.lower() for path in read}
+    if reference is not None:
+        options.only_for("a simulation, which REFERENCE replaces", *_OF_SIMULATION)
+    if ".json" not in suffixes and set_up_file is None:
+        options.only_for("JSON files", "case")
+    if ".mat" not in suffixes:
+        options.only_for("MATLAB files", "variable")
+    if suffixes <= {".csv", ".json"}:
+        options.only_for("MATLAB files and raw files", "unit", "bits", "cfa", "black_level_dn")
 
 
 def _set_up(ctx: click.Context, file: Path | None, settings: dict[str, Any]) -> SetUp:

@@ -36,6 +36,15 @@ def _range_of(parse: Callable[[str], float]) -> Callable[[str], float | tuple[fl
     return parsed
 
 
+_SETTINGS_OF = {
+    "scenes": (
+        *("illuminants", "white_luminance_cd_m2", "samples_per_pixel", "no_lens_blur"),
+        *("optics_file", "f_number", "focal_length_mm"),
+    ),
+    "raw": ("input_sensor", "averaged"),
+}
+"""Parameters that apply to one kind of inputs."""
+
 _number, _time = _range_of(options.above()), _range_of(options.exposure_time)
 
 
@@ -131,6 +140,9 @@ def command(
     from photosite.data.dataset import PairDataset
     from photosite.data.shards import CARD, write_shards
 
+    for of_kind, settings in _SETTINGS_OF.items():
+        if of_kind != kind:
+            options.only_for(f"--inputs-are {of_kind}", *settings)
     names = ("crop", "crops", "draws", "light", "exposure_s", "flips", "unit", "seed")
     dataset = PairDataset(_source(kind, inputs, given), _sensors(given), **{name: given[name] for name in names})
     say_if_compiling()

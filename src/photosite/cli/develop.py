@@ -112,6 +112,10 @@ def command(
         raise click.UsageError("--depth 16 needs a picture in .png")
     if (output.suffix.lower() == ".h5") != (polarization == "stokes"):
         raise click.UsageError("--polarization stokes writes .h5, and nothing else does")
+    if polarization is None:
+        options.only_for("--polarization", "color", "sensor_name")
+    else:
+        options.not_for("--polarization", "white_balance", "brightness", "demosaic")
     frame = read_raw(raw, **reading)
     if factor is not None:
         frame = bin_frame(frame, factor)

@@ -28,6 +28,10 @@ def _is_sensor_file(path: Path) -> bool:
     return any(line.startswith(b"photosite_sensor:") for line in content.splitlines())
 
 
+_FORMAT_OF = {"maker": "darktable", "model": "darktable", "target": "libcamera"}
+"""Parameters that apply to one format."""
+
+
 @writes_file
 def _target(text: str) -> Path:
     """The path; the format decides whether it is a file or a folder."""
@@ -89,6 +93,11 @@ def command(
         raise click.UsageError(
             "--into names the DNG file to copy; it is required for dng and invalid for other formats"
         )
+    for name, of_form in _FORMAT_OF.items():
+        if form != of_form:
+            options.only_for(f"the format {of_form}", name)
+    if form == "emva":
+        options.not_for("the format emva, which holds frames", "sensor_name")
     measured = _Source(source, gain_setting, sensor_name, reading)
     if form.startswith("emva"):
         loss = _write_emva(measured, form, output)
@@ -120,10 +129,12 @@ class _Source:
         from photosite.sensor.io.sensor_file import preset_names
 
         path = Path(self.name)
-        if self.name in preset_names() and not path.exists():
+        is_preset = self.name in preset_names() and not path.exists()
+        may_be_sensor = path.suffix.lower() in options.SENSOR_SUFFIXES and path.is_file()
+        if is_preset or (may_be_sensor and _is_sensor_file(path)):
+            options.not_for("a sensor, which has no frames", "sensor_name", *self.reading)
             return None
-        is_sensor = path.suffix.lower() in options.SENSOR_SUFFIXES and path.is_file() and _is_sensor_file(path)
-        return None if is_sensor else open_frames(path, **self.reading)
+        return open_frames(path, **self.reading)
 
     def calibration(self, frames: FrameSet) -> Calibration:
         """Return the calibration of a measurement at one gain setting."""
@@ -147,7 +158,10 @@ class _Source:
             return [sensor_noise_profile(own.at_gain_setting(each), gain_setting=each) for each in settings]
         say_if_compiling()
         if len(frames.gain_settings) == 1:
-            setting = frames.gain_settings[0] if self.gain_setting is None else self.gain_setting
+            (stated,) = frames.gain_settings
+            if stated is not None and self.gain_setting is not None:
+                frames = frames.at_gain(self.gain_setting)
+            setting = stated if self.gain_setting is None else self.gain_setting
             return [calibration_noise_profile(self.calibration(frames), setting)]
         sensor = options.sensor_or(frames.sensor, self.sensor_name)
         series = calibrate_series(frames, sensor, progress=Stages())

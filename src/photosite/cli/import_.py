@@ -65,8 +65,10 @@ def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]
     from photosite.frames.io.libcamera import is_libcamera, read_libcamera
 
     if file.suffix.lower() == ".dng":
+        options.only_for("files of darktable", "model", "mono")
         return (read_dng_profile(file),)
     if is_libcamera(file):
+        options.only_for("files of darktable", "model", "mono")
         return (read_libcamera(file),)
     return read_darktable(file, model, mono=mono)
 

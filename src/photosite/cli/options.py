@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from photosite.cli.command import NameValueOption, overwrites, writes_file
+from photosite.cli.command import NameValueOption, OptionSpelling, overwrites, writes_file
 from photosite.errors import FileError, InputError
 from photosite.values.exposure import parse_exposure
 from photosite.values.limits import LIMITS_OF_OTHERS
@@ -633,3 +633,20 @@ def sensor_or(default: T, name: str | None) -> Sensor | T:
 def is_given(ctx: click.Context, name: str) -> bool:
     """Return whether a parameter of a command was given on the command line."""
     return ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+def only_for(what: str, *names: str) -> None:
+    """Raise a usage error if one of these parameters was given to the current command: they apply to `what` only."""
+    _refuse(names, f"applies to {what} only")
+
+
+def not_for(what: str, *names: str) -> None:
+    """Raise a usage error if one of these parameters was given to the current command: they do not apply to `what`."""
+    _refuse(names, f"does not apply to {what}")
+
+
+def _refuse(names: Sequence[str], problem: str) -> None:
+    context = click.get_current_context()
+    for name in names:
+        if is_given(context, name):
+            raise click.UsageError(f"{OptionSpelling(context.command).name(name)} {problem}; omit it", context)

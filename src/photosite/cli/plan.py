@@ -76,6 +76,10 @@ def command(
 
     if sum(map(bool, (wants, protocol, steps))) != 1:
         raise click.UsageError("give one of --want, --protocol and --step")
+    if wants:
+        options.only_for("--protocol and --step", "level")
+    else:
+        options.only_for("--want", "longest_flat", "longest_dark")
     wanted = {want.parameter: want for want in map(Want.parse, wants)}
     sensor, note = options.prepared_sensor(**chip)
     if wanted:

@@ -47,6 +47,8 @@ def command(
 
     if output is not None and sensor_name is None:
         raise click.UsageError("-o needs the sensor file to complete: give --sensor")
+    if output is None:
+        options.only_for("-o", "sensor_name")
     flats, darks = _frames(path, reading)
     found = measure_polarizers(flats, darks)
     sensor = options.sensor_or(None, sensor_name)

@@ -289,7 +289,9 @@ def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
         name: given[name] for name in ("rows", "cols", "black_level_dn", "line_time_us") if given[name] is not None
     }
     sensor = changed_at_setting(sensor, given["gain_setting"], {**dict(given["sensor_fields"]), **changes})
-    if given["factor"] is not None:
+    if given["factor"] is None:
+        options.only_for("--bin", "bin_kind")
+    else:
         sensor = sensor.binned(given["factor"], given["bin_kind"])
     return replace(
         base,

@@ -45,6 +45,8 @@ def command(
 
     Example: photosite spectral spectral.yaml --sensor mine.sensor.yaml -o mine.sensor.yaml --figure qe.png
     """
+    if figure is None:
+        options.only_for("--figure", "beside")
     sensor, known = options.sensor_or(None, sensor_name), options.sensor_or(None, beside)
     say_if_compiling()
     calibration = _calibrated(path, sensor, seed)
@@ -62,6 +64,7 @@ def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibra
     from photosite.studies.chart_spectral import is_chart_protocol, open_chart
 
     if not is_chart_protocol(path):
+        options.only_for("frames of a chart", "seed")
         return calibrate_spectral(open_spectral(path), sensor, progress=Stages())
     views, used = open_chart(path, sensor)
     return calibrate_chart(views, used, seed=seed)

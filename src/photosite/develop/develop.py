@@ -145,9 +145,11 @@ def _linear_srgb(
     raw = decompanded(raw)
     planes = _normalised_planes(raw, demosaic)
     if planes.shape[2] == 1:
-        if not isinstance(white_balance, str) or color_matrix is not None:
-            problem = "a monochrome frame has no white balance and no color matrix"
-            raise InputError(problem, hint="Omit both arguments")
+        if not isinstance(white_balance, str):
+            hint, arguments = "Omit {white_balance}", {"white_balance": white_balance}
+            raise InputError("a monochrome frame has no white balance", hint=hint, arguments=arguments)
+        if color_matrix is not None:
+            raise InputError("a monochrome frame has no color matrix", hint="Omit color_matrix")
         _check_white_balance(white_balance)
         linear = np.repeat(planes, 3, axis=2)
     else:

@@ -91,7 +91,8 @@ def stokes(raw: RawFrame, color: str | None = None, sensor: Sensor | None = None
     Raises
     ------
     InputError
-        If the frame has no polarizers, fewer than three angles of the color, or several colors and none is chosen.
+        If the frame has no polarizers, fewer than three angles of the color, or several colors and none is chosen; or
+        if the sensor has not all channels of the color.
 
     References
     ----------
@@ -130,9 +131,12 @@ def stokes(raw: RawFrame, color: str | None = None, sensor: Sensor | None = None
 
 def _polarizers(named: Mapping[str, float], sensor: Sensor | None) -> tuple[list[float], list[float]]:
     """Return angles and extinction ratios, those of the sensor's channels where it states them."""
+    if sensor is not None and (missing := named.keys() - sensor.channels.keys()):
+        expected = f"with the channels {', '.join(named)} of the frame; {', '.join(sorted(missing))} are missing"
+        raise InputError("sensor", value=sensor.name, expected=expected)
     angles, ratios = [], []
     for name, angle in named.items():
-        channel = None if sensor is None else sensor.channels.get(name)
+        channel = None if sensor is None else sensor.channels[name]
         stated = None if channel is None else channel.polarization_angle_deg
         ratio = None if channel is None else channel.extinction_ratio
         angles.append(angle if stated is None else stated)

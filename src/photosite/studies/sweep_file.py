@@ -133,6 +133,10 @@ def load_sweep(path: str | PathLike[str]) -> SweepRequest:
         scene = _scene(file, data)
     settings = data.get("measure")
     section = next(iter(settings.values())) if isinstance(settings, Mapping) else None
+    for name in ("luminance_cd_m2", "illuminant") if scene is not None else ():
+        if name in chosen.model_fields_set:
+            problem, hint = f"measure: {name} does not apply with a scene", "Omit it, or set it in the scene"
+            raise FileError(file, problem, line_of(section, name), hint=hint)
     with in_file(file, (isinstance(section, Mapping) and line_of(section, "illuminant")) or line_of(data, "measure")):
         light = parse_illuminant(_plain(chosen.illuminant), file)
     values = {name: [_plain(value) for value in entries] for name, entries in content.values.items()}

@@ -46,6 +46,7 @@ class Content:
 
 
 CUBE = Content("a cube", _BANDS | {"tolerance"})
+HDF5_CUBE = Content(CUBE.name, CUBE.options | {"variable", "interleave"})
 CHART = Content("a measured chart", _BANDS | {"patch_cols"})
 DISPLAY_PICTURE = Content("a display picture", frozenset({"tolerance", "method", "out_of_gamut"}))
 LIGHT_PICTURE = Content("a picture of light", frozenset({"negative"}))
@@ -61,7 +62,7 @@ class Format:
     name, suffixes, module
         Its common name, the suffixes of its files in lower case, and its module in `photosite.scene.io`.
     holds
-        What its files can hold; a content that is read as a scene at once comes last.
+        What its files can hold: first a cube, last what is read as a scene at once.
     signatures
         First bytes that identify it whatever the suffix; none where only the suffix does.
     options
@@ -91,7 +92,7 @@ class Format:
             found = chart_scene(module.read_patches(path), options)
         else:
             found = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, options)
-        content = self.holds[-1] if isinstance(found, Scene) else CUBE
+        content = self.holds[-1 if isinstance(found, Scene) else 0]
         self._check(path, options, (content,), f"holds {content.name}")
         if content is DISPLAY_PICTURE and options.method != "jakob-hanika" and "tolerance" in options.given():
             raise not_reduced(path, found, options)
@@ -111,9 +112,8 @@ FORMATS: tuple[Format, ...] = (
         "HDF5",
         (".h5", ".hdf5", ".hdf", ".he5"),
         "hdf5",
-        (CUBE, SCENE),
+        (HDF5_CUBE, SCENE),
         (b"\x89HDF\r\n\x1a\n",),
-        frozenset({"variable", "interleave"}),
         writes=(".h5", ".hdf5", ".hdf", ".he5"),
     ),
     Format(
