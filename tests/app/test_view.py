@@ -105,7 +105,9 @@ def test_python_and_command_reproduce_the_frame_on_the_page_exactly(
     header, on_page, _, picture = decoded(view_bytes(state, places, View(height=200, width=300), tmp_path))
     assert (header["exact"], header["step"]) == (True, 1)
     names: dict = {}
-    exec(python_text(state, places), names)
+    code = python_text(state, places)
+    assert [line for line in code.splitlines() if "import" in line] == ["import photosite as ps"]
+    exec(code, names)
     assert np.array_equal(on_page, names["dn"].astype(np.float32))
     if state.capture.noise:
         assert np.array_equal(picture, (names["picture"] * np.float32(255) + np.float32(0.5)).astype(np.uint8))

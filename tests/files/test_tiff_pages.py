@@ -57,11 +57,13 @@ def test_compressions_with_sizes_of_their_own_are_refused(tmp_path, read):
     assert caught.value.what == "compression"
 
 
-@pytest.mark.parametrize("compression", ["zlib", "lzw"])
-def test_uniform_planes_of_many_bands(tmp_path, compression):
+@pytest.mark.parametrize("planes", [(40, 256), (3, 1024)])
+@pytest.mark.parametrize("compression", ["zlib", "lzw", "packbits", "lzma", "zstd"])
+def test_uniform_planes_of_many_bands(tmp_path, compression, planes):
     """Each strip holds one band: a few bytes where it is uniform."""
-    cube = np.full((40, 256, 256), 7, np.uint16)
-    description = json.dumps({"wavelength_nm": list(range(400, 800, 10)), "units": "photons"})
+    bands, size = planes
+    cube = np.full((bands, size, size), 7, np.uint16)
+    description = json.dumps({"wavelength_nm": [400 + 10 * band for band in range(bands)], "units": "photons"})
     tifffile.imwrite(
         tmp_path / "a.tif",
         cube,
@@ -71,7 +73,33 @@ def test_uniform_planes_of_many_bands(tmp_path, compression):
         description=description,
         metadata=None,
     )
-    assert read_scene(tmp_path / "a.tif").shape == (256, 256)
+    assert read_scene(tmp_path / "a.tif").shape == (size, size)
+
+
+@pytest.mark.parametrize("value", [0, 700])
+def test_a_uniform_frame_in_zstandard(tmp_path, value):
+    dn = np.full((2048, 2048), value, np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", dn, photometric="minisblack", compression="zstd", rowsperstrip=2048)
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        assert dn.nbytes > 10_000 * file.pages.first.databytecounts[0]
+    assert (read_raw(tmp_path / "a.tif", bits=12).dn == value).all()
+
+
+@pytest.mark.parametrize("sides", [(40_000, 20_000), (65_535, 65_535)])
+@pytest.mark.parametrize("read", [read_raw, read_picture])
+@pytest.mark.parametrize("compression", ["zlib", "lzma", "zstd"])
+def test_few_bytes_that_ask_for_gigabytes(tmp_path, compression, read, sides):
+    """The stored bytes are valid, and hold 64 rows of the stated size."""
+    strip = np.zeros((64, sides[1]), np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", strip, photometric="minisblack", compression=compression, rowsperstrip=64)
+    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+") as file:
+        for name in ("ImageLength", "RowsPerStrip"):
+            file.pages.first.tags[name].overwrite(sides[0])
+    tracemalloc.start()
+    with pytest.raises(FileError):
+        read(tmp_path / "a.tif")
+    assert tracemalloc.get_traced_memory()[1] < 1 << 24
+    tracemalloc.stop()
 
 
 def test_pages_without_end(tmp_path):

@@ -11,7 +11,7 @@ from raising import raises
 
 from photosite.camera.file import load_camera
 from photosite.color.spectrum import Spectrum
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.io.formats import load_optics
 from photosite.optics.lens import Lens
@@ -308,3 +308,15 @@ def test_errors_use_the_names_of_the_file(more: str, error: tuple[str, int | Non
     assert (caught.value.line, caught.value.where) == error[1:]
     assert "\n" not in str(caught.value)
     assert "angle_deg" not in str(caught.value)
+
+
+def test_fields_of_a_lens_without_a_file() -> None:
+    fields = {"f_number": 2.8, "focal_length_mm": 50, "distortion": {"k1": -0.1}}
+    lens = load_optics(fields)
+    assert (lens.base.f_number, lens.base.focal_length_mm) == (2.8, 50)
+    assert lens.distortion is not None
+    with pytest.raises(InputError) as error:
+        load_optics(fields | {"focal_length_mm": -1})
+    assert (error.value.what, error.value.value) == ("focal_length_mm", -1)
+    with pytest.raises(InputError, match=r"missing\.npz"):
+        load_optics(fields | {"blur": {"kind": "psf", "file": "missing.npz"}})

@@ -171,8 +171,7 @@ def lens_lines(lens: LensState, places: Places) -> list[str]:
         return [f"optics = ps.load_optics({source_name(lens.source, places)!r})"]
     if lens.diffraction_limited:
         return [f"optics = ps.DiffractionLimited({_arguments(lens.fields)})"]
-    fields = f"optics = parse_optics({lens.fields!r}, {OPTICS_FILE!r})"
-    return ["from photosite.optics.io.formats import parse_optics", fields]
+    return [f"optics = ps.load_optics({lens.fields!r})"]
 
 
 def source_name(name: str, places: Places) -> str:

@@ -11,14 +11,23 @@ from numpy.typing import NDArray
 from photosite.errors import FileError
 
 MOST_PAGES = 10_000
-HIGHEST_COMPRESSION = 10_000
-"""Values to a compressed byte; LZW and deflate reach less."""
-
 _JPEG = 7
 _PLANES = 2
 """Planar configuration of planes that follow each other."""
-_COMPRESSIONS = (1, 5, _JPEG, 8, 32773, 32946, 34925, 50000)
-"""None, LZW, JPEG, deflate, PackBits, deflate (old), LZMA, Zstandard."""
+_BYTES_HELD = {
+    1: 1,
+    5: 2560,  # LZW: 12 bits of a full table repeat its longest entry, 3838 bytes
+    _JPEG: 10_000,  # 512 with Huffman codes, more with arithmetic ones
+    8: 1032,  # deflate: 2 bits repeat 258 bytes
+    32773: 64,  # PackBits: 2 bytes are 128
+    32946: 1032,  # deflate, old number
+    34925: 7100,  # LZMA: a match of 273 bytes takes 14 decisions of 0.022 bits each
+    50000: 32_768,  # Zstandard: a block of 4 bytes is 131 072
+}
+"""Most bytes of values that a byte in the file can hold, by compression."""
+_USUAL_BYTES_HELD = 2000
+_LARGEST_UNUSUAL = 1 << 30
+"""Bytes of a page whose bytes in the file hold more than usual."""
 _START_OF_IMAGE, _START_OF_SCAN, _MARKER = 0xD8, 0xDA, 0xFF
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _LONGEST_HEAD = 1 << 16
@@ -32,6 +41,21 @@ def pages_of(path: Path, file: Any) -> list[Any]:
     return pages
 
 
+def bytes_held(compression: int, stored: int) -> int:
+    """Return the most bytes of values that this many bytes in a file can hold.
+
+    This is what the compression can reach; above 1 GiB it is 2000 to a byte, so that a file of some kilobytes cannot
+    ask for more memory than that.
+
+    Examples
+    --------
+    >>> bytes_held(8, 100), bytes_held(50000, 100), bytes_held(50000, 10**6)
+    (103200, 3276800, 2000000000)
+    """
+    most = _BYTES_HELD.get(compression, _USUAL_BYTES_HELD) * stored
+    return min(most, max(_LARGEST_UNUSUAL, _USUAL_BYTES_HELD * stored))
+
+
 def decoded(path: Path, page: Any) -> NDArray[Any]:
     """Return the values of a page.
 
@@ -42,7 +66,7 @@ def decoded(path: Path, page: Any) -> NDArray[Any]:
         file holds of them. Other exceptions are those of the decoders.
     """
     compression = int(page.compression)
-    if compression not in _COMPRESSIONS:
+    if compression not in _BYTES_HELD:
         raise FileError(
             path,
             "compression",
@@ -54,7 +78,7 @@ def decoded(path: Path, page: Any) -> NDArray[Any]:
     samples = 1 if int(page.planarconfig) == _PLANES else page.samplesperpixel
     values = (rows if page.is_tiled else min(rows, page.imagelength)) * cols * samples
     stored = max(page.databytecounts, default=0)
-    if values > HIGHEST_COMPRESSION * stored:
+    if values * int(page.bitspersample) > 8 * bytes_held(compression, stored):
         raise FileError(path, f"is damaged: {stored} bytes cannot hold a strip or tile of {rows} x {cols} pixels")
     if compression == _JPEG:
         for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True):

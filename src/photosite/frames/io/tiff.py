@@ -21,7 +21,7 @@ import numpy as np
 
 from photosite.errors import FileError, message_of
 from photosite.files.small_files import reading
-from photosite.files.tiff_pages import HIGHEST_COMPRESSION, decoded
+from photosite.files.tiff_pages import bytes_held, decoded
 from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.raw_frame import Numbers, RawFrame
 from photosite.frames.stored_rows import StoredRows
@@ -316,7 +316,7 @@ def checked_size(path: Path, page: Directory, most_bits: int = 16) -> tuple[int,
         raise FileError(
             path, f"is damaged: {rows} x {cols} pixels need {segments} strips or tiles, the file has {len(counts)}"
         )
-    if rows * cols > HIGHEST_COMPRESSION * sum(counts):
+    if rows * cols * bits // 8 > bytes_held(page.number(COMPRESSION) or 1, sum(counts)):
         raise FileError(path, f"is damaged: {sum(counts)} bytes cannot hold {rows} x {cols} pixels")
     return int(rows), int(cols), int(bits)
 

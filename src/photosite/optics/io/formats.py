@@ -158,19 +158,25 @@ def _check_digest(path: Path, sha256: str) -> None:
         raise FileError(path, "is not the file that was written with the optics file", hint=hint)
 
 
-def load_optics(path: str | PathLike[str]) -> Lens:
-    """Return the lens of an optics file.
+_FIELDS = "fields of a lens"
+
+
+def load_optics(source: str | PathLike[str] | Mapping[str, Any]) -> Lens:
+    """Return the lens of an optics file, or of its fields.
 
     Parameters
     ----------
-    path
-        A YAML file with the fields listed in `photosite.optics.io.optics_file`; or the ISETPARMS.txt, or its folder, of
-        a set of files that ISET's macros wrote with Zemax or CODE V (`photosite.optics.io.iset`).
+    source
+        A YAML file with the fields listed in `photosite.optics.io.optics_file`; or these fields; or the ISETPARMS.txt,
+        or its folder, of a set of files that ISET's macros wrote with Zemax or CODE V (`photosite.optics.io.iset`).
+        Files that the fields name are relative to the optics file, or to the current folder.
 
     Raises
     ------
     FileError
         If the file is missing or does not describe a lens, or a file that it names is invalid; with the line.
+    InputError
+        If fields do not describe a lens.
 
     Examples
     --------
@@ -181,8 +187,19 @@ def load_optics(path: str | PathLike[str]) -> Lens:
     ...     load_optics(file)
     Traceback (most recent call last):
     photosite.errors.FileError: ...mine.optics.yaml:3: unknown field 'focal_lenght_mm'. Did you mean 'focal_length_mm'?
+    >>> blur = {"kind": "wavefront", "zernike": {"8": 50}, "unit": "nm"}
+    >>> load_optics({"f_number": 2.8, "focal_length_mm": 50, "blur": blur}).base.f_number
+    2.8
     """
-    lens: Lens = read("lens", path)
+    if isinstance(source, Mapping):
+        try:
+            found = parse_optics(source, _FIELDS)
+        except FileError as error:
+            if error.path != _FIELDS:
+                raise
+            raise InputError(error.what, **error.fields) from None
+        return found if isinstance(found, Lens) else Lens(found)
+    lens: Lens = read("lens", source)
     return lens
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, PhotositeError
-from photosite.files.tiff_pages import decoded, pages_of
+from photosite.files.tiff_pages import bytes_held, decoded, pages_of
 from photosite.files.writing import Piece, atomic_path, write_bands
 from photosite.scene.cube import RawCube, SpectralCube, Stated, wavelengths_in_nm
 from photosite.scene.io.color_space import space_of_tiff
@@ -31,8 +31,6 @@ from photosite.scene.units import Units, file_units
 
 _DESCRIBED = ("wavelength_nm", "units", "light", "distance_m", "width_m", "no_data")
 _STRIP_BYTES = 4 << 20
-_HIGHEST_COMPRESSION = 2000
-"""Bytes of values to a byte in the file; deflate reaches 1030."""
 _LARGEST_COMPRESSED = 1 << 30
 """Bytes of a compressed page of many samples, which is decoded as a whole."""
 
@@ -196,8 +194,7 @@ def _copied(path: Path, pieces: Iterator[Piece], shape: tuple[int, int, int], dt
 def _check_stored(path: Path, page: Any, size: int) -> None:
     """Check that a page's image data are in the file, before decoding: tifffile fills missing data with zeros."""
     counts, offsets = page.databytecounts, page.dataoffsets
-    stored = sum(counts)
-    short = page.nbytes > _HIGHEST_COMPRESSION * stored if int(page.compression) != 1 else page.nbytes > stored
+    short = page.nbytes > bytes_held(int(page.compression), sum(counts))
     if short or not offsets or max(a + b for a, b in zip(offsets, counts, strict=True)) > size or 0 in offsets:
         raise FileError(path, f"is truncated: the image data of page {page.index + 1} are not complete")
 
