@@ -258,6 +258,8 @@ def test_torch_gradients() -> None:
     model.torch({"fill_factor": single})[0].sum().backward()
     expected = model.vjp({"fill_factor": 0.5}, (np.ones((4, 6)), np.zeros((4, 6))))["fill_factor"]
     assert single.grad.dtype == torch.float32
+    mean, _ = model.torch({"fill_factor": single, "f_number": 5.6})  # a number is a constant
+    assert np.array_equal(mean.detach().numpy(), model({"fill_factor": 0.5, "f_number": 5.6}).mean_dn)
     assert float(single.grad) == pytest.approx(float(expected), rel=1e-6)
 
 
@@ -300,6 +302,8 @@ def test_a_camera_without_derivatives_is_an_error() -> None:
         ({"weights": np.zeros((3, 9, 13))}, "weights"),
         ({"weights": np.full((3, 9, 14), -1.0)}, "electrons from light"),
         ({"fill": 0.5}, "unknown parameter 'fill'"),
+        ({"fill_factor": "most"}, "fill_factor"),
+        (0.5, "values"),
         ({"quantum_efficiency": np.full((3, 41), 1.1)}, "quantum_efficiency"),
     ],
 )

@@ -24,6 +24,10 @@ def test_list_and_search(photosite: Any, profiles: Path) -> None:
     missing = photosite("cameras", "list", "nikon d855", "--profiles", profiles)
     assert missing.status == 2
     assert "Nikon D850" in missing.err
+    assert "no camera has 'pentax' in its name" in photosite("cameras", "list", "pentax", "--profiles", profiles).err
+    (profiles.parent / "empty").mkdir()
+    shown = photosite("cameras", "list", "--profiles", profiles.parent / "empty")
+    assert (shown.status, f"no cameras in {profiles.parent / 'empty'}" in shown.out) == (0, True)
 
 
 def test_without_files(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,6 +41,11 @@ def test_show_and_write_a_sensor_file(photosite: Any, profiles: Path, tmp_path: 
     asked = ("cameras", "show", "NIKON CORPORATION NIKON D850", "--profiles", profiles)
     assert "well capacity" in photosite(*asked, "--iso", 6400).out
     assert "--iso" in photosite(*asked).err
+    assert "--iso must be a number above 0" in photosite(*asked, "--iso", "nan").err
+    other = photosite("cameras", "show", "d3", "--profiles", profiles, "--iso", 400)
+    assert "--iso must be 200, the only one of the profiles, got 400" in other.err
+    shown = photosite("cameras", "show", "d850", "--profiles", profiles, "--iso", 64).out.splitlines()
+    assert [line for line in shown if line.startswith("electrons at white") and "e+" not in line]
     output = tmp_path / "d850.sensor.yaml"
     assert "--sensor" in photosite(*asked, "--iso", 6400, "-o", output).err
     done = photosite(*asked, "--iso", 6400, "--sensor", "nikon-d200", "-o", output, "--json")

@@ -60,6 +60,7 @@ def test_bad_calls(photosite: Any, picture: Path, tmp_path: Path) -> None:
         (["--crop", "33x32"], "--crop must be multiples of the filter array's tile"),
         (["--exposure", "1:1/2"], "--exposure must be (shortest, longest)"),
         (["--optics", "missing.yaml"], "missing.yaml"),
+        (["a.npy"], "a.npy: an array of numbers is not a scene. Add --inputs-are electrons"),
     ):
         done = photosite("dataset", picture, "--crop", "32x32", *more, "-o", tmp_path / "pairs")
         assert done.status == 2

@@ -66,6 +66,7 @@ def test_a_data_loader_gives_the_same_in_workers(start: str) -> None:
 @pytest.mark.parametrize(
     ("pairs", "library", "what"),
     [
+        (PAIRS[0], "numpy", "pairs[0]"),
         ([], "numpy", "pairs"),
         ([PAIRS[0]], "tensorflow", "library"),
         ([PAIRS[0], Pair(RAMP, RAMP, {})], "numpy", "pairs"),

@@ -21,6 +21,7 @@ from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Sensor
 
 RAMP = np.linspace(0, 3000, 64 * 96, dtype=np.float32).reshape(64, 96)
+FRAME = RawFrame(np.zeros((2, 2), np.uint16), bits=12)
 
 
 def quiet(**changes: Any) -> Sensor:
@@ -187,7 +188,12 @@ def test_sensors_with_effects_and_captures() -> None:
     [
         (lambda: pairs(crop=(33, 48)), "crop"),
         (lambda: pairs(crop=(640, 48)), "crop"),
+        *((lambda crop=crop: pairs(crop=crop), "crop") for crop in (32, "32x48", (32.5, 48), (-2, 48), (32, 48, 3))),
         (lambda: pairs(light=(1.0, 0.1)), "light"),
+        (lambda: pairs(light="1"), "light"),
+        (lambda: pairs(light=(0.1, 0.5, 1.0)), "light"),
+        (lambda: pairs(exposure_s="1/100"), "exposure_s"),
+        (lambda: pairs(exposure_s=(0.1, 0.01)), "exposure_s"),
         (lambda: pairs(draws=0), "draws"),
         (lambda: pairs(seed=-1), "seed"),
         (lambda: pairs(unit="volts"), "unit"),
@@ -196,10 +202,22 @@ def test_sensors_with_effects_and_captures() -> None:
         (lambda: Electrons(RAMP), "images"),
         (lambda: pairs(crop=(64, 98))[0], "crop"),
         (lambda: PairDataset(Electrons([RAMP]), "nikon-d200"), "sensors"),
-        (lambda: RawFrames([RawFrame(np.zeros((2, 2), np.uint16), bits=12)]), "a raw frame has no noise profile"),
+        (lambda: PairDataset([RAMP], quiet()), "source"),
+        (lambda: RawFrames([FRAME], "nikon-d200"), "sensor"),
+        (lambda: RawFrames([FRAME], averaged=1.5), "averaged"),
+        (lambda: RawFrames([3]), "frames[0]"),
+        (lambda: RawFrames([]), "frames"),
+        (lambda: RawFrames([FRAME]), "a raw frame has no noise profile"),
     ],
 )
 def test_invalid_arguments(make: Callable[[], Any], what: str) -> None:
     with pytest.raises(InputError) as caught:
         make()
     assert caught.value.what == what
+
+
+@pytest.mark.parametrize("index", [1.0, "1", slice(0, 2)])
+def test_items_are_asked_for_by_whole_numbers(index: Any) -> None:
+    with pytest.raises(TypeError):
+        pairs()[index]
+    assert (pairs()[np.int64(1)].noisy == pairs()[1].noisy).all()

@@ -176,6 +176,12 @@ def test_a_missing_input_is_an_error_at_once(source: Any, tmp_path: Path) -> Non
     assert caught.value.path == str(tmp_path / "none.png")
 
 
+def test_a_folder_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(FileError) as caught:
+        ps.data.ShardDataset(tmp_path / "nosuch")
+    assert caught.value.what == "there is no such folder"
+
+
 def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:
     lens = ps.DiffractionLimited(f_number=2.8, focal_length_mm=4)
     pairs = PairDataset(
@@ -186,7 +192,7 @@ def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:
     for text in (
         "1 pairs of 16 x 16",
         "| Vendor 2.2 um |",
-        "0.01 to 0.1 s",
+        "1/100 to 1/10 s",
         "Illuminants: A, D65",
         "CC0 1.0",
         "- macbeth",

@@ -110,7 +110,7 @@ def test_another_light_changes_the_name() -> None:
     for chart in (charts.macbeth("D65"), charts.slanted_edge("D65", rows=20, cols=30)):
         assert chart.name.endswith(", illuminant D65")
         even = Spectrum(np.array([300.0, 900.0]), np.ones(2))
-        for light, title in (("A", "A"), (3200, "3200"), (even, "as given")):
+        for light, title in (("A", "A"), (3200, "3200 K"), (even, "as given")):
             relit = chart.with_illuminant(light)
             assert relit.name == chart.name.removesuffix("D65") + title
             assert relit.with_illuminant("D65").name == chart.name

@@ -219,6 +219,8 @@ class SignalModel(Shown):
         names = tuple(values if parameters is None else parameters)
         for name in names:
             self._check_name(name)
+        if len(cotangents) != 2:
+            raise InputError("cotangents", value=len(cotangents), expected="two arrays, of mean and variance")
         of_mean, of_variance = (np.asarray(each, np.float64) for each in cotangents)
         for each in (of_mean, of_variance):
             if each.shape != state.light_e.shape:
@@ -237,7 +239,7 @@ class SignalModel(Shown):
         Parameters
         ----------
         values
-            Tensors by name. Derivatives reach those that require gradients.
+            Tensors by name, or numbers and arrays. Derivatives reach the tensors that require gradients.
 
         Returns
         -------
@@ -374,9 +376,14 @@ class SignalModel(Shown):
     def _arrays(self, given: Mapping[str, ArrayLike] | None, what: str) -> dict[str, Array]:
         """Return values or tangents as arrays of the right shape."""
         arrays = {}
+        if not isinstance(given, Mapping | None):
+            raise InputError(what, value=given, expected="a mapping of values by name")
         for name, value in (given or {}).items():
             self._check_name(name)
-            array, shape = np.array(value, np.float64), self._own[name].shape
+            try:
+                array, shape = np.array(value, np.float64), self._own[name].shape
+            except (TypeError, ValueError):
+                raise InputError(name, where=what, value=value, expected="a number, or an array of numbers") from None
             if array.shape != shape:
                 raise InputError(name, where=what, value=array.shape, expected=f"of shape {shape}")
             if not np.isfinite(array).all():

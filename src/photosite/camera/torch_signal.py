@@ -22,7 +22,11 @@ def torch_moments(model: SignalModel, values: Mapping[str, Any]) -> tuple[Any, A
     except ImportError:
         raise InputError("torch is not installed", hint="Run pip install '.[ml]' in the clone") from None
     names = tuple(values)
-    mean, variance = _function(torch).apply(model, names, *(values[name] for name in names))
+    tensors = [
+        value if isinstance(value, torch.Tensor) else torch.as_tensor(value, dtype=torch.float64)
+        for value in values.values()
+    ]
+    mean, variance = _function(torch).apply(model, names, *tensors)
     return mean, variance
 
 

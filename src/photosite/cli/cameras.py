@@ -65,11 +65,13 @@ def list_(query: tuple[str, ...], profiles: tuple[Path, ...], as_json: bool) -> 
     if not found and sources:
         close = nearest(asked, names)
         hint = f"Did you mean {' or '.join(map(repr, close))}?" if close else "Without QUERY all are listed"
-        raise InputError("query", value=asked, expected="in the name of a camera", hint=hint)
-    show(as_json, {"cameras": [source.to_dict() for source in found]}, lambda: _list_text(found))
+        raise InputError(f"no camera has '{asked}' in its name", hint=hint)
+    show(as_json, {"cameras": [source.to_dict() for source in found]}, lambda: _list_text(found, profiles))
 
 
-def _list_text(sources: list[CameraSource]) -> str:
+def _list_text(sources: list[CameraSource], profiles: tuple[Path, ...]) -> str:
+    if not sources and profiles:
+        return f"no cameras in {', '.join(map(str, profiles))}: no files of darktable or rawtoaces, and no index"
     if not sources:
         return (
             "no files with cameras were found. Give some with --profiles or the environment variable "
@@ -89,7 +91,7 @@ def _isos(isos: tuple[float, ...]) -> str:
 
 @command.command("show")
 @click.argument("name")
-@click.option("--iso", type=float, metavar="ISO", help="ISO speed, or gain setting.  [default: the only one]")
+@options.quantity("--iso", unit="ISO", text="ISO speed, or gain setting.  [default: the only one]")
 @_profiles_option
 @click.option("--mono", is_flag=True, help="The camera has no color filters, for noise profiles that do not state it.")
 @options.quantity(
@@ -180,7 +182,8 @@ def _camera_text(camera: CameraProfile) -> str:
         if noise.white_level_dn is not None:
             gain = noise.system_gain_dn_per_e
             rows.append(("K, DN/e⁻", f"{gain.value:.4g}", f"{gain.standard_uncertainty:.2g}", "system gain"))
-        shown = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        ends = (f"{end:.4g}" if end < 1e4 else f"{float(f'{end:.4g}'):.0f}" for end in dict.fromkeys((low, high)))
+        shown = " to ".join(ends)
         rows.append(("electrons at white", shown, "", "1 / slope" + ("" if low == high else ", 95 % interval")))
     if camera.spectra is not None:
         grid = camera.spectra.wavelength_nm

@@ -11,8 +11,8 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, say_if_compiling, show
-from photosite.errors import InputError
+from photosite.cli.output import Stages, many, say_if_compiling, show
+from photosite.errors import FileError, InputError
 from photosite.values.exposure import format_exposure
 
 if TYPE_CHECKING:
@@ -173,7 +173,8 @@ def command(
 def _text(facts: dict[str, Any], given: dict[str, Any]) -> str:
     times = given["exposure_s"] if isinstance(given["exposure_s"], tuple) else (given["exposure_s"],)
     return (
-        f"wrote {facts['pairs']} pairs of {facts['rows']} x {facts['cols']} pixels in {facts['shards']} shards to "
+        f"wrote {many(facts['pairs'], 'pair')} of {facts['rows']} x {facts['cols']} pixels in "
+        f"{many(facts['shards'], 'shard')} to "
         f"{facts['path']}: {' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
     )
 
@@ -206,6 +207,9 @@ def _source(kind: str, inputs: tuple[str, ...], given: dict[str, Any]) -> Source
         return RawFrames(inputs, sensor, given["averaged"])
     from photosite.data.scenes import Scenes
 
+    if arrays := [name for name in inputs if name.lower().endswith(".npy")]:
+        hint = "Add --inputs-are electrons for arrays of mean electrons"
+        raise FileError(arrays[0], "an array of numbers is not a scene", hint=hint)
     names = ("samples_per_pixel", "illuminants", "white_luminance_cd_m2")
     settings = {name: given[name] for name in names}
     return Scenes(inputs, _optics(given), lens_blur=not given["no_lens_blur"], **settings)

@@ -11,7 +11,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Group
-from photosite.cli.output import show, table
+from photosite.cli.output import many, show, table
 from photosite.errors import InputError
 
 if TYPE_CHECKING:
@@ -159,15 +159,11 @@ def _design_text(design: dict[str, Any]) -> str:
     kind = "along a radius" if design["symmetric"] else "on a grid"
     size, spacing, error = design["samples"], design["spacing_um"], design["relative_error"]
     return (
-        f"PSFs: {_many(len(waves), 'wavelength')}, {', '.join(f'{w:g}' for w in waves)} nm; "
-        f"{_many(len(field), 'field point')} {kind} to {farthest:.4g} {unit}; "
+        f"PSFs: {many(len(waves), 'wavelength')}, {', '.join(f'{w:g}' for w in waves)} nm; "
+        f"{many(len(field), 'field point')} {kind} to {farthest:.4g} {unit}; "
         f"{size} x {size} samples {spacing:g} um apart; "
-        f"{_many(design['modes'], 'mode')}, RMS error of their sum {error:.2%}{blurred}"
+        f"{many(design['modes'], 'mode')}, RMS error of their sum {error:.2%}{blurred}"
     )
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[float, float, float]]:

@@ -96,6 +96,17 @@ _NARROWEST = 8
 """Characters below which a column of text is not wrapped further."""
 
 
+def many(count: int, what: str) -> str:
+    """Return a number of things in words.
+
+    Examples
+    --------
+    >>> many(1, "pair"), many(2, "pair")
+    ('1 pair', '2 pairs')
+    """
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def verdict(agrees: bool) -> str:
     """Return the verdict of a comparison in one word."""
     return "agree" if agrees else "differ"

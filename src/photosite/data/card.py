@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from photosite.data.dataset import PairDataset
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import tile_text
+from photosite.values.exposure import format_exposure
 
 _MOST_INPUTS = 50
 
@@ -31,7 +32,7 @@ def card_text(manifest: Mapping[str, Any], dataset: PairDataset) -> str:
         "## Light and exposure",
         "",
         f"- Factor on the light: {_range(settings['light'])}.",
-        f"- Exposure time: {_range(settings['exposure_s'])} s.",
+        f"- Exposure time: {_range(settings['exposure_s'], format_exposure)} s.",
         f"- {settings['crops']} patches of each image, {settings['draws']} noisy frames of each patch"
         + (", half of them reversed along each axis." if settings["flips"] else "."),
         f"- Unit: {'digital numbers, black level included' if settings['unit'] == 'dn' else 'electrons'}.",
@@ -67,8 +68,8 @@ def _sensor_row(sensor: Sensor) -> str:
     return "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |"
 
 
-def _range(value: float | list[float]) -> str:
-    return f"{value[0]:g} to {value[1]:g}" if isinstance(value, list) else f"{value:g}"
+def _range(value: float | list[float], written: Callable[[float], str] = "{:g}".format) -> str:
+    return " to ".join(map(written, value if isinstance(value, list) else [value]))
 
 
 def _light_lines(source: Mapping[str, Any]) -> list[str]:

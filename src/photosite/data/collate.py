@@ -59,7 +59,9 @@ def collate(pairs: Sequence[Pair], library: Library = "numpy", *, packed: bool =
     if not pairs:
         raise InputError("pairs", value=0, expected="one or more")
     first = pairs[0]
-    for pair in pairs:
+    for number, pair in enumerate(pairs):
+        if not isinstance(pair, Pair):
+            raise InputError(f"pairs[{number}]", value=type(pair).__name__, expected="a Pair, an item of a dataset")
         if pair.clean.shape != first.clean.shape or pair.noisy.dtype != first.noisy.dtype:
             found = f"{pair.clean.shape} of {pair.noisy.dtype}"
             raise InputError("pairs", value=found, expected=f"all {first.clean.shape} of {first.noisy.dtype}")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
-from numbers import Integral
-from typing import Any, Literal
+from numbers import Integral, Real
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +110,9 @@ class PairDataset(Shown):
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.source, Source):
+            expected = "Electrons, RawFrames or Scenes of photosite.data"
+            raise InputError("source", value=type(self.source).__name__, expected=expected)
         given = (self.sensors,) if isinstance(self.sensors, Sensor) else tuple(self.sensors)
         if not given or not all(isinstance(sensor, Sensor) for sensor in given):
             raise InputError("sensors", value=self.sensors, expected="a sensor, or a list of sensors")
@@ -119,13 +123,15 @@ class PairDataset(Shown):
         low, high = _range("light", self.light)
         if not 0 < low <= high < math.inf:
             raise InputError("light", value=self.light, expected="above 0, or (lowest, highest)")
-        shortest, longest = (check_exposure(time_s) for time_s in _range("exposure_s", self.exposure_s))
+        shortest, longest = map(check_exposure, _ends(self.exposure_s))
         if shortest > longest:
             raise InputError("exposure_s", value=self.exposure_s, expected="(shortest, longest)")
         check_choice("unit", self.unit, Unit)
         if not isinstance(self.seed, Integral) or not 0 <= self.seed < 1 << 64:
             raise InputError("seed", value=self.seed, expected="an integer from 0 to 2^64 - 1")
-        if self.crop is None and self.source.shape is None:
+        if self.crop is not None:
+            object.__setattr__(self, "crop", _checked_crop(self.crop))
+        elif self.source.shape is None:
             hint = "Pass {crop}"
             raise InputError("the size of the patches is not given", hint=hint, arguments={"crop": (512, 512)})
         if len(self) > MOST_PAIRS:
@@ -142,7 +148,7 @@ class PairDataset(Shown):
             raise InputError(
                 "unit", where=where, value=self.unit, expected="'dn' for a sensor with effects or captures"
             )
-        if rows > array.rows or cols > array.cols or rows < 1 or cols < 1:
+        if rows > array.rows or cols > array.cols:
             hint = "Give the sensor more rows and columns"
             expected = f"at most the chip, ({array.rows}, {array.cols})"
             raise InputError("crop", where=where, value=(rows, cols), expected=expected, hint=hint)
@@ -168,11 +174,9 @@ class PairDataset(Shown):
     def __len__(self) -> int:
         return len(self.source) * self.crops * self.draws
 
-    def __getitem__(self, index: int) -> Pair:
+    def __getitem__(self, index: SupportsIndex) -> Pair:
         """Return an item; raise `IndexError` beyond the last, so that loops end."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"item {index} of {len(self)}")
-        number = int(index) % len(self)
+        number = item_number(index, len(self))
         patch_number, draw = divmod(number, self.draws)
         image = patch_number // self.crops
         u = chances(int(self.seed), patch_number)
@@ -270,9 +274,29 @@ class PairDataset(Shown):
         }
 
 
+def item_number(index: SupportsIndex, count: int) -> int:
+    """Return the number of an item, counted from the first; raise `IndexError` beyond the last."""
+    number = operator.index(index)
+    if not -count <= number < count:
+        raise IndexError(f"item {number} of {count}")
+    return number % count
+
+
+def _checked_crop(crop: Any) -> tuple[int, int]:
+    given = crop if isinstance(crop, tuple | list) else ()
+    sides = [int(side) for side in given if isinstance(side, Integral)]
+    if not len(given) == len(sides) == 2 or min(sides) < 1:
+        raise InputError("crop", value=crop, expected="(rows, cols), two whole numbers above 0")
+    return sides[0], sides[1]
+
+
+def _ends(given: Any) -> tuple[Any, Any]:
+    """Return the ends of a range; a number is both."""
+    return (given[0], given[1]) if isinstance(given, tuple | list) and len(given) == 2 else (given, given)
+
+
 def _range(name: str, given: Range) -> tuple[float, float]:
-    if isinstance(given, tuple | list):
-        if len(given) != 2:
-            raise InputError(name, value=given, expected="a number, or (lowest, highest)")
-        return float(given[0]), float(given[1])
-    return float(given), float(given)
+    low, high = _ends(given)
+    if not (isinstance(low, Real) and isinstance(high, Real)):
+        raise InputError(name, value=given, expected="a number, or (lowest, highest)")
+    return float(low), float(high)

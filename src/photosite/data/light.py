@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from os import PathLike
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ class Light(Shown):
     facts: dict[str, Any]
 
 
+@runtime_checkable
 class Source(Protocol):
     """Images that patches of light are taken from."""
 
@@ -203,8 +205,13 @@ class RawFrames(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "frames", listed("frames", self.frames))
         check_exist(self.frames)
-        if self.averaged < 1:
-            raise InputError("averaged", value=self.averaged, expected="1 or more")
+        for number, frame in enumerate(self.frames):
+            if not isinstance(frame, RawFrame | str | PathLike):
+                raise InputError(f"frames[{number}]", value=type(frame).__name__, expected="a RawFrame or a raw file")
+        if not isinstance(self.averaged, Integral) or self.averaged < 1:
+            raise InputError("averaged", value=self.averaged, expected="a whole number, 1 or more")
+        if not isinstance(self.sensor, Sensor | None):
+            raise InputError("sensor", value=self.sensor, expected="a Sensor, as from load_sensor, or None")
         if self.sensor is not None and (self.sensor.effects is not None or self.sensor.captures is not None):
             hint = "Linearize the frames, and name a sensor without effects"
             raise InputError(
@@ -236,8 +243,8 @@ class RawFrames(Shown):
         if self.sensor is not None:
             return self.sensor.system_gain_dn_per_e, OwnNoise.of_sensor(self.sensor, self.averaged)
         if raw.noise_profile is None:
-            hint = "Name the frames' {sensor}"
-            raise InputError("a raw frame has no noise profile", hint=hint, arguments={"sensor": "nikon-d200"})
+            hint = "Pass the frames' sensor to RawFrames, or --input-sensor to photosite dataset"
+            raise InputError("a raw frame has no noise profile", hint=hint)
         names = channel_names(raw.cfa)
         slope, offset = (tuple(map(Measured, column.tolist())) for column in raw.noise_profile.T)
         profile = NoiseProfile(names, slope, offset, None, raw.black_level_dn, raw.white_level_dn)
@@ -293,7 +300,7 @@ def check_light(sensor: Sensor, own: OwnNoise | None, light: float) -> None:
             where=f"sensor '{sensor.name}'",
             value=light,
             expected=f"at most {limit:.3g}, where the input is as noisy as the sensor",
-            hint="Darken the input, or give the mean of several frames",
+            hint="Choose less, or inputs that are the mean of several exposures",
         )
 
 
@@ -322,6 +329,8 @@ def place_facts(corner: tuple[int, int], patch: Patch) -> dict[str, Any]:
 
 def listed(name: str, values: Any) -> tuple[Any, ...]:
     """Return a sequence as a tuple; raise `InputError` if it is empty or a single value."""
-    if isinstance(values, str | PathLike | RawFrame | np.ndarray) or not (found := tuple(values)):
-        raise InputError(name, value=type(values).__name__, expected="a list with at least one entry")
+    if isinstance(values, str | PathLike | RawFrame | np.ndarray):
+        raise InputError(name, value=type(values).__name__, expected="a list")
+    if not (found := tuple(values)):
+        raise InputError(name, value=found, expected="a list with at least one entry")
     return found

@@ -124,6 +124,8 @@ class Scenes(Shown):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scenes", listed("scenes", self.scenes))
+        if isinstance(self.illuminants, str | float | int | Spectrum):
+            raise InputError("illuminants", value=self.illuminants, expected="a list of lights")
         object.__setattr__(self, "illuminants", tuple(self.illuminants))
         object.__setattr__(self, "_kept", Kept())
         object.__setattr__(self, "_cameras", Kept())
@@ -137,7 +139,15 @@ class Scenes(Shown):
         for light in self.illuminants:
             relative_energy(light, PICTURE_WAVELENGTH_NM)
         check_exist([scene for scene in self.scenes if isinstance(scene, str | os.PathLike) and _is_picture(scene)])
+        if self.options and not any(
+            isinstance(scene, str | os.PathLike) and not _is_picture(scene) for scene in self.scenes
+        ):
+            expected = "empty for pictures and Scene objects, to which they do not apply"
+            raise InputError("options", value=dict(self.options), expected=expected)
         for number, scene in enumerate(self.scenes):
+            if not isinstance(scene, Scene | np.ndarray | str | os.PathLike):
+                expected = "a Scene, a name, a file or a (rows, cols, 3) array"
+                raise InputError(f"scenes[{number}]", value=type(scene).__name__, expected=expected)
             if isinstance(scene, str) and not _is_picture(scene):
                 SceneRequest(scene, self.options)
             elif isinstance(scene, np.ndarray):

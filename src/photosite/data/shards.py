@@ -15,12 +15,12 @@ from functools import cached_property
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 
 from photosite.data.card import card_text
-from photosite.data.dataset import PairDataset
+from photosite.data.dataset import PairDataset, item_number
 from photosite.data.digest import sha256_of
 from photosite.data.pair import Pair
 from photosite.engine.workers import run_tasks
@@ -154,6 +154,7 @@ def write_shards(
         for done, _ in enumerate(written, 1):
             if report is not None:
                 report(plan.count - len(missing) + done, plan.count)
+        remove_abandoned(plan.folder)  # by workers that died
         return _finish(plan, license, written_now=frozenset(missing))
     finally:
         lock.release()
@@ -189,7 +190,7 @@ def _finish(plan: _Plan, license: str, written_now: Set[int]) -> Path:
         entry = {"file": path.name, "first": indices.start, "pairs": len(indices)}
         shards.append({**entry, "bytes": path.stat().st_size, "sha256": sha256_of(path)})
         if shard not in written_now and before.get(path.name, shards[-1]) != shards[-1]:
-            raise FileError(path, f"has changed since {MANIFEST} was written", hint="Remove it, and call again")
+            raise FileError(path, f"has changed since {MANIFEST} was written", hint=f"Remove the file. {_WRITE_AGAIN}")
     manifest = {**plan.description, "license_of_inputs": license or "not stated", "shards": shards}
     with atomic_path(plan.folder / CARD) as temporary:
         temporary.write_text(printable(card_text(manifest, plan.dataset)), encoding="utf-8")
@@ -277,6 +278,8 @@ class ShardDataset(Shown):
 
     def __post_init__(self) -> None:
         path = Path(self.folder) / MANIFEST
+        if not path.parent.is_dir():
+            raise FileError(self.folder, "there is no such folder")
         if not path.exists():
             hint = "Complete the dataset by the call that began it"
             raise FileError(self.folder, f"has no {MANIFEST}", hint=hint)
@@ -289,12 +292,11 @@ class ShardDataset(Shown):
     def __len__(self) -> int:
         return int(self.manifest["pairs"])  # type: ignore[attr-defined]  # set in __post_init__
 
-    def __getitem__(self, index: int) -> Pair:
+    def __getitem__(self, index: SupportsIndex) -> Pair:
         """Return an item; raise `IndexError` beyond the last."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"item {index} of {len(self)}")
+        number = item_number(index, len(self))
         manifest: dict[str, Any] = self.manifest  # type: ignore[attr-defined]  # set in __post_init__
-        shard, place = divmod(int(index) % len(self), manifest["pairs_per_shard"])
+        shard, place = divmod(number, manifest["pairs_per_shard"])
         path = Path(self.folder) / manifest["shards"][shard]["file"]
         checked: set[int] = self._checked  # type: ignore[attr-defined]  # set in __post_init__
         if shard not in checked:
@@ -306,7 +308,7 @@ class ShardDataset(Shown):
                 return Pair(clean, noisy, json.loads(bytes(found.datasets["metadata"][place])))
         try:
             with tarfile.open(path) as tar:
-                name = f"{int(index) % len(self):010d}"
+                name = f"{number:010d}"
                 parts = {kind: tar.extractfile(f"{name}.{kind}") for kind in ("clean.npy", "noisy.npy", "json")}
                 content = {kind: b"" if part is None else part.read() for kind, part in parts.items()}
             clean, noisy = (

@@ -60,8 +60,8 @@ def check_license(license_id: str | None) -> str:
     'CC0-1.0'
     """
     if license_id is None:
-        hint = "Choose one; CC0-1.0 waives all rights, CC-BY-4.0 asks to be named"
-        raise InputError("license_id", value=None, expected=f"one of {', '.join(LICENSES)}", hint=hint)
+        hint = "CC0-1.0 waives all rights, CC-BY-4.0 asks to be named"
+        raise InputError("license_id", expected=f"given: one of {', '.join(LICENSES)}", hint=hint)
     if license_id not in LICENSES:
         hint = did_you_mean(license_id, LICENSES)
         raise InputError("license_id", value=license_id, expected=f"one of {', '.join(LICENSES)}", hint=hint)
@@ -114,6 +114,7 @@ def contribute(
     base = steps[0][1].base
     assert base is not None  # `sensor` has raised
     camera = " ".join((camera or base.name).split())
+    check_no_personal_data({"camera": camera}, _names_of_this_machine(), hint="Choose another name")
     created = date_of_files().strftime("%Y-%m")
     digests = sorted({digest for _, step in steps for digest in step.frames_sha256})
     sensor = _anonymous(measured, base, camera, license_id, created, digests)

@@ -307,7 +307,9 @@ _PERSONAL = {
 """What an entry's texts must not hold."""
 
 
-def check_no_personal_data(content: Any, forbidden: Mapping[str, str] | None = None) -> None:
+def check_no_personal_data(
+    content: Any, forbidden: Mapping[str, str] | None = None, hint: str = "Remove it from the sensor file"
+) -> None:
     """Raise `InputError` for the first text with a path, address, day or serial number.
 
     Parameters
@@ -316,6 +318,8 @@ def check_no_personal_data(content: Any, forbidden: Mapping[str, str] | None = N
         Mappings and lists with texts.
     forbidden
         Other words that must not occur, each with what it is, such as the name of this machine.
+    hint
+        What to do.
     """
     words = {
         what: re.compile(rf"(?<!\w){re.escape(word)}(?!\w)", re.I) for word, what in (forbidden or {}).items() if word
@@ -326,9 +330,7 @@ def check_no_personal_data(content: Any, forbidden: Mapping[str, str] | None = N
         for what, pattern in (*_PERSONAL.items(), *words.items()):
             if (match := pattern.search(text)) and text not in published_texts():
                 expected = f"a text without {what}"
-                raise InputError(
-                    place, value=match[0].strip(), expected=expected, hint="Remove it from the sensor file"
-                )
+                raise InputError(place, value=match[0].strip(), expected=expected, hint=hint)
 
 
 @cache

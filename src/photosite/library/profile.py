@@ -208,8 +208,8 @@ def _matched(name: str, sources: Sequence[CameraSource]) -> list[CameraSource]:
     cameras = list(dict.fromkeys(" ".join(name_words(source.name)) for source in found))
     if not found:
         close = nearest(name, names)
-        hint = f"Did you mean {' or '.join(map(repr, close))}?" if close else "photosite cameras lists them"
-        raise InputError("name", value=name, expected=f"one of {len(set(names))} cameras", hint=hint)
+        hint = f"Did you mean {' or '.join(map(repr, close))}?" if close else "photosite cameras list shows their names"
+        raise InputError("name", value=name, expected=f"one of {len(set(names))} cameras in the files", hint=hint)
     if len(cameras) > 1:
         several = list(dict.fromkeys(source.name for source in found))
         listed = ", ".join(several[:8]) + (f" and {len(several) - 8} others" if len(several) > 8 else "")

@@ -338,7 +338,9 @@ class Scene(Shown):
 
 def light_title(light: str | float | Spectrum) -> str:
     """Return the light's part of a scene's name."""
-    return "as given" if isinstance(light, Spectrum) else f"{light}"
+    if isinstance(light, Spectrum):
+        return "as given"
+    return light if isinstance(light, str) else f"{light:g} K"
 
 
 def _checked_radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:

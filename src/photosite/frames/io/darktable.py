@@ -131,7 +131,8 @@ class DarktableCamera(Shown):
             If the ISO is outside the file's range, `mono` contradicts the file, or a is not one that a sensor has.
         """
         if not self.isos[0] <= iso <= self.isos[-1]:
-            expected = f"{self.isos[0]:g} to {self.isos[-1]:g}, the range of the profiles"
+            ends = " to ".join(f"{iso:g}" for iso in dict.fromkeys((self.isos[0], self.isos[-1])))
+            expected = f"{ends}, the {'range' if len(self.isos) > 1 else 'only one'} of the profiles"
             raise InputError("iso", where=f"{self.maker} {self.model}".strip(), value=iso, expected=expected)
         self.check_mono(mono)
         chip = self.stated or ("mono" if mono else "mosaic")
