@@ -17,7 +17,7 @@ from photosite.engine.jit import F64, I64
 from photosite.engine.layers import Field, Grid, Layer
 from photosite.engine.mosaic import RadialRows, radial_rows
 from photosite.engine.resample import Overlap
-from photosite.engine.transfer import Sampling
+from photosite.engine.transfer import Sampling, SplineRows
 
 
 def runs_on_device(layer: Layer) -> bool:
@@ -155,7 +155,13 @@ class _DeviceTransfer:
         step = xp.reshape(xp.take(put(np.append(np.diff(nodes), np.float32(0.0))), self._index, axis=0), shape)
         inside = xp.astype(self._share <= 1.0, xp.float32)
         central = (low + self._share * step) * (inside * self._aperture)
-        return central + put(rows.fold_down[channel, term]) @ put(rows.fold_across)
+        fold, begin = rows.fold[channel, term], rows.fold_begin_x
+        first_x = np.repeat(np.arange(begin.size - 1), np.diff(begin))
+        down, across = (
+            put(SplineRows(first, weights).matrix(len(fold)))
+            for first, weights in ((rows.fold_first_y, rows.fold_y), (first_x, rows.fold_x))
+        )
+        return central + down @ put(fold) @ across.T
 
     def _of_kernel(self, kernel: F64) -> Any:
         xp, arrays = self._arrays.xp, self._arrays

@@ -89,7 +89,7 @@ class _Response:
         """Add a term's spectrum times H to the folded spectra."""
         whole, of_term = self._radial, term if self._has_radial else 0
         radial = whole._replace(
-            table=read_only(whole.table[:, of_term]), fold_down=read_only(whole.fold_down[:, of_term])
+            table=read_only(whole.table[:, of_term]), fold=read_only(whole.fold[:, of_term])
         )
         if self._kernels is None:
             add_radial(folds, spectrum, self._cols, radial)
@@ -100,18 +100,21 @@ class _Response:
 
 
 def radial_rows(radial: RadialTransfer, sampling: Sampling, grid: Grid) -> RadialRows:
-    """Return H of all terms, which are the second axis of `table` and `fold_down`."""
+    """Return H of all terms, which are the second axis of `table` and `fold`."""
     fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0))).astype(np.float64)
     fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1)).astype(np.float64)
-    fold = folded_terms(radial, sampling, fy, fx)
+    folded = folded_terms(radial, sampling, fy, fx)
     return RadialRows(
         fy=(fy / radial.step_per_m).astype(np.float32),
         fx=(fx / radial.step_per_m).astype(np.float32),
         table=radial.table.astype(np.float32),
         aperture_y=sampling.aperture(0, fy).astype(np.float32),
         aperture_x=sampling.aperture(1, fx).astype(np.float32),
-        fold_down=fold.down,
-        fold_across=fold.across,
+        fold=folded.coefficients,
+        fold_first_y=folded.down.first,
+        fold_y=folded.down.weights,
+        fold_begin_x=np.searchsorted(folded.across.first, np.arange(folded.coefficients.shape[3] - 2)),
+        fold_x=folded.across.weights,
     )
 
 
@@ -171,9 +174,12 @@ class RadialRows(NamedTuple):
     # Transfer of photodetector, cell and low-pass filter on each axis
     aperture_y: F32
     aperture_x: F32
-    # (channels, rows, products) and (products, cols // 2 + 1): the folded terms of H, see `FoldedTerms`
-    fold_down: F32
-    fold_across: F32
+    # The folded terms of H: (channels, B, B) coefficients, and the `SplineRows` along fy and fx; numba takes no tuples
+    fold: F32
+    fold_first_y: I64
+    fold_y: F32
+    fold_begin_x: I64  # first column of each interval between nodes, and the number of columns
+    fold_x: F32
 
 
 @compiled(parallel=True)
@@ -189,7 +195,7 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
     channels = radial.table.shape[0]
     for r in prange(small_rows):
         response = np.empty((channels, half), np.float32)
-        index = np.empty(half, np.int32)
+        index = np.empty(half, np.uint32)
         share = np.empty(half, np.float32)
         for alias_y in range(turn_y.shape[0]):
             y = r + alias_y * small_rows
@@ -208,30 +214,49 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
 
 
 @compiled()
-def _positions(radial: RadialRows, y: int, index: NDArray[np.int32], share: F32) -> None:
+def _positions(radial: RadialRows, y: int, index: NDArray[np.uint32], share: F32) -> None:
     """Compute the positions of a row of frequencies between the table's nodes; a share above 1 is beyond the last."""
     fx = radial.fx
-    last = np.int32(radial.table.shape[1] - 2)
+    last = np.uint32(radial.table.shape[1] - 2)
     square = radial.fy[y] * radial.fy[y]
     for c in range(fx.size):
         position = np.sqrt(square + fx[c] * fx[c])
-        index[c] = min(np.int32(position), last)
+        index[c] = min(np.uint32(position), last)
         share[c] = position - np.float32(index[c])
 
 
 @compiled()
-def _response(out: F32, index: NDArray[np.int32], share: F32, radial: RadialRows, channel: int, y: int) -> None:
+def _response(out: F32, index: NDArray[np.uint32], share: F32, radial: RadialRows, channel: int, y: int) -> None:
     """Compute H of a channel along a row of frequencies."""
     nodes, aperture_y, aperture_x = radial.table[channel], radial.aperture_y[y], radial.aperture_x
     for c in range(out.size):
         low = nodes[index[c]]
-        value = low + share[c] * (nodes[index[c] + 1] - low)
+        value = low + share[c] * (nodes[index[c] + np.uint32(1)] - low)
         value = value if share[c] <= np.float32(1.0) else np.float32(0.0)
         out[c] = value * (aperture_y * aperture_x[c])
-    for p in range(radial.fold_across.shape[0]):
-        weight, across = radial.fold_down[channel, y, p], radial.fold_across[p]
-        for c in range(out.size):
-            out[c] += weight * across[c]
+    _add_folded(out, radial, channel, y)
+
+
+@compiled()
+def _add_folded(out: F32, radial: RadialRows, channel: int, y: int) -> None:
+    """Add the folded terms along a row of frequencies."""
+    coefficients, first, weights = radial.fold[channel], radial.fold_first_y[y], radial.fold_y[:, y]
+    line = np.empty(coefficients.shape[1], np.float32)
+    for i in range(line.size):
+        low = weights[0] * coefficients[first, i] + weights[1] * coefficients[first + 1, i]
+        line[i] = low + (weights[2] * coefficients[first + 2, i] + weights[3] * coefficients[first + 3, i])
+    for i in range(radial.fold_begin_x.size - 1):  # columns that share their coefficients, for vector instructions
+        columns = slice(radial.fold_begin_x[i], radial.fold_begin_x[i + 1])
+        a, b, c, d = line[i], line[i + 1], line[i + 2], line[i + 3]
+        wa, wb, wc, wd = (
+            radial.fold_x[0, columns],
+            radial.fold_x[1, columns],
+            radial.fold_x[2, columns],
+            radial.fold_x[3, columns],
+        )
+        sums = out[columns]
+        for k in range(sums.size):
+            sums[k] += (wa[k] * a + wb[k] * b) + (wc[k] * c + wd[k] * d)
 
 
 @compiled()
@@ -277,7 +302,7 @@ def add_general(
     for pair in prange(small_rows // 2 + 1):
         line = np.empty(2 * half, np.float32)
         real = np.empty(half if has_radial else 1, np.float32)
-        index = np.empty(half if has_radial else 1, np.int32)
+        index = np.empty(half if has_radial else 1, np.uint32)
         share = np.empty(half if has_radial else 1, np.float32)
         passed = np.empty((2, channels, half), np.complex64)
         mirror_row = (small_rows - pair) % small_rows
@@ -292,8 +317,9 @@ def add_general(
                     _kernel_line(line, kernel[channel], first[y], taps[y])
                     if has_radial:
                         _response(real, index, share, radial, channel, y)
-                        _add_real(line, real)
-                    _multiplied(passed[side, channel], spectrum[y], line)
+                        _multiplied_with_real(passed[side, channel], spectrum[y], line, real)
+                    else:
+                        _multiplied(passed[side, channel], spectrum[y], line)
             _fold_row(folds, pair, alias, passed[0], passed[1], cols)
             if mirror_row != pair:
                 of_mirror = (rows - pair - alias * small_rows) % rows // small_rows
@@ -314,16 +340,18 @@ def _kernel_line(out: F32, table: F32, first: int, taps: F32) -> None:
 
 
 @compiled()
-def _add_real(out: F32, real: F32) -> None:
-    for c in range(real.size):
-        out[2 * c] += real[c]
-
-
-@compiled()
 def _multiplied(out: C64, spectrum: C64, line: F32) -> None:
     gain = line.view(np.complex64)
     for c in range(out.size):
         out[c] = spectrum[c] * gain[c]
+
+
+@compiled()
+def _multiplied_with_real(out: C64, spectrum: C64, line: F32, real: F32) -> None:
+    """As `_multiplied`, for the sum of a complex and a real line."""
+    gain = line.view(np.complex64)
+    for c in range(out.size):
+        out[c] = spectrum[c] * (gain[c] + real[c])
 
 
 @compiled()

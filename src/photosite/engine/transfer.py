@@ -11,7 +11,7 @@ The lens passes nothing beyond its cutoff, so the sum is short. Without the fold
 samples beside bright ones would become negative. At f = 0 only m = 0 remains: a uniform field keeps its value.
 
 H is never stored as a whole. For a rotationally symmetric lens, m = 0 is a table in |f| times two sinc functions; the
-other terms are smooth, and a few products of a function of each axis represent them (`FoldedTerms`). For any other lens
+other terms are smooth, and cubic splines of 65 x 65 nodes represent them (`FoldedTerms`). For any other lens
 the kernel is stored on the few cells that it covers, and H is interpolated from its transform (`mosaic.Gridding`).
 """
 
@@ -29,8 +29,6 @@ from photosite.errors import InputError
 
 _FOLD_NODES = 65
 """Nodes per axis at which the folded terms are computed; cubic interpolation between them."""
-_FOLD_TOLERANCE = 1e-7
-"""Folded terms smaller than this, relative to the transfer at 0, are omitted."""
 _MOST_FOLDS = 40_000
 """Limit of the folded terms, whose sum then takes half a minute."""
 _FEW_FOLDS = 20
@@ -93,10 +91,24 @@ class Transfer:
 
 @dataclass(frozen=True, eq=False)
 class FoldedTerms:
-    """The terms of H with m other than 0 as sums of products: down[channel, map, fy] @ across[:, fx]."""
+    """The terms of H with m other than 0 on a grid of frequencies: splines with B coefficients on each axis."""
 
-    down: F32  # (channels, maps, fy, products)
-    across: F32  # (products, fx)
+    coefficients: F32  # (channels, maps, B, B) of cubic B-splines along fy and fx
+    down: SplineRows  # at each fy
+    across: SplineRows  # at each fx
+
+
+class SplineRows(NamedTuple):
+    """Cubic B-splines at some positions: each is a sum of four coefficients."""
+
+    first: I64  # (n,) number of the first of the four coefficients
+    weights: F32  # (4, n)
+
+    def matrix(self, count: int) -> F32:
+        """Return (n, count): the positions' sums of `count` coefficients as a matrix."""
+        rows = np.zeros((self.first.size, count), np.float32)
+        np.put_along_axis(rows, self.first[:, None] + np.arange(4), self.weights.T, axis=1)
+        return rows
 
 
 def _more_cells(cells: int, folds: int) -> int:
@@ -147,50 +159,39 @@ def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64
 
 
 def folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> FoldedTerms:
-    """Return the folded terms on a grid, from few nodes by singular value decomposition and cubic splines."""
-    from scipy.interpolate import make_interp_spline
-
-    sizes, grid = astuple(sampling), (fy_per_m.tobytes(), fx_per_m.tobytes())
+    """Return the folded terms on a grid of frequencies from 0 to 0.5 / cell, by cubic splines between few nodes."""
     kept = _kept.get(transfer)
-    if kept is not None and kept.sizes == sizes and kept.grid == grid:
-        return kept.terms
-    if kept is not None and kept.sizes == sizes:
-        down, across = products = kept.products
-    else:
-        down, across = products = _folded_products(transfer, sampling)
-    nodes = _fold_nodes(sampling)
-    down = make_interp_spline(nodes[0], np.moveaxis(down, 2, 0), k=3)(np.abs(fy_per_m))
-    across = make_interp_spline(nodes[1], across.T, k=3)(fx_per_m).T
-    down = np.moveaxis(down, 0, 2)
-    terms = FoldedTerms(read_only(down.astype(np.float32)), read_only(across.astype(np.float32)))
-    _kept[transfer] = _Kept(sizes, products, grid, terms)
-    return terms
+    if kept is None or kept[0] != astuple(sampling):
+        _kept[transfer] = kept = astuple(sampling), _fold_coefficients(transfer, sampling)
+    down, across = map(_spline_rows, _fold_nodes(sampling), (fy_per_m, fx_per_m))
+    return FoldedTerms(kept[1], down, across)
 
 
-class _Kept(NamedTuple):
-    """The latest folded terms of a transfer: at the nodes, which do not depend on the frame's size, and on a grid."""
-
-    sizes: tuple[Any, ...]  # of the sampling
-    products: tuple[F64, F64]
-    grid: tuple[bytes, bytes]
-    terms: FoldedTerms
-
-
-_kept: WeakKeyDictionary[RadialTransfer, _Kept] = WeakKeyDictionary()
-"""For as long as a transfer lives."""
+_kept: WeakKeyDictionary[RadialTransfer, tuple[tuple[Any, ...], F32]] = WeakKeyDictionary()
+"""A sampling and its spline coefficients, the latest of a transfer, for as long as it lives."""
 
 
 def _fold_nodes(sampling: Sampling) -> list[F64]:
     return [np.linspace(0, 0.5 / sampling.cell_m(axis), _FOLD_NODES) for axis in (0, 1)]
 
 
-def _folded_products(transfer: RadialTransfer, sampling: Sampling) -> tuple[F64, F64]:
-    """Return (channels, maps, nodes, products) and (products, nodes)."""
-    table = sum_folded_terms(transfer, sampling, *_fold_nodes(sampling))
-    flat = table.reshape(-1, _FOLD_NODES)
-    # Singular vectors from the small matrix of the nodes: values below 1e-8 of the first are not needed.
-    square, vectors = np.linalg.eigh(flat.T @ flat)
-    limit = _FOLD_TOLERANCE * np.abs(transfer.table[:, :, 0]).max()
-    keep = max(1, int((np.sqrt(np.maximum(square, 0.0)) > limit).sum()))
-    across = vectors[:, ::-1][:, :keep]
-    return (flat @ across).reshape(*table.shape[:3], keep), across.T
+def _fold_coefficients(transfer: RadialTransfer, sampling: Sampling) -> F32:
+    """Return (channels, maps, B, B) coefficients of the splines through the folded terms at the nodes."""
+    from scipy.interpolate import make_interp_spline
+
+    nodes = _fold_nodes(sampling)
+    values = sum_folded_terms(transfer, sampling, *nodes)
+    for axis in (0, 1):
+        moved = make_interp_spline(nodes[axis], np.moveaxis(values, axis + 2, 0), k=3).c
+        values = np.moveaxis(moved, 0, axis + 2)
+    return read_only(values.astype(np.float32))
+
+
+def _spline_rows(nodes: F64, positions: F64) -> SplineRows:
+    """Return the splines through values at nodes (`make_interp_spline`) at positions between the nodes."""
+    from scipy.interpolate import BSpline
+
+    knots = np.concatenate([nodes[:1].repeat(4), nodes[2:-2], nodes[-1:].repeat(4)])
+    matrix = BSpline.design_matrix(np.minimum(positions, nodes[-1]), knots, 3)
+    first, weights = matrix.indices.reshape(-1, 4)[:, 0], matrix.data.reshape(-1, 4).T
+    return SplineRows(read_only(first.astype(np.int64)), read_only(weights.astype(np.float32)))
