@@ -189,9 +189,29 @@ def _find_spectra(
             spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=WORKERS)[numbers[0]]
             continue
         above, share = field.above[begin:end], field.share[begin:end]
-        _sum_rows(lines, numbers, weights, used, above, share, out)
-        for lines_of_term, spectrum in zip(out, spectra, strict=True):
-            spectrum[begin:end] = scipy.fft.rfft(lines_of_term[:size], axis=1, workers=WORKERS)
+        ends, left, place = _ends_of_runs(np.vstack([numbers, above]), share)
+        _sum_rows(lines, numbers[:, ends], weights, used, above[ends], share[ends], out)
+        known = scipy.fft.rfft(out[:, : ends.size], axis=2, workers=WORKERS)
+        _interpolate_rows(known.view(np.float32), left, place, begin, spectra.view(np.float32))
+
+
+def _ends_of_runs(sources: I64, share: F32) -> tuple[I64, I64, F32]:
+    """Find runs of rows that are sums of the same lines, with weights that are linear in `share`.
+
+    - `sources`: (n, rows) what the rows of a run have in common.
+    - `share`: (rows,) increases or is constant within a run.
+
+    Returns the first and the last row of each run; for each row the place of its run's first among these, and how far
+    it is from there to the last, 0 to 1.
+    """
+    changes = np.flatnonzero((sources[:, 1:] != sources[:, :-1]).any(axis=0)) + 1
+    first, last = np.append(0, changes), np.append(changes, share.size) - 1
+    ends = np.unique(np.concatenate([first, last]))
+    of_row = np.repeat(np.arange(first.size), last - first + 1)
+    length = share[last] - share[first]
+    length[length == 0] = 1.0
+    place = (share - share[first][of_row]) / length[of_row]
+    return ends, np.searchsorted(ends, first)[of_row], place
 
 
 def _strips(rows: int, size: int = _STRIP) -> Iterator[tuple[int, int]]:
@@ -365,14 +385,13 @@ def _sum_rows(
     - `above`, `share`: (rows,) the row of nodes above each row, and the share of the one below.
     """
     rows, cols = numbers.shape[1], out.shape[2]
-    for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
-        for left in range(0, cols, _BLOCK):  # what a block needs stays in the cache
-            block = slice(left, min(left + _BLOCK, cols))
-            for i in range(chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)):
-                for term in range(out.shape[0]):
-                    _add_weighed(
-                        lines, numbers[:, i], weights[term], used[term], above[i], share[i], block, out[term, i]
-                    )
+    blocks = (cols + _BLOCK - 1) // _BLOCK
+    for part in prange((rows + _CHUNK - 1) // _CHUNK * blocks):  # what a part needs stays in the cache
+        begin, left = part // blocks * _CHUNK, part % blocks * _BLOCK
+        block = slice(left, min(left + _BLOCK, cols))
+        for i in range(begin, min(begin + _CHUNK, rows)):
+            for term in range(out.shape[0]):
+                _add_weighed(lines, numbers[:, i], weights[term], used[term], above[i], share[i], block, out[term, i])
 
 
 @compiled()
@@ -386,3 +405,18 @@ def _add_weighed(
             values, high, low = lines[numbers[s], block], weights[s, above, block], weights[s, below, block]
             for c in range(total.size):
                 total[c] += values[c] * (high[c] + share * (low[c] - high[c]))
+
+
+@compiled(parallel=True)
+def _interpolate_rows(known: F32, left: I64, place: F32, begin: int, out: F32) -> None:
+    """Compute rows of `out`, (terms, rows, n), from `begin` on, from few `known` ones, (terms, fewer rows, n).
+
+    Row i is at `place[i]`, 0 to 1, between the known rows `left[i]` and the next.
+    """
+    for i in prange(left.size):
+        for term in range(out.shape[0]):
+            line, low, high = out[term, begin + i], known[term, left[i]], known[term, left[i]]
+            if place[i] > 0:
+                high = known[term, left[i] + 1]
+            for c in range(line.size):
+                line[c] = low[c] + place[i] * (high[c] - low[c])
