@@ -88,9 +88,7 @@ class _Response:
     def add(self, spectrum: C64, term: int, folds: Folds) -> None:
         """Add a term's spectrum times H to the folded spectra."""
         whole, of_term = self._radial, term if self._has_radial else 0
-        radial = whole._replace(
-            table=read_only(whole.table[:, of_term]), fold=read_only(whole.fold[:, of_term])
-        )
+        radial = whole._replace(table=read_only(whole.table[:, of_term]), fold=read_only(whole.fold[:, of_term]))
         if self._kernels is None:
             add_radial(folds, spectrum, self._cols, radial)
             return

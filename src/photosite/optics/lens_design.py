@@ -7,13 +7,16 @@ They become a few modes with weights over the sensor (`low_rank`), which the eng
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.jit import THREADS
 from photosite.errors import InputError
 from photosite.files.cache import cached_arrays
 from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, number_array
@@ -224,24 +227,25 @@ class LensDesign(Shown):
         order = np.argsort(np.hypot(y, x))
         heights = np.hypot(y, x)[order]
         start = math.atan2(y[order[-1]], x[order[-1]])
-        radius = [[RotatablePsf(self.psf[f, w]) for w in range(waves)] for f in order]
         result = np.empty((rows.size, cols.size, waves, n, n))
-        todo = np.ones((rows.size, cols.size), bool)
-        for i, j in np.ndindex(rows.size, cols.size):
-            if not todo[i, j]:
-                continue
-            angle = math.atan2(rows[i], cols[j]) - start if rows[i] or cols[j] else 0.0
-            place = float(np.interp(math.hypot(rows[i], cols[j]), heights, np.arange(heights.size)))
-            low, high = math.floor(place), math.ceil(place)
-            for w in range(waves):
-                psf = radius[low][w] if low == high else radius[low][w].mixed_with(radius[high][w], place - low)
-                result[i, j, w] = psf.rotated(angle)
-            # The grid is symmetric under quarter turns, and so are samples of odd size.
-            k, m = i, j
-            for _ in range(3 if n % 2 else 0):
-                before = result[k, m]
-                k, m = m, cols.size - 1 - k
-                result[k, m], todo[k, m] = np.rot90(before, -1, axes=(1, 2)), False
+        with ThreadPoolExecutor(THREADS) as pool:
+            radius = list(pool.map(RotatablePsf, self.psf[order].reshape(-1, n, n)))
+
+            def fill(places: list[tuple[int, int]]) -> None:
+                i, j = places[0]
+                angle = math.atan2(rows[i], cols[j]) - start if rows[i] or cols[j] else 0.0
+                place = float(np.interp(math.hypot(rows[i], cols[j]), heights, np.arange(heights.size)))
+                low, high = (waves * end for end in (math.floor(place), math.ceil(place)))
+                for w in range(waves):
+                    psf = radius[low + w]
+                    if low != high:
+                        psf = psf.mixed_with(radius[high + w], place - math.floor(place))
+                    result[i, j, w] = psf.rotated(angle)
+                for before, turned in pairwise(places):
+                    result[turned] = np.rot90(result[before], -1, axes=(1, 2))
+
+            orbits = (_quarter_turns(i, j, cols.size, n) for i, j in np.ndindex(rows.size, cols.size))
+            list(pool.map(fill, [places for places in orbits if places[0] == min(places)]))
         return result.reshape(-1, waves, n, n)
 
     def _plane_psf(self, samples: Array, cutoffs_per_m: Array) -> PlanePsf:
@@ -289,6 +293,15 @@ class LensDesign(Shown):
             hint=f"The object is {waves:.2g} waves out of focus. Move it, use a wavefront for defocus, or omit "
             "focus_distance_m in the optics file",
         )
+
+
+def _quarter_turns(row: int, col: int, count: int, samples: int) -> list[tuple[int, int]]:
+    """Return a node of a grid of (count, count) and its quarter turns, if PSFs of so many samples can make these."""
+    places = [(row, col)]
+    for _ in range(3 if samples % 2 else 0):
+        row, col = col, count - 1 - row
+        places.append((row, col))
+    return places
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,12 +18,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
 from photosite.errors import InputError
 from photosite.optics.annular import Waves, aberration_free_otf
 from photosite.optics.checks import check_number
@@ -145,19 +145,11 @@ class Pupil(Shown):
         """
         if self.amplitude is not None:
             return self._array_transfer(sy, sx)
-        radius = np.hypot(sy, sx)
         if self.rotationally_symmetric:
-            return aberration_free_otf(radius, self.obscuration)
-        angles, table = self._table
-        where = np.minimum(radius, 1.0) * (_RADII - 1)
-        low = np.minimum(where.astype(np.intp), _RADII - 2)
-        part = where - low
-        angle = np.mod(np.arctan2(sy, sx) - angles[0], math.pi) + angles[0]
-        i = np.clip(np.searchsorted(angles, angle, side="right") - 1, 0, angles.size - 2)
-        share = (angle - angles[i]) / (angles[i + 1] - angles[i])
-        first = table[i, low] * (1 - part) + table[i, low + 1] * part
-        second = table[i + 1, low] * (1 - part) + table[i + 1, low + 1] * part
-        result: Array = first * (1 - share) + second * share
+            return aberration_free_otf(np.hypot(sy, sx), self.obscuration)
+        sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
+        result = np.empty(sy.shape)
+        _between_rays(read_only(sy.ravel()), read_only(sx.ravel()), *self._table, result.reshape(-1))
         return result
 
     def cells(self, count: int) -> tuple[Array, Array, Array]:
@@ -169,18 +161,9 @@ class Pupil(Shown):
             return _resampled(self.amplitude[::-1], count)
         t = np.asarray((np.arange(count * _SUBROWS) + 0.5) * (2 / (count * _SUBROWS)) - 1, np.float64)
         edges = np.linspace(-1.0, 1.0, count + 1)
-        low, high = self._chords(0.0, t)
-        area, x_sum, y_sum = np.empty((3, count, count))
-        for row in range(count):
-            chords = slice(row * _SUBROWS, (row + 1) * _SUBROWS)
-            length, moment = np.zeros((2, _SUBROWS, count + 1))
-            for a, b in zip(low[chords].T[:, :, None], high[chords].T[:, :, None], strict=True):
-                x = np.clip(edges, a, b)
-                length += x - a
-                moment += (x * x - a * a) / 2
-            inside = np.diff(length, axis=1)
-            area[row], x_sum[row] = inside.sum(axis=0), np.diff(moment, axis=1).sum(axis=0)
-            y_sum[row] = t[chords] @ inside
+        low, high = (read_only(ends) for ends in self._chords(0.0, t))
+        area, x_sum, y_sum = sums = np.zeros((3, count, count))
+        _sum_chords(low, high, t, edges, sums)
         open_ = area > 1e-9 / count
         middle = (edges[1:] + edges[:-1]) / 2
         y = np.where(open_, y_sum / np.where(open_, area, 1.0), middle[:, None])
@@ -203,15 +186,14 @@ class Pupil(Shown):
                 aside = math.asin(self.vane_width / radius)
                 corners += [(radius, axis + aside), (radius, axis - aside)]
         edges = [-1.0, 1.0, *(radius * math.sin(at - angle_rad) for radius, at in corners)]
-        offset, weights = [], []
-        edges = np.unique(np.round(edges, 12)).tolist()
-        for low, high in pairwise(edges):
-            # Dense at both ends, where chords of round edges grow as a square root.
-            count = max(8, math.ceil(_ROWS * (high - low) / 2))
-            phase = (np.arange(count) + 0.5) * (math.pi / count)
-            offset.append((low + high) / 2 - (high - low) / 2 * np.cos(phase))
-            weights.append((high - low) * math.sin(math.pi / (2 * count)) * np.sin(phase))
-        return np.concatenate(offset), np.concatenate(weights)
+        edges = np.unique(np.round(edges, 12))
+        low, width = edges[:-1], np.diff(edges)
+        # Dense at both ends, where chords of round edges grow as a square root.
+        counts = np.maximum(8, np.ceil(_ROWS * width / 2)).astype(np.int64)
+        part = np.repeat(np.arange(counts.size), counts)
+        phase = (np.arange(part.size) - (np.cumsum(counts) - counts)[part] + 0.5) * (math.pi / counts)[part]
+        offset = (low + width / 2)[part] - (width / 2)[part] * np.cos(phase)
+        return offset, (width * np.sin(math.pi / (2 * counts)))[part] * np.sin(phase)
 
     def _chords(self, angle_rad: float, offset: Array) -> tuple[Array, Array]:
         """Return (rows, intervals) begin and end of the open parts of chords; unused intervals have length 0."""
@@ -300,7 +282,7 @@ class Pupil(Shown):
         rays = [(angle, *self._rows(angle)) for angle in angles]
         table = np.stack([_along_ray(*self._chords(angle, rows), weights) for angle, rows, weights in rays])
         table /= table[:, :1]
-        return np.append(angles, angles[0] + math.pi), np.concatenate([table, table[:1]])
+        return read_only(np.append(angles, angles[0] + math.pi)), read_only(np.concatenate([table, table[:1]]))
 
     @cached_property
     def _correlation(self) -> Array:
@@ -322,6 +304,50 @@ class Pupil(Shown):
         result: Array = (1 - v) * ((1 - u) * table[i, j] + u * table[i, j + 1])
         result += v * ((1 - u) * table[i + 1, j] + u * table[i + 1, j + 1])
         return result
+
+
+@compiled(parallel=True)
+def _sum_chords(low: F64, high: F64, offset: F64, edges: F64, sums: F64) -> None:
+    """Add length, moment along x and moment along y of chords, cut at the edges of cells, to (3, cells, cells).
+
+    - `low`, `high`: (chords, intervals) begin and end of the open parts; each row of cells has equally many chords.
+    - `offset`: (chords,) y of each.
+    """
+    count = sums.shape[1]
+    chords = low.shape[0] // count
+    for row in prange(count):
+        length, along_x, along_y = sums[0, row], sums[1, row], sums[2, row]
+        for chord in range(row * chords, (row + 1) * chords):
+            y = offset[chord]
+            for interval in range(low.shape[1]):
+                begin, end = low[chord, interval], high[chord, interval]
+                for cell in range(length.size):
+                    left, right = max(begin, edges[cell]), min(end, edges[cell + 1])
+                    inside = max(right - left, 0.0)
+                    length[cell] += inside
+                    along_x[cell] += inside * (left + right) / 2
+                    along_y[cell] += inside * y
+
+
+@compiled()
+def _between_rays(sy: F64, sx: F64, angles: F64, table: F64, out: F64) -> None:
+    """Interpolate a table of (angles, radii) linearly at points; the angles cover half a turn, nearly evenly."""
+    rays, radii = table.shape
+    per_angle = (rays - 1) / (angles[-1] - angles[0])
+    for k in range(out.size):
+        place = min(math.hypot(sy[k], sx[k]), 1.0) * (radii - 1)
+        low = min(int(place), radii - 2)
+        part = place - low
+        angle = (math.atan2(sy[k], sx[k]) - angles[0]) % math.pi + angles[0]
+        i = min(int((angle - angles[0]) * per_angle), rays - 2)
+        while i > 0 and angle < angles[i]:
+            i -= 1
+        while i < rays - 2 and angle >= angles[i + 1]:
+            i += 1
+        share = (angle - angles[i]) / (angles[i + 1] - angles[i])
+        first = table[i, low] * (1 - part) + table[i, low + 1] * part
+        second = table[i + 1, low] * (1 - part) + table[i + 1, low + 1] * part
+        out[k] = first * (1 - share) + second * share
 
 
 def _along_ray(low: Array, high: Array, weights: Array) -> Array:
@@ -389,6 +415,8 @@ _CELLS_BY_SLOPE = ((2.0, 256), (6.0, 384), (12.0, 512), (24.0, 768), (math.inf, 
 _MARGIN = 1
 """Columns of negative frequencies that the spline interpolation needs."""
 _TAPS = 4
+_GAP = 16
+"""Values between rows of a field in memory: rows whose distance is a power of two compete for the same cache lines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,15 +428,19 @@ class PupilAutocorrelation:
     count: int
 
     @cached_property
-    def _cells(self) -> tuple[Array, Array]:
-        """Return the amplitude of all cells, and (terms, open cells) Zernike values."""
+    def _cells(self) -> tuple[NDArray[np.float32], NDArray[np.intp], Array]:
+        """Return the amplitude of open cells, their numbers in the field of `_image`, and (terms, open cells) values."""
         amplitude, y, x = self.pupil.cells(self.count)
         open_ = amplitude > 0
-        return amplitude, zernike_values(self.terms, x[open_], y[open_])
+        row, col = np.nonzero(open_)
+        place = row * (2 * self.count + _GAP) + col
+        return amplitude[open_].astype(np.float32), place, zernike_values(self.terms, x[open_], y[open_])
 
     @cached_property
     def _aberration_free(self) -> NDArray[np.float32]:
-        return _power(_transform(self._cells[0].astype(np.complex64)))
+        size = 2 * self.count
+        one = np.ones(size, np.float32)
+        return self._image(self._cells[0], np.zeros((size, size), np.float32), one, one)
 
     def otf(self, waves: Waves) -> SampledOtf:
         """Return the OTF under a wavefront.
@@ -417,20 +449,42 @@ class PupilAutocorrelation:
         """
         from scipy.fft import rfft2
 
-        amplitude, values = self._cells
+        amplitude, _, values = self._cells
         turns = np.array([waves[t] for t in self.terms]) @ values
         phase = (2 * math.pi * (turns - np.rint(turns))).astype(np.float32)
-        field = amplitude.astype(np.complex64)
-        field[amplitude > 0] *= np.cos(phase) + np.complex64(1j) * np.sin(phase)
-        image = _power(_transform(field))
-        image -= self._aberration_free
         # Dividing by the transform of a cubic B-spline gives the coefficients of the spline through the samples.
         size = 2 * self.count
         spline = (2 + np.cos((2 * math.pi / size) * np.arange(size))) / 3
         scale = size * size * (self.pupil.area * math.pi / 4 * self.count**2)
-        image *= (1 / (scale * spline))[:, None].astype(np.float32)
-        image *= (1 / spline).astype(np.float32)
+        down, across = (1 / (scale * spline)).astype(np.float32), (1 / spline).astype(np.float32)
+        field = amplitude * (np.cos(phase) + np.complex64(1j) * np.sin(phase))
+        image = self._image(field, self._aberration_free, down, across)
         return SampledOtf(self.pupil, self.count, _centred(rfft2(image, overwrite_x=True)))
+
+    def _image(self, field: NDArray[Any], less: F32, down: F32, across: F32) -> NDArray[np.float32]:
+        """Return the squared transform of the field in the open cells, less an array, times factors on each axis."""
+        from scipy.fft import fft
+
+        # Padded to twice the size; rows of padding are not transformed.
+        size = 2 * self.count
+        room = np.zeros((size, size + _GAP), np.complex64)
+        room.reshape(-1)[self._cells[1]] = field
+        whole = room[:, :size]
+        whole[: self.count] = fft(whole[: self.count], axis=1, overwrite_x=True)
+        whole[:] = fft(whole, axis=0, overwrite_x=True)
+        image = np.empty((size, size), np.float32)
+        _weigh_power(room.view(np.float32), less, down, across, image)
+        return image
+
+
+@compiled()
+def _weigh_power(field: F32, less: F32, down: F32, across: F32, out: F32) -> None:
+    """Compute (|field|^2 - less) * down * across; real and imaginary parts of the field alternate."""
+    for r in range(out.shape[0]):
+        parts, base, line, factor = field[r], less[r], out[r], down[r]
+        for c in range(line.size):
+            power = parts[2 * c] * parts[2 * c] + parts[2 * c + 1] * parts[2 * c + 1]
+            line[c] = ((power - base[c]) * factor) * across[c]
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,16 +524,38 @@ class SampledOtf:
         """Return the (rows, cols) change on a grid of frequencies; points outside the cutoff have any value."""
         change = np.empty((sy.size, sx.size), np.complex128)
         for side, flip in ((sx >= 0, 1.0), (sx < 0, -1.0)):
-            down, rows = _spline_taps((flip * sy + 1) * self.count, len(self.change))
-            across, cols = _spline_taps(flip * sx[side] * self.count + _MARGIN, self.change.shape[1])
-            if not cols.size:
-                continue
-            first = int(cols.min())
-            near = self.change[:, first : int(cols.max()) + 1]
-            strip: Any = sum(weight[:, None] * near[row] for weight, row in zip(down, rows, strict=True))
-            part = sum(weight * strip[:, col - first] for weight, col in zip(across, cols, strict=True))
-            change[:, side] = part if flip > 0 else np.conj(part)
+            if side.any():
+                down, rows = _spline_taps((flip * sy + 1) * self.count, len(self.change))
+                across, cols = _spline_taps(flip * sx[side] * self.count + _MARGIN, self.change.shape[1])
+                part = np.empty((sy.size, cols.shape[1]), np.complex128)
+                values = read_only(self.change).view(np.float32)
+                _sum_taps(values, rows, down, cols, across, flip, part.view(np.float64))
+                change[:, side] = part
         return change
+
+
+@compiled()
+def _sum_taps(values: F32, rows: I64, down: F32, cols: I64, across: F32, flip: float, out: F64) -> None:
+    """Compute sums of four rows and four columns of complex values, times weights; the conjugate if `flip` is -1.
+
+    Real and imaginary parts alternate.
+    """
+    first, last = cols.min(), cols.max()
+    begin, end = 2 * first, 2 * last + 2
+    for r in range(rows.shape[1]):
+        a, b = values[rows[0, r], begin:end], values[rows[1, r], begin:end]
+        c, d = values[rows[2, r], begin:end], values[rows[3, r], begin:end]
+        wa, wb, wc, wd = down[0, r], down[1, r], down[2, r], down[3, r]
+        line = np.empty(end - begin, np.float32)
+        for i in range(line.size):
+            line[i] = ((wa * a[i] + wb * b[i]) + wc * c[i]) + wd * d[i]
+        for k in range(cols.shape[1]):
+            real = imag = np.float32(0.0)
+            for tap in range(cols.shape[0]):
+                place = 2 * (cols[tap, k] - first)
+                real += across[tap, k] * line[place]
+                imag += across[tap, k] * line[place + 1]
+            out[r, 2 * k], out[r, 2 * k + 1] = real, flip * imag
 
 
 def _is_grid(sy: Array, sx: Array) -> bool:
@@ -493,21 +569,6 @@ def _spline_taps(position: Array, size: int) -> tuple[NDArray[np.float32], NDArr
     weights = np.stack([(1 - t) ** 3, 4 + t * t * (3 * t - 6), 1 + 3 * t * (1 + t - t * t), t**3]) / 6
     index = first.astype(np.intp) - 1 + np.arange(_TAPS)[:, None]
     return weights.astype(np.float32), np.clip(index, 0, size - 1)
-
-
-def _transform(field: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """Return the transform of a field padded to twice the size, without transforming rows of padding."""
-    from scipy.fft import fft
-
-    size = 2 * len(field)
-    result: NDArray[np.complex64] = fft(fft(field, size, axis=1), size, axis=0, overwrite_x=True)
-    return result
-
-
-def _power(field: NDArray[np.complex64]) -> NDArray[np.float32]:
-    power = np.square(field.real)
-    power += np.square(field.imag)
-    return power
 
 
 def _centred(change: NDArray[np.complex64]) -> NDArray[np.complex64]:

@@ -29,6 +29,8 @@ _DEFOCUS: Term = (2, 0)
 _RIM_OVER_RMS = 2 * math.sqrt(3.0)
 """W r^2 has an RMS, without its mean, of W / sqrt(12)."""
 _CACHED_WAVELENGTHS = 64
+_CACHED_CELLS = 1 << 22
+"""Cells across the pupil, squared, of all sampled OTFs that are cached: each has 16 bytes per cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +239,8 @@ class _WavefrontOtf:
         with self._lock:
             _drop_oldest(self._sampled)
             self._sampled[wavelength_nm] = found
+            while len(self._sampled) > 1 and sum(one.count**2 for one in self._sampled.values()) > _CACHED_CELLS:
+                del self._sampled[next(iter(self._sampled))]
         return found
 
 
