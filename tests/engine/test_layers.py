@@ -22,9 +22,11 @@ ANYTHING = Transfer(RadialTransfer(RNG.random((3, 2, 9)), 4e4))
 SITES = [[(0, 0)], [(0, 1), (1, 0)], [(1, 1)]]
 
 
-def layer(rows: int = 12, cols: int = 15) -> Layer:
+def layer(rows: int = 12, cols: int = 15, equal: int = 1) -> Layer:
+    """Return a layer of maps in which so many neighboring rows are equal."""
     step = (rows / 12, cols / 15)
-    view = View(RNG.random((4, rows, cols)).astype(np.float32), (0.0, 0.0), step)
+    weights = np.repeat(RNG.random((4, rows // equal, cols)).astype(np.float32), equal, axis=1)
+    view = View(weights, (0.0, 0.0), step)
     return Layer((view,), RNG.random((2, 2, 4)).astype(np.float32), ANYTHING, field=FIELD)
 
 
@@ -38,10 +40,10 @@ def on_cells(values: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.pad(cells, list(zip(before, after, strict=True)), mode="edge")
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(12, 15), (4, 5), (36, 45), (36, 15)])
-def test_term_is_the_sum_of_weighted_maps(rows: int, cols: int) -> None:
+@pytest.mark.parametrize(("rows", "cols", "equal"), [(12, 15, 1), (4, 5, 1), (36, 45, 1), (36, 15, 9), (4, 5, 4)])
+def test_term_is_the_sum_of_weighted_maps(rows: int, cols: int, equal: int) -> None:
     """Compared with SciPy's linear interpolation, for scenes with fewer and with more samples than pixels."""
-    one = layer(rows, cols)
+    one = layer(rows, cols, equal)
     points = np.stack(
         np.meshgrid(
             np.clip(GRID.centers(0), FIELD.row[0], FIELD.row[-1]),

@@ -25,6 +25,8 @@ from photosite.engine.transfer import Transfer
 _STRIP, _STRIP_LINES = 256, 2048
 """Rows of cells that are resampled at a time, and rows of all maps and terms together: few enough for the cache, and
 many, because threads of numba and SciPy hinder each other when they take turns."""
+_COMPARED = 8
+"""Columns in which neighboring rows of a map are compared before all of their columns are."""
 _CHUNK, _BLOCK = 16, 512
 """Rows and columns of cells that a thread weighs at a time."""
 WORKERS = THREADS
@@ -245,12 +247,14 @@ class _PlainMaps:
         self._down, self._across = (
             grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)
         )
+        self._alike = _equal_rows(view.weights)
 
     def rows(self, mixes: F32, begin: int, end: int, lines: F32) -> I64:
-        # A row that sees the same single row of samples as the row above is equal to it.
+        # A row that sees equal rows of samples, and the same as the row above, is equal to it.
         first = self._down.first[begin : end + 1]
-        single, sample = np.diff(first) == 1, self._down.sample[first[:-1]]
-        distinct = np.append(True, ~(single[1:] & single[:-1] & (np.diff(sample) == 0)))
+        top, bottom = (self._alike[self._down.sample[entry]] for entry in (first[:-1], first[1:] - 1))
+        single = top == bottom
+        distinct = np.append(True, ~(single[1:] & single[:-1] & (np.diff(top) == 0)))
         outputs = begin + np.flatnonzero(distinct)
         for r, mix in enumerate(mixes):
             self._rows(mix, outputs, lines[r * outputs.size : (r + 1) * outputs.size])
@@ -288,6 +292,15 @@ class _PlainMaps:
             else:
                 self._rows(mix, outputs, wide)
                 out[begin:end] = scipy.fft.rfft(wide, axis=1, workers=WORKERS)
+
+
+def _equal_rows(weights: F32) -> I64:
+    """Return (rows,) numbers of the rows of (K, rows, cols) maps; neighboring rows that are equal have the same."""
+    sample = weights[:, :, :: max(weights.shape[2] // _COMPARED, 1)]
+    equal = (sample[:, 1:] == sample[:, :-1]).all(axis=(0, 2))
+    for r in np.flatnonzero(equal):
+        equal[r] = np.array_equal(weights[:, r], weights[:, r + 1])
+    return np.cumsum(np.append(True, ~equal))
 
 
 def _mixed(mix: F32, values: F32) -> F32:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only
+from photosite.engine.jit import F32, F64, I64, compiled, read_only
 from photosite.errors import InputError
 from photosite.optics.annular import Waves, aberration_free_otf
 from photosite.optics.checks import check_number
@@ -186,8 +186,8 @@ class Pupil(Shown):
                 aside = math.asin(self.vane_width / radius)
                 corners += [(radius, axis + aside), (radius, axis - aside)]
         edges = [-1.0, 1.0, *(radius * math.sin(at - angle_rad) for radius, at in corners)]
-        edges = np.unique(np.round(edges, 12))
-        low, width = edges[:-1], np.diff(edges)
+        borders = np.unique(np.round(edges, 12))
+        low, width = borders[:-1], np.diff(borders)
         # Dense at both ends, where chords of round edges grow as a square root.
         counts = np.maximum(8, np.ceil(_ROWS * width / 2)).astype(np.int64)
         part = np.repeat(np.arange(counts.size), counts)
@@ -279,9 +279,14 @@ class Pupil(Shown):
         if self.blades:
             creases += [math.pi / 2 + (2 * k + 1) * math.pi / self.blades for k in range(self.blades)]
         angles = start + np.unique(np.round(np.concatenate([even, np.mod(creases, math.pi)]), 12))
-        rays = [(angle, *self._rows(angle)) for angle in angles]
+        # Without vanes, the pupil and its overlap repeat within half a turn: only the rays of one part are computed.
+        parts = 1 if self.vanes else self.blades // 2 if self.blades % 2 == 0 else self.blades
+        own = angles.size // parts
+        if own * parts != angles.size or not np.allclose(angles[own:], angles[:-own] + math.pi / parts, atol=1e-9):
+            own, parts = angles.size, 1
+        rays = [(angle, *self._rows(angle)) for angle in angles[:own]]
         table = np.stack([_along_ray(*self._chords(angle, rows), weights) for angle, rows, weights in rays])
-        table /= table[:, :1]
+        table = np.tile(table / table[:, :1], (parts, 1))
         return read_only(np.append(angles, angles[0] + math.pi)), read_only(np.concatenate([table, table[:1]]))
 
     @cached_property
@@ -306,7 +311,7 @@ class Pupil(Shown):
         return result
 
 
-@compiled(parallel=True)
+@compiled()
 def _sum_chords(low: F64, high: F64, offset: F64, edges: F64, sums: F64) -> None:
     """Add length, moment along x and moment along y of chords, cut at the edges of cells, to (3, cells, cells).
 
@@ -315,7 +320,7 @@ def _sum_chords(low: F64, high: F64, offset: F64, edges: F64, sums: F64) -> None
     """
     count = sums.shape[1]
     chords = low.shape[0] // count
-    for row in prange(count):
+    for row in range(count):
         length, along_x, along_y = sums[0, row], sums[1, row], sums[2, row]
         for chord in range(row * chords, (row + 1) * chords):
             y = offset[chord]
@@ -335,11 +340,12 @@ def _between_rays(sy: F64, sx: F64, angles: F64, table: F64, out: F64) -> None:
     rays, radii = table.shape
     per_angle = (rays - 1) / (angles[-1] - angles[0])
     for k in range(out.size):
-        place = min(math.hypot(sy[k], sx[k]), 1.0) * (radii - 1)
-        low = min(int(place), radii - 2)
+        place = min(math.sqrt(sy[k] * sy[k] + sx[k] * sx[k]), 1.0) * (radii - 1)
+        low = max(min(int(place), radii - 2), 0)  # 0 also for NaN
         part = place - low
-        angle = (math.atan2(sy[k], sx[k]) - angles[0]) % math.pi + angles[0]
-        i = min(int((angle - angles[0]) * per_angle), rays - 2)
+        angle = math.atan2(sy[k], sx[k])
+        angle -= math.pi * math.floor((angle - angles[0]) / math.pi)
+        i = min(max(int((angle - angles[0]) * per_angle), 0), rays - 2)
         while i > 0 and angle < angles[i]:
             i -= 1
         while i < rays - 2 and angle >= angles[i + 1]:
@@ -429,7 +435,7 @@ class PupilAutocorrelation:
 
     @cached_property
     def _cells(self) -> tuple[NDArray[np.float32], NDArray[np.intp], Array]:
-        """Return the amplitude of open cells, their numbers in the field of `_image`, and (terms, open cells) values."""
+        """Return the amplitude of open cells, their numbers in memory (`_image`), and (terms, open cells) values."""
         amplitude, y, x = self.pupil.cells(self.count)
         open_ = amplitude > 0
         row, col = np.nonzero(open_)
@@ -463,15 +469,11 @@ class PupilAutocorrelation:
 
     def _image(self, field: NDArray[Any], less: F32, down: F32, across: F32) -> NDArray[np.float32]:
         """Return the squared transform of the field in the open cells, less an array, times factors on each axis."""
-        from scipy.fft import fft
-
-        # Padded to twice the size; rows of padding are not transformed.
         size = 2 * self.count
         room = np.zeros((size, size + _GAP), np.complex64)
         room.reshape(-1)[self._cells[1]] = field
-        whole = room[:, :size]
-        whole[: self.count] = fft(whole[: self.count], axis=1, overwrite_x=True)
-        whole[:] = fft(whole, axis=0, overwrite_x=True)
+        _transform(room[:, : self.count], axis=0)  # columns of padding are not transformed
+        _transform(room[:, :size], axis=1)
         image = np.empty((size, size), np.float32)
         _weigh_power(room.view(np.float32), less, down, across, image)
         return image
@@ -569,6 +571,15 @@ def _spline_taps(position: Array, size: int) -> tuple[NDArray[np.float32], NDArr
     weights = np.stack([(1 - t) ** 3, 4 + t * t * (3 * t - 6), 1 + 3 * t * (1 + t - t * t), t**3]) / 6
     index = first.astype(np.intp) - 1 + np.arange(_TAPS)[:, None]
     return weights.astype(np.float32), np.clip(index, 0, size - 1)
+
+
+def _transform(values: NDArray[np.complex64], axis: int) -> None:
+    """Transform values in place."""
+    from scipy.fft import fft
+
+    result = fft(values, axis=axis, overwrite_x=True)
+    if not np.may_share_memory(result, values):  # SciPy need not use the memory that it may overwrite
+        values[:] = result
 
 
 def _centred(change: NDArray[np.complex64]) -> NDArray[np.complex64]:

@@ -30,7 +30,8 @@ _RIM_OVER_RMS = 2 * math.sqrt(3.0)
 """W r^2 has an RMS, without its mean, of W / sqrt(12)."""
 _CACHED_WAVELENGTHS = 64
 _CACHED_CELLS = 1 << 22
-"""Cells across the pupil, squared, of all sampled OTFs that are cached: each has 16 bytes per cell."""
+"""Cells of the pupil, 16 bytes each, of all cached OTFs of a plane. A camera samples these one wavelength at a time, and
+at most four in parallel; radial ones, at all wavelengths again for each range of frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +111,11 @@ class Wavefront(Shown):
         return ReadOnly({t: value * scale for t, value in terms.items() if value != 0 and t != (0, 0)})
 
     @property
+    def rotationally_symmetric(self) -> bool:
+        """Whether pupil and wavefront are rotationally symmetric."""
+        return self.pupil.rotationally_symmetric and all(m == 0 for _, m in self.terms_nm)
+
+    @property
     def throughput(self) -> float:
         """Light that the pupil transmits, relative to an open circle."""
         return self.pupil.area
@@ -141,7 +147,7 @@ class Wavefront(Shown):
             Distance of the object, and of the plane in focus; None: the object's.
         """
         otf = _WavefrontOtf(self, base, distance_m, focus_distance_m)
-        if self.pupil.rotationally_symmetric and all(m == 0 for _, m in self.terms_nm):
+        if self.rotationally_symmetric:
             return RadialPsf(otf.radial, otf.cutoff_per_m, otf.reach_m)
         return PlanePsf(otf.plane, otf.cutoff_per_m, otf.reach_m)
 
@@ -239,8 +245,9 @@ class _WavefrontOtf:
         with self._lock:
             _drop_oldest(self._sampled)
             self._sampled[wavelength_nm] = found
-            while len(self._sampled) > 1 and sum(one.count**2 for one in self._sampled.values()) > _CACHED_CELLS:
-                del self._sampled[next(iter(self._sampled))]
+            if not self._wavefront.rotationally_symmetric:
+                while sum(one.count**2 for one in self._sampled.values()) > _CACHED_CELLS:
+                    del self._sampled[next(iter(self._sampled))]
         return found
 
 
