@@ -30,8 +30,8 @@ _RIM_OVER_RMS = 2 * math.sqrt(3.0)
 """W r^2 has an RMS, without its mean, of W / sqrt(12)."""
 _CACHED_WAVELENGTHS = 64
 _CACHED_CELLS = 1 << 22
-"""Cells of the pupil, 16 bytes each, of all cached OTFs of a plane. A camera samples these one wavelength at a time, and
-at most four in parallel; radial ones, at all wavelengths again for each range of frequencies."""
+"""Cells of the pupil, 16 bytes each, of all cached OTFs of a plane. A camera samples these one wavelength after the
+other, at most four in parallel; but radial ones at all wavelengths again for each range of frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
