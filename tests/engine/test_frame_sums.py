@@ -201,6 +201,20 @@ def test_a_mean_frame_stays_when_the_sums_change():
         assert np.array_equal(kept.mean(), expected)
 
 
+@pytest.mark.parametrize("tile", [np.zeros((1, 1), int), BAYER, np.array([[0], [1], [1]])], ids=("1", "Bayer", "rows"))
+@pytest.mark.parametrize(("count", "bits"), [(1, 16), (2, 15), (4, 14), (5, 12), (16, 12)])
+def test_totals_of_frames_in_files_are_exact_up_to_full_scale(tile, count, bits):
+    white = (1 << bits) - 1
+    frames = stack(n=count, shape=(37, 4100), top=white + 1)
+    frames[:, 3:5], frames[:, 20, 7:9] = white, 0
+    frames[:, 30, ::3] = np.array([0, white])[np.arange(count) % 2][:, None]
+    found = FrameSums((37, 4100), tile, white=white).add_last([Stored(frame) for frame in frames])
+    expected = FrameSums((37, 4100), tile, white=white).add(frames)
+    assert np.array_equal(found.sum, expected.sum)
+    assert found.highest == expected.highest
+    assert found.label_totals() == expected.label_totals()
+
+
 def test_frame_means():
     frames = stack(n=4, seed=9)
     means = FrameSums(frames.shape[1:], BAYER).add(frames).frame_means()

@@ -107,11 +107,12 @@ class Steps:
 
 def count_codes(samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64]) -> Counts:
     """Return the counts of the digital numbers in a group's samples; `labels` are those of a sample's pixels."""
-    stack = np.stack(samples)
+    stack = np.array(samples, np.uint16).reshape(-1, *labels.shape)
     parts = []
     for label in range(int(labels.max()) + 1):
-        codes, counts = np.unique(stack[:, labels == label], return_counts=True)
-        parts.append(np.column_stack([np.full(len(codes), label), codes, counts]))
+        counts = np.bincount(stack[:, labels == label].ravel())
+        codes = np.flatnonzero(counts)
+        parts.append(np.column_stack([np.full(len(codes), label), codes, counts[codes]]))
     return np.concatenate(parts).astype(np.int64)
 
 

@@ -15,8 +15,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.foreign_frames import find_foreign_frames
-from photosite.calibration.checks.frame_screening import find_near_copies, find_outlier_frames, sample_grid
+from photosite.calibration.checks.frame_screening import sample_grid
+from photosite.calibration.checks.group_screening import Screening, screen_frames
 from photosite.calibration.reduction.checkpoint import (
     Checkpoint,
     FirstPass,
@@ -25,7 +25,7 @@ from photosite.calibration.reduction.checkpoint import (
     file_stamp,
     identity,
 )
-from photosite.calibration.reduction.codes import Counts, count_codes
+from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
@@ -42,15 +42,15 @@ Progress = Callable[[int, int], None]
 
 
 class _Read(NamedTuple):
-    """A frame that was read, or opened: its source, its digital numbers and, for a checkpoint, its identity."""
+    """A frame that was read, or opened.
+
+    In the first pass it comes with the pixels of `sample_grid`, and for a checkpoint with its identity.
+    """
 
     source: FrameSource
     dn: _Numbers
+    sample: NDArray[np.uint16] | None = None
     identity: FrameIdentity | None = None
-
-    def rows(self, indices: Iterable[int]) -> NDArray[np.unsignedinteger]:
-        """Return some rows (n, cols)."""
-        return self.dn.take_rows(indices) if isinstance(self.dn, StoredRows) else self.dn[list(indices)]
 
     def whole(self) -> NDArray[np.unsignedinteger]:
         """Return the (rows, cols) digital numbers."""
@@ -65,9 +65,6 @@ _OPEN = 64
 
 _AHEAD, _AHEAD_BYTES = 4, 80 << 20
 """Frames read ahead, and their memory limit; at least two frames, and one for each core."""
-
-_SAMPLED_ROWS = 16
-"""Rows compared first to find repeated frames."""
 
 KEPT_BYTES = 240 << 20
 """Memory limit of the mean frames that are kept; groups beyond it are read again."""
@@ -107,8 +104,9 @@ class FrameReader:
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)
         self._checkpoint = checkpoint
-        unread = (source for group in order for source in self._unread(group))
+        unread = ((source, len(group)) for group in order for source in self._unread(group))
         self._first_pass = self._read_ahead(unread, identify=isinstance(checkpoint, Checkpoint))
+        self._screening: Future[Screening] = Future()
         self._sums: FrameSums | None = None
         self._buffers: list[NDArray[np.uint16]] = []
 
@@ -134,7 +132,7 @@ class FrameReader:
             self._sums = FrameSums(self._shape, self.tile, white=self.white)
         result = self._sums.clear()
         if (used := self._used.get(id(group))) is not None:
-            self._add(result, self._read_ahead(group.frames[i] for i in used), variance=variance)
+            self._add(result, self._read_ahead((group.frames[i], 0) for i in used), variance=variance)
             self._count(len(group) - len(used))
             return result
         assert next(self._order) is group, "the first pass follows the order of the set"
@@ -144,7 +142,7 @@ class FrameReader:
         first = saved or FirstPass()
         self.rejected += first.rejected
         self._count(first.read)
-        self._add(result, self._new(group, first), group, first, variance=variance)
+        self._add(result, self._new_then_screen(group, first), group, first, variance=variance)
         if not first.screened:
             self._screen(group, first, result, variance=variance)
             if self._checkpoint is not None:
@@ -159,7 +157,7 @@ class FrameReader:
 
     def part(self, group: FrameGroup, indices: range) -> tuple[FrameSums, FirstPass]:
         """Return the sums of some frames of a group, before outlier frames are left out, instead of a first pass."""
-        self._first_pass = self._read_ahead(group.frames[index] for index in indices)
+        self._first_pass = self._read_ahead((group.frames[index], len(group)) for index in indices)
         sums, first = FrameSums(self._shape, self.tile, white=self.white), FirstPass(read=indices.start)
         self._add(sums, self._new(group, first), variance=True)
         return sums, first
@@ -243,7 +241,7 @@ class FrameReader:
             for source, known in zip(group.frames, first.identities, strict=False)
             if known.stamp is None or known.stamp != file_stamp(source)
         ]
-        reads = self._read_ahead((source for source, _ in doubtful), identify=True)
+        reads = self._read_ahead(((source, 0) for source, _ in doubtful), identify=True)
         for (source, sha256), read in zip(doubtful, reads, strict=True):
             if read.identity is None or read.identity.sha256 != sha256:
                 raise FileError(
@@ -252,24 +250,26 @@ class FrameReader:
                     hint="Remove the checkpoint folder and start again",
                 )
 
+    def _new_then_screen(self, group: FrameGroup, first: FirstPass) -> Iterator[_Read]:
+        """As `_new`; when all are read, start to screen them, while the last ones are summed."""
+        yield from self._new(group, first)
+        if not first.screened:
+            rows, cols = sample_grid(self._shape, len(group))
+            labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
+            samples, dark = list(first.samples), group.kind == "dark"
+            self._screening = self._threads.submit(screen_frames, samples, labels, self._dark_dn, dark=dark)
+
     def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums, *, variance: bool) -> None:
         """Leave near copies and outlier frames out of a group's sums."""
         label, before = group_label(group), len(first.used)
-        copies = find_near_copies(first.samples)
-        # Clipped flat fields with a pattern of their own, such as that of a black level, are all alike.
-        if group.kind == "dark" or len(copies) < before - 1:
+        copies, outliers, counts = self._screening.result()
+        if copies:
             names, size = [group.frames[i].name for i in first.used], first.samples[0].size
             reasons = [
                 f"{names[place]} repeats {names[original]}: {differ} of {size} sampled pixels differ ({label})"
                 for place, (original, differ) in copies.items()
             ]
             self._leave_out(first, copies, reasons)
-        rows, cols = sample_grid(self._shape, len(group))
-        labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
-        outliers = find_outlier_frames(first.samples, self._dark_dn)
-        rest = [place for place in range(len(first.samples)) if place not in outliers]
-        foreign = find_foreign_frames([first.samples[place] for place in rest], labels)
-        outliers |= {rest[place]: reason for place, reason in foreign.items()}
         if outliers:
             n = len(first.used)
             named = [(group.frames[first.used[place]].name, reason) for place, reason in outliers.items()]
@@ -285,8 +285,8 @@ class FrameReader:
             self._leave_out(first, outliers, reasons)
         if len(first.used) < before:
             self.expect(len(first.used))
-            self._add(sums.clear(), self._read_ahead(group.frames[i] for i in first.used), variance=variance)
-        first.counts = count_codes(first.samples, labels)
+            self._add(sums.clear(), self._read_ahead((group.frames[i], 0) for i in first.used), variance=variance)
+        first.counts = counts
         first.screened, first.samples = True, []
 
     def _leave_out(self, first: FirstPass, places: Collection[int], reasons: Sequence[str]) -> None:
@@ -301,14 +301,14 @@ class FrameReader:
 
     def _new(self, group: FrameGroup, first: FirstPass) -> Iterator[_Read]:
         """Read the remaining frames of a group in the first pass, and leave repeats out."""
-        grid_rows, grid_cols = sample_grid(self._shape, len(group))
         for read in islice(self._first_pass, len(group) - first.read):
             if read.identity is not None:
                 first.identities.append(read.identity)
-            original = self._repeated(read, group, first)
+            assert read.sample is not None
+            original = self._repeated(read, read.sample, group, first)
             if original is None:
                 first.used.append(first.read)
-                first.samples.append(read.rows(grid_rows.ravel())[:, grid_cols.ravel()].astype(np.uint16))
+                first.samples.append(read.sample)
                 first.read += 1
                 yield read
             else:
@@ -364,24 +364,27 @@ class FrameReader:
             if self._progress is not None:
                 self._progress(self._done, self._expected)
 
-    def _read_ahead(self, sources: Iterable[FrameSource], identify: bool = False) -> Iterator[_Read]:
-        """Yield the frames in order, read in threads where that is safe."""
+    def _read_ahead(self, sources: Iterable[tuple[FrameSource, int]], identify: bool = False) -> Iterator[_Read]:
+        """Yield the frames in order, read in threads where that is safe.
+
+        Each source comes with the number of frames of its group, or 0 if it need not be sampled.
+        """
         pending: deque[Future[_Read]] = deque()
-        for source in sources:
+        for source, together in sources:
             if source.thread_safe:
-                pending.append(self._threads.submit(self._checked, source, identify))
+                pending.append(self._threads.submit(self._checked, source, together, identify))
             else:
                 pending.append(Future())
-                pending[-1].set_result(self._checked(source, identify))
+                pending[-1].set_result(self._checked(source, together, identify))
             if len(pending) > self._ahead:
                 yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()
 
-    def _checked(self, source: FrameSource, identify: bool = False) -> _Read:
+    def _checked(self, source: FrameSource, together: int = 0, identify: bool = False) -> _Read:
         stamp = file_stamp(source) if identify else None
         if not identify and (opened := source.open_rows()) is not None:
-            return _Read(source, opened)
+            return _Read(source, opened, self._sample(opened, together))
         dn = source.read()
         if dn.shape != self._shape or dn.dtype not in (np.uint8, np.uint16):
             raise FileError(
@@ -389,12 +392,20 @@ class FrameReader:
                 f"the frame is {dn.shape} of {dn.dtype}, but the others are {self._shape} of uint16",
                 hint="Remove it, or calibrate frames of one size",
             )
-        return _Read(source, dn, identity(stamp, dn) if identify else None)
+        return _Read(source, dn, self._sample(dn, together), identity(stamp, dn) if identify else None)
 
-    def _repeated(self, read: _Read, group: FrameGroup, first: FirstPass) -> str | None:
-        """Return the name of an earlier frame of the group with the same pixels; some rows are compared first."""
-        rows = self._shape[0]
-        digest = hashlib.sha256(read.rows(range(0, rows, max(1, rows // _SAMPLED_ROWS))).tobytes()).hexdigest()
+    def _sample(self, dn: _Numbers, together: int) -> NDArray[np.uint16] | None:
+        """Return the sampled pixels of a frame, one of so many."""
+        if not together:
+            return None
+        rows, cols = sample_grid(self._shape, together)
+        if isinstance(dn, StoredRows):
+            return dn.take_rows(rows.ravel())[:, cols.ravel()]
+        return dn[rows, cols].astype(np.uint16)
+
+    def _repeated(self, read: _Read, sample: NDArray[np.uint16], group: FrameGroup, first: FirstPass) -> str | None:
+        """Return the name of an earlier frame of the group with the same pixels; the samples are compared first."""
+        digest = hashlib.sha256(sample.tobytes()).hexdigest()
         candidates = [group.frames[i] for i, other in zip(first.used, first.digests, strict=True) if other == digest]
         # Clipped frames may repeat; any other two differ by their noise.
         if candidates and self._clipped_share(dn := read.whole(), group) <= 0.5:
