@@ -179,7 +179,9 @@ def test_mean_frame_uses_the_smallest_type():
 
 
 class Stored:
-    """A frame as in a file."""
+    """A frame of which rows are read."""
+
+    place = None
 
     def __init__(self, dn):
         self.dn, self.shape = dn, dn.shape

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -176,11 +177,7 @@ def measure_fixed_pattern(
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
     dark_mean = np.zeros((reduction.frames.rows, reduction.frames.cols)) if dark.mean is None else dark.mean.mean
-    taps = _found(
-        [None if dark.mean is None else find_taps(mean_of_sites(dark_mean, None, reader.tile.shape), dark=True)]
-    )
-    offsets = None if dark.mean is None or dark.clipped is not None else periodic_offsets(dark_mean)
-    far = [None if dark.mean is None else find_far_pixels("DSNU", dark_mean, reader.tile.shape)]
+    offsets, taps, far = _dark_structure(dark, reader.tile)
     # Offsets in DN
     readout = measured_channels(None, offsets, taps, Uncertain(1.0))
     patterns = _dark_patterns(reduction, dark, half, reader, readout)
@@ -197,7 +194,7 @@ def measure_fixed_pattern(
             ),
             dark_structure=offsets,
             taps=taps,
-            far=_found(far),
+            far=far,
         )
     shared = light.noise.shared
     charge = None if shared is None or isinstance(shared.charge, Missing) else shared.charge
@@ -218,8 +215,8 @@ def measure_fixed_pattern(
         mean, values = reader.mean(lights[i].group), None
         if i == brightest:
             bright = values = mean.mean()
-            structure = periodic_structure(bright, dark_mean, reader.tile)
-            taps = _found([*taps, find_taps(mean_of_sites(bright, dark_mean, reader.tile.shape, relative=True))])
+            structure, of_light = _light_structure(bright, dark_mean, reader.tile)
+            taps += of_light
             readout = measured_channels(structure, offsets, taps, Uncertain(1.0))
         slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
@@ -274,8 +271,32 @@ def measure_fixed_pattern(
         result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
-    far.append(find_far_pixels("PRNU", slopes.slopes, reader.tile.shape))
-    return FixedPatterns(tuple(result), structure, offsets, taps, _found(far))
+    far += _found([find_far_pixels("PRNU", slopes.slopes, reader.tile.shape)])
+    return FixedPatterns(tuple(result), structure, offsets, taps, far)
+
+
+def _dark_structure(
+    dark: DarkResult, tile: NDArray[np.int64]
+) -> tuple[PeriodicStructure | None, tuple[Taps, ...], tuple[FarPixels, ...]]:
+    """Return what the mean dark frame shows, if there is one: periods, taps and far pixels."""
+    if dark.mean is None:
+        return None, (), ()
+    mean = dark.mean.mean
+    with ThreadPoolExecutor(1) as beside:  # medians in NumPy take one core, the rest takes all
+        offsets = beside.submit(periodic_offsets, mean) if dark.clipped is None else None
+        taps = find_taps(mean_of_sites(mean, None, tile.shape), dark=True)
+        far = find_far_pixels("DSNU", mean, tile.shape)
+    return None if offsets is None else offsets.result(), _found([taps]), _found([far])
+
+
+def _light_structure(
+    bright: NDArray[np.float64], dark: NDArray[np.float64], tile: NDArray[np.int64]
+) -> tuple[PeriodicStructure | None, tuple[Taps, ...]]:
+    """Return periods and taps of a mean flat field less the dark."""
+    with ThreadPoolExecutor(1) as beside:
+        structure = beside.submit(periodic_structure, bright, dark, tile)
+        taps = find_taps(mean_of_sites(bright, dark, tile.shape, relative=True))
+    return structure.result(), _found([taps])
 
 
 def _line_count(inside: NDArray[np.bool_], shape: tuple[int, ...]) -> tuple[int, int]:

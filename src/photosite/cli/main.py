@@ -24,6 +24,7 @@ import click
 
 import photosite
 from photosite.cli.command import Group, spelling_of_current_command
+from photosite.engine.process import prepare_process
 from photosite.errors import PhotositeError, PhotositeWarning, printable, shortened_path
 
 EXIT_BAD_INPUT = 2
@@ -128,6 +129,7 @@ def main() -> NoReturn:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminated)
     _open_closed_streams()
+    prepare_process()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal's encoding may lack characters of names and units
             stream.reconfigure(errors="backslashreplace")

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import F64, I64, THREADS, carray, compiled, pointer, prange, prefetch
 from photosite.engine.map_statistics import label_pixels
+from photosite.engine.pair_sums import add_pairs_of_files
+from photosite.engine.run_lanes import BAND, LANES, lane_clips
 
 MOST_FRAMES = 1 << 15
 """Largest number of frames in one `FrameSums`; n * sum(y^2) of 16-bit numbers then stays below 2^62."""
@@ -32,19 +34,7 @@ _Ints = NDArray[Any]
 RUN = 4096
 """Largest number of pixels in a run."""
 
-_PAIR_RUN = 1024
-"""Largest number of pairs of pixels in a run of `add_pairs`."""
-
-LANES = 64
-"""Largest number of lanes."""
-
-_PAIR_LANES = LANES // 2
-"""Lanes of pairs of pixels: rounded sums are added in the same order as in lanes of pixels, with the same bits."""
-
-BAND = 16
-"""Rows that a thread processes at a time."""
-
-_READ_BYTES = 1 << 22
+_READ_BYTES = 1 << 21
 """Bytes of rows of all frames that a thread reads at a time, so that they stay in the cache."""
 
 _TOGETHER = 8
@@ -57,8 +47,6 @@ _NARROW = 23_170
 _TWO, _LOW_32, _32 = np.uint64(2), np.uint64(0xFFFFFFFF), np.uint64(32)
 _BLOCK, _LINE = np.uint64(64), np.uint64(16)  # pairs of pixels: per prefetch block, per cache line
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
-# Lines of a run a multiple of 4096 bytes apart would be taken for the same one by the processor's store buffer.
-_PAIR_STEP, _PAIR_STEPS = np.uint64(_PAIR_RUN + 48), np.uint64(2 * (_PAIR_RUN + 48))
 _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (np.uint64(k * RUN) for k in range(1, _TOGETHER))
 
 
@@ -139,6 +127,10 @@ class FrameRows(Protocol):
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
+
+    @property
+    def place(self) -> tuple[int, int] | None:
+        """Descriptor of an open file, and position of the first pixel there, of rows without gaps; else None."""
 
     def read_rows(self, first: int, out: NDArray[np.uint16], /) -> None:
         """Read successive rows into a C-contiguous array (n, cols)."""
@@ -465,9 +457,16 @@ def _addresses(frames: Sequence[_Ints]) -> tuple[Any, ...]:
 def _add_stored(frames: Sequence[FrameRows], settings: tuple[Any, ...], results: tuple[Any, ...]) -> None:
     """Add frames that are read a few rows at a time, each thread into memory of its own that stays in its cache."""
     rows, cols = frames[0].shape
+    labels, black, white, _, _ = settings
+    total, _, *others = results
+    if total.dtype == np.uint16 and labels.shape[1] <= 2 and cols % 2 == 0:
+        places = [frame.place for frame in frames]
+        if add_pairs_of_files(places, labels, black, white, total.view(np.uint32), others):
+            return
+        for part in others:  # a file cannot be read; the reads below tell why
+            part[...] = 0
     height = max(_READ_BYTES // max(2 * len(frames) * cols, 1) // BAND, 1) * BAND
     unused: list[_Ints] = []
-    in_pairs = results[0].dtype == np.uint16 and settings[0].shape[1] <= 2
 
     def add(first: int) -> None:
         buffer = unused.pop() if unused else np.empty((len(frames), height, cols), np.uint16)
@@ -475,16 +474,9 @@ def _add_stored(frames: Sequence[FrameRows], settings: tuple[Any, ...], results:
         for frame, out in zip(frames, buffer, strict=True):
             frame.read_rows(first, out[: last - first])
         bands = slice(first // BAND, -(-last // BAND))
-        addresses, like, paired = _addresses([*buffer])
-        if in_pairs and paired:
-            labels, black, white, _, _ = settings
-            total, _, *others = results
-            pairs = total[first:last].view(np.uint32)
-            add_pairs(addresses, labels, black, white, first, pairs, *(part[bands] for part in others))
-        else:
-            parts = [part[first:last] for part in results[:2]] + [part[bands] for part in results[2:]]
-            rest: tuple[Any, ...] = (*settings, first, *parts)
-            add_rows(addresses, like, paired, *rest)
+        parts: list[Any] = [part[first:last] for part in results[:2]] + [part[bands] for part in others]
+        arguments: tuple[Any, ...] = (*_addresses([*buffer]), *settings, first, *parts)
+        add_rows(*arguments)
         unused.append(buffer)
 
     with ThreadPoolExecutor(THREADS) as threads:
@@ -572,126 +564,6 @@ def add_rows(
 
 
 @compiled()
-def add_pairs(
-    addresses: _Ints,
-    labels: _Ints,
-    black: int,
-    white: int,
-    start: int,
-    sums: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> None:
-    """As `add_rows` for all frames of a stack whose sums have 16 bits, with one number for each pair of pixels.
-
-    No sum of a pair overflows into its neighbor, and n times the sum of squares of a pixel is below 2^32. Where it is
-    not, because a number is above full scale, the results are wrong but `highest`.
-
-    - `labels`: (tile rows, 1 or 2).
-    - `sums`: (rows, cols / 2) uint32.
-    """
-    tile_rows, tile_cols = labels.shape
-    rows, pairs = sums.shape
-    # The sums of pairs, and of the squares of even and odd pixels.
-    run = np.empty(3 * _PAIR_STEP, np.uint32)
-    counts, rounded = np.zeros((2, LANES), np.uint32), np.zeros((2, _PAIR_LANES))
-    for r in range(rows):
-        row_labels, band = labels[(start + r) % tile_rows], r // BAND
-        even, odd = row_labels[0], row_labels[tile_cols - 1]
-        for c in range(0, pairs, _PAIR_RUN):
-            m = min(_PAIR_RUN, pairs - c)
-            for k in range(addresses.size):
-                here = pointer(addresses[k] + 4 * (r * pairs + c))
-                lowest, high, of_even, of_odd = _add_pairs(carray(here, m, np.uint32), run, k == 0)
-                highest[band, k] = max(highest[band, k], high)
-                totals[band, k, even] += np.uint64(of_even)
-                totals[band, k, odd] += np.uint64(of_odd)
-                if lowest <= black or high >= white:
-                    _lane_clips(carray(here, 2 * m, np.uint16), row_labels, black, white, counts, clipped[band])
-            squares = _square_pairs(run, addresses.size, sums[r, c : c + m])
-            for label, part in ((even, squares[0]), (odd, squares[1])):
-                exact[band, label, 0] += part[0]
-                exact[band, label, 1] += part[1]
-            _add_squares(run[_PAIR_STEP : _PAIR_STEP + m], rounded[0])
-            _add_squares(run[2 * _PAIR_STEP : 2 * _PAIR_STEP + m], rounded[1])
-        for lane in range(_PAIR_LANES):
-            spread[band, even] += rounded[0, lane]
-            spread[band, odd] += rounded[1, lane]
-        rounded[:] = 0.0
-
-
-@compiled()
-def _add_pairs(source: _Ints, run: _Ints, first: bool) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """Add pairs of pixels and the squares of both to a run, and return extremes and totals as `_copy_pairs` does."""
-    lowest, highest = np.uint32(_LOW_16), np.uint32(0)
-    even = odd = np.uint32(0)
-    if first:
-        run[:] = 0
-    for j in range(np.uint64(source.size)):
-        pair = source[j]
-        a = np.uint32(pair & _LOW_16)
-        b = np.uint32(pair >> _16)
-        run[j] += pair
-        run[_PAIR_STEP + j] += np.uint32(a * a)
-        run[_PAIR_STEPS + j] += np.uint32(b * b)
-        lowest = min(lowest, min(a, b))
-        highest = max(highest, max(a, b))
-        even = np.uint32(even + a)
-        odd = np.uint32(odd + b)
-    return lowest, highest, even, odd
-
-
-@compiled()
-def _square_pairs(run: _Ints, n: int, sums: _Ints) -> tuple[tuple[np.uint64, np.uint64], tuple[np.uint64, np.uint64]]:
-    """Store a run's sums, replace Q by n Q - S^2, and return the totals of Q and S^2 of even and of odd pixels."""
-    frames = np.uint32(n)
-    # The low and the high 16 bits separately, in 32 bits, because 64 bits would halve the pixels in a vector.
-    q_even = q_odd = s_even = s_odd = np.uint32(0)
-    q_even_high = q_odd_high = s_even_high = s_odd_high = np.uint32(0)
-    for j in range(np.uint64(sums.size)):
-        pair, p, q = run[j], run[_PAIR_STEP + j], run[_PAIR_STEPS + j]
-        a = np.uint32(pair & _LOW_16)
-        b = np.uint32(pair >> _16)
-        a, b = np.uint32(a * a), np.uint32(b * b)
-        sums[j] = pair
-        run[_PAIR_STEP + j] = np.uint32(frames * p - a)
-        run[_PAIR_STEPS + j] = np.uint32(frames * q - b)
-        q_even = np.uint32(q_even + (p & _LOW_16))
-        q_even_high = np.uint32(q_even_high + (p >> _16))
-        q_odd = np.uint32(q_odd + (q & _LOW_16))
-        q_odd_high = np.uint32(q_odd_high + (q >> _16))
-        s_even = np.uint32(s_even + (a & _LOW_16))
-        s_even_high = np.uint32(s_even_high + (a >> _16))
-        s_odd = np.uint32(s_odd + (b & _LOW_16))
-        s_odd_high = np.uint32(s_odd_high + (b >> _16))
-    return (
-        (_joined(q_even, q_even_high), _joined(s_even, s_even_high)),
-        (_joined(q_odd, q_odd_high), _joined(s_odd, s_odd_high)),
-    )
-
-
-@compiled(inline=True)
-def _joined(low: np.uint32, high: np.uint32) -> np.uint64:
-    return np.uint64(low) + (np.uint64(high) << np.uint64(16))
-
-
-@compiled()
-def _add_squares(values: _Ints, lanes: F64) -> None:
-    """Add the squares of numbers to their lanes in floating point."""
-    whole = np.uint64(values.size) // np.uint64(_PAIR_LANES) * np.uint64(_PAIR_LANES)
-    for first in range(np.uint64(0), whole, np.uint64(_PAIR_LANES)):
-        for lane in range(np.uint64(_PAIR_LANES)):
-            value = np.float64(values[first + lane])
-            lanes[lane] += value * value
-    for j in range(whole, np.uint64(values.size)):
-        value = np.float64(values[j])
-        lanes[j - whole] += value * value
-
-
-@compiled()
 def _add_band(
     addresses: _Ints,
     like: _Ints,
@@ -754,7 +626,7 @@ def _add_band(
                     else:
                         _lane_totals(stage[k * RUN : k * RUN + m], row_labels, counts, totals[band, first + k])
                     if lowest <= black or high >= white:
-                        _lane_clips(stage[k * RUN : k * RUN + m], row_labels, black, white, counts, clipped[band])
+                        lane_clips(stage[k * RUN : k * RUN + m], row_labels, black, white, counts, clipped[band])
                 for k in range(present, _TOGETHER):
                     stage[k * RUN : k * RUN + m] = 0
                 if top <= _NARROW:
@@ -842,24 +714,6 @@ def _lane_totals(pixels: _Ints, row_labels: _Ints, counts: _Ints, totals: _Ints)
             sums[lane] += np.uint32(pixels[first + lane])
     for lane in range(lanes):
         totals[row_labels[lane % row_labels.size]] += np.uint64(sums[lane])
-
-
-@compiled()
-def _lane_clips(pixels: _Ints, row_labels: _Ints, black: int, white: int, counts: _Ints, clipped: _Ints) -> None:
-    """Count the numbers at or below black, and at or above white, for each label."""
-    lanes = LANES // row_labels.size * row_labels.size
-    size, step = np.uint64(pixels.size), np.uint64(lanes)
-    low, high = counts[0], counts[1]
-    counts[:] = 0
-    floor, ceiling = np.int32(black), np.int32(white)
-    for first in range(np.uint64(0), size, step):
-        for lane in range(min(step, size - first)):
-            y = np.int32(pixels[first + lane])
-            low[lane] += np.uint32(y <= floor)
-            high[lane] += np.uint32(y >= ceiling)
-    for lane in range(lanes):
-        for end in range(2):
-            clipped[row_labels[lane % row_labels.size], end] += counts[end, lane]
 
 
 @compiled()

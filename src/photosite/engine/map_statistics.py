@@ -19,6 +19,7 @@ from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, prang
 
 _LANES = 32
 _LABEL_LANES = 64
+_SECOND, _THIRD, _FOURTH = (np.uint64(k * _LABEL_LANES) for k in (1, 2, 3))
 LONGEST_LINE = 1 << 16
 """Pixels of a row or column, so that a sum of 16-bit numbers stays below 2^32."""
 
@@ -141,29 +142,30 @@ def _power_sums(values: F64, labels: NDArray[Any], center: F64, out: F64) -> Non
     """Sum the first to fourth power of the deviation from `center[label]`, by row and label."""
     rows = values.shape[0]
     tile_rows, tile_cols = labels.shape
-    lanes = max(_LABEL_LANES // tile_cols, 1) * tile_cols
+    lanes = _LABEL_LANES // tile_cols * tile_cols
     for r in prange(rows):
         centers = np.empty(lanes)
-        powers = np.zeros((4, lanes))
+        powers = np.zeros(4 * _LABEL_LANES)
         for lane in range(lanes):
             centers[lane] = center[labels[r % tile_rows, lane % tile_cols]]
-        _lane_powers(values[r], centers, powers[0], powers[1], powers[2], powers[3])
+        _lane_powers(values[r], centers, powers)
         for lane in range(lanes):
             for k in range(4):
-                out[r, labels[r % tile_rows, lane % tile_cols], k] += powers[k, lane]
+                out[r, labels[r % tile_rows, lane % tile_cols], k] += powers[k * _LABEL_LANES + lane]
 
 
 @compiled()
-def _lane_powers(values: F64, centers: F64, p1: F64, p2: F64, p3: F64, p4: F64) -> None:
+def _lane_powers(values: F64, centers: F64, powers: F64) -> None:
+    """Add four powers to their lanes: one array, because loops that write several become no vector instructions."""
     size, lanes = np.uint64(values.size), np.uint64(centers.size)
     for first in range(np.uint64(0), size, lanes):
         for lane in range(min(lanes, size - first)):
             d = values[first + lane] - centers[lane]
             square = d * d
-            p1[lane] += d
-            p2[lane] += square
-            p3[lane] += square * d
-            p4[lane] += square * square
+            powers[lane] += d
+            powers[_SECOND + lane] += square
+            powers[_THIRD + lane] += square * d
+            powers[_FOURTH + lane] += square * square
 
 
 def label_pixels(shape: tuple[int, ...], labels: NDArray[np.integer]) -> I64:
@@ -194,7 +196,8 @@ class Moments:
 def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
     """Return the moments of a map over the pixels of each label.
 
-    `labels` is (tile rows, tile cols), a repeating tile of labels from 0; None is one label for all pixels.
+    `labels` is (tile rows, tile cols), a repeating tile of labels from 0, with 64 columns or fewer; None is one label
+    for all pixels. Raises `ValueError` if the tile has more columns.
 
     Examples
     --------
@@ -202,21 +205,35 @@ def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tup
     2.0
     """
     tile = np.zeros((1, 1), np.int64) if labels is None else np.asarray(labels, np.int64)
+    if tile.shape[1] > _LABEL_LANES:
+        raise ValueError(f"labels must have {_LABEL_LANES} columns or fewer, got {tile.shape[1]}")
     n_labels = int(tile.max()) + 1
     values = np.ascontiguousarray(values, dtype=np.float64)
-    center = np.array([values[tuple(np.argwhere(tile == label)[0])] for label in range(n_labels)])
+    center = np.array([_sampled_mean(values, tile, label) for label in range(n_labels)])
     counts = label_pixels(values.shape, tile)
-    # Two passes: the first finds the mean, the second the moments about it, to avoid cancellation.
     for final in (False, True):
         by_row = np.zeros((values.shape[0], n_labels, 4))
         _power_sums(values, tile, center, by_row)
-        powers = by_row.sum(axis=0)
-        if not final:
-            center = center + powers[:, 0] / counts
+        first, second, third, fourth = by_row.sum(axis=0).T / counts
+        # Near the mean, the moments about it follow from these without cancellation; else a second pass finds them.
+        if final or (first**2 <= 0.1 * second).all():
+            break
+        center = center + first
+    mean, variance = center + first, np.maximum(second - first**2, 0.0)
+    fourth = fourth - 4.0 * first * third + 6.0 * first**2 * second - 3.0 * first**4
+    third = third - 3.0 * first * second + 2.0 * first**3
     return tuple(
-        Moments(int(n), float(c), float(p[1] / (n - 1)) if n > 1 else 0.0, float(p[2] / n), float(p[3] / n))
-        for n, c, p in zip(counts, center, powers, strict=True)
+        Moments(int(n), float(m), float(v * n / (n - 1)) if n > 1 else 0.0, float(t), float(f))
+        for n, m, v, t, f in zip(counts, mean, variance, third, fourth, strict=True)
     )
+
+
+def _sampled_mean(values: F64, tile: I64, label: int) -> float:
+    """Return the mean of up to 32 x 32 pixels of a label, evenly spaced."""
+    (r, c), *_ = np.argwhere(tile == label).tolist()
+    plane = values[r :: tile.shape[0], c :: tile.shape[1]]
+    rows, cols = (max(length // 32, 1) for length in plane.shape)
+    return float(plane[::rows, ::cols].mean())
 
 
 @compiled()

@@ -20,6 +20,7 @@ from multiprocessing import connection
 from typing import Any, TypeVar
 from uuid import uuid4
 
+from photosite.engine.process import prepare_process
 from photosite.errors import InputError, PhotositeError, WorkerError, message_of
 
 Task = TypeVar("Task")
@@ -247,6 +248,7 @@ def _threads_of_children(threads: int) -> Iterator[None]:
 
 def _serve(pipe: connection.Connection, function: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends this one
+    prepare_process()
     end_with_parent()
     with suppress(EOFError, OSError):  # the parent has closed the pipe
         pipe.send((True, None))

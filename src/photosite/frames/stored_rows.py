@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.file_rows import CAN_READ, read_lines
 from photosite.errors import FileError
 from photosite.files.small_files import reading
 
@@ -49,6 +50,11 @@ class StoredRows:
             self._file = os.open(path, os.O_RDONLY)
         weakref.finalize(self, os.close, self._file)
 
+    @property
+    def place(self) -> tuple[int, int]:
+        """File descriptor, and position of the first pixel in the file."""
+        return self._file, self._offset
+
     def read_rows(self, first: int, out: NDArray[np.uint16]) -> None:
         """Read successive rows into a C-contiguous array (n, cols).
 
@@ -70,9 +76,11 @@ class StoredRows:
 
     def take_rows(self, rows: Iterable[int]) -> NDArray[np.uint16]:
         """Return some rows (n, cols), which need not be adjacent."""
-        wanted = list(rows)
+        wanted = np.fromiter(rows, np.int64)
         out = np.empty((len(wanted), self.shape[1]), np.uint16)
-        for row, line in zip(wanted, out, strict=True):
+        if CAN_READ and read_lines(self._file, self._offset + 2 * self.shape[1] * wanted, out):
+            return out
+        for row, line in zip(wanted.tolist(), out, strict=True):
             self.read_rows(row, line)
         return out
 

@@ -85,8 +85,8 @@ class SlopeSpread:
     third: float = 0.0
 
 
-_TOGETHER = 8
-"""Mean frames that are added to the map in one pass."""
+_TOGETHER_BYTES = 240 << 20
+"""Memory of the mean frames that are added to the map in one pass, at least."""
 
 
 class PixelSlopes:
@@ -103,7 +103,7 @@ class PixelSlopes:
         The sum of the level must not change until `slopes` is read.
         """
         self._added.append((level.sum, np.array(coefficients)[self.tile] / level.count))
-        if len(self._added) == _TOGETHER:
+        if sum(values.nbytes for values, _ in self._added) >= _TOGETHER_BYTES:
             self._add_all()
 
     def _add_all(self) -> None:

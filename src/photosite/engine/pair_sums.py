@@ -1,0 +1,216 @@
+"""Exact sums of frames in files whose sums fit 16 bits: two pixels at a time, read and added by compiled code.
+
+`add_pairs_of_files` does the work of `frame_sums.add_rows` for stacks of few frames, all at once. One number of 32 bits
+holds the sums of two pixels, because none overflows into its neighbor. Nothing is stored between reading and adding but
+a few rows of each frame, which stay in the cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.file_rows import CAN_READ, read_at
+from photosite.engine.jit import F64, I64, THREADS, compiled
+from photosite.engine.run_lanes import BAND, LANES, lane_clips
+
+_Ints = NDArray[Any]
+
+_STRIP_BYTES = 1 << 20
+"""Bytes of rows of all frames that a thread reads at a time, so that they stay in its cache."""
+
+_PARTS = 8
+"""Parts of a frame for each thread."""
+
+_RUN = 1024
+"""Largest number of pairs in a run."""
+
+_LANES = LANES // 2
+"""Lanes of pairs: rounded sums are added in the same order as in lanes of pixels, with the same bits."""
+
+# Lines of a run a multiple of 4096 bytes apart would be taken for the same one by the processor's store buffer.
+_STEP, _TWO_STEPS = np.uint64(_RUN + 48), np.uint64(2 * (_RUN + 48))
+_LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
+
+
+def add_pairs_of_files(
+    places: Sequence[tuple[int, int] | None], labels: _Ints, black: int, white: int, sums: _Ints, results: Sequence[Any]
+) -> bool:
+    """Compute the sums of all frames of a stack; return whether all could be read, which is else left to the caller.
+
+    The sum of a pixel is below 2^16, and n times the sum of its squares below 2^32. Where it is not, because a number
+    is above full scale, all results but `highest` are wrong.
+
+    - `places`: File descriptor and position of the first pixel of each frame; None if it is not in a file.
+    - `labels`: (tile rows, 1 or 2).
+    - `sums`: (rows, cols / 2) uint32; becomes the sums, two pixels in each.
+    - `results`: `totals`, `clipped`, `highest`, `exact` and `spread`, zeros, as of `frame_sums.add_frames`.
+    """
+    known = [place for place in places if place is not None]
+    if not CAN_READ or len(known) < len(places):
+        return False
+    rows, pairs = sums.shape
+    files, offsets = np.array(known, np.int64).T.copy()
+    step = BAND * -(-rows // (_PARTS * THREADS * BAND))
+    height = min(max(_STRIP_BYTES // max(4 * pairs * len(known), 1), 1), step)
+    totals, clipped, highest, exact, spread = results
+
+    def add(first: int) -> bool:
+        return _read_and_add(
+            files, offsets, first, min(first + step, rows), height,
+            labels, black, white, sums, totals, clipped, highest, exact, spread,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(THREADS) as threads:
+        return all(threads.map(add, range(0, rows, step)))
+
+
+@compiled()
+def _read_and_add(
+    files: I64,
+    places: I64,
+    first: int,
+    last: int,
+    height: int,
+    labels: _Ints,
+    black: int,
+    white: int,
+    sums: _Ints,
+    totals: _Ints,
+    clipped: _Ints,
+    highest: _Ints,
+    exact: _Ints,
+    spread: F64,
+) -> bool:
+    """Read some rows of all frames, a few at a time, and add them; return whether all could be read.
+
+    - `files`, `places`: (frames,) descriptors, and positions of the first pixels.
+    - `first`, `last`: The rows, whole bands; `height` are read at a time.
+    """
+    row_bytes = 4 * sums.shape[1]
+    lines = np.empty((files.size, height, sums.shape[1]), np.uint32)
+    for start in range(first, last, height):
+        rows = min(height, last - start)
+        for k in range(files.size):
+            if not read_at(files[k], lines[k].ctypes.data, rows * row_bytes, places[k] + start * row_bytes):
+                return False
+        _add_lines(lines, rows, start, labels, black, white, sums, totals, clipped, highest, exact, spread)
+    return True
+
+
+@compiled()
+def _add_lines(
+    lines: _Ints,
+    rows: int,
+    start: int,
+    labels: _Ints,
+    black: int,
+    white: int,
+    sums: _Ints,
+    totals: _Ints,
+    clipped: _Ints,
+    highest: _Ints,
+    exact: _Ints,
+    spread: F64,
+) -> None:
+    """Add the first rows of lines (frames, height, pairs) to those of the sums from `start` on."""
+    tile_rows, tile_cols = labels.shape
+    pairs = sums.shape[1]
+    # The sums of pairs, and of the squares of even and odd pixels.
+    run = np.empty(3 * _STEP, np.uint32)
+    counts, rounded = np.zeros((2, LANES), np.uint32), np.zeros((2, _LANES))
+    for r in range(rows):
+        row_labels, band = labels[(start + r) % tile_rows], (start + r) // BAND
+        even, odd = row_labels[0], row_labels[tile_cols - 1]
+        for c in range(0, pairs, _RUN):
+            m = min(_RUN, pairs - c)
+            for k in range(lines.shape[0]):
+                here = lines[k, r, c : c + m]
+                lowest, high, of_even, of_odd = _add_pairs(here, run, k == 0)
+                highest[band, k] = max(highest[band, k], high)
+                totals[band, k, even] += np.uint64(of_even)
+                totals[band, k, odd] += np.uint64(of_odd)
+                if lowest <= black or high >= white:
+                    lane_clips(here.view(np.uint16), row_labels, black, white, counts, clipped[band])
+            squares = _square_pairs(run, lines.shape[0], sums[start + r, c : c + m])
+            for label, part in ((even, squares[0]), (odd, squares[1])):
+                exact[band, label, 0] += part[0]
+                exact[band, label, 1] += part[1]
+            _add_squares(run[_STEP : _STEP + m], rounded[0])
+            _add_squares(run[2 * _STEP : 2 * _STEP + m], rounded[1])
+        for lane in range(_LANES):
+            spread[band, even] += rounded[0, lane]
+            spread[band, odd] += rounded[1, lane]
+        rounded[:] = 0.0
+
+
+@compiled()
+def _add_pairs(source: _Ints, run: _Ints, first: bool) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
+    """Add pairs of pixels and the squares of both to a run, and return extremes and totals as `_copy_pairs` does."""
+    lowest, highest = np.uint32(_LOW_16), np.uint32(0)
+    even = odd = np.uint32(0)
+    if first:
+        run[:] = 0
+    for j in range(np.uint64(source.size)):
+        pair = source[j]
+        a = np.uint32(pair & _LOW_16)
+        b = np.uint32(pair >> _16)
+        run[j] += pair
+        run[_STEP + j] += np.uint32(a * a)
+        run[_TWO_STEPS + j] += np.uint32(b * b)
+        lowest = min(lowest, min(a, b))
+        highest = max(highest, max(a, b))
+        even = np.uint32(even + a)
+        odd = np.uint32(odd + b)
+    return lowest, highest, even, odd
+
+
+@compiled()
+def _square_pairs(run: _Ints, n: int, sums: _Ints) -> tuple[tuple[np.uint64, np.uint64], tuple[np.uint64, np.uint64]]:
+    """Store a run's sums, replace Q by n Q - S^2, and return the totals of Q and S^2 of even and of odd pixels."""
+    frames = np.uint32(n)
+    # The low and the high 16 bits separately, in 32 bits, because 64 bits would halve the pixels in a vector.
+    q_even = q_odd = s_even = s_odd = np.uint32(0)
+    q_even_high = q_odd_high = s_even_high = s_odd_high = np.uint32(0)
+    for j in range(np.uint64(sums.size)):
+        pair, p, q = run[j], run[_STEP + j], run[_TWO_STEPS + j]
+        a = np.uint32(pair & _LOW_16)
+        b = np.uint32(pair >> _16)
+        a, b = np.uint32(a * a), np.uint32(b * b)
+        sums[j] = pair
+        run[_STEP + j] = np.uint32(frames * p - a)
+        run[_TWO_STEPS + j] = np.uint32(frames * q - b)
+        q_even = np.uint32(q_even + (p & _LOW_16))
+        q_even_high = np.uint32(q_even_high + (p >> _16))
+        q_odd = np.uint32(q_odd + (q & _LOW_16))
+        q_odd_high = np.uint32(q_odd_high + (q >> _16))
+        s_even = np.uint32(s_even + (a & _LOW_16))
+        s_even_high = np.uint32(s_even_high + (a >> _16))
+        s_odd = np.uint32(s_odd + (b & _LOW_16))
+        s_odd_high = np.uint32(s_odd_high + (b >> _16))
+    return (
+        (_joined(q_even, q_even_high), _joined(s_even, s_even_high)),
+        (_joined(q_odd, q_odd_high), _joined(s_odd, s_odd_high)),
+    )
+
+
+@compiled(inline=True)
+def _joined(low: np.uint32, high: np.uint32) -> np.uint64:
+    return np.uint64(low) + (np.uint64(high) << np.uint64(16))
+
+
+@compiled()
+def _add_squares(values: _Ints, lanes: F64) -> None:
+    """Add the squares of numbers to their lanes in floating point."""
+    whole = np.uint64(values.size) // np.uint64(_LANES) * np.uint64(_LANES)
+    for first in range(np.uint64(0), whole, np.uint64(_LANES)):
+        for lane in range(np.uint64(_LANES)):
+            value = np.float64(values[first + lane])
+            lanes[lane] += value * value
+    for j in range(whole, np.uint64(values.size)):
+        value = np.float64(values[j])
+        lanes[j - whole] += value * value

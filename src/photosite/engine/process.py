@@ -1,0 +1,27 @@
+"""Settings of a process that photosite has to itself: a command, or a worker process of its own."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+_KEPT_BYTES = (1 << 31) - 1
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
+
+
+def prepare_process() -> None:
+    """Let threads sleep between parallel loops, and the C library keep freed memory for the next arrays.
+
+    Threads of GNU OpenMP that wait in a loop take the cores from those that read files. The GNU C library returns large
+    arrays to the system when they are freed, which must clear the memory before it gives it out again: a tenth to a
+    third of a calibration. Call this before numba is imported. A variable that is set has priority.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    stated = {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"} & set(os.environ)
+    if not sys.platform.startswith("linux") or stated:
+        return
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None:
+        set_option(_MMAP_THRESHOLD, _KEPT_BYTES)
+        set_option(_TRIM_THRESHOLD, _KEPT_BYTES)
