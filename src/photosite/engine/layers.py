@@ -192,7 +192,8 @@ def _find_spectra(
             continue
         above, share = field.above[begin:end], field.share[begin:end]
         ends, left, place = _ends_of_runs(np.vstack([numbers, above]), share)
-        _sum_rows(lines, numbers[:, ends], weights, used, above[ends], share[ends], out)
+        with threads_for(terms * ends.size * cols):
+            _sum_rows(lines, numbers[:, ends], weights, used, above[ends], share[ends], out)
         known = scipy.fft.rfft(out[:, : ends.size], axis=2, workers=WORKERS)
         _interpolate_rows(known.view(np.float32), left, place, begin, spectra.view(np.float32))
 
