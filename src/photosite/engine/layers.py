@@ -307,7 +307,7 @@ def _equal_rows(weights: F32) -> I64:
 def _mixed(mix: F32, values: F32) -> F32:
     """Return (rows, cols): the combination (K,) of (K, rows, cols) maps."""
     out = np.empty(values.shape[1:], np.float32)
-    with threads_for(values.size):
+    with threads_for(out.size):
         _mix(read_only(mix), values, out)
     return out
 

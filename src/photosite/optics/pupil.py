@@ -147,9 +147,10 @@ class Pupil(Shown):
             return self._array_transfer(sy, sx)
         if self.rotationally_symmetric:
             return aberration_free_otf(np.hypot(sy, sx), self.obscuration)
-        sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
-        result = np.empty(sy.shape)
-        _between_rays(read_only(sy.ravel()), read_only(sx.ravel()), *self._table, result.reshape(-1))
+        # Here, because NumPy's functions use vector instructions.
+        radius, angle = np.hypot(sy, sx), np.arctan2(sy, sx)
+        result = np.empty(radius.shape)
+        _between_rays(read_only(np.ravel(radius)), read_only(np.ravel(angle)), *self._table, result.reshape(-1))
         return result
 
     def cells(self, count: int) -> tuple[Array, Array, Array]:
@@ -335,16 +336,15 @@ def _sum_chords(low: F64, high: F64, offset: F64, edges: F64, sums: F64) -> None
 
 
 @compiled()
-def _between_rays(sy: F64, sx: F64, angles: F64, table: F64, out: F64) -> None:
+def _between_rays(radius: F64, direction: F64, angles: F64, table: F64, out: F64) -> None:
     """Interpolate a table of (angles, radii) linearly at points; the angles cover half a turn, nearly evenly."""
     rays, radii = table.shape
     per_angle = (rays - 1) / (angles[-1] - angles[0])
     for k in range(out.size):
-        place = min(math.sqrt(sy[k] * sy[k] + sx[k] * sx[k]), 1.0) * (radii - 1)
+        place = min(radius[k], 1.0) * (radii - 1)
         low = max(min(int(place), radii - 2), 0)  # 0 also for NaN
         part = place - low
-        angle = math.atan2(sy[k], sx[k])
-        angle -= math.pi * math.floor((angle - angles[0]) / math.pi)
+        angle = direction[k] - math.pi * math.floor((direction[k] - angles[0]) / math.pi)
         i = min(max(int((angle - angles[0]) * per_angle), 0), rays - 2)
         while i > 0 and angle < angles[i]:
             i -= 1
