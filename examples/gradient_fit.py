@@ -76,7 +76,7 @@ for axes in (far, near):
     axes.plot(*TRUTH, "k+", markersize=9, label="truth")
     axes.set_xlabel("fill factor")
 far.set(ylabel="charge to each of four neighbors", title="path of the fit")
-near.set(title="its end", xlim=fit.value + np.array([-4, 3]) * fit.standard_error)
+near.set(title="end of the path", xlim=fit.value + np.array([-4, 3]) * fit.standard_error)
 near.set_ylim(found.x[1] + np.array([-4, 4]) * error[1])
 shown = residual.imshow((raw.dn - mean) / np.sqrt(variance), cmap="RdBu", vmin=-4, vmax=4, interpolation="antialiased")
 residual.set(title="residuals over noise", xticks=[], yticks=[])

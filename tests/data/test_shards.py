@@ -120,10 +120,16 @@ def test_a_killed_writer_leaves_whole_shards_and_is_resumed(tmp_path: Path) -> N
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     write_shards(dataset(), tmp_path / "a", pairs_per_shard=5)
     before = contents(tmp_path / "a")
-    for other, settings in ((dataset(seed=2), {}), (dataset(), {"shard_format": "webdataset"})):
+    changed = PairDataset(Electrons([RAMP]), SENSOR.with_(serial="7"), crop=(16, 32), crops=5, draws=2)
+    for other, settings, name, value in (
+        (dataset(seed=2), {}, "seed", 2),
+        (dataset(crops=3), {}, "crops", 3),
+        (dataset(), {"shard_format": "webdataset"}, "shard_format", "webdataset"),
+        (changed, {}, "dataset.sensors[0].serial", "7"),
+    ):
         with pytest.raises(FileError) as caught:
             write_shards(other, tmp_path / "a", pairs_per_shard=5, **settings)
-        assert caught.value.what == "holds another dataset, or one of other settings"
+        assert (caught.value.what, caught.value.value) == (name, value)
     assert contents(tmp_path / "a") == before
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "photo.jpg").write_bytes(b"")

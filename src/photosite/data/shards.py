@@ -172,13 +172,31 @@ def _begin(plan: _Plan) -> None:
             )
     has_shards = any(entry.name.startswith("shard-") for entry in plan.folder.iterdir())
     if path.exists() and has_shards:
-        if read_json(path) != plan.description:
+        begun = read_json(path)
+        for name, there, here in _differences(begun, plan.description):
+            if name == "pairs":
+                continue  # a result of other settings
             hint = "Use another folder, or the settings and inputs that it was begun with"
-            raise FileError(plan.folder, "holds another dataset, or one of other settings", hint=hint)
+            expected = f"{there!r:.60}, as in its {PLAN}"
+            raise FileError(
+                plan.folder, name.removeprefix("dataset.settings."), value=here, expected=expected, hint=hint
+            )
         return
     if has_shards:
         raise FileError(plan.folder, f"holds shards without {PLAN}", hint="Use another folder")
     _write_json(path, plan.description)
+
+
+def _differences(one: Any, other: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield name and values of each entry that differs; None for one that is missing."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        for key in dict.fromkeys([*one, *other]):
+            yield from _differences(one.get(key), other.get(key), f"{name}.{key}".lstrip("."))
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        for number, pair in enumerate(zip(one, other, strict=True)):
+            yield from _differences(*pair, f"{name}[{number}]")
+    elif one != other:
+        yield name, one, other
 
 
 def _finish(plan: _Plan, license: str, written_now: Set[int]) -> Path:
