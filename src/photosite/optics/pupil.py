@@ -470,12 +470,12 @@ class PupilAutocorrelation:
     def _image(self, field: NDArray[Any], less: F32, down: F32, across: F32) -> NDArray[np.float32]:
         """Return the squared transform of the field in the open cells, less an array, times factors on each axis."""
         size = 2 * self.count
-        room = np.zeros((size, size + _GAP), np.complex64)
-        room.reshape(-1)[self._cells[1]] = field
-        _transform(room[:, : self.count], axis=0)  # columns of padding are not transformed
-        _transform(room[:, :size], axis=1)
+        padded = np.zeros((size, size + _GAP), np.complex64)
+        padded.reshape(-1)[self._cells[1]] = field
+        _transform(padded[:, : self.count], axis=0)  # columns of padding are 0
+        _transform(padded[:, :size], axis=1)
         image = np.empty((size, size), np.float32)
-        _weigh_power(room.view(np.float32), less, down, across, image)
+        _weigh_power(padded.view(np.float32), less, down, across, image)
         return image
 
 
