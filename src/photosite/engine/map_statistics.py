@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, prange, read_only
 
 _LANES = 32
+_RUN = 1024
 _LABEL_LANES = 64
 _SECOND, _THIRD, _FOURTH = (np.uint64(k * _LABEL_LANES) for k in (1, 2, 3))
 LONGEST_LINE = 1 << 16
@@ -106,24 +107,30 @@ def smooth_separable(values: F64, kernel: F64) -> F64:
 @compiled(parallel=True)
 def _add_scaled(target: F64, addresses: I64, like: NDArray[Any], factors: F64) -> None:
     rows, cols = target.shape
+    run = factors.shape[2]
     for r in prange(rows):
-        row = target[r]
-        for k in range(addresses.size):
-            factor = factors[k, r % factors.shape[1]]
-            added = carray(pointer(addresses[k] + r * cols * like.itemsize), cols, like.dtype)
-            for c in range(np.uint64(cols)):
-                row[c] += np.float64(added[c]) * factor[c]
+        for first in range(0, cols, run):
+            row = target[r, first : min(first + run, cols)]
+            for k in range(addresses.size):
+                place = addresses[k] + (r * cols + first) * like.itemsize
+                _add_line(row, carray(pointer(place), row.size, like.dtype), factors[k, r % factors.shape[1]])
+
+
+@compiled()
+def _add_line(row: F64, added: NDArray[Any], factor: F64) -> None:
+    for c in range(np.uint64(row.size)):
+        row[c] += np.float64(added[c]) * factor[c]
 
 
 def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger], F64]]) -> None:
     """Add maps of integers, each times a repeating tile of factors, to a map in place, in one pass over it.
 
-    The tiles have the same number of rows.
+    The tiles have the same shape.
 
     Examples
     --------
     >>> total, more = np.zeros((1, 3)), np.array([[1, 2, 3]], np.uint16)
-    >>> add_scaled(total, [(more, np.array([[1.0, 10.0]])), (more, np.ones((1, 1)))])
+    >>> add_scaled(total, [(more, np.array([[1.0, 10.0]])), (more, np.ones((1, 2)))])
     >>> total.tolist()
     [[2.0, 22.0, 6.0]]
     """
@@ -133,7 +140,8 @@ def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger],
         maps = [np.ascontiguousarray(values) for values in maps]  # kept alive here, because the kernel has addresses
         if any(values.shape != target.shape for values in maps):
             raise ValueError(f"maps must be {target.shape}, got {[values.shape for values in maps]}")
-        factors = np.stack([np.tile(tile, -(-cols // tile.shape[1]))[:, :cols] for tile in tiles])
+        # Lines of all maps are added in runs that stay in the cache, and begin with the tile's first column.
+        factors = np.stack([np.tile(tile, max(_RUN // tile.shape[1], 1)) for tile in tiles])
         _add_scaled(target, np.array([values.ctypes.data for values in maps]), np.empty(0, dtype), factors)
 
 
