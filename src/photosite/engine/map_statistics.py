@@ -134,7 +134,6 @@ def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger],
     >>> total.tolist()
     [[2.0, 22.0, 6.0]]
     """
-    cols = target.shape[1]
     for dtype, run in groupby(sources, key=lambda source: source[0].dtype):
         maps, tiles = zip(*run, strict=True)
         maps = [np.ascontiguousarray(values) for values in maps]  # kept alive here, because the kernel has addresses

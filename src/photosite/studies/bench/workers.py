@@ -29,14 +29,20 @@ from photosite.studies.bench.frames import benchmark_protocol, write_frames
 
 _PAIRS = 32
 _SIDE = 512
-_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_WORKER = {
+    **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    **dict.fromkeys(("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"), "2000000000"),
+}
+"""Environment of workers and plain processes: one thread each, and freed memory kept, unlike Dask's default."""
+_ROUNDS = 5
 
 
 @dataclass(frozen=True)
 class Efficiency:
-    """Seconds for the same tasks, once workers have done some.
+    """Seconds for the same tasks, once workers have done some: medians of several rounds.
 
-    They run on one and two workers of a scheduler, and in one plain process and in two that share them.
+    They run on one and two workers of a scheduler, and in one plain process and in two that share them, in turn in each
+    round, because the speed of shared machines changes.
     """
 
     tasks: int
@@ -44,23 +50,16 @@ class Efficiency:
     two_workers_s: float
     one_process_s: float
     two_processes_s: float
-    # Of two workers: share of the time in which they were at tasks, and processor time of a task relative to one worker
+    # Medians of each round's share of the time of two that is used, against one: of workers, and of plain processes,
+    # which is what the machine itself permits
+    of_workers: float
+    of_machine: float
+    # Share of the time in which two workers were at tasks
     busy: float
-    processor_time: float
-
-    @property
-    def of_workers(self) -> float:
-        """Share of two workers' time that is used, against one worker."""
-        return self.one_worker_s / (2.0 * self.two_workers_s)
-
-    @property
-    def of_machine(self) -> float:
-        """The same for plain processes, which is what the machine itself permits."""
-        return self.one_process_s / (2.0 * self.two_processes_s)
 
     def to_dict(self) -> dict[str, float]:
         """Return the figures for JSON."""
-        return {**asdict(self), "efficiency": self.of_workers, "efficiency_of_processes": self.of_machine}
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def _cluster(workers: int) -> Iterator[tuple[str, int]]:
                 time.sleep(0.05)
             call = ["--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"]
             for _ in range(workers):
-                started.append(subprocess.Popen([*_dask("worker"), *call], env=os.environ | _ONE_THREAD, **quiet))
+                started.append(subprocess.Popen([*_dask("worker"), *call], env=os.environ | _WORKER, **quiet))
             yield json.loads(file.read_text())["address"], started[0].pid
         finally:
             for process in reversed(started):
@@ -135,27 +134,30 @@ def efficiency(name: str, folder: str) -> Efficiency:
     """Measure a load of `LOADS`; the folder has the frames of the calibration."""
     work, count = LOADS[name]
     function = partial(_timed, work, folder)
-    workers, spent = [], []
-    for number in (1, 2):
-        with _cluster(number) as (address, _):
+    rounds = []
+    with _cluster(1) as (one, _), _cluster(2) as (two, _), _plain_processes(name, folder) as processes:
+        for number, address in enumerate((one, two), 1):
             _wait_for(address, number)
             list(run_tasks(function, range(4 * number), scheduler=address))  # imports, kernels
+        for _ in range(_ROUNDS):
             begun = time.perf_counter()
-            spent.append(np.array([times for _, times in run_tasks(function, range(count), scheduler=address)]))
-            workers.append(time.perf_counter() - begun)
-    alone = _plain(name, folder, [count])
-    both = _plain(name, folder, [count // 2, count // 2])
-    busy = float(spent[1][:, 0].sum()) / (2.0 * workers[1])
-    return Efficiency(
-        count, workers[0], workers[1], alone, both, busy, float(spent[1][:, 1].sum() / spent[0][:, 1].sum())
-    )
+            list(run_tasks(function, range(count), scheduler=one))
+            middle = time.perf_counter()
+            spent = sum(seconds for _, seconds in run_tasks(function, range(count), scheduler=two))
+            ended = time.perf_counter()
+            alone, both = _plain(processes[:1], count), _plain(processes, count)
+            rounds.append((middle - begun, ended - middle, alone, both, spent / (2.0 * (ended - middle))))
+    times = np.array(rounds)
+    of_workers, of_machine = (np.median(times[:, k] / (2.0 * times[:, k + 1])) for k in (0, 2))
+    one_s, two_s, alone, both, busy = np.median(times, axis=0).tolist()
+    return Efficiency(count, one_s, two_s, alone, both, float(of_workers), float(of_machine), busy)
 
 
-def _timed(work: Callable[[str, int], Any], folder: str, index: int) -> tuple[float, float]:
-    """Return the seconds and the processor time of a task."""
-    begun = time.perf_counter(), time.process_time()
+def _timed(work: Callable[[str, int], Any], folder: str, index: int) -> float:
+    """Return the seconds of a task."""
+    begun = time.perf_counter()
     work(folder, index)
-    return time.perf_counter() - begun[0], time.process_time() - begun[1]
+    return time.perf_counter() - begun
 
 
 def _wait_for(address: str, workers: int) -> None:
@@ -167,37 +169,41 @@ def _wait_for(address: str, workers: int) -> None:
 _PLAIN = """
 import sys
 from photosite.studies.bench.workers import LOADS
-name, folder, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
+name, folder = sys.argv[1:]
 work = LOADS[name][0]
 work(folder, 0)
-print("ready", flush=True)
-sys.stdin.readline()
-for index in range(count):
-    work(folder, index)
+for line in sys.stdin:
+    for index in range(int(line)):
+        work(folder, index)
+    print("done", flush=True)
 """
 
 
-def _plain(name: str, folder: str, counts: list[int]) -> float:
-    """Return the seconds of plain processes that work at the same time, until the last has ended its tasks."""
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", _PLAIN, name, folder, str(count)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=os.environ | _ONE_THREAD,
-        )
-        for count in counts
-    ]
-    for process in processes:
-        assert process.stdout is not None
-        process.stdout.readline()
+@contextmanager
+def _plain_processes(name: str, folder: str) -> Iterator[list[subprocess.Popen[str]]]:
+    """Start two processes without a scheduler."""
+    call = [sys.executable, "-c", _PLAIN, name, folder]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    processes = [subprocess.Popen(call, env=os.environ | _WORKER, **pipes) for _ in range(2)]
+    try:
+        _plain(processes, 2)
+        yield processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def _plain(processes: list[subprocess.Popen[str]], count: int) -> float:
+    """Return the seconds of processes that work at the same time, until the last has ended its share of the tasks."""
     begun = time.perf_counter()
     for process in processes:
         assert process.stdin is not None
-        process.stdin.write(b"\n")
+        process.stdin.write(f"{count // len(processes)}\n")
         process.stdin.flush()
     for process in processes:
-        process.wait()
+        assert process.stdout is not None
+        process.stdout.readline()
     return time.perf_counter() - begun
 
 
