@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from photosite.engine.frame_sums import FrameSums
+from photosite.frames.stored_rows import StoredRows
 
 BAYER = np.array([[0, 1], [1, 2]])
 
@@ -190,6 +191,15 @@ class Stored:
         out[:] = self.dn[first : first + len(out)]
 
 
+def stored(folder, frames):
+    found = []
+    for k, frame in enumerate(frames):
+        path = folder / f"{k}.raw"
+        path.write_bytes(b"head" + frame.tobytes())
+        found.append(StoredRows(path, 4, frame.shape))
+    return found
+
+
 def test_a_mean_frame_stays_when_the_sums_change():
     frames = stack(n=16, top=4096, seed=6)
     for white, scale in ((4095, 1), (4095, 4), (65_535, 1)):  # the second holds numbers above `white`
@@ -204,14 +214,24 @@ def test_a_mean_frame_stays_when_the_sums_change():
 
 
 @pytest.mark.parametrize("tile", [np.zeros((1, 1), int), BAYER, np.array([[0], [1], [1]])], ids=("1", "Bayer", "rows"))
-@pytest.mark.parametrize(("count", "bits"), [(1, 16), (2, 15), (4, 14), (5, 12), (16, 12)])
-def test_totals_of_frames_in_files_are_exact_up_to_full_scale(tile, count, bits):
+@pytest.mark.parametrize(("count", "bits"), [(1, 16), (2, 15), (4, 14), (9, 14), (5, 12), (16, 12), (35, 12)])
+def test_totals_of_frames_in_files_are_exact_up_to_full_scale(tmp_path, tile, count, bits):
     white = (1 << bits) - 1
     frames = stack(n=count, shape=(37, 4100), top=white + 1)
     frames[:, 3:5], frames[:, 20, 7:9] = white, 0
     frames[:, 30, ::3] = np.array([0, white])[np.arange(count) % 2][:, None]
-    found = FrameSums((37, 4100), tile, white=white).add_last([Stored(frame) for frame in frames])
+    found = FrameSums((37, 4100), tile, white=white).add_last(stored(tmp_path, frames))
     expected = FrameSums((37, 4100), tile, white=white).add(frames)
+    assert np.array_equal(found.sum, expected.sum)
+    assert found.highest == expected.highest
+    assert found.label_totals() == expected.label_totals()
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_frames_in_files_with_numbers_above_full_scale(tmp_path, count):
+    frames = stack(n=count, shape=(20, 64))  # of 16 bits
+    found = FrameSums((20, 64), BAYER, white=1023).add_last(stored(tmp_path, frames))
+    expected = FrameSums((20, 64), BAYER, white=1023).add(frames)
     assert np.array_equal(found.sum, expected.sum)
     assert found.highest == expected.highest
     assert found.label_totals() == expected.label_totals()

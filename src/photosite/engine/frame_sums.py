@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import F64, I64, THREADS, carray, compiled, pointer, prange, prefetch
 from photosite.engine.map_statistics import label_pixels
 from photosite.engine.pair_sums import add_pairs_of_files
-from photosite.engine.run_lanes import BAND, LANES, lane_clips
+from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
 
 MOST_FRAMES = 1 << 15
 """Largest number of frames in one `FrameSums`; n * sum(y^2) of 16-bit numbers then stays below 2^62."""
@@ -44,7 +44,7 @@ _NARROW = 23_170
 """The largest number for which eight squares sum to less than 2^32."""
 
 # Unsigned: numba tests whether a signed index counts from the end, which prevents vectorization.
-_TWO, _LOW_32, _32 = np.uint64(2), np.uint64(0xFFFFFFFF), np.uint64(32)
+_TWO = np.uint64(2)
 _BLOCK, _LINE = np.uint64(64), np.uint64(16)  # pairs of pixels: per prefetch block, per cache line
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
 _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (np.uint64(k * RUN) for k in range(1, _TOGETHER))
@@ -304,13 +304,13 @@ class FrameSums:
         settings: tuple[Any, ...] = self.labels, self.black, self.white, self.count, last
         results: tuple[Any, ...] = self.sum, squares, totals, clipped, highest, of_labels.exact, of_labels.spread
         if stored:
-            _add_stored(stored, settings, results)
+            _add_stored(stored, full_scale, settings, results)
         else:
             if len({frame.dtype for frame in held}) > 1:
                 held = [frame.astype(np.uint16, copy=False) for frame in held]
             held = [np.ascontiguousarray(frame) for frame in held]
             add_frames(*_addresses(held), *settings, *results)
-        if narrow and (top := int(highest.max())) > full_scale:
+        if only and stored and (top := int(highest.max())) > full_scale:
             self._add_batch(frames, top, last=True)
             return
         if last:
@@ -454,14 +454,16 @@ def _addresses(frames: Sequence[_Ints]) -> tuple[Any, ...]:
     return addresses, like, paired
 
 
-def _add_stored(frames: Sequence[FrameRows], settings: tuple[Any, ...], results: tuple[Any, ...]) -> None:
+def _add_stored(
+    frames: Sequence[FrameRows], full_scale: int, settings: tuple[Any, ...], results: tuple[Any, ...]
+) -> None:
     """Add frames that are read a few rows at a time, each thread into memory of its own that stays in its cache."""
     rows, cols = frames[0].shape
-    labels, black, white, _, _ = settings
+    labels, black, white, before, last_frames = settings
     total, _, *others = results
-    if total.dtype == np.uint16 and labels.shape[1] <= 2 and cols % 2 == 0:
+    if last_frames and not before and labels.shape[1] <= 2 and cols % 2 == 0:
         places = [frame.place for frame in frames]
-        if add_pairs_of_files(places, labels, black, white, total.view(np.uint32), others):
+        if add_pairs_of_files(places, labels, black, white, full_scale, total, others):
             return
         for part in others:  # a file cannot be read; the reads below tell why
             part[...] = 0
@@ -635,11 +637,11 @@ def _add_band(
                     _add_wide(stage, m, run_sums, run_squares)
             sums[r, c : c + m] = run_sums[:m]
             if last:
-                _lane_squares(run_sums[:m], run_squares[:m], lanes, n, whole, rounded)
+                lane_squares(run_sums[:m], run_squares[:m], lanes, n, whole, rounded)
             else:
                 squares[r, c : c + m] = run_squares[:m]
         if last:
-            _add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
+            add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
 
 
 @compiled()
@@ -760,36 +762,8 @@ def label_squares(sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _In
     for band in prange(exact.shape[0]):
         whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
         for r in range(band * BAND, min(rows, (band + 1) * BAND)):
-            _lane_squares(sums[r], squares[r], lanes, np.uint64(n), whole, rounded)
-            _add_lanes(whole, rounded, labels[r % tile_rows], lanes, exact[band], spread[band])
-
-
-@compiled()
-def _lane_squares(sums: _Ints, squares: _Ints, lanes: int, n: np.uint64, whole: _Ints, rounded: F64) -> None:
-    """Add Q, the low and the high 32 bits of S^2, and (n Q - S^2)^2 of each pixel to its lane."""
-    q_total, s_low, s_high = whole[0], whole[1], whole[2]
-    for first in range(np.uint64(0), np.uint64(sums.size), np.uint64(lanes)):
-        for lane in range(min(np.uint64(lanes), np.uint64(sums.size) - first)):
-            s = np.uint64(sums[first + lane])
-            q = squares[first + lane]
-            square = s * s
-            q_total[lane] += q
-            s_low[lane] += square & _LOW_32
-            s_high[lane] += square >> _32
-            v = np.float64(np.int64(n * q - square))  # below 2^62: signed integers convert faster
-            rounded[lane] += v * v
-
-
-@compiled()
-def _add_lanes(whole: _Ints, rounded: F64, row_labels: _Ints, lanes: int, exact: _Ints, spread: F64) -> None:
-    """Add the lanes of a row to the totals of its labels, and set them to zero."""
-    for lane in range(lanes):
-        label = row_labels[lane % row_labels.size]
-        for part in range(3):
-            exact[label, part] += whole[part, lane]
-        spread[label] += rounded[lane]
-    whole[:] = 0
-    rounded[:] = 0.0
+            lane_squares(sums[r], squares[r], lanes, np.uint64(n), whole, rounded)
+            add_lanes(whole, rounded, labels[r % tile_rows], lanes, exact[band], spread[band])
 
 
 @compiled(parallel=True)

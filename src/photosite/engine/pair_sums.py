@@ -1,8 +1,8 @@
-"""Exact sums of frames in files whose sums fit 16 bits: two pixels at a time, read and added by compiled code.
+"""Exact sums of frames in files, two pixels at a time, read and added by compiled code.
 
-`add_pairs_of_files` does the work of `frame_sums.add_rows` for stacks of few frames, all at once. One number of 32 bits
-holds the sums of two pixels, because none overflows into its neighbor. Nothing is stored between reading and adding but
-a few rows of each frame, which stay in the cache.
+`add_pairs_of_files` does the work of `frame_sums.add_rows` for whole stacks. One number of 32 bits holds the sums of
+two pixels over so many frames that none overflows into its neighbor. Nothing is stored between reading and adding but a
+few rows of each frame, which stay in the cache.
 """
 
 from __future__ import annotations
@@ -16,12 +16,18 @@ from numpy.typing import NDArray
 
 from photosite.engine.file_rows import CAN_READ, read_at
 from photosite.engine.jit import F64, I64, THREADS, compiled
-from photosite.engine.run_lanes import BAND, LANES, lane_clips
+from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
 
 _Ints = NDArray[Any]
 
 _STRIP_BYTES = 1 << 20
 """Bytes of rows of all frames that a thread reads at a time, so that they stay in its cache."""
+
+_READ_BYTES = 1 << 14
+"""Bytes of a frame that are read at a time, at least."""
+
+_LEAST_TOGETHER = 4
+"""Frames that one number for two pixels must hold."""
 
 _PARTS = 8
 """Parts of a frame for each thread."""
@@ -35,35 +41,43 @@ _LANES = LANES // 2
 # Lines of a run a multiple of 4096 bytes apart would be taken for the same one by the processor's store buffer.
 _STEP, _TWO_STEPS = np.uint64(_RUN + 48), np.uint64(2 * (_RUN + 48))
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 
 
 def add_pairs_of_files(
-    places: Sequence[tuple[int, int] | None], labels: _Ints, black: int, white: int, sums: _Ints, results: Sequence[Any]
+    places: Sequence[tuple[int, int] | None],
+    labels: _Ints,
+    black: int,
+    white: int,
+    full_scale: int,
+    sums: _Ints,
+    results: Sequence[Any],
 ) -> bool:
-    """Compute the sums of all frames of a stack; return whether all could be read, which is else left to the caller.
+    """Compute the sums of all frames of a stack; return whether it was done, which is else left to the caller.
 
-    The sum of a pixel is below 2^16, and n times the sum of its squares below 2^32. Where it is not, because a number
-    is above full scale, all results but `highest` are wrong.
+    It is not where a file cannot be read, or numbers have so many bits that pairs are no gain. Where a number is above
+    full scale, all results but `highest` are wrong.
 
     - `places`: File descriptor and position of the first pixel of each frame; None if it is not in a file.
     - `labels`: (tile rows, 1 or 2).
-    - `sums`: (rows, cols / 2) uint32; becomes the sums, two pixels in each.
+    - `sums`: (rows, cols) uint32, or uint16 if the sums have 16 bits; becomes the sums.
     - `results`: `totals`, `clipped`, `highest`, `exact` and `spread`, zeros, as of `frame_sums.add_frames`.
     """
     known = [place for place in places if place is not None]
-    if not CAN_READ or len(known) < len(places):
+    together = 0xFFFF // full_scale
+    if not CAN_READ or len(known) < len(places) or together < min(_LEAST_TOGETHER, len(known)):
         return False
-    rows, pairs = sums.shape
+    rows, cols = sums.shape
     files, offsets = np.array(known, np.int64).T.copy()
     step = BAND * -(-rows // (_PARTS * THREADS * BAND))
-    height = min(max(_STRIP_BYTES // max(4 * pairs * len(known), 1), 1), step)
-    totals, clipped, highest, exact, spread = results
+    row_bytes = max(2 * cols, 1)
+    height = min(max(_STRIP_BYTES // (row_bytes * len(known)), -(-_READ_BYTES // row_bytes)), step)
+    narrow = sums.dtype == np.uint16
+    kernel, of_pairs = (_read_and_add, sums.view(np.uint32)) if narrow else (_read_and_add_many, sums)
 
     def add(first: int) -> bool:
-        return _read_and_add(
-            files, offsets, first, min(first + step, rows), height,
-            labels, black, white, sums, totals, clipped, highest, exact, spread,
-        )  # fmt: skip
+        last = min(first + step, rows)
+        return kernel(files, offsets, first, last, height, together, labels, black, white, of_pairs, *results)
 
     with ThreadPoolExecutor(THREADS) as threads:
         return all(threads.map(add, range(0, rows, step)))
@@ -76,6 +90,7 @@ def _read_and_add(
     first: int,
     last: int,
     height: int,
+    _together: int,
     labels: _Ints,
     black: int,
     white: int,
@@ -90,6 +105,7 @@ def _read_and_add(
 
     - `files`, `places`: (frames,) descriptors, and positions of the first pixels.
     - `first`, `last`: The rows, whole bands; `height` are read at a time.
+    - `sums`: (rows, cols / 2), two pixels in each.
     """
     row_bytes = 4 * sums.shape[1]
     lines = np.empty((files.size, height, sums.shape[1]), np.uint32)
@@ -146,6 +162,94 @@ def _add_lines(
             spread[band, even] += rounded[0, lane]
             spread[band, odd] += rounded[1, lane]
         rounded[:] = 0.0
+
+
+@compiled()
+def _read_and_add_many(
+    files: I64,
+    places: I64,
+    first: int,
+    last: int,
+    height: int,
+    together: int,
+    labels: _Ints,
+    black: int,
+    white: int,
+    sums: _Ints,
+    totals: _Ints,
+    clipped: _Ints,
+    highest: _Ints,
+    exact: _Ints,
+    spread: F64,
+) -> bool:
+    """As `_read_and_add` for any number of frames: `sums` is (rows, cols), and `together` frames are added in pairs."""
+    pairs = sums.shape[1] // 2
+    lines = np.empty((files.size, height, pairs), np.uint32)
+    for start in range(first, last, height):
+        rows = min(height, last - start)
+        for k in range(files.size):
+            if not read_at(files[k], lines[k].ctypes.data, rows * 4 * pairs, places[k] + start * 4 * pairs):
+                return False
+        _add_many_lines(
+            lines, rows, start, together, labels, black, white, sums, totals, clipped, highest, exact, spread
+        )
+    return True
+
+
+@compiled()
+def _add_many_lines(
+    lines: _Ints,
+    rows: int,
+    start: int,
+    together: int,
+    labels: _Ints,
+    black: int,
+    white: int,
+    sums: _Ints,
+    totals: _Ints,
+    clipped: _Ints,
+    highest: _Ints,
+    exact: _Ints,
+    spread: F64,
+) -> None:
+    tile_rows, tile_cols = labels.shape
+    frames, pairs = lines.shape[0], lines.shape[2]
+    run = np.empty(3 * _STEP, np.uint32)
+    run_sums, run_squares = np.empty(2 * _RUN, np.uint32), np.empty(2 * _RUN, np.uint64)
+    counts = np.zeros((2, LANES), np.uint32)
+    whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
+    for r in range(rows):
+        row_labels, band = labels[(start + r) % tile_rows], (start + r) // BAND
+        even, odd = row_labels[0], row_labels[tile_cols - 1]
+        for c in range(0, pairs, _RUN):
+            m = min(_RUN, pairs - c)
+            for k in range(frames):
+                here = lines[k, r, c : c + m]
+                lowest, high, of_even, of_odd = _add_pairs(here, run, k % together == 0)
+                highest[band, k] = max(highest[band, k], high)
+                totals[band, k, even] += np.uint64(of_even)
+                totals[band, k, odd] += np.uint64(of_odd)
+                if lowest <= black or high >= white:
+                    lane_clips(here.view(np.uint16), row_labels, black, white, counts, clipped[band])
+                if (k + 1) % together == 0 or k + 1 == frames:
+                    _take_apart(run, m, k < together, run_sums, run_squares)
+            sums[start + r, 2 * c : 2 * (c + m)] = run_sums[: 2 * m]
+            lane_squares(run_sums[: 2 * m], run_squares[: 2 * m], LANES, np.uint64(frames), whole, rounded)
+        add_lanes(whole, rounded, row_labels, LANES, exact[band], spread[band])
+
+
+@compiled()
+def _take_apart(run: _Ints, m: int, first: bool, sums: _Ints, squares: _Ints) -> None:
+    """Add the sums of pairs, and of squares of even and odd pixels, to those of pixels."""
+    if first:
+        sums[:] = 0
+        squares[:] = 0
+    for j in range(np.uint64(m)):
+        sums[_TWO * j] += run[j] & _LOW_16
+        sums[_TWO * j + _ONE] += run[j] >> _16
+    for j in range(np.uint64(m)):
+        squares[_TWO * j] += np.uint64(run[_STEP + j])
+        squares[_TWO * j + _ONE] += np.uint64(run[_TWO_STEPS + j])
 
 
 @compiled()

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import compiled
+from photosite.engine.jit import F64, compiled
 
 _Ints = NDArray[Any]
+_LOW_32, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
 
 LANES = 128
 """Largest number of lanes."""
@@ -34,3 +35,31 @@ def lane_clips(pixels: _Ints, row_labels: _Ints, black: int, white: int, counts:
     for lane in range(lanes):
         for end in range(2):
             clipped[row_labels[lane % row_labels.size], end] += counts[end, lane]
+
+
+@compiled()
+def lane_squares(sums: _Ints, squares: _Ints, lanes: int, n: np.uint64, whole: _Ints, rounded: F64) -> None:
+    """Add Q, the low and the high 32 bits of S^2, and (n Q - S^2)^2 of each pixel to its lane."""
+    q_total, s_low, s_high = whole[0], whole[1], whole[2]
+    for first in range(np.uint64(0), np.uint64(sums.size), np.uint64(lanes)):
+        for lane in range(min(np.uint64(lanes), np.uint64(sums.size) - first)):
+            s = np.uint64(sums[first + lane])
+            q = squares[first + lane]
+            square = s * s
+            q_total[lane] += q
+            s_low[lane] += square & _LOW_32
+            s_high[lane] += square >> _32
+            v = np.float64(np.int64(n * q - square))  # below 2^62: signed integers convert faster
+            rounded[lane] += v * v
+
+
+@compiled()
+def add_lanes(whole: _Ints, rounded: F64, row_labels: _Ints, lanes: int, exact: _Ints, spread: F64) -> None:
+    """Add the lanes of a row to the totals of its labels, and set them to zero."""
+    for lane in range(lanes):
+        label = row_labels[lane % row_labels.size]
+        for part in range(3):
+            exact[label, part] += whole[part, lane]
+        spread[label] += rounded[lane]
+    whole[:] = 0
+    rounded[:] = 0.0

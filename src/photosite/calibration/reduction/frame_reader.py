@@ -60,7 +60,7 @@ class _Read(NamedTuple):
 _TOGETHER, _TOGETHER_BYTES = 12, 240 << 20
 """Frames added to the sums in one pass, and their memory limit."""
 
-_OPEN = 64
+_MOST_OPEN = 256
 """The same of frames whose rows are read while they are added: files that are open at a time."""
 
 _AHEAD, _AHEAD_BYTES = 4, 80 << 20
@@ -68,6 +68,16 @@ _AHEAD, _AHEAD_BYTES = 4, 80 << 20
 
 KEPT_BYTES = 240 << 20
 """Memory limit of the mean frames that are kept; groups beyond it are read again."""
+
+
+def _open_files() -> int:
+    """Return how many frames may be open at a time: a quarter of the files that the process may open."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return _MOST_OPEN // 4
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return max(2, min(_MOST_OPEN, limit // 4)) if limit != resource.RLIM_INFINITY else _MOST_OPEN
 
 
 class FrameReader:
@@ -98,6 +108,7 @@ class FrameReader:
         self._shape = frames.rows, frames.cols
         frame_bytes = max(2 * frames.rows * frames.cols, 1)
         self._together = max(1, min(_TOGETHER, _TOGETHER_BYTES // frame_bytes))
+        self._open = _open_files()
         threads = os.cpu_count() or 1  # compressed frames are decoded on all cores
         self._ahead = max(2, threads, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
         self._threads = ThreadPoolExecutor(threads, "photosite-read")
@@ -349,12 +360,12 @@ class FrameReader:
                 self._checkpoint.save(group, sums, first)
 
     def _batch(self, following: list[_Read], left: Iterator[_Read]) -> list[_Read]:
-        """Return the frames of the next pass: at most `_OPEN`, of which at most `_together` are in memory."""
+        """Return the frames of the next pass: at most `_open`, of which at most `_together` are in memory."""
         batch, held = [], 0
         for read in chain(following, left):
             batch.append(read)
             held += not isinstance(read.dn, StoredRows)
-            if len(batch) == _OPEN or held == self._together:
+            if len(batch) == self._open or held == self._together:
                 break
         return batch
 
