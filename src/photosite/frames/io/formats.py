@@ -20,8 +20,8 @@ from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header, writ
 from photosite.frames.io.hdf5 import write_hdf5
 from photosite.frames.io.png import write_png
 from photosite.frames.io.tiff import (
+    has_tag,
     open_tiff_rows,
-    read_directories,
     read_tiff_headers,
     read_tiff_pixels,
     write_tiff,
@@ -193,7 +193,7 @@ def detect_format(path: Path) -> Format:
     if head.startswith(_TIFF_MAGIC):
         if head[8:10] == b"CR" or suffix in camera_raw.SUFFIXES:
             return "camera raw"
-        return "dng" if DNG_VERSION in read_directories(path)[0].tags else "tiff"
+        return "dng" if has_tag(path, DNG_VERSION) else "tiff"
     if head.startswith(b"\xff\xd8\xff"):
         raise FileError(path, "the file is a JPEG, a developed picture", hint=f"A raw frame is {FORMATS}")
     if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, *_SIGNATURES.values())):

@@ -103,6 +103,17 @@ def read_directories(path: Path, *, strict: bool = True) -> list[Directory]:
         return reader.linked(reader.first, reader.first_pointer) or reader.fail("has no image")
 
 
+def has_tag(path: Path, tag: int) -> bool:
+    """Return whether the first directory of a TIFF file has a tag."""
+    with _reader(path, True) as reader:
+        if not reader.first:
+            reader.fail("has no image")
+        start, end = reader.entries(reader.first)
+        entries = reader.bytes_at(start, end - start)
+        tags = struct.iter_unpack(f"{reader.order}H{18 if reader.big else 10}x", entries)
+        return any(found == tag for (found,) in tags)
+
+
 def read_directory(path: Path, offset: int) -> Directory:
     """Read the one directory at a position that `read_directories` found."""
     with _reader(path, True) as reader:
@@ -155,14 +166,13 @@ class _Reader:
 
     def directory(self, offset: int) -> tuple[Directory, int, int]:
         """Return a directory, the offset of the next one, and the position of that offset."""
-        count_code, entry_bytes, link_code = ("Q", 20, "Q") if self.big else ("H", 12, "I")
-        (count,) = self.numbers_at(offset, count_code)
-        start = offset + struct.calcsize(f"<{count_code}")
-        end = start + count * entry_bytes
+        entry_bytes, link_code = (20, "Q") if self.big else (12, "I")
+        start, end = self.entries(offset)
         (link,) = self.numbers_at(end, link_code)
         directory = Directory(self.order, offset=offset)
-        for at in range(start, end, entry_bytes):
-            self.entry(directory, at)
+        table = self.bytes_at(start, end - start)
+        for at in range(0, len(table), entry_bytes):
+            self.entry(directory, start + at, table[at : at + entry_bytes])
         for tag in (SUB_IFDS, EXIF_IFD):
             offsets = directory.tags.pop(tag, ())
             pointers = range(directory.places.get(tag, 0), self.size, 8 if self.big else 4)
@@ -172,14 +182,23 @@ class _Reader:
             self.check_image_data(directory)
         return directory, int(link), end
 
-    def entry(self, directory: Directory, at: int) -> None:
-        tag, kind, count = self.numbers_at(at, "HHQ" if self.big else "HHI")
+    def entries(self, offset: int) -> tuple[int, int]:
+        """Return where the entries of a directory begin and end."""
+        count_code, entry_bytes = ("Q", 20) if self.big else ("H", 12)
+        (count,) = self.numbers_at(offset, count_code)
+        start = offset + struct.calcsize(f"<{count_code}")
+        return start, start + count * entry_bytes
+
+    def entry(self, directory: Directory, at: int, stored: bytes) -> None:
+        """Add the tag of an entry, whose bytes are stored at a place."""
+        tag, kind, count = struct.unpack_from(self.order + ("HHQ" if self.big else "HHI"), stored)
         if kind not in _TYPES:
             return  # TIFF 6.0: readers skip unknown types
         codes = _TYPES[kind]
         length = count * struct.calcsize(f"<{codes}")
-        inline, most = at + (12 if self.big else 8), 8 if self.big else 4
-        where = inline if length <= most else self.numbers_at(inline, "Q" if self.big else "I")[0]
+        inline, most = (12, 8) if self.big else (8, 4)
+        held = length <= most
+        where = at + inline if held else struct.unpack_from(self.order + ("Q" if self.big else "I"), stored, inline)[0]
         if where + length > self.size:
             if self.strict:
                 self.fail(f"is truncated: tag {tag} ends at byte {where + length}, the file at {self.size}")
@@ -187,10 +206,11 @@ class _Reader:
         if length > _LARGEST_VALUE:
             return
         directory.places[tag] = where
+        content = stored[inline : inline + length] if held else self.bytes_at(where, length)
         if codes == "s":
-            directory.tags[tag] = self.bytes_at(where, length)
+            directory.tags[tag] = content
             return
-        values = self.numbers_at(where, codes[0] * (count * len(codes)))
+        values = struct.unpack(f"{self.order}{count * len(codes)}{codes[0]}", content)
         if len(codes) == 2:
             pairs = zip(values[::2], values[1::2], strict=True)
             values = tuple(top / bottom if bottom else float("nan") for top, bottom in pairs)
