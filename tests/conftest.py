@@ -58,7 +58,7 @@ def read_page() -> type[PageReader]:
 @contextmanager
 def _undrawn() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("photosite.report.page.svg_bytes", lambda figure: b"<svg/>")
+        patch.setattr("photosite.report.style.svg_bytes", lambda figure: b"<svg/>")
         for name in ("svg_bytes", "png_bytes"):
             patch.setattr(f"photosite.studies.farrell2008.drawing.{name}", lambda *_, **__: b"<svg/>")
         yield

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-from scipy.signal import savgol_coeffs
 
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
@@ -345,6 +344,8 @@ def _moving(values: Array, reach: int, *, slope: bool = False) -> Array:
 
 @lru_cache(maxsize=64)
 def _coefficients(reach: int, slope: bool) -> Array:
+    from scipy.signal import savgol_coeffs  # takes 0.3 s to import
+
     return np.asarray(savgol_coeffs(2 * reach + 1, _DEGREE, deriv=int(slope)))
 
 

@@ -268,7 +268,7 @@ def command(
     beside = maps_path(output) if calibration.chip is not None and output is not None else None
     entry = given.write(calibration) if given else None
     written = {"sensor": output, "maps": beside, "report": report, "entry": entry}
-    show(as_json, calibration.to_dict(), lambda: _text(calibration), **written)
+    show(as_json, calibration.to_dict, lambda: _text(calibration), **written)
     return None
 
 
@@ -498,7 +498,7 @@ def _write_series(
         series.save(output)
     if report is not None:
         series.report(report)
-    show(as_json, series.to_dict(), lambda: _series_text(series), sensor=output, report=report, entry=entry)
+    show(as_json, series.to_dict, lambda: _series_text(series), sensor=output, report=report, entry=entry)
 
 
 def _series_text(series: GainSeries) -> str:

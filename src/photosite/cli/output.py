@@ -23,7 +23,12 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
-def show(as_json: bool, content: Mapping[str, Any], text: Callable[[], str], **written: PathLike[str] | None) -> None:
+def show(
+    as_json: bool,
+    content: Mapping[str, Any] | Callable[[], Mapping[str, Any]],
+    text: Callable[[], str],
+    **written: PathLike[str] | None,
+) -> None:
     """Print a result on standard output, as one JSON object or as text.
 
     Parameters
@@ -31,7 +36,7 @@ def show(as_json: bool, content: Mapping[str, Any], text: Callable[[], str], **w
     as_json
         Whether the command was called with --json.
     content
-        The JSON object. Its numbers are finite.
+        The JSON object, or what returns it where that takes long. Its numbers are finite.
     text
         Returns the text.
     **written
@@ -40,7 +45,8 @@ def show(as_json: bool, content: Mapping[str, Any], text: Callable[[], str], **w
     _clear_clock()
     files = {name: str(path) for name, path in written.items() if path is not None}
     if as_json:
-        click.echo(json.dumps({**content, **files}, allow_nan=False, default=_plain))
+        found = content() if callable(content) else content
+        click.echo(json.dumps({**found, **files}, allow_nan=False, default=_plain))
     else:
         click.echo(printable("\n".join([text(), *(f"wrote {path}" for path in files.values())])))
 

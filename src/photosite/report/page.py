@@ -9,15 +9,16 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
-from photosite.report.style import svg_bytes
 from photosite.values.uncertain import Missing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WIDEST = 900
 """Largest width of a picture on a page, in pixels."""
@@ -191,6 +192,8 @@ class Page:
 
 def figure_block(figure: Figure, alternative: str, caption: str) -> Images:
     """Return a figure with its caption as a block."""
+    from photosite.report.style import svg_bytes  # needs matplotlib, which tables as text do not
+
     return Images((Image(svg_bytes(figure), "image/svg+xml", alternative),), caption)
 
 
