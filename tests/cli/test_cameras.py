@@ -76,7 +76,7 @@ def test_calibrate_contributes(photosite: Any, loop: Any, tmp_path: Path, monkey
     assert [entry["camera"] for entry in checked["entries"]] == ["Acme X-1"]
     assert "Acme X-1" in photosite("cameras", "list", "--profiles", library).out
     show = ("cameras", "show", "Acme X-1", "--profiles", library)
-    assert "--mono does not apply to a contributed camera" in photosite(*show, "--mono").err
+    assert "--mono must be omitted: a contributed camera states it" in photosite(*show, "--mono").err
     made = photosite(*show, "-o", tmp_path / "x1.sensor.yaml", "--sensor", "vendor-2.2um")
     assert made.status == 0
     assert "--sensor does not apply to a contributed camera" in made.err

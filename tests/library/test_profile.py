@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,3 +156,27 @@ def test_a_slope_of_no_sensor(tmp_path: Path) -> None:
         with raises(InputError, "a", value=a):
             ps.load_camera_profile("1ds", iso=iso, profiles=path)
     assert ps.load_camera_profile("d3", profiles=path).iso == 200
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [("iso", {"iso": "100"}), ("iso", {"iso": -1}), ("white_level_dn", {"iso": 200, "black_level_dn": 64})],
+)
+def test_invalid_arguments(profiles: Path, name: str, given: dict[str, Any]) -> None:
+    with raises(InputError, name):
+        ps.load_camera_profile("d3", profiles=profiles, **given)
+
+
+@pytest.mark.parametrize("given", [{"mono": True}, {"black_level_dn": 64, "white_level_dn": 4095}])
+def test_levels_apply_to_noise_profiles_only(tmp_path: Path, given: dict[str, Any]) -> None:
+    write_json(tmp_path / "a.json", rawtoaces_content())
+    with raises(InputError, next(iter(given)), value=next(iter(given.values()))):
+        ps.load_camera_profile("D850", profiles=tmp_path, **given)
+
+
+@pytest.mark.parametrize("a", [[1e-6], "abc", [1e-6, None, 1e-6]])
+def test_coefficients_that_are_not_three_numbers(tmp_path: Path, a: Any) -> None:
+    content = darktable_content()
+    content["noiseprofiles"][0]["models"][0]["profiles"][0]["a"] = a
+    with pytest.raises(FileError, match="'a' must be"):
+        find_cameras(write_json(tmp_path / "a.json", content))

@@ -28,10 +28,6 @@ _profiles_option = click.option(
 )
 
 
-_OF_PROFILES = ("mono", "black_level_dn", "white_level_dn")
-"""Parameters that complete a noise profile."""
-
-
 @click.group("cameras", cls=Group, invoke_without_command=True)
 @click.pass_context
 def command(context: click.Context) -> None:
@@ -127,12 +123,8 @@ def show_camera(
     camera = load_camera_profile(
         name, iso, profiles=profiles or None, mono=mono, black_level_dn=black_level_dn, white_level_dn=white_level_dn
     )
-    if camera.measured is not None:
-        options.not_for("a contributed camera, whose sensor file is complete", *_OF_PROFILES)
-        if sensor_name is not None:
-            say("photosite: --sensor does not apply to a contributed camera, whose sensor file is complete")
-    elif camera.noise is None:
-        options.only_for("noise profiles", *_OF_PROFILES)
+    if camera.measured is not None and sensor_name is not None:
+        say("photosite: --sensor does not apply to a contributed camera, whose sensor file is complete")
     if output is not None:
         if sensor_name is None and camera.measured is None:
             raise click.UsageError("-o needs --sensor for what the files do not contain")

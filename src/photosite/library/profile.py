@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from os import PathLike
+from typing import Any
 
 from photosite.errors import InputError
 from photosite.frames.io.darktable import DarktableCamera
@@ -139,7 +141,8 @@ def load_camera_profile(
     Raises
     ------
     InputError
-        If no camera or several match, the ISO is missing or outside the profile, or only one level is given.
+        If no camera or several match, the ISO is missing or outside the profile, only one level is given, or levels or
+        `mono` are given for a camera without a noise profile, or for a contributed one.
     FileError
         If a file is missing or invalid.
 
@@ -156,11 +159,17 @@ def load_camera_profile(
     >>> camera.name, [round(electrons) for electrons in camera.electrons_at_white_95]
     ('Acme X-1', [69, 130])
     """
+    if iso is not None and (isinstance(iso, bool) or not isinstance(iso, Real)):
+        raise InputError("iso", value=iso, expected="a number")
+    if not isinstance(name, str):
+        raise InputError("name", value=name, expected="the name of a camera")
     _check_levels(black_level_dn, white_level_dn)
+    of_profile = {"mono": mono or None, "black_level_dn": black_level_dn, "white_level_dn": white_level_dn}
     found = _matched(name, find_cameras(profiles))
     parts = {source.kind: source for source in reversed(found)}
     contributed = [source for source in found if source.kind == "contributed"]
     if contributed:
+        _check_omitted(of_profile, "a contributed camera states it")
         return _contributed(_one_with(contributed, iso), iso)
     noise = None
     if (profiled := parts.get("noise profile")) is not None:
@@ -172,6 +181,8 @@ def load_camera_profile(
         raise InputError(
             "iso", value=iso, expected="None: no noise profile of the camera was found", where=found[0].name
         )
+    else:
+        _check_omitted(of_profile, "it completes a noise profile, and none of the camera was found")
     spectra, relative = None, None
     if (table := parts.get("spectral sensitivity")) is not None:
         assert isinstance(table.content, SpectralFile)
@@ -185,6 +196,13 @@ def load_camera_profile(
     return CameraProfile(
         used[0].name, None if noise is None else noise.gain_setting, noise, spectra, None, used, missing, notes
     )
+
+
+def _check_omitted(given: Mapping[str, Any], why: str) -> None:
+    """Raise `InputError` for the first argument that is given."""
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(name, value=value, expected=f"omitted: {why}")
 
 
 def _check_levels(black_dn: float | None, white_dn: float | None) -> None:
