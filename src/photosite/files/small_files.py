@@ -124,7 +124,7 @@ def valid_content(path: Path, what: str) -> Iterator[None]:
 def finite_number(value: Any, name: str) -> float:
     """Return a number from JSON as a float; raise ValueError if it is not a finite number."""
     try:
-        number = math.nan if isinstance(value, bool | str) else float(value)
+        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):

@@ -199,11 +199,11 @@ def darktable_cameras(data: Mapping[str, Any], file: Path) -> tuple[DarktableCam
     return tuple(camera for camera in cameras if camera.isos)
 
 
-def _green(profile: Mapping[str, Any], name: str) -> Any:
+def _green(profile: Mapping[str, Any], name: str) -> float:
     entries = profile[name]
     if not isinstance(entries, list) or len(entries) != 3:
         raise ValueError(f"'{name}' must be a list of 3 numbers, for red, green and blue")
-    return entries[1]
+    return [finite_number(entry, name) for entry in entries][1]
 
 
 def _camera(maker: str, model: str, entries: Sequence[Mapping[str, Any]]) -> DarktableCamera:
@@ -212,7 +212,7 @@ def _camera(maker: str, model: str, entries: Sequence[Mapping[str, Any]]) -> Dar
     for profile in (profile for entry in entries for profile in entry["profiles"]):
         if not profile.get("skip"):
             # darktable's denoiser takes green's numbers for all three.
-            a, b = (finite_number(_green(profile, name), name) for name in ("a", "b"))
+            a, b = (_green(profile, name) for name in ("a", "b"))
             values.setdefault(finite_number(profile["iso"], "iso"), []).append((a, b))
     isos = tuple(sorted(values))
     means = [tuple(fmean(column) for column in zip(*values[iso], strict=True)) for iso in isos]
