@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction import checkpoint, frame_reader
+from photosite.files import small_files
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
@@ -161,7 +162,7 @@ def test_unchanged_files_are_not_read_again_and_replaced_ones_are_noticed(
 
     interrupted()
     all_compared = resumed()  # the files are younger than SETTLED_NS
-    monkeypatch.setattr(checkpoint, "SETTLED_NS", -1)
+    monkeypatch.setattr(small_files, "SETTLED_NS", -1)
     interrupted()
     none_compared = resumed()
     assert none_compared <= all_compared - 24

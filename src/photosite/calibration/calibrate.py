@@ -120,8 +120,7 @@ def calibrate(
             if light.tone is None:
                 check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-            converter = measure_converter(reduction, reader)
-        calibration = assemble(reduction, dark, light, patterns, converter, sensor)
+        calibration = assemble(reduction, dark, light, patterns, measure_converter(reduction), sensor)
         calibration = replace(calibration, charge_transfer=measure_charge_transfer(reduction.frames, calibration))
         if maps:
             for pattern in calibration.spatial.values():

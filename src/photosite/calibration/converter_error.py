@@ -19,6 +19,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.engine.site_planes import count_numbers
 from photosite.errors import InputError
@@ -186,36 +187,58 @@ class ConverterCodes(Shown):
         }
 
 
-def measure_converter(reduction: Reduction, reader: FrameReader) -> Deferred[ConverterCodes | Missing]:
-    """Return the error of the converter, or why it cannot be estimated; some frames are read again, at once."""
-    counted = _count(reduction, reader)
-    return Deferred(lambda: counted if isinstance(counted, Missing) else converter_codes(*counted))
+def measure_converter(reduction: Reduction) -> Deferred[ConverterCodes | Missing]:
+    """Return the error of the converter, or why it cannot be estimated.
+
+    Some frames are read again when it is first needed. It is a `FileError` if one has changed since it was calibrated.
+    """
+    chosen = _chosen(reduction)
+    if isinstance(chosen, Missing):
+        return Deferred(lambda: chosen)
+    frames, levels = reduction.frames, [level.mean for entry in chosen for level in entry.levels]
+    each = max(2, -(-PIXELS // (frames.rows * frames.cols * len(chosen))))
+    used = {id(frame.source): frame for frame in reduction.used}
+    counted = [
+        ([found for source in entry.group.frames if (found := used.get(id(source)))][:each], _least_noise(entry))
+        for entry in chosen
+    ]
+
+    def codes() -> ConverterCodes | Missing:
+        with FrameReader(frames) as reader:
+            densities = [Density(_counts(reader, group), noise) for group, noise in counted]
+        return converter_codes(densities, (min(levels), max(levels)))
+
+    return Deferred(codes)
 
 
-def _count(reduction: Reduction, reader: FrameReader) -> tuple[list[Density], tuple[float, float]] | Missing:
-    """Return the counts of the codes and the lowest and highest level, or why flat fields do not show the error."""
+def _chosen(reduction: Reduction) -> list[GroupStatistics] | Missing:
+    """Return the groups whose codes are counted, or why flat fields do not show the error."""
     if any(found is not None for found in (*reduction.steps, *reduction.sums)):
         return Missing("the numbers are not the converter's codes: some are left out, doubled or summed")
     chosen = [entry for entry in reduction.lights if entry.frames > 1 and _smooth(entry)]
     if not chosen:
         return Missing(f"no repeated flat field below saturation has {LEAST_NOISE_DN:g} DN of noise or more")
-    pixels = reduction.frames.rows * reduction.frames.cols
     levels = [level.mean for entry in chosen for level in entry.levels]
     codes = max(levels) - min(levels) + 1.0
-    known = pixels * sum(entry.frames for entry in chosen)
+    known = reduction.frames.rows * reduction.frames.cols * sum(entry.frames for entry in chosen)
     if known < LEAST_COUNT * max(codes, LEAST_CODES):
         return Missing(
             f"the flat fields have {known:.2g} pixels below saturation, {known / codes:.2g} for each code; "
             f"{LEAST_COUNT} are needed: take more frames"
         )
-    each = max(2, -(-PIXELS // (pixels * len(chosen))))
-    reader.expect(sum(min(each, entry.frames) for entry in chosen))
-    densities = []
-    for entry in chosen:
-        found = np.array(reader.each(reader.used_sources(entry.group)[:each], count_numbers))[:, : reader.white + 1]
-        counts = np.stack([found[half::2].sum(axis=0) for half in (0, 1)])
-        densities.append(Density(counts, min(math.sqrt(level.variance) for level in entry.levels)))
-    return densities, (min(levels), max(levels))
+    return chosen
+
+
+def _counts(reader: FrameReader, frames: Sequence[UsedFrame]) -> NDArray[np.int64]:
+    """Return (2, codes) how often each code occurs in two halves of some frames."""
+    found = np.array(reader.each([frame.source for frame in frames], count_numbers))
+    for frame, total in zip(frames, found @ np.arange(found.shape[1]), strict=True):
+        frame.check_total(int(total))
+    return np.stack([found[half::2, : reader.white + 1].sum(axis=0) for half in (0, 1)])
+
+
+def _least_noise(entry: GroupStatistics) -> float:
+    return min(math.sqrt(level.variance) for level in entry.levels)
 
 
 def _smooth(entry: GroupStatistics) -> bool:

@@ -162,6 +162,15 @@ def _prefetch(typingctx: Any, address: Any) -> Any:
     return types.void(address), codegen
 
 
+@intrinsic
+def _counted(typingctx: Any, address: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number = ir.IntType(64)
+        return builder.atomic_rmw("add", builder.inttoptr(arguments[0], number.as_pointer()), number(1), "seq_cst")
+
+    return types.int64(address), codegen
+
+
 # Inside compiled code only.
 bits_of_double = cast(Callable[[float], int], _bits_of_double)
 double_of_bits = cast(Callable[[int], float], _double_of_bits)
@@ -170,3 +179,5 @@ pointer = cast(Callable[[int], Any], _pointer)
 """Convert an address (int64) to a pointer for `numba.carray`; the caller keeps the array alive."""
 prefetch = cast(Callable[[int], None], _prefetch)
 """Prefetch the cache line at an address (int64), which need not be valid."""
+counted = cast(Callable[[int], int], _counted)
+"""Return the number (int64) at an address, and add 1 to it; each thread that calls this gets another number."""

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.file_rows import CAN_READ, read_at
-from photosite.engine.jit import F64, I64, THREADS, compiled
+from photosite.engine.jit import F64, I64, THREADS, compiled, counted
 from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
 
 _Ints = NDArray[Any]
 
-_STRIP_BYTES = 1 << 20
+_STRIP_BYTES = 1 << 21
 """Bytes of rows of all frames that a thread reads at a time, so that they stay in its cache."""
 
 _READ_BYTES = 1 << 14
@@ -75,20 +75,24 @@ def add_pairs_of_files(
     narrow = sums.dtype == np.uint16
     kernel, of_pairs = (_read_and_add, sums.view(np.uint32)) if narrow else (_read_and_add_many, sums)
 
-    def add(first: int) -> bool:
-        last = min(first + step, rows)
-        return kernel(files, offsets, first, last, height, together, labels, black, white, of_pairs, *results)
+    turn = np.zeros(1, np.int64)  # the next part, which threads take without waiting for the interpreter
 
-    with ThreadPoolExecutor(THREADS) as threads:
-        return all(threads.map(add, range(0, rows, step)))
+    def add(_thread: int) -> bool:
+        return kernel(files, offsets, turn, step, height, together, labels, black, white, of_pairs, *results)
+
+    if THREADS == 1:
+        return add(0)
+    with ThreadPoolExecutor(THREADS - 1) as others:
+        left = [others.submit(add, k) for k in range(1, THREADS)]
+        return all([add(0), *(thread.result() for thread in left)])
 
 
 @compiled()
 def _read_and_add(
     files: I64,
     places: I64,
-    first: int,
-    last: int,
+    turn: I64,
+    step: int,
     height: int,
     _together: int,
     labels: _Ints,
@@ -101,20 +105,27 @@ def _read_and_add(
     exact: _Ints,
     spread: F64,
 ) -> bool:
-    """Read some rows of all frames, a few at a time, and add them; return whether all could be read.
+    """Read some rows of all frames, a few at a time, and add them, part by part until other threads have taken the rest.
 
     - `files`, `places`: (frames,) descriptors, and positions of the first pixels.
-    - `first`, `last`: The rows, whole bands; `height` are read at a time.
+    - `turn`: (1,) next part, for all threads.
+    - `step`: Rows of a part, whole bands; `height` are read at a time.
     - `sums`: (rows, cols / 2), two pixels in each.
+
+    Return whether all rows of the parts could be read.
     """
     row_bytes = 4 * sums.shape[1]
     lines = np.empty((files.size, height, sums.shape[1]), np.uint32)
-    for start in range(first, last, height):
-        rows = min(height, last - start)
-        for k in range(files.size):
-            if not read_at(files[k], lines[k].ctypes.data, rows * row_bytes, places[k] + start * row_bytes):
-                return False
-        _add_lines(lines, rows, start, labels, black, white, sums, totals, clipped, highest, exact, spread)
+    first = step * counted(turn.ctypes.data)
+    while first < sums.shape[0]:
+        last = min(first + step, sums.shape[0])
+        for start in range(first, last, height):
+            rows = min(height, last - start)
+            for k in range(files.size):
+                if not read_at(files[k], lines[k].ctypes.data, rows * row_bytes, places[k] + start * row_bytes):
+                    return False
+            _add_lines(lines, rows, start, labels, black, white, sums, totals, clipped, highest, exact, spread)
+        first = step * counted(turn.ctypes.data)
     return True
 
 
@@ -168,8 +179,8 @@ def _add_lines(
 def _read_and_add_many(
     files: I64,
     places: I64,
-    first: int,
-    last: int,
+    turn: I64,
+    step: int,
     height: int,
     together: int,
     labels: _Ints,
@@ -185,14 +196,18 @@ def _read_and_add_many(
     """As `_read_and_add` for any number of frames: `sums` is (rows, cols), and `together` frames are added in pairs."""
     pairs = sums.shape[1] // 2
     lines = np.empty((files.size, height, pairs), np.uint32)
-    for start in range(first, last, height):
-        rows = min(height, last - start)
-        for k in range(files.size):
-            if not read_at(files[k], lines[k].ctypes.data, rows * 4 * pairs, places[k] + start * 4 * pairs):
-                return False
-        _add_many_lines(
-            lines, rows, start, together, labels, black, white, sums, totals, clipped, highest, exact, spread
-        )
+    first = step * counted(turn.ctypes.data)
+    while first < sums.shape[0]:
+        last = min(first + step, sums.shape[0])
+        for start in range(first, last, height):
+            rows = min(height, last - start)
+            for k in range(files.size):
+                if not read_at(files[k], lines[k].ctypes.data, rows * 4 * pairs, places[k] + start * 4 * pairs):
+                    return False
+            _add_many_lines(
+                lines, rows, start, together, labels, black, white, sums, totals, clipped, highest, exact, spread
+            )
+        first = step * counted(turn.ctypes.data)
     return True
 
 

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import stat
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike
@@ -86,6 +87,34 @@ def check_stored_file(path: str | PathLike[str]) -> None:
     if blocks and found.st_size > _LARGEST_HOLES + _HIGHEST_COMPRESSION * 512 * blocks:
         what = f"cannot be read: it consists of holes, {found.st_size} bytes, of which {512 * blocks} are stored"
         raise FileError(path, what, hint="Check that the file is complete")
+
+
+SETTLED_NS = 2_000_000_000
+"""Age of a file from which its times identify its content: file systems round them, to 2 s at most (FAT)."""
+
+
+def file_stamp(path: str | PathLike[str] | None) -> tuple[int, ...] | None:
+    """Return size, times and number of a file; None where they do not identify its content.
+
+    The system sets the time of change whenever content or times are written, so that an equal stamp means an unchanged
+    file. There is none without a path, or for files that have just changed; on Windows, where programs can restore all
+    times, no file has one.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.NamedTemporaryFile() as file:  # has just been written
+    ...     file_stamp(file.name) is None
+    True
+    """
+    if path is None or os.name == "nt":
+        return None
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    settled = time.time_ns() - max(found.st_ctime_ns, found.st_mtime_ns) > SETTLED_NS
+    return (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino) if settled else None
 
 
 LARGEST_BYTES = 1 << 26

@@ -64,6 +64,8 @@ class FrameHeader:
         Whether the file states that pixels outside the frame are masked.
     border
         Lines around the frame, as in `FrameSet`, that `read_whole` reads with it.
+    first_pixel
+        Position in the file, in bytes, of the first pixel of uint16, if all follow as they do in memory; else None.
     """
 
     rows: int
@@ -82,6 +84,7 @@ class FrameHeader:
     location: FrameLocation | None = None
     masked_border: bool = False
     border: Border | None = None
+    first_pixel: int | None = None
 
     @property
     def settings(self) -> FrameSettings:

@@ -14,6 +14,7 @@ from typing import Any, Never, TypeVar
 import numpy as np
 
 from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.files.small_files import file_stamp
 from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties, of_bits
 from photosite.frames.frame_set import (
     STEADY_TEMPERATURE_C,
@@ -48,6 +49,7 @@ class _OpenedFrame:
 
     file: FrameFile
     header: FrameHeader
+    stamp: tuple[int, ...] | None  # `file_stamp` before the header was read
 
 
 def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: SetProperties) -> FrameSet:
@@ -80,7 +82,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     sources = [
         FrameSource(
             f.file.name,
-            _FrameReading(f.file.path, f.file.location, bits, cfa, shape),
+            _FrameReading(f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp),
             True,
             path=f.file.path,
             whole=partial(read_whole_dng, f.file.path) if beside else None,
@@ -151,6 +153,7 @@ def _check_unique(files: Sequence[FrameFile]) -> None:
 
 def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
     """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
+    stamp = file_stamp(file.path)
     for header in read_headers(file.path):
         frame = replace(file, location=header.location)
         if file.names:
@@ -167,7 +170,7 @@ def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
             settings = settings.validated()
         except InputError as error:
             raise frame.error(error.what, value=error.value, expected=error.expected) from None
-        yield _OpenedFrame(replace(frame, settings=settings), header)
+        yield _OpenedFrame(replace(frame, settings=settings), header, stamp)
 
 
 def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], list[PhotositeWarning]]:
@@ -264,6 +267,8 @@ class _FrameReading:
     bits: int
     cfa: Cfa | None
     shape: tuple[int, int]
+    first_pixel: int | None  # as in `FrameHeader`, while the file has the stamp
+    stamp: tuple[int, ...] | None
 
     def __call__(self) -> Numbers:
         """Return the digital numbers."""
@@ -275,6 +280,8 @@ class _FrameReading:
 
     def open_rows(self) -> StoredRows | None:
         """Open the frame to read some rows at a time; None where its pixels are not stored as they are."""
+        if self.first_pixel is not None and self.stamp is not None and self.stamp == file_stamp(self.path):
+            return StoredRows(self.path, self.first_pixel, self.shape)
         opened = open_stored_rows(self.path, self.location, self.bits, self.cfa)
         return opened if opened is None or opened.shape == self.shape else self._changed(opened.shape)
 

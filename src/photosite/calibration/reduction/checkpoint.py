@@ -29,32 +29,11 @@ SAVE_EVERY_S = 20.0
 """Seconds of work that an interruption may lose; a finished group is saved at once."""
 
 
-SETTLED_NS = 2_000_000_000
-"""Age of a file from which its times identify its content: file systems round them, to 2 s at most (FAT)."""
-
-
 class FrameIdentity(NamedTuple):
-    """What identifies a frame that was read: the `file_stamp` before, and the SHA-256 of its digital numbers."""
+    """What identifies a frame that was read: its `file_stamp` before, and the SHA-256 of its digital numbers."""
 
     stamp: tuple[int, ...] | None
     sha256: str
-
-
-def file_stamp(source: FrameSource) -> tuple[int, ...] | None:
-    """Return size, times and number of a frame's file; None where they do not identify its content.
-
-    The system sets the time of change whenever content or times are written, so that an equal stamp means an unchanged
-    file. Frames in memory have no stamp, nor do files that have just changed. On Windows, where programs can restore
-    all times, no file has one.
-    """
-    if source.path is None or os.name == "nt":
-        return None
-    try:
-        found = os.stat(source.path)
-    except OSError:
-        return None
-    settled = time.time_ns() - max(found.st_ctime_ns, found.st_mtime_ns) > SETTLED_NS
-    return (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino) if settled else None
 
 
 def identity(stamp: tuple[int, ...] | None, dn: NDArray[np.unsignedinteger]) -> FrameIdentity:

@@ -22,7 +22,6 @@ from photosite.calibration.reduction.checkpoint import (
     FirstPass,
     FrameIdentity,
     SavedSums,
-    file_stamp,
     identity,
 )
 from photosite.calibration.reduction.codes import Counts
@@ -30,6 +29,7 @@ from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
+from photosite.files.small_files import file_stamp
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.frames.stored_rows import StoredRows
 
@@ -250,7 +250,7 @@ class FrameReader:
         doubtful = [
             (source, known.sha256)
             for source, known in zip(group.frames, first.identities, strict=False)
-            if known.stamp is None or known.stamp != file_stamp(source)
+            if known.stamp is None or known.stamp != file_stamp(source.path)
         ]
         reads = self._read_ahead(((source, 0) for source, _ in doubtful), identify=True)
         for (source, sha256), read in zip(doubtful, reads, strict=True):
@@ -393,7 +393,7 @@ class FrameReader:
             yield pending.popleft().result()
 
     def _checked(self, source: FrameSource, together: int = 0, identify: bool = False) -> _Read:
-        stamp = file_stamp(source) if identify else None
+        stamp = file_stamp(source.path) if identify else None
         if not identify and (opened := source.open_rows()) is not None:
             return _Read(source, opened, self._sample(opened, together))
         dn = source.read()

@@ -28,6 +28,11 @@ class UsedFrame(Shown):
         """Its path, or a label for a frame in memory."""
         return self.source.name
 
+    def check_total(self, total: int) -> None:
+        """Raise `FileError` if the sum of the digital numbers is another now."""
+        if total != self.total:
+            raise FileError(self.name, "the frame has changed since it was calibrated", hint="Calibrate again")
+
 
 def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
     """Return one SHA-256 per frame, of its digital numbers as little-endian uint16, row by row.
@@ -47,6 +52,5 @@ def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
 
 def _digest(frame: UsedFrame) -> str:
     dn: NDArray[np.unsignedinteger] = frame.source.read()
-    if int(dn.sum(dtype=np.uint64)) != frame.total:
-        raise FileError(frame.name, "the frame has changed since it was calibrated", hint="Calibrate again")
+    frame.check_total(int(dn.sum(dtype=np.uint64)))
     return hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest()

@@ -259,7 +259,7 @@ def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
     first = _header(path, pages[0], None)
     if len(pages) == 1:
         _check_not_hidden(path, pages[0])
-        return (first,)
+        return (replace(first, first_pixel=_first_pixel(pages[0], first.stored_bits)),)
     headers = [first, *(_header(path, page, first) for page in pages[1:])]
     return tuple(
         replace(header, location=FrameLocation(f"[{number}]", page.offset))
@@ -384,18 +384,24 @@ def open_tiff_rows(path: Path, location: FrameLocation | None, bits: int | None,
     None unless its pixels are stored without gaps, in 16 bits and the byte order of this machine.
     """
     pages = read_directories(path) if location is None else [read_directory(path, int(location.part))]
-    page = pages[0]
-    rows, cols, stored_bits = checked_size(path, page, 32)
+    header = _header(path, pages[0], None)
+    first_pixel = _first_pixel(pages[0], header.stored_bits)
+    if len(pages) > 1 or first_pixel is None:
+        return None
+    header.resolve_bits(path, bits)
+    header.resolve_cfa(path, cfa)
+    return StoredRows(path, first_pixel, (header.rows, header.cols))
+
+
+def _first_pixel(page: Directory, stored_bits: int | None) -> int | None:
+    """Return `FrameHeader.first_pixel` of a page."""
     native = np.dtype(f"{page.order}u2") == np.uint16
-    if len(pages) > 1 or stored_bits != 16 or not native or not _in_strips(page):
+    if stored_bits != 16 or not native or not _in_strips(page):
         return None
     offsets, counts = page.numbers(STRIP_OFFSETS) or (), page.numbers(STRIP_COUNTS) or ()
     if any(at + count != then for at, count, then in zip(offsets, counts, offsets[1:], strict=False)):
         return None
-    header = _header(path, page, None)
-    header.resolve_bits(path, bits)
-    header.resolve_cfa(path, cfa)
-    return StoredRows(path, int(offsets[0]), (rows, cols))
+    return int(offsets[0])
 
 
 def _in_strips(page: Directory) -> bool:

@@ -107,15 +107,21 @@ def _load_preset(name: str) -> Sensor:
 
 def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
     """Return the sensor of a sensor file's text; a `FileError` names the path and the line."""
+    sensor = _parsed(content, fspath(path))
+    if sensor.maps is None:
+        return sensor.model_copy()
+    # An absolute path, so that the sensor can be saved elsewhere.
+    full = Path(path).absolute().parent / sensor.maps.file
+    return sensor.model_copy(update={"maps": Maps(file=fspath(full), sha256=sensor.maps.sha256)})
+
+
+@lru_cache(maxsize=16)
+def _parsed(content: str, path: str) -> Sensor:
     data = parse_yaml(content, path)
     check_version(path, data, "photosite_sensor")
     sensor: Sensor = validated(Sensor, data, path)
     sensor._written = Written(content)
-    if sensor.maps is None:
-        return sensor
-    # An absolute path, so that the sensor can be saved elsewhere.
-    full = Path(path).absolute().parent / sensor.maps.file
-    return sensor.model_copy(update={"maps": Maps(file=fspath(full), sha256=sensor.maps.sha256)})
+    return sensor
 
 
 def write_sensor(sensor: Sensor, path: str | PathLike[str], chip: MeasuredChip | None = None) -> None:
