@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction import checkpoint, frame_reader
-from photosite.files import small_files
 from photosite.errors import FileError
+from photosite.files import small_files
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 ROWS, COLS = 48, 40

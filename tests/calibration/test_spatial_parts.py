@@ -6,14 +6,14 @@ from scipy import ndimage
 
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.nonuniformity import (
-    MARGIN,
+    MapPlanes,
     channel_parts,
     high_pass,
     line_gain,
     pixel_gain,
-    site_parts,
     without_neighbors,
 )
+from photosite.engine.site_planes import MARGIN
 from photosite.values.uncertain import Missing, Uncertain
 
 NONE = Uncertain(0.0)
@@ -21,7 +21,7 @@ NO_NOISE = TemporalParts(NONE, NONE, NONE)
 
 
 def whole_parts(plane, noise, *, filtered):
-    return site_parts(plane, (0, 0), (1, 1), noise, filtered=filtered)
+    return channel_parts(MapPlanes(plane, np.zeros((1, 1), np.int64)), 0, noise, filtered=filtered)
 
 
 def test_high_pass_matches_scipy():
@@ -110,12 +110,12 @@ def test_each_site_of_a_mosaic_is_a_separate_plane():
     mosaic = rng.normal(0.0, 1.0, (120, 160))
     mosaic[0::2, 1::2] += 50.0
     tile = np.array([[0, 1], [1, 2]])
-    parts = channel_parts(mosaic, tile, 1, NO_NOISE, filtered=True)
+    parts = channel_parts(MapPlanes(mosaic, tile), 1, NO_NOISE, filtered=True)
     assert parts.total.value == pytest.approx(1.0, rel=0.1)
 
 
 def test_too_small_plane_is_missing():
-    result = channel_parts(np.zeros((60, 160)), np.array([[0, 1], [1, 2]]), 0, NO_NOISE, filtered=True)
+    result = channel_parts(MapPlanes(np.zeros((60, 160)), np.array([[0, 1], [1, 2]])), 0, NO_NOISE, filtered=True)
     assert isinstance(result, Missing)
     assert "30 pixels" in result.reason
 

@@ -3,11 +3,12 @@
 import numba
 import numpy as np
 import pytest
-from scipy.ndimage import correlate1d
+from scipy.ndimage import convolve, uniform_filter
 
 from photosite.engine.site_planes import (
     count_numbers,
     far_sums,
+    high_passed_planes,
     mean_of_sites,
     plane_moments,
     spaced_values,
@@ -15,29 +16,59 @@ from photosite.engine.site_planes import (
 
 SHAPES = [(31, 40), (64, 97), (200, 133)]
 TILES = [(1, 1), (2, 2), (3, 2)]
-KERNEL = np.array([0.1, 0.1, 0.2, 0.2, 0.2, 0.1, 0.1])
 
 
 def random_map(shape, seed=1):
     return np.random.default_rng(seed).gamma(2.0, 3.0, shape) + 1e3
 
 
-@pytest.mark.parametrize("filtered", [False, True])
 @pytest.mark.parametrize("tile", TILES)
-@pytest.mark.parametrize("shape", SHAPES)
-def test_moments_of_a_plane(shape, tile, filtered):
+@pytest.mark.parametrize("shape", [(4, 31), *SHAPES])
+def test_moments_of_planes(shape, tile):
     values = random_map(shape)
-    for site in np.ndindex(*tile):
+    found = plane_moments(values, tile)
+    assert list(found) == list(np.ndindex(*tile))
+    for site, (shape_found, rows, columns, second, fourth) in found.items():
         plane = values[site[0] :: tile[0], site[1] :: tile[1]]
-        if filtered:
-            plane = (plane - correlate1d(correlate1d(plane, KERNEL, 0), KERNEL, 1))[3:-3, 3:-3]
-        found, rows, columns, second, fourth = plane_moments(values, site, tile, KERNEL if filtered else None)
-        assert found == plane.shape
+        assert shape_found == plane.shape
         np.testing.assert_allclose(rows, plane.mean(1) - plane.mean(), atol=1e-10)
         np.testing.assert_allclose(columns, plane.mean(0) - plane.mean(), atol=1e-10)
         left = plane - plane.mean(1, keepdims=True) - plane.mean(0) + plane.mean()
-        assert second == pytest.approx((left**2).mean(), rel=1e-9)
-        assert fourth == pytest.approx((left**4).mean(), rel=1e-9)
+        assert second == pytest.approx((left**2).mean(), rel=1e-9, abs=1e-20)
+        assert fourth == pytest.approx((left**4).mean(), rel=1e-9, abs=1e-20)
+
+
+@pytest.mark.parametrize("tile", TILES)
+@pytest.mark.parametrize("shape", [(57, 40), (60, 97), (400, 1133)])
+def test_high_passed_planes_match_scipy(shape, tile):
+    values = random_map(shape)
+    found = high_passed_planes(values, tile)
+    for site in np.ndindex(*tile):
+        plane = values[site[0] :: tile[0], site[1] :: tile[1]]
+        smooth = uniform_filter(uniform_filter(plane, 7), 11)
+        smooth = convolve(smooth, np.outer([1, 2, 1], [1, 2, 1]) / 16)
+        np.testing.assert_allclose(
+            found[site[0] :: tile[0], site[1] :: tile[1]], (plane - smooth)[9:-9, 9:-9], atol=1e-10
+        )
+
+
+@pytest.mark.parametrize("tile", TILES)
+def test_moments_of_high_passed_planes(tile):
+    values = random_map((400, 1133))
+    found, expected = (
+        plane_moments(values, tile, high_passed=True),
+        plane_moments(high_passed_planes(values, tile), tile),
+    )
+    for one, other in zip(found.values(), expected.values(), strict=True):
+        assert one.shape == other.shape
+        np.testing.assert_allclose(one.rows, other.rows, atol=1e-12)
+        np.testing.assert_allclose(one.columns, other.columns, atol=1e-12)
+        assert (one.second, one.fourth) == pytest.approx((other.second, other.fourth), rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(18, 60), (60, 18), (5, 5)])
+def test_planes_without_pixels_beyond_the_border_of_the_filter(shape):
+    assert high_passed_planes(random_map(shape), (1, 1)).size == 0
 
 
 def test_the_result_does_not_depend_on_the_number_of_threads():
@@ -46,10 +77,14 @@ def test_the_result_does_not_depend_on_the_number_of_threads():
     try:
         for threads in (1, numba.config.NUMBA_NUM_THREADS):
             numba.set_num_threads(threads)
-            _, rows, columns, *moments = plane_moments(values, (0, 1), (2, 2), KERNEL)
+            of_planes = [
+                *plane_moments(values, (2, 2)).values(),
+                *plane_moments(values, (2, 2), high_passed=True).values(),
+            ]
+            moments = [(m.rows.tobytes(), m.columns.tobytes(), m.second, m.fourth) for m in of_planes]
             far = far_sums(values, np.full((2, 2), 1e3), np.full((2, 2), 100.0))
             mean = mean_of_sites(values, None, (2, 2), relative=True)
-            found.append((rows.tobytes(), columns.tobytes(), moments, far, mean.tobytes()))
+            found.append((moments, far, mean.tobytes()))
     finally:
         numba.set_num_threads(before)
     assert found[0] == found[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.quantisation import differing_share, with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.spatial.nonuniformity import Parts, channel_parts
+from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
@@ -79,13 +80,17 @@ class GroupMean:
         values = mean.mean() if values is None else values
         return cls(statistics, values, mean.labels, noise, total, rounding, statistics.group.exposure_s)
 
+    @cached_property
+    def _planes(self) -> MapPlanes:
+        return MapPlanes(self.mean, self.tile)
+
     def parts(self, channel: int) -> PartsPair:
         """Return the parts of a channel."""
         return self.part(channel), self.part(channel, filtered=True)
 
     def part(self, channel: int, *, filtered: bool = False) -> Parts | Missing:
         """Return the parts of a channel, plain or high-passed."""
-        parts = channel_parts(self.mean, self.tile, channel, self.noise[channel], filtered=filtered)
+        parts = channel_parts(self._planes, channel, self.noise[channel], filtered=filtered)
         if isinstance(parts, Missing):
             return parts
         digital_gain = Uncertain.of(1.0, self.statistics.levels[channel].scale_uncertainty)

@@ -27,7 +27,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.far_pixels import FarPixels, find_far_pixels
-from photosite.calibration.spatial.nonuniformity import Parts, shading_variance, without_neighbors
+from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, shading_variance, without_neighbors
 from photosite.calibration.spatial.periodic_structure import (
     PeriodicStructure,
     Taps,
@@ -244,6 +244,7 @@ def measure_fixed_pattern(
             if readout is not None:
                 alike = replace(flat, mean=without_channels(flat.mean, readout, dark_mean))
                 gains[k] = _light_less_dark(alike.part(k, filtered=True), dark_lines, channels[k], i)
+    planes = MapPlanes(slopes.slopes, reader.tile)
     spreads = slopes.spreads([Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in plans])
     result = []
     for k, group in enumerate(half):
@@ -254,7 +255,7 @@ def measure_fixed_pattern(
         response = _response_variance(plans[k], *slope_spreads)
         if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channels[k])) is not None:
             response = why
-        shading = response if isinstance(response, Missing) else _shading(slopes, k, plans[k], *slope_spreads)
+        shading = response if isinstance(response, Missing) else _shading(planes, k, plans[k], *slope_spreads)
         if light.noise.flicker is not None:
             bands = Uncertain.of(0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights))
             response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
@@ -405,7 +406,7 @@ def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: Slo
 
 
 def _shading(
-    slopes: PixelSlopes, channel: int, plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None
+    slopes: MapPlanes, channel: int, plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None
 ) -> Value:
     if isinstance(plan, Missing):
         return plan

@@ -12,7 +12,7 @@ from photosite.calibration.photon_transfer.unknown_darks import SINGLE_DARK_FRAM
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.nonuniformity import Parts, channel_parts
+from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import excess_variance
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import label_moments
@@ -68,9 +68,9 @@ def of_single_frames(reduction: Reduction, reference: GroupStatistics, frame: Me
         rounding=[0.0] * len(channels),
         exposure_s=exposure_s,
     )
-    spreads = []
+    spreads, planes = [], MapPlanes(values, tile)
     for k, moments in enumerate(label_moments(values, tile)):
-        spread, parts = excess_variance(moments, none.total), channel_parts(values, tile, k, none, filtered=False)
+        spread, parts = excess_variance(moments, none.total), channel_parts(planes, k, none, filtered=False)
         if isinstance(parts, Parts):
             uncertainty = max(spread.standard_uncertainty, parts.total.standard_uncertainty)
             spread = Uncertain.of(spread.value, uncertainty)

@@ -1,4 +1,4 @@
-"""Statistics of maps and single frames: line sums, moments, residuals, smoothing, scaled sums.
+"""Statistics of maps and single frames: line sums, moments, residuals, scaled sums.
 
 Sums are accumulated in a fixed order, in lanes that become vector instructions, so that a result does not depend on the
 number of threads. A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its color
@@ -17,91 +17,11 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, prange, read_only
 
-_LANES = 32
 _RUN = 1024
 _LABEL_LANES = 64
 _SECOND, _THIRD, _FOURTH = (np.uint64(k * _LABEL_LANES) for k in (1, 2, 3))
 LONGEST_LINE = 1 << 16
 """Pixels of a row or column, so that a sum of 16-bit numbers stays below 2^32."""
-
-
-@compiled()
-def row_sum(values: F64, lanes: F64) -> float:
-    """Return the sum of a line; `lanes` is memory for 32 partial sums."""
-    lanes[:] = 0.0
-    whole = np.uint64(values.size) // np.uint64(_LANES) * np.uint64(_LANES)
-    for first in range(np.uint64(0), whole, np.uint64(_LANES)):
-        for lane in range(np.uint64(_LANES)):
-            lanes[lane] += values[first + lane]
-    total = 0.0
-    for lane in range(_LANES):
-        total += lanes[lane]
-    for j in range(whole, np.uint64(values.size)):
-        total += values[j]
-    return total
-
-
-@compiled(parallel=True)
-def _residual_powers(values: F64, row_offset: F64, column_offset: F64, out: F64) -> None:
-    rows, cols = values.shape
-    for r in prange(rows):
-        squares, fourths = np.zeros(_LANES), np.zeros(_LANES)
-        row = values[r]
-        off = row_offset[r]
-        whole = np.uint64(cols) // np.uint64(_LANES) * np.uint64(_LANES)
-        for first in range(np.uint64(0), whole, np.uint64(_LANES)):
-            for lane in range(np.uint64(_LANES)):
-                d = row[first + lane] - off - column_offset[first + lane]
-                square = d * d
-                squares[lane] += square
-                fourths[lane] += square * square
-        for j in range(whole, np.uint64(cols)):
-            d = row[j] - off - column_offset[j]
-            squares[0] += d * d
-            fourths[0] += d * d * d * d
-        out[r, 0] = squares.sum()
-        out[r, 1] = fourths.sum()
-
-
-def residual_moments(values: F64, row_offset: F64, column_offset: F64) -> tuple[float, float]:
-    """Return the mean second and fourth power of a C-contiguous map after subtracting an offset per row and column.
-
-    Examples
-    --------
-    >>> residual_moments(np.array([[1.0, 5.0]]), np.array([3.0]), np.zeros(2))
-    (4.0, 16.0)
-    """
-    sums = np.empty((values.shape[0], 2))
-    _residual_powers(values, row_offset, column_offset, sums)
-    second, fourth = sums.sum(axis=0) / values.size
-    return float(second), float(fourth)
-
-
-@compiled(parallel=True)
-def smooth_separable(values: F64, kernel: F64) -> F64:
-    """Convolve a map with one kernel along both axes; the border that the kernel cannot cover is cut off.
-
-    `values` is (rows, cols), C-contiguous, `kernel` (n,), n odd, symmetric, the result (rows - n + 1, cols - n + 1).
-    """
-    rows, cols = values.shape
-    taps = kernel.size
-    n_rows, n_cols = rows - taps + 1, cols - taps + 1
-    out = np.empty((n_rows, n_cols))
-    for r in prange(n_rows):
-        down = np.zeros(cols)
-        for k in range(taps):
-            weight = kernel[k]
-            row = values[r + k]
-            for c in range(cols):
-                down[c] += weight * row[c]
-        target = out[r]
-        target[:] = 0.0
-        for k in range(taps):
-            weight = kernel[k]
-            shifted = down[k:]
-            for c in range(n_cols):
-                target[c] += weight * shifted[c]
-    return out
 
 
 @compiled(parallel=True)

@@ -105,7 +105,7 @@ def _read_and_add(
     exact: _Ints,
     spread: F64,
 ) -> bool:
-    """Read some rows of all frames, a few at a time, and add them, part by part until other threads have taken the rest.
+    """Read some rows of all frames, a few at a time, and add them, part by part until all parts are taken.
 
     - `files`, `places`: (frames,) descriptors, and positions of the first pixels.
     - `turn`: (1,) next part, for all threads.

@@ -6,11 +6,12 @@ result does not depend on the number of threads.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import F64, I64, compiled, prange
-from photosite.engine.map_statistics import residual_moments, row_sum
 
 Site = tuple[int, int]
 
@@ -32,81 +33,238 @@ def plane_shape(shape: tuple[int, ...], site: Site, tile: tuple[int, ...]) -> tu
     return rows, cols
 
 
+class PlaneMoments(NamedTuple):
+    """Statistics of a plane.
+
+    - `shape`: Rows and columns.
+    - `rows`, `columns`: Deviations of the means of rows and columns from the plane's mean.
+    - `second`, `fourth`: Mean second and fourth power of what is left without the means of rows and columns.
+    """
+
+    shape: tuple[int, int]
+    rows: F64
+    columns: F64
+    second: float
+    fourth: float
+
+
 @compiled(parallel=True)
-def _plane_lines(values: F64, site: Site, tile: Site, kernel: F64, out: F64, rows_out: F64, bands_out: F64) -> None:
-    """Copy a plane, less the smoothed plane where there is a kernel, and sum its lines."""
-    rows, cols = out.shape
-    margin = kernel.size // 2
-    for band in prange(bands_out.shape[0]):
-        first, last = band * _BAND, min(rows, (band + 1) * _BAND)
-        width = cols + 2 * margin
-        dense, down = np.empty((last - first + 2 * margin) * width), np.empty(width)
-        lanes = np.empty(_LANES)
-        for r in range(last - first + 2 * margin):
-            source, target = values[site[0] + tile[0] * (first + r)], dense[r * width : (r + 1) * width]
-            start, step = np.uint64(site[1]), np.uint64(tile[1])
-            for c in range(np.uint64(width)):
-                target[c] = source[start + step * c]
-        columns = bands_out[band]
-        for r in range(first, last):
-            line, middle = out[r], dense[(r - first + margin) * width + margin :]
-            if kernel.size:
-                _smooth(dense, (r - first) * width, width, kernel, down)
-                _smooth(down, 0, 1, kernel, line)
-                for c in range(np.uint64(cols)):
-                    line[c] = middle[c] - line[c]
-            else:
-                line[:] = middle[:cols]
-            rows_out[r] = row_sum(line, lanes)
-            for c in range(np.uint64(cols)):
-                columns[c] += line[c]
+def _line_sums(values: F64, tile: Site, lanes: int, rows_out: F64, columns_out: F64) -> None:
+    """Sum the rows of a mosaic by column of the tile, and its columns by band and row of the tile."""
+    for band in prange(columns_out.shape[0]):
+        parts = np.empty(lanes)
+        for r in range(band * _BAND, min(values.shape[0], (band + 1) * _BAND)):
+            row, columns = values[r], columns_out[band, r % tile[0]]
+            for c in range(np.uint64(row.size)):
+                columns[c] += row[c]
+            _add_line(row, parts, rows_out[r])
 
 
 @compiled()
-def _smooth(values: F64, start: int, step: int, kernel: F64, out: F64) -> None:
-    """Compute the sum of lines that begin `step` values apart, each times its weight of a symmetric kernel."""
-    half, n = kernel.size // 2, out.size
-    middle = values[start + half * step :]
-    for c in range(np.uint64(n)):
-        out[c] = kernel[half] * middle[c]
-    for k in range(0, half, 3):  # six lines for each time that the output is read and written
-        w0, w1, w2 = kernel[k], kernel[k + 1], kernel[k + 2]
-        a0, b0 = values[start + k * step :], values[start + (2 * half - k) * step :]
-        a1, b1 = values[start + (k + 1) * step :], values[start + (2 * half - k - 1) * step :]
-        a2, b2 = values[start + (k + 2) * step :], values[start + (2 * half - k - 2) * step :]
-        for c in range(np.uint64(n)):
-            out[c] += w0 * (a0[c] + b0[c]) + w1 * (a1[c] + b1[c]) + w2 * (a2[c] + b2[c])
+def _add_line(row: F64, lanes: F64, sums: F64) -> None:
+    """Add a line to the sums of its sites, whose number divides that of the lanes."""
+    lanes[:] = 0.0
+    step = np.uint64(lanes.size)
+    whole = np.uint64(row.size) // step * step
+    for first in range(np.uint64(0), whole, step):
+        for lane in range(step):
+            lanes[lane] += row[first + lane]
+    for c in range(whole, np.uint64(row.size)):
+        lanes[c - whole] += row[c]
+    for lane in range(lanes.size):
+        sums[lane % sums.size] += lanes[lane]
 
 
-def plane_moments(
-    values: F64, site: Site, tile: tuple[int, ...], kernel: F64 | None = None
-) -> tuple[tuple[int, int], F64, F64, float, float]:
-    """Return rows and columns of a plane, deviations of its row and column means, and moments of what is left.
+@compiled(parallel=True)
+def _powers_left(values: F64, row_mean: F64, column_offset: F64, lanes: int, out: F64) -> None:
+    """Sum the second and fourth power of a mosaic less the means of its lines, by row and column of the tile.
 
-    The moments are the mean second and fourth power after subtraction of the means of rows and columns.
+    - `row_mean`: (rows, tile columns).
+    - `column_offset`: (tile rows, columns).
+    - `lanes`: A multiple of the tile's columns.
+    - `out`: (2, rows, tile columns).
+    """
+    tile_rows, tile_cols = column_offset.shape[0], row_mean.shape[1]
+    for r in prange(values.shape[0]):
+        means, squares, fourths = np.empty(lanes), np.zeros(lanes), np.zeros(lanes)
+        for lane in range(lanes):
+            means[lane] = row_mean[r, lane % tile_cols]
+        row, offset = values[r], column_offset[r % tile_rows]
+        step = np.uint64(lanes)
+        whole = np.uint64(row.size) // step * step
+        for first in range(np.uint64(0), whole, step):
+            for lane in range(step):
+                d = row[first + lane] - means[lane] - offset[first + lane]
+                square = d * d
+                squares[lane] += square
+                fourths[lane] += square * square
+        for c in range(whole, np.uint64(row.size)):
+            d = row[c] - means[c - whole] - offset[c]
+            squares[c - whole] += d * d
+            fourths[c - whole] += (d * d) * (d * d)
+        for lane in range(lanes):
+            out[0, r, lane % tile_cols] += squares[lane]
+            out[1, r, lane % tile_cols] += fourths[lane]
+
+
+def plane_moments(values: F64, tile: tuple[int, ...], *, high_passed: bool = False) -> dict[Site, PlaneMoments]:
+    """Return the statistics of the plane of each site.
 
     - `values`: (rows, cols) map of the whole mosaic, C-contiguous.
-    - `kernel`: (n,), n - 1 a multiple of 6, symmetric. The plane is then high-pass filtered: the plane smoothed by this
-      kernel along both axes is subtracted, and a border of (n - 1) / 2 pixels is left out.
+    - `tile`: Rows and columns of the tile.
+    - `high_passed`: Whether the planes are filtered first (`high_passed_planes`).
 
     Examples
     --------
     >>> mosaic = np.add.outer([1.0, 0.0, 3.0, 0.0], [0.0, 9.0, 2.0, 9.0])
-    >>> shape, rows, columns, second, fourth = plane_moments(mosaic, (0, 0), (2, 2))
-    >>> shape, rows.tolist(), columns.tolist(), second
+    >>> found = plane_moments(mosaic, (2, 2))[0, 0]
+    >>> found.shape, found.rows.tolist(), found.columns.tolist(), found.second
     ((2, 2), [-1.0, 1.0], [-1.0, 1.0], 0.0)
     """
-    smoothing = np.empty(0) if kernel is None else kernel
-    rows, cols = plane_shape(values.shape, site, tile)
-    if kernel is not None:
-        rows, cols = rows - len(kernel) + 1, cols - len(kernel) + 1
-    plane, row_sums = np.empty((rows, cols)), np.empty(rows)
-    bands = np.zeros((-(-rows // _BAND), cols))
-    _plane_lines(values, site, (tile[0], tile[1]), smoothing, plane, row_sums, bands)
-    mean = float(row_sums.sum()) / plane.size
-    row_mean, columns = row_sums / cols, bands.sum(axis=0) / rows - mean
-    second, fourth = residual_moments(plane, row_mean, columns)
-    return (rows, cols), row_mean - mean, columns, second, fourth
+    tile_rows, tile_cols = tile
+    lanes = _lanes(tile_cols)
+    if high_passed:
+        values, row_sums, column_sums = _filtered(values, (tile_rows, tile_cols))
+    else:
+        row_sums, bands = np.zeros((values.shape[0], tile_cols)), _bands(values.shape, tile_rows, _BAND)
+        _line_sums(values, (tile_rows, tile_cols), lanes, row_sums, bands)
+        column_sums = bands.sum(axis=0)
+    rows, cols = values.shape
+    row_mean, column_offset = np.empty((rows, tile_cols)), np.empty((tile_rows, cols))
+    means = np.empty((tile_rows, tile_cols))
+    sites = list(np.ndindex(tile_rows, tile_cols))
+    for r, c in sites:
+        height, width = plane_shape(values.shape, (r, c), tile)
+        row_mean[r::tile_rows, c] = row_sums[r::tile_rows, c] / width
+        means[r, c] = row_sums[r::tile_rows, c].sum() / (height * width)
+        column_offset[r, c::tile_cols] = column_sums[r, c::tile_cols] / height - means[r, c]
+    powers = np.zeros((2, rows, tile_cols))
+    _powers_left(values, row_mean, column_offset, lanes, powers)
+    found = {}
+    for r, c in sites:
+        shape = plane_shape(values.shape, (r, c), tile)
+        second, fourth = powers[:, r::tile_rows, c].sum(axis=1) / (shape[0] * shape[1])
+        of_rows, of_columns = row_mean[r::tile_rows, c] - means[r, c], column_offset[r, c::tile_cols].copy()
+        found[r, c] = PlaneMoments(shape, of_rows, of_columns, float(second), float(fourth))
+    return found
+
+
+def _lanes(tile_cols: int) -> int:
+    """Return the number of lanes of partial sums: a multiple of the tile's columns."""
+    return max(_LANES // tile_cols, 1) * tile_cols
+
+
+def _bands(shape: tuple[int, ...], tile_rows: int, height: int) -> F64:
+    """Return zeros for the sums of columns in bands of rows, by row of the tile."""
+    return np.zeros((-(-shape[0] // height), tile_rows, shape[1]))
+
+
+MARGIN = 9
+"""Pixels of a plane on each side of one that its high-pass filter sees."""
+
+_BOX, _LONG_BOX = 7, 11
+_SLOTS = _LONG_BOX + 1
+
+_FILTERED_BAND, _FILTERED_COLS = 96, 1024
+"""Rows of a plane and columns of the mosaic that are filtered together, so that their sums stay in the cache."""
+
+
+@compiled(parallel=True)
+def _high_passed(values: F64, tile: Site, lanes: int, out: F64, rows_out: F64, columns_out: F64) -> None:
+    """Filter the planes, and sum their lines as `_line_sums` does."""
+    tile_rows, tile_cols = tile
+    cols, together = out.shape[1], _FILTERED_COLS // tile_cols * tile_cols
+    band_rows = _FILTERED_BAND * tile_rows
+    for band in prange(columns_out.shape[0]):
+        wide = together + 2 * MARGIN * tile_cols
+        nothing, down, parts = np.zeros(wide), np.empty(wide), np.empty(lanes)
+        boxes, long_boxes = np.empty((_SLOTS, wide)), np.empty((3, wide))
+        for first_col in range(0, cols, together):
+            n = min(together, cols - first_col)
+            m = n + 2 * MARGIN * tile_cols
+            for site_row in range(tile_rows):
+                boxes[:] = 0.0
+                long_boxes[:] = 0.0
+                start = band * band_rows + site_row
+                end = min(start + band_rows + 2 * MARGIN * tile_rows, values.shape[0])
+                for count, r in enumerate(range(start, end, tile_rows)):
+                    row = values[r, first_col : first_col + m]
+                    before = r - _BOX * tile_rows
+                    gone = values[before, first_col : first_col + m] if count >= _BOX else nothing
+                    box, last = boxes[count % _SLOTS], boxes[(count + _SLOTS - 1) % _SLOTS]
+                    _moved_sum(last, row, gone, m, box)
+                    long_box, last_long = long_boxes[count % 3], long_boxes[(count + 2) % 3]
+                    _moved_sum(last_long, box, boxes[(count + 1) % _SLOTS], m, long_box)
+                    if count >= 2 * MARGIN:
+                        _binomial(long_boxes[(count + 1) % 3], last_long, long_box, m, down)
+                        above = r - 2 * MARGIN * tile_rows
+                        target = out[above, first_col : first_col + n]
+                        middle = values[r - MARGIN * tile_rows, first_col + MARGIN * tile_cols :]
+                        _less_smooth(middle, down, tile_cols, n, target)
+                        columns = columns_out[band, site_row, first_col:]
+                        for c in range(np.uint64(n)):
+                            columns[c] += target[c]
+                        _add_line(target, parts, rows_out[above])
+
+
+@compiled(inline=True)
+def _moved_sum(last: F64, added: F64, gone: F64, n: int, out: F64) -> None:
+    for c in range(np.uint64(n)):
+        out[c] = last[c] + (added[c] - gone[c])
+
+
+@compiled(inline=True)
+def _binomial(above: F64, middle: F64, below: F64, n: int, out: F64) -> None:
+    for c in range(np.uint64(n)):
+        out[c] = (above[c] + 2.0 * middle[c] + below[c]) * (1.0 / (4 * _BOX * _LONG_BOX))
+
+
+_W = np.convolve(np.convolve(np.ones(_BOX), np.ones(_LONG_BOX)), [0.25, 0.5, 0.25]) / (_BOX * _LONG_BOX)
+_W0, _W1, _W2, _W3, _W4, _W5, _W6, _W7, _W8, _W9 = (float(weight) for weight in _W[: MARGIN + 1])
+
+
+@compiled(inline=True)
+def _less_smooth(pixels: F64, values: F64, step: int, n: int, out: F64) -> None:
+    """Compute n pixels less the sums of 19 values, `step` apart, times the weights of the boxes and the binomial."""
+    a0, a1, a2, a3, a4 = values, values[step:], values[2 * step :], values[3 * step :], values[4 * step :]
+    a5, a6, a7, a8 = values[5 * step :], values[6 * step :], values[7 * step :], values[8 * step :]
+    middle = values[9 * step :]
+    b8, b7, b6, b5 = values[10 * step :], values[11 * step :], values[12 * step :], values[13 * step :]
+    b4, b3, b2 = values[14 * step :], values[15 * step :], values[16 * step :]
+    b1, b0 = values[17 * step :], values[18 * step :]
+    for c in range(np.uint64(n)):
+        far = _W0 * (a0[c] + b0[c]) + _W1 * (a1[c] + b1[c]) + _W2 * (a2[c] + b2[c])
+        between = _W3 * (a3[c] + b3[c]) + _W4 * (a4[c] + b4[c]) + _W5 * (a5[c] + b5[c])
+        near = _W6 * (a6[c] + b6[c]) + _W7 * (a7[c] + b7[c]) + _W8 * (a8[c] + b8[c])
+        out[c] = pixels[c] - (far + between + (near + _W9 * middle[c]))
+
+
+def high_passed_planes(values: F64, tile: tuple[int, ...]) -> F64:
+    """Return a map whose planes are high-pass filtered, without a border of 9 pixels of each plane.
+
+    The plane smoothed by a box of 7 x 7 pixels, a box of 11 x 11 and the binomial 1 2 1 along both axes is subtracted,
+    the filter of EMVA 1288 R4.0. The result has the tile of the map. There is none, (0, 0), of maps that are too small.
+
+    - `values`: (rows, cols) map of the whole mosaic, C-contiguous.
+    - `tile`: Rows and columns of the tile.
+
+    Examples
+    --------
+    >>> ramps = np.add.outer(np.arange(40.0), np.arange(60.0)) + 1000.0 * (np.arange(60) % 2)
+    >>> filtered = high_passed_planes(ramps, (1, 2))
+    >>> filtered.shape, bool(abs(filtered).max() < 1e-10)
+    ((22, 24), True)
+    """
+    return _filtered(values, (tile[0], tile[1]))[0]
+
+
+def _filtered(values: F64, tile: Site) -> tuple[F64, F64, F64]:
+    """Return the filtered map, and the sums of its lines: (rows, tile columns) and (tile rows, columns)."""
+    rows, cols = (max(length - 2 * MARGIN * step, 0) for length, step in zip(values.shape, tile, strict=True))
+    out = np.empty((rows, cols) if rows and cols else (0, 0))
+    row_sums, bands = np.zeros((len(out), tile[1])), _bands(out.shape, tile[0], _FILTERED_BAND * tile[0])
+    _high_passed(values, tile, _lanes(tile[1]), out, row_sums, bands)
+    return out, row_sums, bands.sum(axis=0)
 
 
 @compiled(parallel=True)

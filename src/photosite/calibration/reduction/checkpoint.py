@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,7 +21,7 @@ from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
 from photosite.files.hdf5 import check_own_data, create_hdf5
 from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameGroup, FrameSet
 
 _VERSION = 5
 SAVE_EVERY_S = 20.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Protocol
 
 import numpy as np
@@ -13,15 +13,11 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.quantisation import with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.pixel_slopes import PixelSlopes, SlopeSpread
-from photosite.engine.map_statistics import smooth_separable
-from photosite.engine.site_planes import plane_moments, plane_shape
+from photosite.calibration.spatial.pixel_slopes import SlopeSpread
+from photosite.engine.site_planes import MARGIN, PlaneMoments, high_passed_planes, plane_moments, plane_shape
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, weighted_mean
 
 Array = NDArray[np.float64]
-
-MARGIN = 9
-"""Width in pixels of the border that the 19 x 19 kernel of the filter cannot process."""
 
 SMALLEST_SIDE = 2 * MARGIN + 16
 """Smallest number of rows and columns of a color plane that can be high-pass filtered."""
@@ -46,8 +42,7 @@ def high_pass(plane: Array) -> Array:
     >>> bool(abs(high_pass(ramp)).max() < 1e-12)
     True
     """
-    smooth = smooth_separable(np.ascontiguousarray(plane), high_pass_kernel())
-    return plane[MARGIN:-MARGIN, MARGIN:-MARGIN] - smooth
+    return high_passed_planes(np.ascontiguousarray(plane), (1, 1))
 
 
 def line_gain() -> float:
@@ -228,19 +223,45 @@ def _mean_products(n: int) -> tuple[float, float, float]:
     return float(straight @ straight), float(straight @ smoothed), float(smoothed @ smoothed)
 
 
-def site_parts(
-    mean: NDArray[np.float64], site: tuple[int, int], tile: tuple[int, ...], noise: TemporalParts, *, filtered: bool
-) -> Parts:
+class MapPlanes:
+    """The color planes of a map, one for each site of a tile, and their moments, which are computed once.
+
+    Parameters
+    ----------
+    values
+        (rows, cols) map.
+    tile
+        The repeating tile of channel indices.
+    """
+
+    def __init__(self, values: NDArray[np.float64], tile: NDArray[np.int64]) -> None:
+        self.values, self.tile = np.ascontiguousarray(values), tile
+
+    @cached_property
+    def plain(self) -> dict[tuple[int, int], PlaneMoments]:
+        """Moments of the planes, by site."""
+        return plane_moments(self.values, self.tile.shape)
+
+    @cached_property
+    def filtered(self) -> dict[tuple[int, int], PlaneMoments]:
+        """Moments of the high-pass filtered planes, by site."""
+        return plane_moments(self.values, self.tile.shape, high_passed=True)
+
+    def sites(self, channel: int) -> list[tuple[int, int]]:
+        """Return the sites of a channel."""
+        return [(int(r), int(c)) for r, c in np.argwhere(self.tile == channel)]
+
+
+def _site_parts(moments: PlaneMoments, noise: TemporalParts, *, filtered: bool) -> Parts:
     """Split the spatial variance of the color plane of one site of the tile into row, column and pixel parts.
 
     EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
     function uses the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
-    unbiased, and have independent left sides. If the plane is to be high-pass filtered first, the equations contain
-    the gains of the filter, so that the parts are not attenuated. The temporal noise in the mean frame, DN^2, is
-    subtracted part by part.
+    unbiased, and have independent left sides. If the plane was high-pass filtered, the equations contain the gains of
+    the filter, so that the parts are not attenuated. The temporal noise in the mean frame, DN^2, is subtracted part by
+    part.
     """
-    kernel = high_pass_kernel() if filtered else None
-    (rows, cols), lines, columns, square, fourth = plane_moments(np.ascontiguousarray(mean), site, tile, kernel)
+    (rows, cols), lines, columns, square, fourth = moments
     share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
     sampling = max(fourth - square**2, 0.0) / (rows * cols)  # rounding, on constant planes
     left = share.pixel - share.column_mean - share.row_mean + share.mean
@@ -293,20 +314,19 @@ def without_neighbors(
     return Parts(parts.total, parts.row - row, parts.column - column, parts.pixel + row + column)
 
 
-def channel_parts(
-    mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: TemporalParts, *, filtered: bool
-) -> Parts | Missing:
+def channel_parts(planes: MapPlanes, channel: int, noise: TemporalParts, *, filtered: bool) -> Parts | Missing:
     """Split the spatial variance of one channel: the mean over its sites in the tile, each a separate plane.
 
     Missing if the planes are too small for the filter.
     """
-    sites = [(int(r), int(c)) for r, c in np.argwhere(tile == channel)]
-    shapes = [plane_shape(mean.shape, site, tile.shape) for site in sites]
+    sites = planes.sites(channel)
+    shapes = [plane_shape(planes.values.shape, site, planes.tile.shape) for site in sites]
     smallest = min(min(shape) for shape in shapes)
     needed = SMALLEST_SIDE if filtered else 2
     if smallest < needed:
         return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}")
-    parts = [site_parts(mean, site, tile.shape, noise, filtered=filtered) for site in sites]
+    moments = planes.filtered if filtered else planes.plain
+    parts = [_site_parts(moments[site], noise, filtered=filtered) for site in sites]
     return pool_parts(parts, [float(rows * cols) for rows, cols in shapes])
 
 
@@ -317,14 +337,12 @@ SIGNIFICANCE = 3.29
 """Standard uncertainties of its variance below which shading is chance: fewer than 1 in 1000."""
 
 
-def shading_variance(
-    slopes: PixelSlopes, channel: int, spread: SlopeSpread, noise: Uncertain, response: float
-) -> Value:
+def shading_variance(slopes: MapPlanes, channel: int, spread: SlopeSpread, noise: Uncertain, response: float) -> Value:
     """Return the relative variance of a channel's slopes that the high-pass filter of EMVA 1288 removes.
 
-    The filtered parts of pixels, rows and columns are free of the filter's gain (`site_parts`), so independent pixels
-    have no shading. The uncertainty is that of the filtered variance, which is larger than that of the difference, and
-    that of the chance covariance of shading with pixels, rows and columns.
+    The filtered parts of pixels, rows and columns are free of the filter's gain (`channel_parts`), so independent
+    pixels have no shading. The uncertainty is that of the filtered variance, which is larger than that of the
+    difference, and that of the chance covariance of shading with pixels, rows and columns.
 
     Parameters
     ----------
@@ -336,11 +354,11 @@ def shading_variance(
         Mean slope, without dark current.
     """
     none = Uncertain(0.0)
-    parts = channel_parts(slopes.slopes, slopes.tile, channel, TemporalParts(noise, none, none), filtered=True)
+    parts = channel_parts(slopes, channel, TemporalParts(noise, none, none), filtered=True)
     if isinstance(parts, Missing):
         return parts
     left = spread.variance.value - parts.total.value
-    lengths = (length // of_tile for length, of_tile in zip(slopes.slopes.shape, slopes.tile.shape, strict=True))
+    lengths = (length // of_tile for length, of_tile in zip(slopes.values.shape, slopes.tile.shape, strict=True))
     samples = spread.pixels, *lengths
     fine = parts.pixel.value + noise.value, parts.row.value, parts.column.value
     by_chance = sum(max(variance, 0.0) / count for variance, count in zip(fine, samples, strict=True))

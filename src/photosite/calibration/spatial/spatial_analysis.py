@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.nonuniformity import (
-    MARGIN,
     SMALLEST_SIDE,
     Difference,
     Plane,
@@ -24,6 +23,7 @@ from photosite.calibration.spatial.nonuniformity import (
     spread_sample,
     strips,
 )
+from photosite.engine.site_planes import MARGIN
 from photosite.values.shown import Shown, short_repr
 from photosite.values.uncertain import Missing
 
