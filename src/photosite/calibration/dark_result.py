@@ -32,6 +32,7 @@ from photosite.calibration.spatial.pixel_slopes import (
 )
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes
 from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.map_statistics import moved_map
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, derive
 
@@ -157,11 +158,9 @@ class SlopeMap:
         for whole, parts in zip(total, mean.noise, strict=True):
             row, column = parts.row * lines, parts.column * lines
             noise.append(TemporalParts(whole - row - column, row, column))
-        values = seconds * self.slopes.slopes
-        values += mean.mean
         return replace(
             mean,
-            mean=values,
+            mean=moved_map(mean.mean, self.slopes.slopes, seconds),
             noise=noise,
             total_noise=total,
             rounding=[self.rounding(weights, k) for k in range(len(noise))],

@@ -65,6 +65,24 @@ def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger],
 
 
 @compiled(parallel=True)
+def moved_map(values: F64, slopes: F64, distance: float) -> F64:
+    """Return a map (rows, cols) moved along the slopes of its pixels: values + distance slopes.
+
+    Examples
+    --------
+    >>> moved_map(np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), 2.0).tolist()
+    [[2.0, 2.0]]
+    """
+    rows, cols = values.shape
+    out = np.empty((rows, cols))
+    for r in prange(rows):
+        line, of_values, of_slopes = out[r], values[r], slopes[r]
+        for c in range(np.uint64(cols)):
+            line[c] = of_values[c] + distance * of_slopes[c]
+    return out
+
+
+@compiled(parallel=True)
 def _power_sums(values: F64, labels: NDArray[Any], center: F64, out: F64) -> None:
     """Sum the first to fourth power of the deviation from `center[label]`, by row and label."""
     rows = values.shape[0]

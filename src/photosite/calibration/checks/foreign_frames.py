@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,17 @@ TAILS = 5.0
 """Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
 
 
-def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the (frames, pixels) deviations from the means of blocks, rows and columns, and the same, moved.
+@lru_cache(maxsize=4)
+def _places(labels: bytes, shape: tuple[int, ...]) -> list[tuple[NDArray[np.intp], NDArray[np.int64]]]:
+    """Return the places of each channel, and the block, row and column of each of them."""
+    channels = np.frombuffer(labels, np.int64)
+    groupings = np.stack([block_numbers(shape), *np.indices(shape)]).reshape(3, -1)
+    inside = [np.flatnonzero(channels == label) for label in np.unique(channels)]
+    return [(places, np.take(groupings, places, axis=1)) for places in inside]
+
+
+def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int64]) -> list[Array]:
+    """Return the (frames, pixels) deviations from the means of blocks, rows and columns, for each channel.
 
     `samples` are (rows, cols) each; `labels` are the channels of the pixels. Each channel has its own means and its own
     limit at which tails are clipped: one may be saturated where another is not.
@@ -56,16 +66,19 @@ def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int6
     stack = np.stack(samples).astype(np.float32)
     stack -= stack.mean(axis=(1, 2), keepdims=True)  # keeps single precision exact enough
     stack = stack.reshape(len(stack), -1)
-    moved = np.empty_like(stack)
-    groupings = np.stack([block_numbers(labels.shape), *np.indices(labels.shape)]).reshape(3, -1)
-    for label in np.unique(labels):
-        inside = np.flatnonzero(labels == label)
-        pixels = np.take(stack, inside, axis=1)
+    channels = []
+    for places, groupings in _places(labels.tobytes(), labels.shape):
+        pixels = np.take(stack, places, axis=1)
         # The second round is without the pull of the tails on the means.
-        remove_group_means(pixels, np.take(groupings, inside, axis=1), 2, TAILS * 1.4826)
-        stack[:, inside] = pixels
-        moved[:, inside] = np.roll(pixels, len(inside) // 3, axis=1)
-    return stack, moved
+        remove_group_means(pixels, groupings, 2, TAILS * 1.4826)
+        channels.append(pixels)
+    return channels
+
+
+def _joined(channels: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the (frames, pixels) deviations of all channels, and the same, moved within each channel."""
+    moved = [np.roll(pixels, pixels.shape[1] // 3, axis=1) for pixels in channels]
+    return np.concatenate(channels, axis=1), np.concatenate(moved, axis=1)
 
 
 def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None) -> list[int]:
@@ -74,7 +87,7 @@ def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None)
     Parameters
     ----------
     patterns
-        (frames, pixels) deviations, as `fine_pattern` returns them.
+        (frames, pixels) deviations from the means of blocks, rows and columns.
     shifted
         The same, moved by some pixels: their covariance with the others is chance.
     strength
@@ -92,7 +105,7 @@ def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None)
     uncertainty = scale * _chance(patterns, shifted)
     common[core, np.arange(len(core))] = np.nan
     if strength is None:
-        strength = np.full(count, np.nanmedian(common))
+        strength = np.full(count, np.median(common[~np.isnan(common)]))
     pattern = np.minimum.outer(strength, strength[core])
     compared = (pattern > POWER * uncertainty) & ~np.isnan(common)
     same = compared & (np.nan_to_num(common) > 0.5 * pattern)
@@ -124,17 +137,16 @@ def _connected(linked: NDArray[np.bool_], start: int) -> NDArray[np.intp]:
     return np.flatnonzero(found)
 
 
-def _of_normal_channels(patterns: Array, shifted: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+def _of_normal_channels(channels: Sequence[Array]) -> list[Array]:
     """Return the patterns without channels of heavy tails or without noise, and with the same spread in the others."""
-    spread = np.zeros(int(labels.max()) + 1, np.float32)
-    for label in range(len(spread)):
-        square = patterns[:, labels == label] ** 2
+    normal = []
+    for pixels in channels:
+        square = pixels**2
         variance = square.mean(axis=1)
         # One number that differs in 4096 gives 2e-4 DN^2; less is rounding of equal numbers.
         if variance.min() > 1e-6 and np.median(np.mean(square**2, axis=1) / variance**2) <= HEAVY:
-            spread[label] = math.sqrt(np.median(variance))
-    used, scale = spread[labels] > 0.0, spread[labels]
-    return patterns[:, used] / scale[used], shifted[:, used] / scale[used]
+            normal.append(pixels / np.float32(math.sqrt(np.median(variance))))
+    return normal
 
 
 def _noise(patterns: Array) -> Array:
@@ -142,8 +154,11 @@ def _noise(patterns: Array) -> Array:
     core = _spread(len(patterns))
     variance = np.mean(patterns**2, axis=1)
     difference = variance[:, None] + variance[core] - 2.0 * (patterns @ patterns[core].T) / patterns.shape[1]
-    difference[core, np.arange(len(core))] = np.nan
-    return np.asarray(np.nanmedian(difference, axis=1) - 0.5 * np.nanmedian(difference))
+    difference[core, np.arange(len(core))] = np.nan  # sorted behind the others
+    ordered, others = np.sort(difference, axis=1), len(core) - np.isin(np.arange(len(patterns)), core)
+    each = np.arange(len(patterns))
+    medians = 0.5 * (ordered[each, (others - 1) // 2] + ordered[each, others // 2])
+    return np.asarray(medians - 0.5 * np.median(difference[~np.isnan(difference)]))
 
 
 def _spread(count: int) -> NDArray[np.intp]:
@@ -172,9 +187,10 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
     n = len(samples)
     if n < LEAST_FRAMES or samples[0].size < LEAST_PIXELS:
         return {}
-    patterns, shifted = _of_normal_channels(*fine_pattern(samples, labels), labels.ravel())
-    if not patterns.size:
+    normal = _of_normal_channels(fine_pattern(samples, labels))
+    if not normal:
         return {}
+    patterns, shifted = _joined(normal)
     reason = "its fixed pattern is not that of the others: another chip, or another readout"
     found = dict.fromkeys(find_foreign(patterns, shifted), reason)
     rest = np.setdiff1d(np.arange(n), list(found))
@@ -253,7 +269,7 @@ def _foreign(
 ) -> list[int]:
     if len(groups) < 2:
         return []
-    patterns, shifted = fine_pattern(means, labels)
+    patterns, shifted = _joined(fine_pattern(means, labels))
     variance = np.einsum("ij,ij->i", patterns, patterns) / patterns.shape[1]
     strength = np.maximum(variance - np.array(noise), 0.0)
     return find_foreign(patterns, shifted, strength)

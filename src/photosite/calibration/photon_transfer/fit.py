@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,15 +98,25 @@ def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
     parameters, normal, estimator, chi_square = _solve(design, y, covariance)
     extra = 0.0
     if freedom > 0 and chi_square > float(chdtri(freedom, BY_CHANCE)):
-        identity = np.eye(m)
-        extra = _extra_variance(lambda more: _solve(design, y, covariance + more * identity)[3] - freedom, covariance)
-        parameters, normal, estimator, _ = _solve(design, y, covariance + extra * identity)
+        extra = _extra_variance(design, y, covariance)
+        parameters, normal, estimator, _ = _solve(design, y, covariance + extra * np.eye(m))
     return Fit(parameters, normal, estimator, extra, chi_square, freedom)
 
 
-def _extra_variance(excess: Callable[[float], float], covariance: Array) -> float:
-    """Return the extra variance at which chi square has no excess over its expectation."""
+def _extra_variance(design: Array, y: Array, covariance: Array) -> float:
+    """Return the extra variance v at which chi square has no excess over its expectation.
+
+    With an orthonormal basis of the residuals, and there the eigenvalues w of the covariance and the components z of
+    the points along its eigenvectors, chi square is the sum of z^2 / (w + v).
+    """
     from scipy.optimize import brentq
+
+    basis = np.linalg.qr(design, mode="complete")[0][:, design.shape[1] :]
+    variances, axes = np.linalg.eigh(basis.T @ covariance @ basis)
+    squares: Array = (axes.T @ (basis.T @ y)) ** 2
+
+    def excess(more: float) -> float:
+        return float((squares / (variances + more)).sum()) - len(squares)
 
     low, high = 0.0, float(np.trace(covariance)) / len(covariance)
     while excess(high) > 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,20 +92,26 @@ def _correlations(
     kernel = np.zeros((2 * REACH + 3, 2 * REACH + 3))
     middle = slice(REACH, REACH + 3)
     kernel[middle, middle] = [row, [side, 1.0 - 4.0 * (side + corner), side], row]
-    channels = [tile == k for k in range(len(signal))]
-
-    def gathered(weights: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the weighted sum over the neighbors of each site of the tile."""
-        total = np.zeros(tile.shape)
-        for dy, dx in zip(*np.nonzero(weights), strict=True):
-            total += weights[dy, dx] * np.roll(values, (REACH + 1 - dy, REACH + 1 - dx), (0, 1))
-        return total
-
-    mixing = [[gathered(kernel, other.astype(float))[own].mean() for other in channels] for own in channels]
-    charge = np.linalg.solve(np.array(mixing), signal).astype(np.float64)[tile]
-    columns = []
-    for dy, dx in [(0, 0), *_LAGS]:
-        of_sites = gathered(kernel * np.roll(kernel, (dy, dx), (0, 1)), charge)
-        columns.append([of_sites[own].mean() for own in channels])
-    covariance = np.array(columns).T
+    sites, neighbors, lagged = tile.ravel(), _neighbors(tile.shape), kernel.ravel()[_lagged_places()]
+    of_channels = np.array([(sites == k) / np.count_nonzero(sites == k) for k in range(len(signal))])
+    belongs = np.array([sites == k for k in range(len(signal))], float)
+    mixing = of_channels @ (belongs[:, neighbors] @ kernel.ravel()).T
+    charge = np.linalg.solve(mixing, signal).astype(np.float64)[sites]
+    covariance = of_channels @ (charge[neighbors] @ (kernel.ravel() * lagged).T)
     return np.asarray(covariance[:, 1:] / covariance[:, :1])
+
+
+@cache
+def _neighbors(tile: tuple[int, int]) -> NDArray[np.int64]:
+    """Return the (sites, places) sites of the tile that lie at the places of a kernel around each site."""
+    away = np.arange(-REACH - 1, REACH + 2)
+    rows, cols = (np.add.outer(np.arange(length), away) % length for length in tile)
+    return np.asarray(tile[1] * rows[:, None, :, None] + cols[None, :, None, :]).reshape(tile[0] * tile[1], -1)
+
+
+@cache
+def _lagged_places() -> NDArray[np.int64]:
+    """Return the (lags, places) places of a kernel that lie a lag away from each; the first lag is none."""
+    side = 2 * REACH + 3
+    places = np.arange(side**2).reshape(side, side)
+    return np.stack([np.roll(places, lag, (0, 1)).ravel() for lag in [(0, 0), *_LAGS]])
