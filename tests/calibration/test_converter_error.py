@@ -1,10 +1,19 @@
 """The converter's error is found in the code density of flat fields, and ideal converters have none."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from photosite.calibration.calibrate import calibrate
 from photosite.calibration.converter_error import ConverterCodes, Density, converter_codes
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError
+from photosite.frames.io.formats import read_raw
+from photosite.frames.open import open_frames
+from photosite.sensor.io.sensor_file import load_sensor
+from photosite.studies.protocol import ShootingProtocol, Step, series
+from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 from photosite.values.uncertain import Missing
 
 WHITE, GAIN = 1023, 0.5
@@ -106,3 +115,29 @@ def test_few_pixels_cover_too_few_codes():
     found = converter_codes(densities(rng, np.zeros(WHITE + 1), pixels=60), (LEVELS[0], LEVELS[-1]))
     assert isinstance(found, Missing)
     assert "codes" in found.reason
+
+
+def calibrated(folder):
+    sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=200, cols=260))
+    protocol = ShootingProtocol("test", (Step("dark", 1e-3, 4), *series("light", 2e-3, 2e-2, exposures=5, count=4)))
+    virtual_lab(sensor, protocol, seed=1).write(folder)
+    return calibrate(open_frames(folder))
+
+
+def test_codes_are_counted_when_the_error_is_first_read(tmp_path):
+    first, again = calibrated(tmp_path / "frames"), calibrate(open_frames(tmp_path / "frames"))
+    assert isinstance(first.converter, ConverterCodes)
+    assert pickle.loads(pickle.dumps(again)).converter.to_dict() == first.converter.to_dict()
+
+
+@pytest.mark.parametrize("change", ["changed", "missing"])
+def test_a_frame_that_is_missing_or_has_changed_is_an_error(tmp_path, change):
+    found = calibrated(tmp_path / "frames")
+    for file in (tmp_path / "frames" / "light").iterdir():
+        if change == "missing":
+            file.unlink()
+        else:
+            frame = read_raw(file)
+            replace(frame, dn=frame.dn - (frame.dn > 0)).save(file)
+    with pytest.raises(FileError):
+        _ = found.converter

@@ -142,7 +142,10 @@ class Calibration(Parameters):
 
     @property
     def converter(self) -> ConverterCodes | Missing:
-        """Nonlinearity of the converter's codes, or why it is missing."""
+        """Nonlinearity of the converter's codes, or why it is missing.
+
+        Some flat fields are read again when it is first read: a `FileError` if one is missing or has changed.
+        """
         return self.deferred_converter.value
 
     @cached_property
@@ -241,7 +244,7 @@ class Calibration(Parameters):
         write_report(calibration_page(self), path)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `photosite calibrate --json` prints.
+        """Return what `photosite calibrate --json` prints; `glow` and `converter` are computed if they were not read.
 
         Returns
         -------
