@@ -11,6 +11,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
+from photosite.files import small_files
 
 BAYER = np.array([[0, 1], [1, 2]])
 SHAPE = (70, 50)
@@ -28,6 +29,13 @@ def frame_set(folder, frames, **written):
     return ps.open_frames(folder)
 
 
+@pytest.fixture(params=[small_files.SETTLED_NS, -1], ids=["just written", "settled"])
+def age(request, monkeypatch):
+    """The times of a file identify its content only when it is old enough; tests do not wait."""
+    monkeypatch.setattr(small_files, "SETTLED_NS", request.param)
+
+
+@pytest.mark.usefixtures("age")
 @pytest.mark.parametrize("written", [{}, {"rowsperstrip": 7}], ids=["one strip", "many strips"])
 def test_rows_are_those_of_the_frame(tmp_path, written):
     frames = stack(3)
@@ -42,6 +50,7 @@ def test_rows_are_those_of_the_frame(tmp_path, written):
         np.testing.assert_array_equal(rows.read(), dn)
 
 
+@pytest.mark.usefixtures("age")
 @pytest.mark.parametrize("written", [{"compression": "zlib"}, {"byteorder": ">"}, {"tile": (16, 16)}], ids=str)
 def test_other_frames_are_read_whole(tmp_path, written):
     frames = stack(2)
@@ -83,6 +92,7 @@ def test_stored_and_compressed_frames_give_the_same_reduction(tmp_path):
     assert found[0].darks[0].frame_means == found[1].darks[0].frame_means
 
 
+@pytest.mark.usefixtures("age")
 def test_a_file_that_was_cut_off_is_an_error(tmp_path):
     frames = frame_set(tmp_path, stack(3))
     source = frames.groups[0].frames[1]
@@ -97,6 +107,7 @@ def test_a_file_that_was_cut_off_is_an_error(tmp_path):
     assert error.value.path == str(source.path)
 
 
+@pytest.mark.usefixtures("age")
 def test_a_file_of_another_size_or_depth_is_an_error(tmp_path):
     frames = frame_set(tmp_path, stack(3))
     source = frames.groups[0].frames[1]
@@ -108,3 +119,11 @@ def test_a_file_of_another_size_or_depth_is_an_error(tmp_path):
     with pytest.raises(FileError) as error:
         ps.calibrate(frames)
     assert error.value.path == str(source.path)
+
+
+@pytest.mark.usefixtures("age")
+def test_a_replaced_file_is_read_where_its_pixels_are_now(tmp_path):
+    frames = stack(3)
+    source = frame_set(tmp_path, frames).groups[0].frames[1]
+    tifffile.imwrite(source.path, frames[2], photometric="minisblack", description="another header " * 50)
+    np.testing.assert_array_equal(source.open_rows().read(), frames[2])
