@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -28,6 +27,7 @@ from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.engine.jit import THREADS
 from photosite.errors import CalibrationError, FileError
 from photosite.files.small_files import file_stamp
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -109,7 +109,7 @@ class FrameReader:
         frame_bytes = max(2 * frames.rows * frames.cols, 1)
         self._together = max(1, min(_TOGETHER, _TOGETHER_BYTES // frame_bytes))
         self._open = _open_files()
-        threads = os.cpu_count() or 1  # compressed frames are decoded on all cores
+        threads = THREADS  # compressed frames are decoded on all cores
         self._ahead = max(2, threads, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
         self._threads = ThreadPoolExecutor(threads, "photosite-read")
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +22,7 @@ from photosite.calibration.spatial.nonuniformity import (
     spread_sample,
     strips,
 )
+from photosite.engine.jit import THREADS
 from photosite.engine.site_planes import MARGIN
 from photosite.values.shown import Shown, short_repr
 from photosite.values.uncertain import Missing
@@ -138,7 +138,7 @@ def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, tempo
     for plane in planes:
         mean = plane_mean(plane)
         for _, some in strips(plane, axis):
-            transform = fft.rfft(some - mean, axis=1, overwrite_x=True, workers=os.cpu_count() or 1)
+            transform = fft.rfft(some - mean, axis=1, overwrite_x=True, workers=THREADS)
             total += np.einsum("ij,ij->j", transform.real, transform.real, dtype=np.float64)
             total += np.einsum("ij,ij->j", transform.imag, transform.imag, dtype=np.float64)
             lines += len(some)
