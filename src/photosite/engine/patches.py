@@ -1,0 +1,26 @@
+"""Patches of images."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photosite.engine.jit import F32, compiled, prange
+
+
+@compiled(parallel=True)
+def scaled_patch(
+    image: F32, corner: tuple[int, int], shape: tuple[int, int], flips: tuple[bool, bool], factor: np.float32
+) -> F32:
+    """Return the patch of a shape at a corner of an image, (rows, cols), times a factor; flipped along its axes."""
+    rows, cols = shape
+    out = np.empty((rows, cols), np.float32)
+    for r in prange(rows):
+        line = image[corner[0] + np.int64(r), corner[1] :]
+        target = out[rows - 1 - np.int64(r)] if flips[0] else out[r]
+        if flips[1]:
+            for c in range(cols):
+                target[c] = line[cols - 1 - c] * factor
+        else:
+            for c in range(cols):
+                target[c] = line[c] * factor
+    return out
