@@ -1,8 +1,11 @@
-"""Patches of images."""
+"""Patches of images, and the light that codes of pictures stand for."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.engine.jit import F32, compiled, prange
 
@@ -23,4 +26,17 @@ def scaled_patch(
         else:
             for c in range(cols):
                 target[c] = line[c] * factor
+    return out
+
+
+@compiled(parallel=True)
+def looked_up(table: F32, codes: NDArray[Any]) -> F32:
+    """Return (channels, rows, cols) entries of a table for unsigned codes (rows, cols, channels)."""
+    rows, cols, channels = codes.shape
+    out = np.empty((channels, rows, cols), np.float32)
+    for r in prange(rows):
+        for channel in range(channels):
+            line, given = out[channel, r], codes[r, :, channel]
+            for c in range(cols):
+                line[c] = table[given[c]]
     return out
