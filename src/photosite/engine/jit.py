@@ -100,7 +100,10 @@ def threads_for(items: int) -> Iterator[None]:
         yield
         return
     before = numba.get_num_threads()
-    numba.set_num_threads(max(1, min(before, items // ITEMS_PER_THREAD)))
+    if before <= items // ITEMS_PER_THREAD:
+        yield
+        return
+    numba.set_num_threads(max(1, items // ITEMS_PER_THREAD))
     try:
         yield
     finally:

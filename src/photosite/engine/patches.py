@@ -16,13 +16,14 @@ def scaled_patch(
 ) -> F32:
     """Return the patch of a shape at a corner of an image, (rows, cols), times a factor; flipped along its axes."""
     rows, cols = shape
+    last = np.uint64(cols - 1)  # an unsigned index is not tested for counting from the end, which vectors cannot
     out = np.empty((rows, cols), np.float32)
     for r in prange(rows):
         line = image[corner[0] + np.int64(r), corner[1] :]
         target = out[rows - 1 - np.int64(r)] if flips[0] else out[r]
         if flips[1]:
             for c in range(cols):
-                target[c] = line[cols - 1 - c] * factor
+                target[c] = line[last - np.uint64(c)] * factor
         else:
             for c in range(cols):
                 target[c] = line[c] * factor

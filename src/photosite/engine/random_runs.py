@@ -44,7 +44,7 @@ class Run(NamedTuple):
     # A list of pixels, and what is known of each. These are separate arrays: LLVM cannot tell that rows of one array
     # do not overlap, and would not vectorize the loops.
     late: I64
-    small: I64
+    few: I64  # another list
     trials: WordArray
     listed: tuple[F64, F64, F64, F64, F64]
     short: tuple[F32, F32, F32, F32]
@@ -57,8 +57,8 @@ def new_run(size: int) -> Run:
     listed = empty(most), empty(most), empty(most), empty(most), empty(most)
     short = empty(most, f), empty(most, f), empty(most, f), empty(most, f)
     words, trials = empty((3, size), np.uint32), empty((4, most), np.uint32)
-    late, small = empty(most, np.int64), empty(most, np.int64)
-    return Run(empty(size, np.uint32), words, empty(size), empty(size), empty(size), late, small, trials, listed, short)
+    late, few = empty(most, np.int64), empty(most, np.int64)
+    return Run(empty(size, np.uint32), words, empty(size), empty(size), empty(size), late, few, trials, listed, short)
 
 
 @compiled(inline=True)
@@ -267,7 +267,7 @@ def _poisson_late(left: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.u
     Each pixel gets the count that `poisson_after` gives from draw 0 on.
     """
     words, mean, electrons, late, trials = run.words, run.mean, run.electrons, run.late, run.trials
-    means, candidates, pixels = run.listed[0], run.listed[1], run.trials[3]
+    means, candidates, pixels, exact = run.listed[0], run.listed[1], run.trials[3], run.few
     short_mean, count, difference, verdicts = run.short
     for j in range(left):
         i = late[j]
@@ -284,20 +284,19 @@ def _poisson_late(left: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.u
             count[j] = candidates[j]
             difference[j] = candidates[j] - means[j]
         short_verdicts(padded, short_mean, count, difference, trials[0], trials[1], verdicts)
-        undecided = 0
+        kept = undecided = 0
         for j in range(left):
-            electrons[late[j]] = candidates[j]  # of rejected ones, too: the next draw replaces them
-            undecided += int(verdicts[j] == f(0.0))
-        if undecided:
-            for j in range(left):
-                if verdicts[j] == f(0.0):
-                    electrons[late[j]] = poisson_after(means[j], pixels[j], frame, EXPOSURE, draw, k0, k1)
-        kept = 0
-        for j in range(left):
-            late[kept] = late[j]
+            i = late[j]
+            electrons[i] = candidates[j]  # of rejected ones, too: the next draw replaces them
+            late[kept] = i
             pixels[kept] = pixels[j]
             means[kept] = means[j]
             kept += int(verdicts[j] < f(0.0))
+            exact[undecided] = i
+            undecided += int(verdicts[j] == f(0.0))
+        for j in range(undecided):
+            i = exact[j]
+            electrons[i] = poisson_after(mean[i], run.pixels[i], frame, EXPOSURE, draw, k0, k1)
         left, padded = kept, _padded(kept)
         draw += np.uint32(1)
         for j in range(padded):
@@ -320,7 +319,7 @@ def _poisson_small(left: int, small: int, run: Run) -> int:
 
     Some counts are added per pass over all of them. Returns how many pixels remain in the list.
     """
-    words, mean, electrons, late, numbers = run.words, run.mean, run.electrons, run.late, run.small
+    words, mean, electrons, late, numbers = run.words, run.mean, run.electrons, run.late, run.few
     p, means, term, total, count = run.listed
     kept = 0
     for j in range(left):
