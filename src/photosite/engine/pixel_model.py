@@ -38,7 +38,7 @@ from photosite.engine.random_numbers import (
 )
 from photosite.engine.random_runs import (
     NORMAL_ERROR,
-    Run,
+    marked,
     new_run,
     normal_run,
     poisson_run,
@@ -274,20 +274,6 @@ def run_shape(cols: int) -> tuple[int, int]:
     return min(max(RUN // cols, 1), ROWS), min(RUN, cols)
 
 
-@compiled()
-def doubtful(doubts: NDArray[np.uint8], n: int, run: Run) -> I64:
-    """Return the few of the first `n` pixels of a run that are marked by 1, and clear the marks; eight at a time."""
-    found, eights = 0, doubts.view(np.uint64)
-    for j in range((n + 7) // 8):
-        if eights[j]:
-            for i in range(8 * j, min(8 * j + 8, n)):
-                if doubts[i]:
-                    run.late[found] = i
-                    found += 1
-            eights[j] = np.uint64(0)
-    return run.late[:found]
-
-
 @compiled(parallel=True)
 def all_light(values: F32) -> bool:
     """Return whether all values (rows, cols) are finite and not negative.
@@ -335,7 +321,8 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
     out = np.empty((rows, cols), np.uint16)
     height, width = run_shape(cols)
     for block in prange((rows + ROWS - 1) // ROWS):
-        run, line_dn, doubts = new_run(RUN), np.empty(RUN), np.zeros(RUN, np.uint8)
+        run, line_dn = new_run(RUN), np.empty(RUN)
+        marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
         prnu_1, offset_1, dark_1 = (
             constant_run(maps.prnu),
             constant_run(maps.offset),
@@ -381,8 +368,9 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
                         pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
                         target[i] = rounded_dn(dn, exposure)
-                        doubts[i] = in_doubt(dn, pixel, exposure)
-                    for i in doubtful(doubts, n, run):
+                        marks[i] = in_doubt(dn, pixel, exposure)
+                    for j in range(marked(marks, n, run.few)):
+                        i = run.few[j]
                         pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
                         target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
     return out
@@ -397,7 +385,8 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
     out = np.empty((rows, cols), np.uint16)
     height, width = run_shape(cols)
     for block in prange((rows + ROWS - 1) // ROWS):
-        run, doubts = new_run(RUN), np.zeros(RUN, np.uint8)
+        run = new_run(RUN)
+        marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
         end = min((block + 1) * ROWS, rows)
         for top in range(block * ROWS, end, height):
             bottom = min(top + height, end)
@@ -440,8 +429,9 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
                         )
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
                         target[i] = rounded_dn(dn, exposure)
-                        doubts[i] = in_doubt(dn, pixel, exposure)
-                    for i in doubtful(doubts, n, run):
+                        marks[i] = in_doubt(dn, pixel, exposure)
+                    for j in range(marked(marks, n, run.few)):
+                        i = run.few[j]
                         pixel = measured_pixel(
                             prnu[i],
                             offset[i],
