@@ -14,6 +14,7 @@ from scipy.special import ndtr
 import photosite as ps
 from photosite.camera import channel_transfers, sampled_otf
 from photosite.camera.channel_transfers import reduced_transfers
+from photosite.camera.mean_image import apply_relative_illumination
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError
 from photosite.optics.diffraction import DiffractionLimited
@@ -429,3 +430,17 @@ def test_negative_light_beyond_the_reduction_error_is_an_error(camera: ps.Camera
     scene = ps.Scene(weights, np.full((1, GRID.size), 1e15), GRID, relative_error=1e-3)
     with pytest.raises(InputError, match="radiance is negative in places"):
         camera.mean_electrons(scene, 0.1)
+
+
+@pytest.mark.parametrize("shape", [(601, 7), (600, 8), (1, 5), (3, 1)])
+def test_relative_illumination_is_that_of_each_pixel(shape: tuple[int, int]) -> None:
+    """A quarter of the frame is computed, in strips; the rest is its mirror image."""
+    sensor = ps.load_sensor("nikon-d200").with_(rows=shape[0], cols=shape[1])
+    optics = ps.DiffractionLimited(f_number=8, focal_length_mm=1, falloff="cos4")
+    mosaic = np.random.default_rng(1).uniform(1, 2, shape).astype(np.float32)
+    y_m, x_m = ((np.arange(n) + 0.5 - n / 2) * sensor.pixel.width_um.value * 1e-6 for n in shape)
+    falloff = optics.relative_illumination(np.hypot(y_m[:, None], x_m), 1.2)
+    assert falloff is not None
+    expected = mosaic * falloff.astype(np.float32)
+    apply_relative_illumination(mosaic, ps.Camera(optics, sensor), 1.2)
+    np.testing.assert_array_equal(mosaic, expected)

@@ -75,7 +75,8 @@ exposure = Exposure(0.7, 30000.0, 0.4, -10.0, 11900.0, 70, 333, 5000, np.uint32(
 """
 
 DRAWN = """
-for size, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (shape, shape, 12.5, 0.7)):
+chip = 70 + ROWS, 5000
+for size, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (chip, shape, 12.5, 0.7)):
     prnu, offset = (rng.integers(-9000, 9000, size).astype(np.int16) for _ in range(2))
     maps = map(read_only, [prnu, offset, rng.random(size).astype(np.float32)])
     maps = pixel_model.DrawnMaps(*maps, *(rng.normal(0, 3, n) for n in lines))

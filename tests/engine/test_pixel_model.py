@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from photosite.engine import random_numbers
-from photosite.engine.jit import read_only
+from photosite.engine.jit import compiled, read_only
 from photosite.engine.pixel_model import (
     BlinkingPixels,
     DrawnConstants,
@@ -39,9 +39,19 @@ LEVELS = np.array([0, 1e-3, 0.5, 4.0, 9.99, 10.0, 11.0, 17.0, 40.0, 900.0, 29900
 
 
 def drawn_maps(rng: np.random.Generator, shape: tuple[int, int]) -> DrawnMaps:
-    prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
-    dark, lines = rng.random(shape).astype(np.float32), [rng.normal(0.0, 3.0, length) for length in shape]
+    """Maps of a chip, or of one value for all pixels, and of the lines of a frame of a shape at its place."""
+    chip = shape if shape == (1, 1) else (SHARED.first_row + shape[0], SHARED.chip_cols)
+    prnu, offset = (rng.integers(-9000, 9000, chip).astype(np.int16) for _ in range(2))
+    dark, lines = rng.random(chip).astype(np.float32), [rng.normal(0.0, 3.0, length) for length in shape]
     return DrawnMaps(*map(read_only, (prnu, offset, dark, *lines)))
+
+
+def at_frame(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """The part of a map of the chip in a frame."""
+    if values.shape == (1, 1):
+        return np.broadcast_to(values, shape)
+    r, c = SHARED.first_row, SHARED.first_col
+    return values[r : r + shape[0], c : c + shape[1]]
 
 
 def line_dn(r: int, c: int, maps: DrawnMaps) -> float:
@@ -51,7 +61,7 @@ def line_dn(r: int, c: int, maps: DrawnMaps) -> float:
 
 def drawn_in_python(r: int, c: int, photo: NDArray[np.float32], maps: DrawnMaps) -> int:
     """The digital number of a drawn chip's pixel by the equations."""
-    prnu, offset, dark = (np.broadcast_to(m, photo.shape)[r, c] for m in maps[:3])
+    prnu, offset, dark = (at_frame(m, photo.shape)[r, c] for m in maps[:3])
     number = np.uint32(pixel_number(r, c, SHARED))
     mean = float(photo[r, c]) * (1 + int(prnu) * 1e-5) + float(dark) * SHARED.exposure_s
     electrons = min(poisson(mean, number, FRAME, EXPOSURE, *KEY), SHARED.well_capacity_e) + int(offset) * 2e-3
@@ -66,12 +76,39 @@ def test_drawn_chip_matches_the_equations_and_single_pixels(constant: bool) -> N
     photo = read_only(rng.choice(LEVELS, (2, 2100)).astype(np.float32))
     maps = drawn_maps(rng, (1, 1) if constant else photo.shape)
     frame = expose_drawn(photo, maps, CONSTANTS, SHARED)
-    prnu, offset, dark = (np.broadcast_to(m, photo.shape) for m in maps[:3])
+    prnu, offset, dark = (at_frame(m, photo.shape) for m in maps[:3])
     for r, c in np.ndindex(photo.shape):
         assert frame[r, c] == drawn_in_python(r, c, photo, maps), (r, c)
     for r, c in np.ndindex(2, 300):
         pixel = drawn_pixel(prnu[r, c], offset[r, c], dark[r, c], line_dn(r, c, maps), CONSTANTS, SHARED)
         assert frame[r, c] == expose_pixel(float(photo[r, c]), pixel, r, c, SHARED)
+
+
+@pytest.mark.parametrize("read_e", [0.0, 0.3, READ_E])
+@pytest.mark.parametrize("gain", [0.05, 0.5, 6.0])
+def test_frames_of_many_levels_have_the_numbers_of_single_pixels(gain: float, read_e: float) -> None:
+    """The shape and the rows of a run differ between the two frames, and the second has few pixels in its last run."""
+    rng = np.random.default_rng(6)
+    shared = SHARED._replace(gain_dn_per_e=gain, white_level_dn=65535.0)
+    for shape in ((40, 301), (2, 4500)):
+        levels = np.exp(rng.uniform(-4, 13, shape))
+        photo = read_only(np.where(rng.random(shape) < 0.2, rng.choice(LEVELS, shape), levels).astype(np.float32))
+        maps, constants = drawn_maps(rng, shape), DrawnConstants(1e-5, 2e-3, read_e)
+        expected = single_pixels(photo, *(at_frame(m, shape) for m in maps[:3]), *maps[3:], constants, shared)
+        np.testing.assert_array_equal(expose_drawn(photo, maps, constants, shared), expected)
+
+
+@compiled()
+def single_pixels(
+    photo: Any, prnu: Any, offset: Any, dark: Any, row_dn: Any, column_dn: Any, constants: Any, shared: Any
+) -> Any:
+    """Return a frame, each pixel by the scalar functions."""
+    out = np.empty(photo.shape, np.uint16)
+    for r in range(photo.shape[0]):
+        for c in range(photo.shape[1]):
+            pixel = drawn_pixel(prnu[r, c], offset[r, c], dark[r, c], row_dn[r] + column_dn[c], constants, shared)
+            out[r, c] = expose_pixel(float(photo[r, c]), pixel, r, c, shared)
+    return out
 
 
 @pytest.mark.parametrize("well", [30000.0, math.inf])
@@ -153,7 +190,8 @@ def test_measured_chip_with_a_drawn_chips_maps_gives_its_frame() -> None:
     photo = read_only(rng.uniform(0, 3000, (3, 1300)).astype(np.float32))
     drawn = drawn_maps(rng, photo.shape)
     gain = SHARED.gain_dn_per_e
-    maps = [drawn.prnu * 1e-5, drawn.offset * 2e-3 * gain, drawn.dark_rate_e_per_s * gain]
+    prnu, offset, dark = (at_frame(m, photo.shape) for m in drawn[:3])
+    maps = [prnu * 1e-5, offset * 2e-3 * gain, dark * gain]
     maps.append(np.full(photo.shape, READ_E * gain))
     measured = MeasuredMaps(*(read_only(m.astype(np.float32)) for m in maps), drawn.row_dn, drawn.column_dn, 0.0, gain)
     # 32-bit maps shift a number by 1e-7 of itself.

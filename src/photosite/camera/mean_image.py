@@ -328,16 +328,27 @@ def uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> Mosaic:
 
 
 def apply_relative_illumination(mosaic: Mosaic, camera: Camera, distance_m: float) -> None:
-    """Multiply by the lens's relative illumination, in strips, because a map in double precision is large."""
-    pixel, array = camera.sensor.pixel, camera.sensor.array
-    y_m = (np.arange(array.rows) + 0.5 - array.rows / 2) * pixel.height_um.value * 1e-6
-    x_m = (np.arange(array.cols) + 0.5 - array.cols / 2) * pixel.width_um.value * 1e-6
-    for first in range(0, array.rows, _STRIP):
-        strip = slice(first, first + _STRIP)
-        falloff = camera.optics.relative_illumination(np.hypot(y_m[strip, None], x_m), distance_m)
-        if falloff is None:
-            return
-        mosaic[strip] *= falloff.astype(np.float32)
+    """Multiply by the lens's relative illumination, in strips, because a map in double precision is large.
+
+    It is computed in a quarter of the frame. The others are mirror images.
+    """
+    if camera.optics.relative_illumination(np.zeros(1), distance_m) is None:
+        return
+    pixel, (rows, cols) = camera.sensor.pixel, mosaic.shape
+    above, left = rows // 2, cols // 2
+    y_m = (np.arange(above, rows) + 0.5 - rows / 2) * pixel.height_um.value * 1e-6
+    x_m = (np.arange(left, cols) + 0.5 - cols / 2) * pixel.width_um.value * 1e-6
+    for first in range(above, rows, _STRIP):
+        end = min(first + _STRIP, rows)
+        height_m = np.hypot(y_m[first - above : end - above, None], x_m)
+        quarter = camera.optics.relative_illumination(height_m, distance_m)
+        assert quarter is not None
+        falloff = np.empty((end - first, cols), np.float32)
+        falloff[:, left:] = quarter
+        falloff[:, :left] = falloff[:, : cols - left - 1 : -1]
+        mosaic[first:end] *= falloff
+        mirrored = mosaic[rows - end : min(rows - first, above)]  # without the middle row of an odd number
+        mirrored *= falloff[::-1][: len(mirrored)]
 
 
 def clip_negative(mosaic: Mosaic, relative_error: float, full_scale: Callable[[], float]) -> None:

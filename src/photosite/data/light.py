@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from photosite.data.digest import described, described_files
 from photosite.data.kept import Kept
 from photosite.data.patch import Patch
+from photosite.engine.jit import read_only, threads_for
+from photosite.engine.patches import scaled_patch
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import check_stored_file
 from photosite.frames.io.formats import read_raw
@@ -151,7 +154,11 @@ class Electrons(Shown):
         whole = self._image(image)
         check_covers(whole.shape, patch.shape, self.images[image] if whole is not self.images[image] else image)
         corner = patch.corner((whole.shape[0], whole.shape[1]))
-        electrons = np.multiply(patch.cut(whole, corner), np.float32(patch.light), dtype=np.float32, order="C")
+        if whole.dtype == np.float32 and whole.flags.c_contiguous:
+            with threads_for(math.prod(patch.shape)):
+                electrons = scaled_patch(read_only(whole), corner, patch.shape, patch.flips, np.float32(patch.light))
+        else:
+            electrons = np.multiply(patch.cut(whole, corner), np.float32(patch.light), dtype=np.float32, order="C")
         if isinstance(whole, np.memmap):
             self._check(electrons, str(self.images[image]))
         own = self.own_noise

@@ -56,9 +56,10 @@ class _Picture:
     def nbytes(self) -> int:
         return int(np.prod(self.codes.shape)) * self.codes.dtype.itemsize  # gray ones are broadcast
 
-    def scene(self, window: Window, basis: NDArray[np.float64]) -> Scene:
+    def scene(self, window: Window, steps: tuple[int, int], basis: NDArray[np.float64]) -> Scene:
         codes = checked_picture(self.space.decoded(np.ascontiguousarray(self.codes[window])), "clip")
         weights = srgb_weights(codes, self.space.name, linear=self.space.linear, out_of_gamut="clip")
+        weights = np.ascontiguousarray(weights[:, :: steps[0], :: steps[1]])
         return Scene(weights, basis, PICTURE_WAVELENGTH_NM, name=self.name)
 
 
@@ -220,9 +221,12 @@ class Scenes(Shown):
         low, high = self.samples_per_pixel  # type: ignore[misc]  # made a pair in __post_init__
         margin = MARGIN_PIXELS if self.lens_blur else 0
         place = _place(seen.shape, patch, between(low, high, patch.choices[1]), _aspect(patch.sensor), margin)
-        scene = seen.scene(place.window, basis) if isinstance(seen, _Picture) else _cut(seen, place.window, basis)
-        rows, cols = (-1 if reverse else 1 for reverse in patch.flips)
-        scene = replace(scene, weights=np.ascontiguousarray(scene.weights[:, ::rows, ::cols]))
+        steps = -1 if patch.flips[0] else 1, -1 if patch.flips[1] else 1
+        if isinstance(seen, _Picture):
+            scene = seen.scene(place.window, steps, basis)
+        else:
+            scene = _cut(seen, place.window, basis)
+            scene = replace(scene, weights=np.ascontiguousarray(scene.weights[:, :: steps[0], :: steps[1]]))
         if self.lens_blur:
             pitch_m = patch.sensor.pixel.width_um.value * 1e-6
             magnification = self.optics.magnification(scene.distance_m)

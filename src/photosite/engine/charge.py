@@ -116,13 +116,12 @@ def collect_charge(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Ex
         prnu_1, dark_1 = constant_run(prnu), constant_run(dark_rate_e_per_s)
         for c in range(0, cols, RUN):
             n = min(RUN, cols - c)
-            first = pixel_number(r, c, exposure)
             photo, target = photo_e[r, c:], out[r, c:]
             response, dark_rate = row_from(prnu, r, c, prnu_1), row_from(dark_rate_e_per_s, r, c, dark_1)
-            random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
+            random_words(pixel_number(r, c, exposure), 0, n, frame, EXPOSURE, k0, k1, run)
             for i in range(n):
                 mean[i] = mean_charge(float(photo[i]), float(response[i]), float(dark_rate[i]), exposure)
-            poisson_run(n, run, first, frame, k0, k1)
+            poisson_run(n, run, frame, k0, k1)
             for i in range(n):
                 target[i] = np.float32(min(electrons[i], well_e))
     return out
@@ -150,7 +149,8 @@ def convert_charge(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> N
             offset_e, noise_e = row_from(maps.offset_e, r, c, offset_1), row_from(maps.noise_e, r, c, noise_1)
             gain = row_from(maps.channel_gain, group, c, gain_1)
             channel_e = row_from(maps.channel_offset_e, group, c, channel_1)
-            random_words(pixel_number(r, c, exposure), n, exposure.frame, EXPOSURE, exposure.k0, exposure.k1, words)
+            first = pixel_number(r, c, exposure)
+            random_words(first, 0, n, exposure.frame, EXPOSURE, exposure.k0, exposure.k1, run)
             normal_run(n, words[2], run)
             for i in range(n):
                 signal[i] = charge[i]

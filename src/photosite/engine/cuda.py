@@ -186,8 +186,9 @@ def expose_thread(photo_e: Any, maps: Any, constants: Any, exposure: Any, out: A
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
         return
-    prnu, offset = _at(maps.prnu, r, c), _at(maps.offset, r, c)
-    dark_rate = _at(maps.dark_rate_e_per_s, r, c)
+    chip_r, chip_c = r + exposure.first_row, c + exposure.first_col
+    prnu, offset = _at(maps.prnu, chip_r, chip_c), _at(maps.offset, chip_r, chip_c)
+    dark_rate = _at(maps.dark_rate_e_per_s, chip_r, chip_c)
     line_dn = _line(maps.row_dn, r) + _line(maps.column_dn, c)
     pixel = drawn_pixel(prnu, offset, dark_rate, line_dn, constants, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.fft
@@ -99,6 +100,17 @@ class _Response:
 
 def radial_rows(radial: RadialTransfer, sampling: Sampling, grid: Grid) -> RadialRows:
     """Return H of all terms, which are the second axis of `table` and `fold`."""
+    kept = _kept.get(radial)
+    if kept is None or kept[:2] != (sampling, grid):
+        _kept[radial] = kept = sampling, grid, _radial_rows(radial, sampling, grid)
+    return kept[2]
+
+
+_kept: WeakKeyDictionary[RadialTransfer, tuple[Sampling, Grid, RadialRows]] = WeakKeyDictionary()
+"""Those of the latest frame of a transfer, for as long as it lives."""
+
+
+def _radial_rows(radial: RadialTransfer, sampling: Sampling, grid: Grid) -> RadialRows:
     fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0))).astype(np.float64)
     fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1)).astype(np.float64)
     folded = folded_terms(radial, sampling, fy, fx)
@@ -126,7 +138,7 @@ def _mosaic_of_folds(folds: C64, places: Sequence[tuple[int, int, int]], grid: G
         # The first value of a site lies some cells into the grid: a phase.
         fold *= _phases(small[0], (r * cells + cells // 2,), small[0] * grid.tile[0] * cells)
         fold *= _phases(fold.shape[1], (c * cells + cells // 2,), cols)[:, 0]
-        fold /= np.float32((grid.tile[0] * cells) * (grid.tile[1] * cells))
+        fold.view(np.float32)[:] *= np.float32(1) / np.float32((grid.tile[0] * cells) * (grid.tile[1] * cells))
         image = scipy.fft.irfft2(fold, s=small, overwrite_x=True, workers=WORKERS)
         target = mosaic[r :: grid.tile[0], c :: grid.tile[1]]
         target[:] = image[skip[0] : skip[0] + target.shape[0], skip[1] : skip[1] + target.shape[1]]
@@ -193,6 +205,8 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
     channels = radial.table.shape[0]
     for r in prange(small_rows):
         response = np.empty((channels, half), np.float32)
+        # Conjugates and responses in reverse order, for the columns beyond half of the sampling frequency
+        reverse, reverse_response = np.empty(half, np.complex64), np.empty((channels, half), np.float32)
         index = np.empty(half, np.uint32)
         share = np.empty(half, np.float32)
         for alias_y in range(turn_y.shape[0]):
@@ -201,14 +215,19 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
             for channel in range(channels):
                 _response(response[channel], index, share, radial, channel, y)
             mirrored = spectrum[(rows - y) % rows]
+            for c in range(half):
+                reverse[c] = np.conj(mirrored[half - 1 - c])
+            for channel in range(channels):
+                for c in range(half):
+                    reverse_response[channel, c] = response[channel, half - 1 - c]
             for alias_x in range(turn_x.shape[0]):
                 first = alias_x * small_cols
                 direct = min(max(cols // 2 - first + 1, 0), small_half)  # columns before the mirror begins
                 for site in range(channel_of.size):
                     turn = turn_y[alias_y, site] * turn_x[alias_x, site]
-                    gain = response[channel_of[site]]
-                    _add_direct(values[site, r, :direct], spectrum[y, first:], gain[first:], turn)
-                    _add_mirrored(values[site, r, direct:], mirrored, gain, cols - first - direct, turn)
+                    channel, start = channel_of[site], half - 1 - (cols - first - direct)
+                    _add_direct(values[site, r, :direct], spectrum[y, first:], response[channel, first:], turn)
+                    _add_direct(values[site, r, direct:], reverse[start:], reverse_response[channel, start:], turn)
 
 
 @compiled()
@@ -266,18 +285,6 @@ def _add_direct(out: C64, spectrum: C64, gain: F32, turn: np.complex64) -> None:
     else:
         for c in range(out.size):
             out[c] += (spectrum[c] * gain[c]) * turn
-
-
-@compiled()
-def _add_mirrored(out: C64, mirrored: C64, gain: F32, start: int, turn: np.complex64) -> None:
-    """As `_add_direct`, but backwards from column `start` of the mirrored row."""
-    if turn.imag == 0:
-        sign = turn.real
-        for c in range(out.size):
-            out[c] += np.conj(mirrored[start - c]) * (gain[start - c] * sign)
-    else:
-        for c in range(out.size):
-            out[c] += (np.conj(mirrored[start - c]) * gain[start - c]) * turn
 
 
 @compiled(parallel=True)

@@ -36,13 +36,21 @@ from photosite.engine.random_numbers import (
     poisson,
     uniform,
 )
-from photosite.engine.random_runs import new_run, normal_run, poisson_run, random_words
+from photosite.engine.random_runs import (
+    NORMAL_ERROR,
+    marked,
+    new_run,
+    normal_run,
+    poisson_run,
+    random_words,
+    short_normals,
+)
 
 DEVIATE_STEP = 2.0**-12
 """Standard deviations per unit of a 16-bit deviate: the range is 8 standard deviations, and deviates reach 6.3."""
 
-RUN = 1024
-"""Pixels of a row that a kernel processes at a time."""
+RUN = 4096
+"""Pixels that a kernel processes at a time: several rows, or a part of one."""
 
 ROWS = 16
 """Rows that a thread processes with the same arrays."""
@@ -79,7 +87,8 @@ class DrawnConstants(NamedTuple):
 class DrawnMaps(NamedTuple):
     """Fixed pattern of a drawn chip, and the line noise of one frame.
 
-    Maps are (rows, cols); shape (1, 1) is one value for all pixels, and shape (1,) for all lines.
+    Maps are those of the whole chip, so that a rectangle needs no copies; shape (1, 1) is one value for all pixels, and
+    shape (1,) for all lines.
     """
 
     # int16 deviates in units of the scales in `DrawnConstants`: relative deviation of the response, and DSNU
@@ -140,13 +149,38 @@ def mean_electrons(photo_e: float, pixel: Pixel) -> float:
 
 
 @compiled(inline=True)
-def digital_number(electrons: float, deviate: float, pixel: Pixel, exposure: Exposure) -> np.uint16:
-    """Return the digital number of a pixel from its electron count and a standard normal deviate."""
+def unrounded_dn(electrons: float, deviate: float, pixel: Pixel, exposure: Exposure) -> float:
+    """Return the digital number of a pixel plus 1/2, not yet rounded and clipped."""
     charge_e = min(electrons, exposure.well_capacity_e) + pixel.offset_e + pixel.noise_e * deviate
     after_gain = (pixel.offset_dn + pixel.noise_dn * deviate) * pixel.map_gain_ratio
-    dn = charge_e * exposure.gain_dn_per_e + after_gain + exposure.black_level_dn + 0.5
+    return charge_e * exposure.gain_dn_per_e + after_gain + exposure.black_level_dn + 0.5
+
+
+@compiled(inline=True)
+def rounded_dn(dn: float, exposure: Exposure) -> np.uint16:
+    """Return a digital number from `unrounded_dn`."""
     # Clip before converting to an integer, which would overflow from 2^63 on.
     return np.uint16(min(max(dn, 0.0), exposure.white_level_dn))
+
+
+@compiled(inline=True)
+def digital_number(electrons: float, deviate: float, pixel: Pixel, exposure: Exposure) -> np.uint16:
+    """Return the digital number of a pixel from its electron count and a standard normal deviate."""
+    return rounded_dn(unrounded_dn(electrons, deviate, pixel, exposure), exposure)
+
+
+@compiled(inline=True)
+def in_doubt(dn: float, pixel: Pixel, exposure: Exposure) -> np.uint8:
+    """Return 1 if the exact deviate could give another number than that from `short_normals`, which gave `dn`; or 0."""
+    noise_dn = pixel.noise_e * exposure.gain_dn_per_e + pixel.noise_dn * pixel.map_gain_ratio
+    error = NORMAL_ERROR * noise_dn + (_DN_ROUNDING if noise_dn > 0.0 else 0.0)
+    above = dn - np.floor(dn)
+    clipped = (dn < -error) | (dn > exposure.white_level_dn + error)
+    return np.uint8(not (clipped | ((above >= error) & (above <= 1.0 - error))))
+
+
+_DN_ROUNDING = 1e-9
+"""Bound of the rounding errors of `unrounded_dn` between black and white."""
 
 
 @compiled(inline=True)
@@ -234,60 +268,111 @@ def constant_run(values: NDArray[Any]) -> NDArray[Any]:
     return np.full(RUN, values[0, 0], values.dtype)
 
 
+@compiled()
+def run_shape(cols: int) -> tuple[int, int]:
+    """Return the rows and columns of a run in a frame of `cols` columns."""
+    return min(max(RUN // cols, 1), ROWS), min(RUN, cols)
+
+
 @compiled(parallel=True)
 def all_light(values: F32) -> bool:
-    """Return whether all values (rows, cols) are finite and not negative."""
+    """Return whether all values (rows, cols) are finite and not negative.
+
+    As integers, the bits of such numbers are below those of infinity.
+    """
     rows, cols = values.shape
     others = 0
     for r in prange(rows):
-        in_row = 0
+        bits, largest = values[r].view(np.uint32), np.uint32(0)
         for c in range(cols):
-            in_row += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
-        others += in_row
+            largest = max(largest, bits[c])
+        if largest >= _INFINITE:  # -0 is light, too
+            for c in range(cols):
+                others += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
     return others == 0
+
+
+_INFINITE = np.uint32(0x7F800000)
+
+
+@compiled(parallel=True)
+def clean_frame(photo_e: F32, well_e: np.float32, gain: np.float32, black_dn: np.float32, white_dn: np.float32) -> F32:
+    """Return (rows, cols) digital numbers of light without noise, dark current, fixed pattern and rounding.
+
+    `photo_e` is (rows, cols); the others are single numbers in 32 bits.
+    """
+    rows, cols = photo_e.shape
+    out = np.empty((rows, cols), np.float32)
+    for r in prange(rows):
+        photo, target = photo_e[r], out[r]
+        for c in range(cols):
+            target[c] = min(min(photo[c], well_e) * gain + black_dn, white_dn)
+    return out
 
 
 @compiled(parallel=True)
 def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure) -> NDArray[np.uint16]:
     """Return (rows, cols) digital numbers of a frame of a drawn chip, or of a rectangle of it.
 
-    `photo_e` is (rows, cols) mean electrons from light, not negative; the maps are of the same rows and columns.
+    `photo_e` is (rows, cols) mean electrons from light, not negative.
     """
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
+    height, width = run_shape(cols)
     for block in prange((rows + ROWS - 1) // ROWS):
         run, line_dn = new_run(RUN), np.empty(RUN)
-        mean, electrons, deviates = run.mean, run.electrons, run.deviates
+        marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
         prnu_1, offset_1, dark_1 = (
             constant_run(maps.prnu),
             constant_run(maps.offset),
             constant_run(maps.dark_rate_e_per_s),
         )
-        for r in range(block * ROWS, min((block + 1) * ROWS, rows)):
-            row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
-            line_dn[:] = row_dn + maps.column_dn[0]
-            for c in range(0, cols, RUN):
-                n = min(RUN, cols - c)
-                first = pixel_number(r, c, exposure)
-                photo, target = photo_e[r, c:], out[r, c:]
-                prnu = row_from(maps.prnu, r, c, prnu_1)
-                offset = row_from(maps.offset, r, c, offset_1)
-                dark = row_from(maps.dark_rate_e_per_s, r, c, dark_1)
-                random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
-                for i in range(n):
-                    pixel = drawn_pixel(prnu[i], offset[i], dark[i], 0.0, constants, exposure)
-                    mean[i] = mean_electrons(float(photo[i]), pixel)
-                poisson_run(n, run, first, frame, k0, k1)
+        end = min((block + 1) * ROWS, rows)
+        for top in range(block * ROWS, end, height):
+            bottom = min(top + height, end)
+            for c in range(0, cols, width):
+                n, chip_c = min(width, cols - c), c + exposure.first_col
+                for r in range(top, bottom):
+                    at, chip_r = (r - top) * n, r + exposure.first_row
+                    photo, mean = photo_e[r, c:], run.mean[at:]
+                    prnu = row_from(maps.prnu, chip_r, chip_c, prnu_1)
+                    dark = row_from(maps.dark_rate_e_per_s, chip_r, chip_c, dark_1)
+                    random_words(pixel_number(r, c, exposure), at, n, frame, EXPOSURE, k0, k1, run)
+                    for i in range(n):
+                        pixel = drawn_pixel(prnu[i], np.int16(0), dark[i], 0.0, constants, exposure)
+                        mean[i] = mean_electrons(float(photo[i]), pixel)
+                count = (bottom - top) * n
+                poisson_run(count, run, frame, k0, k1)
                 if constants.read_noise_e > 0.0:
-                    normal_run(n, run.words[2], run)
+                    short_normals(count, run.words[2], run.short[0])
                 else:
-                    deviates[:n] = 0.0
-                if maps.column_dn.size > 1:
-                    line_dn[:n] = row_dn + maps.column_dn[c : c + n]
-                for i in range(n):
-                    pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
-                    target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
+                    run.short[0][:count] = np.float32(0.0)
+                for r in range(top, bottom):
+                    at, chip_r = (r - top) * n, r + exposure.first_row
+                    electrons, deviates, words, target = (
+                        run.electrons[at:],
+                        run.short[0][at:],
+                        run.words[2, at:],
+                        out[r, c:],
+                    )
+                    prnu = row_from(maps.prnu, chip_r, chip_c, prnu_1)
+                    offset = row_from(maps.offset, chip_r, chip_c, offset_1)
+                    dark = row_from(maps.dark_rate_e_per_s, chip_r, chip_c, dark_1)
+                    row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
+                    if maps.column_dn.size > 1:
+                        line_dn[:n] = row_dn + maps.column_dn[c : c + n]
+                    else:
+                        line_dn[:n] = row_dn + maps.column_dn[0]
+                    for i in range(n):
+                        pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
+                        dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
+                        target[i] = rounded_dn(dn, exposure)
+                        marks[i] = in_doubt(dn, pixel, exposure)
+                    for j in range(marked(marks, n, run.few)):
+                        i = run.few[j]
+                        pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
+                        target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
     return out
 
 
@@ -298,29 +383,67 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     line_variance_dn2, map_gain = maps.line_variance_dn2, maps.gain_dn_per_e
     out = np.empty((rows, cols), np.uint16)
+    height, width = run_shape(cols)
     for block in prange((rows + ROWS - 1) // ROWS):
         run = new_run(RUN)
-        mean, electrons, deviates = run.mean, run.electrons, run.deviates
-        for r in range(block * ROWS, min((block + 1) * ROWS, rows)):
-            row_dn = maps.row_dn[r]
-            for c in range(0, cols, RUN):
-                n = min(RUN, cols - c)
-                first = pixel_number(r, c, exposure)
-                photo, target, prnu, dark = photo_e[r, c:], out[r, c:], maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
-                offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
-                random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
-                for i in range(n):
-                    pixel = measured_pixel(
-                        prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], line_variance_dn2, map_gain, exposure
+        marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
+        end = min((block + 1) * ROWS, rows)
+        for top in range(block * ROWS, end, height):
+            bottom = min(top + height, end)
+            for c in range(0, cols, width):
+                n = min(width, cols - c)
+                for r in range(top, bottom):
+                    at = (r - top) * n
+                    photo, mean = photo_e[r, c:], run.mean[at:]
+                    prnu, dark = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
+                    random_words(pixel_number(r, c, exposure), at, n, frame, EXPOSURE, k0, k1, run)
+                    for i in range(n):
+                        pixel = measured_pixel(
+                            prnu[i], np.float32(0.0), dark[i], 0.0, 0.0, 0.0, line_variance_dn2, map_gain, exposure
+                        )
+                        mean[i] = mean_electrons(float(photo[i]), pixel)
+                count = (bottom - top) * n
+                poisson_run(count, run, frame, k0, k1)
+                short_normals(count, run.words[2], run.short[0])
+                for r in range(top, bottom):
+                    at = (r - top) * n
+                    electrons, deviates, words, target = (
+                        run.electrons[at:],
+                        run.short[0][at:],
+                        run.words[2, at:],
+                        out[r, c:],
                     )
-                    mean[i] = mean_electrons(float(photo[i]), pixel)
-                poisson_run(n, run, first, frame, k0, k1)
-                normal_run(n, run.words[2], run)
-                for i in range(n):
-                    pixel = measured_pixel(
-                        prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], line_variance_dn2, map_gain, exposure
-                    )
-                    target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
+                    prnu, dark, row_dn = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:], maps.row_dn[r]
+                    offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
+                    for i in range(n):
+                        pixel = measured_pixel(
+                            prnu[i],
+                            offset[i],
+                            dark[i],
+                            noise[i],
+                            row_dn,
+                            columns[i],
+                            line_variance_dn2,
+                            map_gain,
+                            exposure,
+                        )
+                        dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
+                        target[i] = rounded_dn(dn, exposure)
+                        marks[i] = in_doubt(dn, pixel, exposure)
+                    for j in range(marked(marks, n, run.few)):
+                        i = run.few[j]
+                        pixel = measured_pixel(
+                            prnu[i],
+                            offset[i],
+                            dark[i],
+                            noise[i],
+                            row_dn,
+                            columns[i],
+                            line_variance_dn2,
+                            map_gain,
+                            exposure,
+                        )
+                        target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
     return out
 
 
@@ -357,7 +480,7 @@ def normal_deviates(rows: int, cols: int, use: np.uint32, word: int, k0: np.uint
     out = np.empty((rows, cols), np.int16)
     for r in prange(rows):
         run = new_run(cols)
-        random_words(np.uint32(r * cols), cols, np.uint32(0), use, k0, k1, run.words)
+        random_words(np.uint32(r * cols), 0, cols, np.uint32(0), use, k0, k1, run)
         normal_run(cols, run.words[word], run)
         for c in range(cols):
             out[r, c] = np.int16(math.floor(run.deviates[c] / DEVIATE_STEP + 0.5))

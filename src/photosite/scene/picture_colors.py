@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import colour_science
+from photosite.engine.jit import read_only, threads_for
+from photosite.engine.patches import looked_up
 from photosite.errors import InputError, did_you_mean
 from photosite.values.validated import check_choice
 
@@ -206,8 +208,8 @@ def srgb_weights(
     bounded = bool(np.isfinite(highest))
     to_linear = _to_linear_srgb(codes.dtype, space, linear)
     if np.issubdtype(codes.dtype, np.integer) and space.lower() == "srgb":  # all values are within 0 and 1
-        table = to_linear(np.arange(np.iinfo(codes.dtype).max + 1, dtype=codes.dtype)).astype(np.float32)
-        return np.ascontiguousarray(table[np.moveaxis(codes, 2, 0)])
+        with threads_for(codes.size):
+            return looked_up(_table_of_srgb(codes.dtype, linear), read_only(codes))
     weights = np.empty((3, *codes.shape[:2]), np.float32)
     brightest = 1.0 if bounded else float(codes.max())
     step, outside = max(1, _BLOCK // codes[0].size), 0
@@ -225,6 +227,13 @@ def srgb_weights(
             arguments={"out_of_gamut": "clip"} | ({"method": "jakob-hanika"} if bounded else {}),
         )
     return weights
+
+
+@lru_cache(maxsize=4)
+def _table_of_srgb(dtype: np.dtype[Any], linear: bool) -> NDArray[np.float32]:
+    """Return linear sRGB of all codes."""
+    codes = np.arange(np.iinfo(dtype).max + 1, dtype=dtype)
+    return read_only(_to_linear_srgb(dtype, "sRGB", linear)(codes).astype(np.float32))
 
 
 def _rounding_of_light(values: Array, brightest: float) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.charge_stages import multiply_charge
 from photosite.engine.jit import read_only
-from photosite.engine.pixel_model import Exposure
+from photosite.engine.pixel_model import Exposure, clean_frame
 from photosite.sensor.capture_readout import captures_of, combined, part_sensor
 from photosite.sensor.device import Cpu
 from photosite.sensor.effects.model import Effects
@@ -46,6 +46,11 @@ def clean_numbers(sensor: Sensor, mean_electrons: NDArray[np.float32]) -> NDArra
     """
     if sensor.captures is not None:
         return np.asarray(combined(sensor, _clean_captures(sensor, mean_electrons)), np.float32)
+    if sensor.effects is None and mean_electrons.dtype == np.float32:
+        levels_dn = sensor.readout.black_level_dn.value, sensor.white_level_dn
+        constants = map(np.float32, (sensor.pixel.well_capacity_e.value, sensor.system_gain_dn_per_e, *levels_dn))
+        clean: NDArray[np.float32] = Cpu().computed(clean_frame, read_only(mean_electrons), *constants)
+        return clean
     effects = sensor.effects or Effects()
     dn = _converted(sensor, _clean_charge(sensor, effects, mean_electrons))
     return dn if effects.output is None else _after(effects.output, dn, sensor)

@@ -20,7 +20,7 @@ def drawn_frame(
     sensor: Sensor, photo_e: NDArray[np.float32], part: Part, exposure: Exposure, on: Computer
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a sensor; `photo_e` is that of the rectangle."""
-    chip = draw_chip(sensor, part)
+    chip = draw_chip(sensor)
     maps = DrawnMaps(
         read_only(chip.prnu.deviates),
         read_only(chip.offset_e.deviates),

@@ -30,9 +30,6 @@ from photosite.sensor.model import Sensor
 from photosite.sensor.own_noise import OwnNoise, check_noisier, drawn_maps, missing_light, with_missing_noise
 from photosite.sensor.staged_readout import staged_frame
 
-_CHECKED_PER_ITEM = 20
-"""Pixels that are checked in the time that others take for one."""
-
 Rectangle = tuple[int, int, int, int]
 """(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
 
@@ -201,7 +198,7 @@ def _checked(
         part_e = read_only(np.asarray(part_e, np.float32))
         # Stages that move charge use the whole chip.
         used = part_e if plain else read_only(np.asarray(mean_electrons, np.float32))
-        with threads_for(used.size // _CHECKED_PER_ITEM):
+        with threads_for(used.size):
             valid = all_light(used)
     else:
         valid = float(on.xp.min(mean_electrons)) >= 0 and float(on.xp.max(mean_electrons)) < np.inf
