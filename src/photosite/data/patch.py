@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.random_numbers import DATA, key_from_seed, philox4x32
+from photosite.engine.pixel_draws import shares_of
+from photosite.engine.random_numbers import DATA, key_from_seed
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import Cfa
 from photosite.values.shown import Shown
 
-_WORDS = 4
-_UNIFORMS = 12
+_COUNT = 12
 
 
 def chances(seed: int, number: int) -> list[float]:
@@ -28,10 +28,8 @@ def chances(seed: int, number: int) -> list[float]:
     >>> chances(1, 2)[0] == chances(1, 3)[0]
     False
     """
-    k0, k1 = key_from_seed(seed)
-    low, high = np.uint32(number & 0xFFFFFFFF), np.uint32(number >> 32)
-    blocks = (philox4x32(low, high, DATA, np.uint32(k), k0, k1) for k in range(_UNIFORMS // _WORDS))
-    return [float(word) / 2.0**32 for block in blocks for word in block]
+    numbers: list[float] = shares_of(number, _COUNT, DATA, *key_from_seed(seed)).tolist()
+    return numbers
 
 
 def between(low: float, high: float, chance: float) -> float:

@@ -34,6 +34,18 @@ def chosen_pixels(
 
 
 @compiled()
+def shares_of(number: int, count: int, use: np.uint32, k0: np.uint32, k1: np.uint32) -> F64:
+    """Return (count,) numbers from 0 to below 1 of a 64-bit number, which is the first two words of the counter."""
+    low, high = np.uint32(number & 0xFFFFFFFF), np.uint32(number >> 32)
+    out = np.empty((count + 3) // 4 * 4)
+    for block in range(out.size // 4):
+        w0, w1, w2, w3 = philox4x32(low, high, use, np.uint32(block), k0, k1)
+        out[4 * block], out[4 * block + 1] = float(w0), float(w1)
+        out[4 * block + 2], out[4 * block + 3] = float(w2), float(w3)
+    return out[:count] / 4294967296.0
+
+
+@compiled()
 def single_deviate(number: int, frame: int, use: np.uint32, k0: np.uint32, k1: np.uint32) -> float:
     """Return a standard normal deviate of a counter."""
     w0, _, _, _ = philox4x32(np.uint32(number), np.uint32(frame), use, np.uint32(0), k0, k1)

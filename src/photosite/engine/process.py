@@ -6,18 +6,24 @@ import ctypes
 import os
 import sys
 
+_TURNS = "10000"
+"""Turns of the loop in which a thread waits."""
+
 _KEPT_BYTES = (1 << 31) - 1
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
 
 
 def prepare_process() -> None:
-    """Let threads sleep between parallel loops, and the C library keep freed memory for the next arrays.
+    """Let threads wait briefly between parallel loops, and the C library keep freed memory for the next arrays.
 
-    Threads of GNU OpenMP that wait in a loop take the cores from those that read files. The GNU C library returns large
+    Threads of GNU OpenMP that wait long in a loop take the cores from those that read files, and waking them takes as
+    long as a short loop. They wait a fraction of a millisecond before they sleep. The GNU C library returns large
     arrays to the system when they are freed, which must clear the memory before it gives it out again: a tenth to a
     third of a calibration. Call this before numba is imported. A variable that is set has priority.
     """
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if "OMP_WAIT_POLICY" not in os.environ:
+        os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
+        os.environ.setdefault("GOMP_SPINCOUNT", _TURNS)
     stated = {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"} & set(os.environ)
     if not sys.platform.startswith("linux") or stated:
         return
