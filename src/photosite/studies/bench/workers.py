@@ -27,7 +27,7 @@ from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.frames import benchmark_protocol, write_frames
 
-_PAIRS = 32
+_PAIRS = 64
 _SIDE = 512
 _WORKER = {
     **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
@@ -81,7 +81,7 @@ class TaskCost:
 
 
 def noise_load(_: str, index: int) -> int:
-    """Draw 32 training pairs of 512 x 512 of a D200."""
+    """Draw 64 training pairs of 512 x 512 of a D200, as many as a shard has."""
     ramp = np.linspace(0, 4000, _SIDE * _SIDE, dtype=np.float32).reshape(_SIDE, _SIDE)
     pairs = PairDataset(Electrons([ramp]), load_sensor("nikon-d200"), crop=(_SIDE, _SIDE), draws=1 << 20)
     return sum(int(pairs[_PAIRS * index + k].noisy[0, 0]) for k in range(_PAIRS))
@@ -94,7 +94,7 @@ def calibration_load(folder: str, _: int) -> float | None:
 
 LOADS: dict[str, tuple[Callable[[str, int], Any], int]] = {
     "noise": (noise_load, 16),
-    "calibration": (calibration_load, 6),
+    "calibration": (calibration_load, 8),
 }
 """Work of a task, and the number of tasks."""
 
