@@ -141,6 +141,28 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     assert wrong.value.what == "pairs_per_shard"
 
 
+def test_the_changed_input_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "light.npy"
+    np.save(file, RAMP)
+    write_shards(PairDataset(Electrons([str(file)]), SENSOR, crop=(16, 32)), tmp_path / "a")
+    np.save(file, RAMP[::-1])
+    with pytest.raises(FileError) as caught:
+        write_shards(PairDataset(Electrons([str(file)]), SENSOR, crop=(16, 32)), tmp_path / "a")
+    assert str(file) in caught.value.what
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_an_error_before_the_first_shard_leaves_nothing(tmp_path: Path, is_new: bool) -> None:
+    folder = tmp_path / "a"
+    if not is_new:
+        folder.mkdir()
+    np.save(tmp_path / "light.npy", np.full(RAMP.shape, np.nan))
+    with pytest.raises(InputError):
+        write_shards(PairDataset(Electrons([str(tmp_path / "light.npy")]), SENSOR, crop=(16, 32)), folder)
+    assert folder.exists() != is_new
+    assert is_new or not list(folder.iterdir())
+
+
 def test_a_folder_without_shards_takes_other_settings(tmp_path: Path) -> None:
     def stop(done: int, of: int) -> None:
         raise KeyboardInterrupt

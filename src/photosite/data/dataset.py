@@ -17,6 +17,7 @@ from photosite.data.digest import described
 from photosite.data.light import Light, Source
 from photosite.data.pair import Pair
 from photosite.data.patch import Patch, between, chances, first_of, flip_offset
+from photosite.engine.random_numbers import seed_of_added_noise
 from photosite.errors import InputError
 from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.model import Sensor
@@ -216,7 +217,9 @@ class PairDataset(Shown):
             inside = slice(region[0], region[1]), slice(region[2], region[3])
             electrons = np.zeros((sensor.array.rows, sensor.array.cols), np.float32)
             electrons[inside] = seen.electrons
-        place: dict[str, Any] = {"seed": int(self.seed), "frame": frame, "region": region}
+        # Frames with noise of their own may be virtual ones that were drawn with the same seed.
+        seed = int(self.seed) if seen.own_noise is None else seed_of_added_noise(int(self.seed))
+        place: dict[str, Any] = {"seed": seed, "frame": frame, "region": region}
         noisy = digital_numbers(sensor, electrons, exposure_s, own_noise=seen.own_noise, **place)
         return clean_numbers(sensor, electrons)[inside], noisy
 

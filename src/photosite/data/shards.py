@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import tarfile
 from collections.abc import Callable, Iterator, Mapping, Set
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -28,7 +30,7 @@ from photosite.errors import FileError, InputError, message_of, printable
 from photosite.files.hdf5 import create_hdf5, open_hdf5
 from photosite.files.small_files import read_json_object
 from photosite.files.writing import FolderLock, atomic_path, is_temporary, remove_abandoned
-from photosite.values.shown import Shown
+from photosite.values.shown import Shown, clipped
 from photosite.values.validated import check_choice
 
 ShardFormat = Literal["hdf5", "webdataset"]
@@ -142,13 +144,15 @@ def write_shards(
     if isinstance(pairs_per_shard, bool) or not isinstance(pairs_per_shard, int) or pairs_per_shard < 1:
         raise InputError("pairs_per_shard", value=pairs_per_shard, expected="1 or more")
     plan = _Plan(dataset, Path(folder), shard_format, pairs_per_shard)
+    is_new = not plan.folder.exists()
     try:
         plan.folder.mkdir(exist_ok=True)
     except OSError as error:
         raise FileError(folder, f"cannot be made: {message_of(error)}") from None
     lock = FolderLock(plan.folder)
+    begun = False
     try:
-        _begin(plan)
+        begun = _begin(plan)
         missing = [shard for shard in range(plan.count) if not plan.path(shard).exists()]
         written = run_tasks(plan.write, missing, processes=processes, scheduler=scheduler, name="shard {}".format)
         for done, _ in enumerate(written, 1):
@@ -156,12 +160,22 @@ def write_shards(
                 report(plan.count - len(missing) + done, plan.count)
         remove_abandoned(plan.folder)  # by workers that died
         return _finish(plan, license, written_now=frozenset(missing))
+    except Exception:
+        if begun:
+            _take_back(plan)
+        raise
     finally:
         lock.release()
+        if is_new:
+            with suppress(OSError):  # unless something was written
+                plan.folder.rmdir()
 
 
-def _begin(plan: _Plan) -> None:
-    """Check that a folder is empty or holds the beginning of the same dataset; remove what a killed process left."""
+def _begin(plan: _Plan) -> bool:
+    """Check that a folder is empty or holds the beginning of the same dataset; remove what a killed process left.
+
+    Return whether the plan was written now.
+    """
     path = plan.folder / PLAN
     known = {PLAN, MANIFEST, CARD}
     remove_abandoned(plan.folder)
@@ -177,14 +191,34 @@ def _begin(plan: _Plan) -> None:
             if name == "pairs":
                 continue  # a result of other settings
             hint = "Use another folder, or the settings and inputs that it was begun with"
-            expected = f"{there!r:.60}, as in its {PLAN}"
+            if name.endswith(".sha256"):
+                what = f"was begun with other content of {_changed_input(begun, name)}"
+                raise FileError(plan.folder, what, hint=hint)
+            expected = f"{clipped(repr(there), 60)}, as in its {PLAN}"
             raise FileError(
                 plan.folder, name.removeprefix("dataset.settings."), value=here, expected=expected, hint=hint
             )
-        return
+        return False
     if has_shards:
         raise FileError(plan.folder, f"holds shards without {PLAN}", hint="Use another folder")
     _write_json(path, plan.description)
+    return True
+
+
+def _take_back(plan: _Plan) -> None:
+    """Remove the plan of a folder that was begun now, if no shard was written."""
+    with suppress(OSError):
+        remove_abandoned(plan.folder)
+        if not any(entry.name.startswith("shard-") for entry in plan.folder.iterdir()):
+            (plan.folder / PLAN).unlink()
+
+
+def _changed_input(begun: dict[str, Any], name: str) -> str:
+    """Return the file or the array whose digest has a name such as `dataset.source.images[0].sha256`."""
+    place: Any = begun
+    for part in re.findall(r"[^.\[\]]+", name.removesuffix(".sha256")):
+        place = place[int(part) if isinstance(place, list) else part]
+    return str(place.get("file", name.removeprefix("dataset.").removesuffix(".sha256")))
 
 
 def _differences(one: Any, other: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:

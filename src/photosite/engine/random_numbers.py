@@ -38,6 +38,8 @@ MULTIPLICATION = np.uint32(16)
 """Words 0 and 1: a trial of the gamma number of a multiplied charge. Words 2 and 3: clock-induced charge."""
 DATA = np.uint32(32)
 """The choices for an item of a dataset, whose number is the first two words of the counter."""
+ADDED_NOISE = np.uint32(33)
+"""Words 0 and 1: the key of the noise that is added to frames with noise of their own; the counter is 0."""
 CAPTURES = np.uint32(64)
 """Words 0 and 1: the key of a further capture of the same exposure, whose number is the first word of the counter."""
 
@@ -83,6 +85,19 @@ def key_from_seed(seed: int) -> tuple[np.uint32, np.uint32]:
     (np.uint32(7), np.uint32(0))
     """
     return np.uint32(seed & 0xFFFFFFFF), np.uint32(seed >> 32)
+
+
+def seed_of_added_noise(seed: int) -> int:
+    """Return a seed of noise that is added to a frame, which may have noise drawn with the given seed itself.
+
+    Examples
+    --------
+    >>> seed_of_added_noise(7) == 7
+    False
+    """
+    zero = np.uint32(0)
+    low, high, _, _ = philox4x32(zero, zero, ADDED_NOISE, zero, *key_from_seed(seed))
+    return int(low) | int(high) << 32
 
 
 # Logarithm and exponential from additions, multiplications and divisions alone.
