@@ -68,7 +68,7 @@ def trained(clean: torch.Tensor, noisy: torch.Tensor, sigma: torch.Tensor, steps
     return model
 
 
-def main(steps: int = 400, patches: int = 48, seed: int = 0) -> dict[str, tuple[float, float]]:
+def main(steps: int = 3000, patches: int = 48, seed: int = 0) -> dict[str, tuple[float, float]]:
     """Train the networks; return the noise power left of held-out frames in dB: mean over frames, and in total."""
     leaves = [ps.charts.dead_leaves("D65", contrast=50, rows=256, cols=256, seed=number) for number in range(8)]
     clean, noisy, sigma = tensors(pairs(leaves, range(8), patches, seed=1 + 2 * seed))

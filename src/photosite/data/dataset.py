@@ -120,7 +120,7 @@ class PairDataset(Shown):
         object.__setattr__(self, "sensors", given)
         for name in ("crops", "draws"):
             if not isinstance(getattr(self, name), Integral) or getattr(self, name) < 1:
-                raise InputError(name, value=getattr(self, name), expected="1 or more")
+                raise InputError(name, value=getattr(self, name), expected="a whole number of 1 or more")
         low, high = _range("light", self.light)
         if not 0 < low <= high < math.inf:
             raise InputError("light", value=self.light, expected="above 0, or (lowest, highest)")

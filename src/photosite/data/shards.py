@@ -142,7 +142,7 @@ def write_shards(
     """
     check_choice("shard_format", shard_format, ShardFormat)
     if isinstance(pairs_per_shard, bool) or not isinstance(pairs_per_shard, int) or pairs_per_shard < 1:
-        raise InputError("pairs_per_shard", value=pairs_per_shard, expected="1 or more")
+        raise InputError("pairs_per_shard", value=pairs_per_shard, expected="a whole number of 1 or more")
     plan = _Plan(dataset, Path(folder), shard_format, pairs_per_shard)
     is_new = not plan.folder.exists()
     try:
