@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.spatial.nonuniformity import is_large, shading_variance
+from photosite.calibration.spatial.nonuniformity import MapPlanes, is_large, shading_variance
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.values.uncertain import Uncertain
@@ -27,7 +27,7 @@ def measured(values, tile=MONO, channel=0):
     slopes.slopes[:] = values
     none = Uncertain(0.0)
     spread = slopes.spreads([none] * (int(tile.max()) + 1))[channel]
-    return shading_variance(slopes, channel, spread, none, 1.0), spread.variance
+    return shading_variance(MapPlanes(values, tile), channel, spread, none, 1.0), spread.variance
 
 
 @pytest.mark.parametrize("pattern", [{}, {"column": 0.01}, {"row": 0.005, "column": 0.005}], ids=str)

@@ -286,9 +286,11 @@ def all_light(values: F32) -> bool:
         bits, largest = values[r].view(np.uint32), np.uint32(0)
         for c in range(cols):
             largest = max(largest, bits[c])
+        in_row = 0
         if largest >= _INFINITE:  # -0 is light, too
             for c in range(cols):
-                others += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
+                in_row += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
+        others += in_row
     return others == 0
 
 
