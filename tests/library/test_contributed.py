@@ -20,6 +20,7 @@ from photosite.library.contribute import contribute, validate_cameras
 from photosite.library.entry import (
     ENTRY_NAME,
     INDEX_NAME,
+    LICENSES,
     SCHEMAS,
     SENSOR_NAME,
     TABLE_NAME,
@@ -149,8 +150,10 @@ def test_the_sources_of_presets_are_no_personal_data(name: str) -> None:
 def test_license_and_base_are_required(loop: Any, tmp_path: Path) -> None:
     with raises(InputError, "license_id"):
         contribute(loop.calibration, tmp_path / "a", license_id=None)
-    with raises(InputError, "license_id", value="CC-BY-NC-4.0"):
-        contribute(loop.calibration, tmp_path / "a", license_id="CC-BY-NC-4.0")
+    for unknown in ("CC-BY-NC-4.0", "GPL"):
+        with raises(InputError, "license_id", value=unknown) as caught:
+            contribute(loop.calibration, tmp_path / "a", license_id=unknown)
+        assert all(str(caught.value).count(known) <= 1 for known in LICENSES)
     with pytest.raises(CalibrationError):
         contribute(dataclasses.replace(loop.calibration, base=None), tmp_path / "a", license_id="MIT")
 

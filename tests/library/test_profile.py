@@ -180,3 +180,16 @@ def test_coefficients_that_are_not_three_numbers(tmp_path: Path, a: Any) -> None
     content["noiseprofiles"][0]["models"][0]["profiles"][0]["a"] = a
     with pytest.raises(FileError, match="'a' must be"):
         find_cameras(write_json(tmp_path / "a.json", content))
+
+
+def test_an_invalid_coefficient_names_camera_and_iso(tmp_path: Path) -> None:
+    content = darktable_content()
+    profile = content["noiseprofiles"][0]["models"][0]["profiles"][1]
+    for changed in ({"a": [1e-6, "b", 1e-6]}, {"b": None}):
+        profile.update(changed)
+        with raises(FileError, "the file is not a valid darktable noise profile: Nikon D850, ISO 400: ") as caught:
+            find_cameras(write_json(tmp_path / "a.json", content))
+        assert "'a'" in caught.value.what
+    del profile["iso"]
+    with raises(FileError, "the file is not a valid darktable noise profile: Nikon D850: 'iso' is missing"):
+        find_cameras(write_json(tmp_path / "a.json", content))

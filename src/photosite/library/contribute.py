@@ -63,8 +63,8 @@ def check_license(license_id: str | None) -> str:
         hint = "CC0-1.0 waives all rights, CC-BY-4.0 asks to be named"
         raise InputError("license_id", expected=f"given: one of {', '.join(LICENSES)}", hint=hint)
     if license_id not in LICENSES:
-        hint = did_you_mean(license_id, LICENSES)
-        raise InputError("license_id", value=license_id, expected=f"one of {', '.join(LICENSES)}", hint=hint)
+        expected = "the SPDX identifier of a license for open data"
+        raise InputError("license_id", value=license_id, expected=expected, hint=did_you_mean(license_id, LICENSES))
     return license_id
 
 
