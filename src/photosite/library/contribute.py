@@ -36,6 +36,7 @@ from photosite.library.entry import (
     sha256_of,
 )
 from photosite.library.names import name_words
+from photosite.library.sources import entries_below
 from photosite.sensor.io.sensor_file import dump_sensor
 from photosite.sensor.model import Sensor
 
@@ -200,7 +201,9 @@ def validate_cameras(path: Path) -> tuple[LoadedEntry, ...]:
     if path.is_dir() or path.name == ENTRY_NAME:
         folder = path if path.is_dir() else path.parent
         if not (folder / ENTRY_NAME).is_file():
-            raise FileError(folder, f"holds neither {INDEX_NAME} nor {ENTRY_NAME}")
+            below = entries_below([folder])
+            hint = f"Pass the folder of an entry, such as {below[0]}" if below else "Pass an index, or such a folder"
+            raise FileError(folder, f"holds neither {INDEX_NAME} nor {ENTRY_NAME}", hint=hint)
         found: tuple[LoadedEntry, ...] = (entry_in_folder(folder),)
     else:
         found = read_index(path)
