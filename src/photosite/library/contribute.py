@@ -202,7 +202,11 @@ def validate_cameras(path: Path) -> tuple[LoadedEntry, ...]:
         folder = path if path.is_dir() else path.parent
         if not (folder / ENTRY_NAME).is_file():
             below = entries_below([folder])
-            hint = f"Pass the folder of an entry, such as {below[0]}" if below else "Pass an index, or such a folder"
+            hint = (
+                f"Pass the folder of an entry, such as {below[0]}"
+                if below
+                else "Pass an index, a folder with one, or the folder of an entry"
+            )
             raise FileError(folder, f"holds neither {INDEX_NAME} nor {ENTRY_NAME}", hint=hint)
         found: tuple[LoadedEntry, ...] = (entry_in_folder(folder),)
     else:
