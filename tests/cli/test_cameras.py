@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from camera_files import darktable_content, write_json
+from camera_files import darktable_content, rawtoaces_content, write_json
 
 import photosite as ps
 
@@ -81,3 +81,21 @@ def test_calibrate_contributes(photosite: Any, loop: Any, tmp_path: Path, monkey
     assert made.status == 0
     assert "--sensor does not apply to a contributed camera" in made.err
     assert ps.load_sensor(tmp_path / "x1.sensor.yaml").name == "Acme X-1"
+
+
+def test_the_file_to_use_can_be_passed(photosite: Any, profiles: Path, tmp_path: Path) -> None:
+    table = write_json(tmp_path / "nikon_d850.json", rawtoaces_content())
+    other = tmp_path / "Nikon_D850.csv"
+    other.write_text("nm,R,G,B\n400,0,0.1,0.9\n500,0.1,1,0.2\n")
+    show = ("cameras", "show", "d850", "--json", "--iso", 400, "--profiles", profiles, "--profiles", table)
+    refused = photosite(*show, "--profiles", other)
+    assert (refused.status, refused.err.count("\n")) == (2, 1)
+    assert all(text in refused.err for text in (str(table), f"--profiles {other}"))
+    assert [source["file"] for source in photosite(*show).json["sources"]] == [str(profiles), str(table)]
+    spectra = photosite("cameras", "show", "d850", "--iso", 400, "--profiles", table)
+    assert (spectra.status, "--iso must be omitted" in spectra.err) == (2, True)
+    (tmp_path / "folder" / "entry").mkdir(parents=True)
+    (tmp_path / "folder" / "entry" / "entry.yaml").touch()
+    for call in (("list", "--profiles"), ("show", "d850", "--profiles"), ("validate",)):
+        shown = photosite("cameras", *call, tmp_path / "folder")
+        assert str(tmp_path / "folder" / "entry") in shown.out + shown.err

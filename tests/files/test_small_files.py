@@ -7,9 +7,10 @@ import socket
 from pathlib import Path
 
 import pytest
+from raising import raises
 
 from photosite.errors import FileError
-from photosite.files.small_files import check_stored_file, read_small
+from photosite.files.small_files import check_stored_file, parse_json, read_small
 
 GIGABYTE = 1 << 30
 
@@ -60,3 +61,19 @@ def test_a_small_file_is_not_read_beyond_its_limit(tmp_path: Path) -> None:
     assert read_small(_with_hole(tmp_path / "a", 100), "a text", 100)[:4] == b"data"
     with pytest.raises(FileError):
         read_small(_with_hole(tmp_path / "a", 101), "a text", 100)
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "reason"),
+    [
+        (b'{\n"a": [1 2]}', 2, "expecting ',' delimiter"),
+        (b"", 1, "expecting value"),
+        (b'{"a": "\xff"}', None, "UTF-8"),
+        (b"[" * 200_000, None, "nested"),
+        (b"9" * 5000, None, "digits"),
+    ],
+)
+def test_content_that_is_not_json(content: bytes, line: int | None, reason: str) -> None:
+    with raises(FileError, "the file is not JSON: ", path="a.json", line=line) as caught:
+        parse_json(content, "a.json")
+    assert reason in caught.value.what

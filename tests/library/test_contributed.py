@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from camera_files import darktable_content, write_json
 from object_instances import series
 from raising import raises
 
@@ -20,6 +21,7 @@ from photosite.library.contribute import contribute, validate_cameras
 from photosite.library.entry import (
     ENTRY_NAME,
     INDEX_NAME,
+    LICENSES,
     SCHEMAS,
     SENSOR_NAME,
     TABLE_NAME,
@@ -149,8 +151,10 @@ def test_the_sources_of_presets_are_no_personal_data(name: str) -> None:
 def test_license_and_base_are_required(loop: Any, tmp_path: Path) -> None:
     with raises(InputError, "license_id"):
         contribute(loop.calibration, tmp_path / "a", license_id=None)
-    with raises(InputError, "license_id", value="CC-BY-NC-4.0"):
-        contribute(loop.calibration, tmp_path / "a", license_id="CC-BY-NC-4.0")
+    for unknown in ("CC-BY-NC-4.0", "GPL"):
+        with raises(InputError, "license_id", value=unknown) as caught:
+            contribute(loop.calibration, tmp_path / "a", license_id=unknown)
+        assert all(str(caught.value).count(known) <= 1 for known in LICENSES)
     with pytest.raises(CalibrationError):
         contribute(dataclasses.replace(loop.calibration, base=None), tmp_path / "a", license_id="MIT")
 
@@ -162,6 +166,36 @@ def test_a_second_entry_is_added_and_the_same_one_is_listed_once(loop: Any, tmp_
     assert first.folder == again.folder
     assert [one.entry.camera for one in validate_cameras(tmp_path / "a")] == ["X-1", "X-2"]
     assert not list((tmp_path / "a").glob(".*"))
+
+
+def test_two_entries_of_a_camera(loop: Any, tmp_path: Path) -> None:
+    """Their folders are named; each can be passed, and copies of one entry count as one."""
+    made = [contribute(loop.calibration, tmp_path / "a", license_id=each, camera="X-1") for each in ("MIT", "CC0-1.0")]
+    folders = sorted(entry.folder for entry in made)
+    with raises(InputError, "profiles", where="X-1", arguments={"profiles": str(folders[0])}) as caught:
+        ps.load_camera_profile("x-1", profiles=tmp_path / "a")
+    assert all(str(folder) in str(caught.value) for folder in folders)
+    for entry in made:
+        for place in (entry.folder, entry.folder / ENTRY_NAME):
+            camera = ps.load_camera_profile("x-1", profiles=place)
+            assert (camera.sources[0].path, camera.sources[0].license) == (entry.folder, entry.entry.license)
+    shutil.copytree(folders[0], tmp_path / "b" / "copy")
+    copies = [tmp_path / "b" / "copy", folders[0]]
+    assert ps.load_camera_profile("x-1", profiles=copies).sources[0].path == folders[0]
+    with raises(InputError, f"no cameras in {tmp_path / 'b'}: ", arguments={"profiles": str(copies[0])}):
+        ps.load_camera_profile("x-1", profiles=tmp_path / "b")
+    with raises(FileError, "holds neither") as refused:
+        validate_cameras(tmp_path / "b")
+    assert str(copies[0]) in (refused.value.hint or "")
+
+
+def test_an_entry_is_preferred_to_a_noise_profile(library: Path, tmp_path: Path) -> None:
+    content = darktable_content()
+    content["noiseprofiles"][1]["maker"] = "Acme"
+    content["noiseprofiles"][1]["models"][0]["model"] = "X-1"
+    camera = ps.load_camera_profile("x-1", profiles=[write_json(tmp_path / "a.json", content), library])
+    assert [source.path for source in camera.sources] == [folder_of(library)]
+    assert str(tmp_path / "a.json") in camera.notes[0]
 
 
 def test_a_series_has_all_its_gain_settings(tmp_path: Path) -> None:

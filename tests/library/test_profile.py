@@ -91,6 +91,44 @@ def test_noise_and_spectra_of_two_files_make_a_sensor(profiles: Path, tmp_path: 
     assert camera.sensor("nikon-d200") == sensor
 
 
+def test_files_with_different_data_on_a_camera(profiles: Path, tmp_path: Path) -> None:
+    """Another spectral sensitivity, and another noise profile: each is named, and one of each kind can be passed."""
+    table = write_json(tmp_path / "d850 {1}.json", rawtoaces_content())
+    other = tmp_path / "Nikon_D850.csv"
+    other.write_text("nm,R,G,B\n400,0,0.1,0.9\n500,0.1,1,0.2\n")
+    with raises(InputError, "profiles", where="Nikon D850", arguments={"profiles": str(other)}) as caught:
+        ps.load_camera_profile("d850", iso=400, profiles=[profiles, table, other])
+    assert all(str(path) in str(caught.value) for path in (table, other))
+    assert str(profiles) not in str(caught.value)
+    for chosen in (table, other):
+        camera = ps.load_camera_profile("d850", iso=400, profiles=[profiles, chosen])
+        assert [source.path for source in camera.sources] == [profiles, chosen]
+    content = darktable_content()
+    content["noiseprofiles"][0]["models"][0]["profiles"][0]["a"] = [1e-6] * 3
+    changed = write_json(tmp_path / "changed.json", content)
+    with raises(InputError, "profiles", where="Nikon D850", arguments={"profiles": str(changed)}):
+        ps.load_camera_profile("d850", iso=400, profiles=[profiles, changed])
+    assert ps.load_camera_profile("d300", profiles=[profiles, changed]).sources[0].path == changed
+
+
+def test_two_cameras_of_one_name_in_a_file(tmp_path: Path) -> None:
+    content = darktable_content()
+    again = darktable_content()["noiseprofiles"][0]
+    again["maker"] = "NIKON CORPORATION"
+    again["models"][1]["profiles"][0]["a"] = [1e-6] * 3
+    content["noiseprofiles"].append(again)
+    path = write_json(tmp_path / "a.json", content)
+    with raises(InputError, "profiles", arguments={}) as caught:
+        ps.load_camera_profile("d3", profiles=path)
+    assert str(path) in str(caught.value)
+    assert ps.load_camera_profile("d300", profiles=path).iso == 200
+
+
+def test_a_folder_without_cameras(tmp_path: Path) -> None:
+    with raises(InputError, f"no cameras in {tmp_path}: ", arguments={"profiles": "noiseprofiles.json"}):
+        ps.load_camera_profile("d850", profiles=tmp_path)
+
+
 def test_levels_give_the_gain_in_dn(profiles: Path) -> None:
     camera = ps.load_camera_profile("D850", iso=400, profiles=profiles, black_level_dn=400, white_level_dn=15_892)
     assert camera.noise is not None
@@ -179,4 +217,17 @@ def test_coefficients_that_are_not_three_numbers(tmp_path: Path, a: Any) -> None
     content = darktable_content()
     content["noiseprofiles"][0]["models"][0]["profiles"][0]["a"] = a
     with pytest.raises(FileError, match="'a' must be"):
+        find_cameras(write_json(tmp_path / "a.json", content))
+
+
+def test_an_invalid_coefficient_names_camera_and_iso(tmp_path: Path) -> None:
+    content = darktable_content()
+    profile = content["noiseprofiles"][0]["models"][0]["profiles"][1]
+    for changed in ({"a": [1e-6, "b", 1e-6]}, {"b": None}):
+        profile.update(changed)
+        with raises(FileError, "the file is not a valid darktable noise profile: Nikon D850, ISO 400: ") as caught:
+            find_cameras(write_json(tmp_path / "a.json", content))
+        assert "'a'" in caught.value.what
+    del profile["iso"]
+    with raises(FileError, "the file is not a valid darktable noise profile: Nikon D850: 'iso' is missing"):
         find_cameras(write_json(tmp_path / "a.json", content))

@@ -69,7 +69,7 @@ def test_quantum_efficiency_is_the_response_per_photon() -> None:
     [
         ({"units": "radiance"}, "not 'relative'"),
         ({"data": {"main": {"380": [1, 1, 1]}}}, "2 or more wavelengths"),
-        ({"data": {"main": {"380": [1, 1, 1], "390": [1, 1]}}}, "another number of values"),
+        ({"data": {"main": {"380": [1, 1, 1], "390": [1, 1]}}}, "390 has 2 values"),
         ({"data": {"main": {"380": [1, 1, 1], "390": [1, 1, None]}}}, "must be a"),
         ({"data": {"main": {"380": [1, 1, 0], "390": [1, 1, 0]}}}, "every channel needs one above 0"),
         ({"data": {"main": {"0.38": [1, 1, 1], "0.39": [1, 1, 1]}}}, "in nm"),
@@ -100,6 +100,28 @@ def test_invalid_tables(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with raises(FileError, "the file is not a table", path=str(tmp_path / name)):
         csv_camera(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "heading", ["wavelength", "Wavelength_nm", "WAVELENGTH (nm)", "wavelength [nm]", "nm", "Lambda", '"wavelength"']
+)
+def test_headings_of_the_wavelength(tmp_path: Path, heading: str) -> None:
+    (tmp_path / "a.csv").write_text(f'{heading},"R",G,B\n400,1,2,3\n410,1,2,3\n')
+    assert set(csv_camera(tmp_path / "a.csv").sensitivity.channels) == {"R", "G", "B"}
+
+
+@pytest.mark.parametrize("heading", ["foo", "", "wavelength (um)", "R", "nm2"])
+def test_a_heading_that_is_no_wavelength(tmp_path: Path, heading: str) -> None:
+    (tmp_path / "a.csv").write_text(f"\n{heading},R,G,B\n400,1,2,3\n410,1,2,3\n")
+    with raises(FileError, "the heading of the first column", value=heading, line=2):
+        csv_camera(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("row", ["410,1,1", "410,1,1,x", "410,1,1,nan", "410,1,1,1,1"])
+def test_an_invalid_row_is_named_by_its_line(tmp_path: Path, row: str) -> None:
+    (tmp_path / "a.csv").write_text(f"nm,R,G,B\n400,1,1,1\n\n{row}\n")
+    with raises(FileError, "the file is not a table", line=4):
+        csv_camera(tmp_path / "a.csv")
 
 
 def test_large_and_binary_tables(tmp_path: Path) -> None:

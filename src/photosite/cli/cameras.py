@@ -67,7 +67,11 @@ def list_(query: tuple[str, ...], profiles: tuple[Path, ...], as_json: bool) -> 
 
 def _list_text(sources: list[CameraSource], profiles: tuple[Path, ...]) -> str:
     if not sources and profiles:
-        return f"no cameras in {', '.join(map(str, profiles))}: no files of darktable or rawtoaces, and no index"
+        from photosite.library.sources import LOOKED_FOR, entries_below
+
+        below = entries_below(profiles)
+        advice = f". Pass the folder of an entry, such as --profiles {below[0]}" if below else ""
+        return f"no cameras in {', '.join(map(str, profiles))}: {LOOKED_FOR}{advice}"
     if not sources:
         return (
             "no files with cameras were found. Give some with --profiles or the environment variable "

@@ -120,15 +120,38 @@ def file_stamp(path: str | PathLike[str] | None) -> tuple[int, ...] | None:
 LARGEST_BYTES = 1 << 26
 
 
+def parse_json(content: bytes, path: str | PathLike[str]) -> Any:
+    """Parse a file's content as JSON.
+
+    Raises
+    ------
+    FileError
+        With the reason that Python's json states, and the line, if the content is not JSON.
+
+    Examples
+    --------
+    >>> parse_json(b'{"a": [1 2]}', "a.json")
+    Traceback (most recent call last):
+    photosite.errors.FileError: a.json:1: the file is not JSON: expecting ',' delimiter, column 10
+    """
+    line = None
+    try:
+        return json.loads(content)
+    except json.JSONDecodeError as error:
+        line = error.lineno
+        reason = f"{error.msg[:1].lower()}{error.msg[1:]}, column {error.colno}"
+    except UnicodeDecodeError:
+        reason = "it is not text in UTF-8"
+    except RecursionError:
+        reason = "it is nested too deeply"
+    except ValueError:
+        reason = "a whole number has too many digits"
+    raise FileError(path, f"the file is not JSON: {reason}", line)
+
+
 def read_json_object(path: Path) -> Mapping[str, Any]:
     """Read a JSON file that holds an object."""
-    content = read_small(path, "a JSON file", LARGEST_BYTES)
-    try:
-        data = json.loads(content)
-    # A plain ValueError is a whole number of thousands of digits.
-    except (ValueError, RecursionError) as error:
-        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
-        raise FileError(path, f"the file is not JSON ({type(error).__name__})", line) from None
+    data = parse_json(read_small(path, "a JSON file", LARGEST_BYTES), path)
     if not isinstance(data, dict):
         raise FileError(path, "the JSON file holds no object")
     return data

@@ -36,6 +36,7 @@ from photosite.library.entry import (
     sha256_of,
 )
 from photosite.library.names import name_words
+from photosite.library.sources import entries_below
 from photosite.sensor.io.sensor_file import dump_sensor
 from photosite.sensor.model import Sensor
 
@@ -63,8 +64,8 @@ def check_license(license_id: str | None) -> str:
         hint = "CC0-1.0 waives all rights, CC-BY-4.0 asks to be named"
         raise InputError("license_id", expected=f"given: one of {', '.join(LICENSES)}", hint=hint)
     if license_id not in LICENSES:
-        hint = did_you_mean(license_id, LICENSES)
-        raise InputError("license_id", value=license_id, expected=f"one of {', '.join(LICENSES)}", hint=hint)
+        expected = "the SPDX identifier of a license for open data"
+        raise InputError("license_id", value=license_id, expected=expected, hint=did_you_mean(license_id, LICENSES))
     return license_id
 
 
@@ -200,7 +201,13 @@ def validate_cameras(path: Path) -> tuple[LoadedEntry, ...]:
     if path.is_dir() or path.name == ENTRY_NAME:
         folder = path if path.is_dir() else path.parent
         if not (folder / ENTRY_NAME).is_file():
-            raise FileError(folder, f"holds neither {INDEX_NAME} nor {ENTRY_NAME}")
+            below = entries_below([folder])
+            hint = (
+                f"Pass the folder of an entry, such as {below[0]}"
+                if below
+                else "Pass an index, a folder with one, or the folder of an entry"
+            )
+            raise FileError(folder, f"holds neither {INDEX_NAME} nor {ENTRY_NAME}", hint=hint)
         found: tuple[LoadedEntry, ...] = (entry_in_folder(folder),)
     else:
         found = read_index(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import Any, Literal, get_args
 from pydantic import model_validator
 
 from photosite.errors import FileError, InputError, in_file
-from photosite.files.small_files import read_small
+from photosite.files.small_files import parse_json, read_small
 from photosite.files.yaml import LARGEST_BYTES, check_version, line_of, parse_yaml, validated
 from photosite.sensor.io.sensor_file import load_sensor, parse_sensor, preset_names
 from photosite.sensor.model import Sensor
@@ -257,12 +256,7 @@ def _compare(folder: Path, texts: Mapping[str, bytes], digests: Mapping[str, str
 
 
 def _table(content: bytes, path: Path) -> EmvaTable:
-    try:
-        data = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
-        raise FileError(path, f"the file is not JSON ({type(error).__name__})", line) from None
-    table: EmvaTable = validated(EmvaTable, data, path)
+    table: EmvaTable = validated(EmvaTable, parse_json(content, path), path)
     return table
 
 

@@ -12,7 +12,7 @@ from photosite.errors import InputError
 from photosite.frames.io.darktable import DarktableCamera
 from photosite.library.entry import LoadedEntry
 from photosite.library.names import matching, name_words, nearest
-from photosite.library.sources import CameraSource, find_cameras
+from photosite.library.sources import LOOKED_FOR, CameraSource, Profiles, entries_below, find_cameras, given_places
 from photosite.library.spectra import SpectralFile, SpectralSensitivity
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import NoiseProfile, sensor_noise_profile
@@ -29,6 +29,7 @@ MISSING_IN_PROFILE = {
 }
 """What a noise profile does not contain, each with the reason."""
 
+_MOST_PATHS = 8
 _NO_NOISE = "none of the files has a noise profile of the camera"
 _NO_SPECTRA = "none of the files has the spectral sensitivity of the camera"
 _RELATIVE = "the spectral sensitivity is relative"
@@ -116,7 +117,7 @@ def load_camera_profile(
     name: str,
     iso: float | None = None,
     *,
-    profiles: str | PathLike[str] | Sequence[str | PathLike[str]] | None = None,
+    profiles: Profiles = None,
     mono: bool = False,
     black_level_dn: float | None = None,
     white_level_dn: float | None = None,
@@ -132,7 +133,9 @@ def load_camera_profile(
         ISO speed, or gain setting of a contributed camera. Between two ISO speeds of a noise profile, a and b are
         linear in ISO, as in darktable. Default: the only one that there is.
     profiles
-        Files and folders. Default: those of the environment variable PHOTOSITE_PROFILES, darktable and rawtoaces.
+        Files and folders. Default: those of the environment variable PHOTOSITE_PROFILES, darktable and rawtoaces. Where
+        several hold different data of one kind on the camera, pass the one file, or the folder of the one entry. A
+        contributed entry is preferred to files of other programs.
     mono
         Whether the camera has no color filters, for noise profiles that do not state it.
     black_level_dn, white_level_dn
@@ -141,8 +144,9 @@ def load_camera_profile(
     Raises
     ------
     InputError
-        If no camera or several match, the ISO is missing or outside the profile, only one level is given, or levels or
-        `mono` are given for a camera without a noise profile, or for a contributed one.
+        If no camera or several match, several files of one kind or several entries hold different data on it, the ISO
+        is missing or outside the profile, only one level is given, or levels or `mono` are given for a camera without a
+        noise profile, or for a contributed one.
     FileError
         If a file is missing or invalid.
 
@@ -165,12 +169,15 @@ def load_camera_profile(
         raise InputError("name", value=name, expected="the name of a camera")
     _check_levels(black_level_dn, white_level_dn)
     of_profile = {"mono": mono or None, "black_level_dn": black_level_dn, "white_level_dn": white_level_dn}
-    found = _matched(name, find_cameras(profiles))
-    parts = {source.kind: source for source in reversed(found)}
+    found = _matched(name, find_cameras(profiles), profiles)
     contributed = [source for source in found if source.kind == "contributed"]
     if contributed:
         _check_omitted(of_profile, "a contributed camera states it")
-        return _contributed(_one_with(contributed, iso), iso)
+        return _contributed(
+            _only_one(_with_setting(contributed, iso)), iso, [one for one in found if one.kind != "contributed"]
+        )
+    by_kind = {kind: [source for source in found if source.kind == kind] for kind in {one.kind for one in found}}
+    parts = {kind: _only_one(sources) for kind, sources in sorted(by_kind.items())}
     noise = None
     if (profiled := parts.get("noise profile")) is not None:
         assert isinstance(profiled.content, DarktableCamera)
@@ -178,9 +185,8 @@ def load_camera_profile(
         if black_level_dn is not None and white_level_dn is not None:
             noise = noise.at_levels(black_level_dn, white_level_dn)
     elif iso is not None:
-        raise InputError(
-            "iso", value=iso, expected="None: no noise profile of the camera was found", where=found[0].name
-        )
+        expected = "omitted: no noise profile of the camera was found"
+        raise InputError("iso", value=iso, expected=expected, where=found[0].name)
     else:
         _check_omitted(of_profile, "it completes a noise profile, and none of the camera was found")
     spectra, relative = None, None
@@ -215,8 +221,15 @@ def _check_levels(black_dn: float | None, white_dn: float | None) -> None:
         raise InputError("black_level_dn", expected="given with the white level")
 
 
-def _matched(name: str, sources: Sequence[CameraSource]) -> list[CameraSource]:
+def _matched(name: str, sources: Sequence[CameraSource], profiles: Profiles) -> list[CameraSource]:
     """Return the sources of the camera of a name."""
+    if not sources and profiles is not None:
+        places = given_places(profiles)
+        hint, arguments = "Pass {profiles} or another such file", {"profiles": "noiseprofiles.json"}
+        if entries := entries_below(places):
+            hint, arguments = "Pass the folder of an entry: {profiles}", {"profiles": str(entries[0])}
+        listed = ", ".join(map(str, places)) or "the empty list of profiles"
+        raise InputError(f"no cameras in {listed}: {LOOKED_FOR}", hint=hint, arguments=arguments)
     if not sources:
         hint = "Pass {profiles}, or install darktable or rawtoaces' data; docs/howto/cameras.md lists the places"
         arguments = {"profiles": "noiseprofiles.json"}
@@ -245,27 +258,42 @@ def _setting(source: CameraSource, iso: float | None) -> float:
     raise InputError("iso", where=source.name, expected=f"given: the profiles have {listed}")
 
 
-def _one_with(sources: Sequence[CameraSource], iso: float | None) -> CameraSource:
-    """Return the newest contributed entry with a gain setting."""
+def _only_one(sources: Sequence[CameraSource]) -> CameraSource:
+    """Return the first of sources of one kind, which must hold the same data."""
+    first = sources[0]
+    if len({source.digest for source in sources}) == 1:
+        return first
+    paths = list(dict.fromkeys(str(source.path) for source in sources))
+    listed = ", ".join(paths[:_MOST_PATHS]) + (
+        f" and {len(paths) - _MOST_PATHS} others" if len(paths) > _MOST_PATHS else ""
+    )
+    what = "entry" if first.kind == "contributed" else f"file with a {first.kind}"
+    expected = f"one {what} of the camera: {len(sources)} with different data were found"
+    if len(paths) == 1:
+        hint = f"Remove all but one of them from a copy of {listed}, and pass it"
+        raise InputError("profiles", where=first.name, expected=expected, hint=hint)
+    hint = f"They are {listed}".replace("{", "{{").replace("}", "}}") + ". Pass only the one to use, such as {profiles}"
+    raise InputError("profiles", where=first.name, expected=expected, hint=hint, arguments={"profiles": paths[0]})
+
+
+def _with_setting(sources: Sequence[CameraSource], iso: float | None) -> list[CameraSource]:
+    """Return the contributed entries with a gain setting."""
     having = [source for source in sources if iso is None or iso in source.isos]
     if not having:
         known = sorted({setting for source in sources for setting in source.isos})
         expected = f"one of the measured settings, {', '.join(f'{each:g}' for each in known) or 'which are not stated'}"
         raise InputError("iso", where=sources[0].name, value=iso, expected=expected)
-    return max(having, key=_created)
+    return having
 
 
-def _created(source: CameraSource) -> str:
-    assert isinstance(source.content, LoadedEntry)
-    return source.content.entry.created
-
-
-def _contributed(source: CameraSource, iso: float | None) -> CameraProfile:
-    """Return the profile of a contributed camera, at a measured gain setting."""
+def _contributed(source: CameraSource, iso: float | None, others: Sequence[CameraSource]) -> CameraProfile:
+    """Return the profile of a contributed camera, at a measured gain setting; `others` are not used."""
     assert isinstance(source.content, LoadedEntry)
     sensor = source.content.sensor
     if iso is not None and sensor.gain_settings:
         sensor = sensor.at_gain_setting(iso)
     noise = sensor_noise_profile(sensor, gain_setting=sensor.gain_setting)
     missing = {"the chip's own pattern": "maps and serial number are removed from contributed entries"}
-    return CameraProfile(source.name, sensor.gain_setting, noise, None, sensor, (source,), missing)
+    unused = ", ".join(dict.fromkeys(str(other.path) for other in others))
+    notes = (f"the contributed entry is used, and not {unused}",) if unused else ()
+    return CameraProfile(source.name, sensor.gain_setting, noise, None, sensor, (source,), missing, notes)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from photosite.errors import FileError, PhotositeWarning
 from photosite.files.small_files import read_json_object
 from photosite.frames.io.darktable import DarktableCamera, darktable_cameras
-from photosite.library.entry import ENTRY_NAME, INDEX_NAME, LoadedEntry, entry_in_folder, read_index
+from photosite.library.entry import ENTRY_NAME, INDEX_NAME, LoadedEntry, entry_in_folder, read_index, sha256_of
 from photosite.library.names import name_words
 from photosite.library.spectra import SpectralFile, csv_camera, rawtoaces_camera
 from photosite.values.shown import Shown
@@ -25,6 +25,12 @@ VARIABLE = "PHOTOSITE_PROFILES"
 DARKTABLE_LICENSE = "not stated (the file that darktable installs: GPL-3.0-or-later)"
 NOT_STATED = "not stated"
 
+LOOKED_FOR = (
+    f"neither JSON files of darktable or rawtoaces, nor CSV files, an index ({INDEX_NAME}) or an entry ({ENTRY_NAME})"
+)
+"""What was not found in a folder without cameras."""
+
+Profiles = str | PathLike[str] | Sequence[str | PathLike[str]] | None
 Kind = Literal["noise profile", "spectral sensitivity", "contributed"]
 
 _DARKTABLE_FOLDERS = (
@@ -73,6 +79,19 @@ class CameraSource(Shown):
             return self.content.entry.gain_settings
         return ()
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the values, by which equal data are recognised; names, license and provenance are not in it."""
+        if isinstance(self.content, LoadedEntry):
+            values: Any = sorted(self.content.entry.sha256.items())
+        elif isinstance(self.content, DarktableCamera):
+            values = (self.content.isos, self.content.a, self.content.b, self.content.stated)
+        else:
+            table = self.content.sensitivity
+            channels = sorted((name, column.tolist()) for name, column in table.channels.items())
+            values = (table.wavelength_nm.tolist(), channels)
+        return sha256_of(repr(values).encode())
+
     def to_dict(self) -> dict[str, Any]:
         """Return name, kind, file, license, provenance and ISO speeds."""
         fields = {"name": self.name, "kind": self.kind, "file": str(self.path), "license": self.license}
@@ -92,8 +111,21 @@ def usual_places() -> tuple[Path, ...]:
     return tuple(dict.fromkeys([*named, *(path for path in (*profiles, *tables) if path.exists())]))
 
 
+def given_places(profiles: Profiles) -> tuple[Path, ...]:
+    """Return the files and folders of an argument `profiles`, `usual_places` for None."""
+    if profiles is None:
+        return usual_places()
+    return tuple(map(Path, [profiles] if isinstance(profiles, str | PathLike) else profiles))
+
+
+def entries_below(places: Iterable[Path]) -> tuple[Path, ...]:
+    """Return the folders of contributed entries in folders without an index, by name."""
+    folders = (place for place in places if place.is_dir())
+    return tuple(sorted(path.parent for place in folders for path in place.glob(f"*/{ENTRY_NAME}")))
+
+
 def find_cameras(
-    profiles: str | PathLike[str] | Sequence[str | PathLike[str]] | None = None,
+    profiles: Profiles = None,
 ) -> tuple[CameraSource, ...]:
     """Return the cameras of files and folders, by name.
 
@@ -108,8 +140,7 @@ def find_cameras(
     FileError
         If a file is missing, or none of these.
     """
-    given = usual_places() if profiles is None else [profiles] if isinstance(profiles, str | PathLike) else profiles
-    found = [source for path in given for source in _in_path(Path(path))]
+    found = [source for path in given_places(profiles) for source in _in_path(path)]
     return tuple(sorted(found, key=lambda source: (name_words(source.name), source.kind, str(source.path))))
 
 

@@ -23,6 +23,7 @@ _WHAT = "a table of spectral sensitivities"
 _LARGEST_CSV = 1 << 20
 _MOST_WAVELENGTHS = 10_000
 _RANGE_IN_NAME = re.compile(r"(?P<camera>.+?)_(?P<first>\d{3,4})_(?P<last>\d{3,4})_(?P<step>\d{1,3})")
+_WAVELENGTH_HEADING = re.compile(r"(wavelengths?|lambda|λ)( (in )?nm)?|nm")
 
 NOT_IN_SPECTRA = "absolute quantum efficiency (the sensitivities are relative) and fill factor"
 
@@ -102,8 +103,8 @@ def rawtoaces_camera(data: Mapping[str, Any], path: Path) -> SpectralFile:
         if not 2 <= len(rows) <= _MOST_WAVELENGTHS or len(set(names)) != len(names):
             raise ValueError("it needs 2 or more wavelengths and different channels")
         table = sorted((float(key), [finite_number(value, key) for value in values]) for key, values in rows.items())
-        if any(len(values) != len(names) for _, values in table):
-            raise ValueError("a wavelength has another number of values than there are channels")
+        if (wrong := next((row for row in table if len(row[1]) != len(names)), None)) is not None:
+            raise ValueError(f"the wavelength {wrong[0]:g} has {len(wrong[1])} values, for {len(names)} channels")
         wavelength_nm = np.array([key for key, _ in table])
         values = np.array([row for _, row in table])
         creator = header.get("laboratory") or header.get("document_creator")
@@ -119,7 +120,8 @@ def rawtoaces_camera(data: Mapping[str, Any], path: Path) -> SpectralFile:
 def csv_camera(path: Path) -> SpectralFile:
     """Read a CSV file with a column for each channel; the name of the file is the camera's.
 
-    With a heading, the first column is the wavelength in nm. Without one, the columns are R, G and B, and the name ends
+    With a heading, the first column is the wavelength in nm, and its heading says so: wavelength, lambda or nm, with or
+    without the unit (`wavelength_nm`, `Wavelength (nm)`). Without one, the columns are R, G and B, and the name ends
     in first and last wavelength and step, as that of rawtoaces' older file `Nikon_D200_380_780_5`.
 
     Raises
@@ -131,7 +133,8 @@ def csv_camera(path: Path) -> SpectralFile:
         lines = read_small(path, _WHAT, _LARGEST_CSV).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise FileError(path, f"is not {_WHAT}: it is not text in UTF-8") from None
-    cells = [[cell.strip() for cell in re.split(r"[,;\t]", line)] for line in lines if line.strip()]
+    numbers = [k for k, line in enumerate(lines, 1) if line.strip()]
+    cells = [[cell.strip().strip('"') for cell in re.split(r"[,;\t]", lines[k - 1])] for k in numbers]
     named = _RANGE_IN_NAME.fullmatch(path.stem if path.suffix.lower() in (".csv", ".txt") else path.name)
     camera = named["camera"] if named else path.stem
     maker, _, model = camera.replace("-", "_").partition("_") if named else camera.partition("_")
@@ -140,16 +143,19 @@ def csv_camera(path: Path) -> SpectralFile:
             raise ValueError("it is empty")
         has_heading = not _is_number(cells[0][0])
         if has_heading:
+            _check_wavelength_heading(cells[0][0], path, numbers[0])
             names, rows = [_channel(cell) for cell in cells[0][1:]], cells[1:]
         elif named is not None:
             names, rows = ["R", "G", "B"], cells
         else:
             raise ValueError("it has no heading, and its name does not end in first_last_step wavelengths in nm")
         width = len(names) + has_heading
-        if not names or len(set(names)) != len(names) or any(len(row) != width for row in rows):
-            raise ValueError(f"not every row has {width} cells, one for each channel")
+        if not names or len(set(names)) != len(names):
+            raise ValueError("it needs one column or more for channels, each with another heading")
         if len(rows) < 2:
             raise ValueError("it needs 2 or more wavelengths")
+        for line, row in zip(numbers[has_heading:], rows, strict=True):
+            _check_row(row, width, path, line)
         table = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
         if has_heading:
             wavelength_nm, values = table[:, 0], table[:, 1:]
@@ -159,6 +165,22 @@ def csv_camera(path: Path) -> SpectralFile:
             if len(wavelength_nm) != len(values):
                 raise ValueError(f"it has {len(values)} rows, and its name means {len(wavelength_nm)} wavelengths")
         return SpectralFile(maker, model.replace("_", " "), "", "", _sensitivity(wavelength_nm, names, values))
+
+
+def _check_wavelength_heading(heading: str, path: Path, line: int) -> None:
+    if not _WAVELENGTH_HEADING.fullmatch(" ".join(re.split(r"[\s_()\[\]/-]+", heading.lower())).strip()):
+        expected = "the wavelength in nm: wavelength, wavelength_nm, wavelength (nm), nm or lambda"
+        raise FileError(path, "the heading of the first column", line, value=heading, expected=expected)
+
+
+def _check_row(row: list[str], width: int, path: Path, line: int) -> None:
+    problem = None
+    if len(row) != width:
+        problem = f"the row has {len(row)} cells, not {width}"
+    elif (wrong := next((cell for cell in row if not _is_number(cell)), None)) is not None:
+        problem = f"a cell is not a finite number: {wrong[:40]!r}"
+    if problem is not None:
+        raise FileError(path, f"the file is not {_WHAT}: {problem}", line)
 
 
 def _sensitivity(

@@ -10,7 +10,8 @@ camera's comment and reads it from there. For files of other programs `darktable
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -206,14 +207,29 @@ def _green(profile: Mapping[str, Any], name: str) -> float:
     return [finite_number(entry, name) for entry in entries][1]
 
 
+@contextmanager
+def _in_place(place: str) -> Iterator[None]:
+    """Put the camera, and its ISO speed, in front of what is wrong with a profile."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{place}: {reason}") from None
+
+
 def _camera(maker: str, model: str, entries: Sequence[Mapping[str, Any]]) -> DarktableCamera:
     comment = str(entries[0].get("comment") or "")
     values: dict[float, list[tuple[float, float]]] = {}
+    place = f"{maker} {model}".strip()[:80]
     for profile in (profile for entry in entries for profile in entry["profiles"]):
-        if not profile.get("skip"):
+        with _in_place(place):
+            if profile.get("skip"):
+                continue
+            iso = finite_number(profile["iso"], "iso")
+        with _in_place(f"{place}, ISO {iso:g}"):
             # darktable's denoiser takes green's numbers for all three.
             a, b = (_green(profile, name) for name in ("a", "b"))
-            values.setdefault(finite_number(profile["iso"], "iso"), []).append((a, b))
+        values.setdefault(iso, []).append((a, b))
     isos = tuple(sorted(values))
     means = [tuple(fmean(column) for column in zip(*values[iso], strict=True)) for iso in isos]
     return DarktableCamera(
