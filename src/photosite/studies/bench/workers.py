@@ -5,11 +5,12 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -32,9 +33,14 @@ _SIDE = 512
 _WORKER = {
     **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
     **dict.fromkeys(("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"), "2000000000"),
+    "MALLOC_ARENA_MAX": "1",
 }
-"""Environment of workers and plain processes: one thread each, and freed memory kept, unlike Dask's default."""
-_ROUNDS = 5
+"""Environment of workers and plain processes: one thread each, and freed memory kept, unlike Dask's default.
+
+A worker computes in a thread beside its main one, where the C library keeps no arrays above 64 MB unless all threads
+share one arena.
+"""
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,8 @@ class Efficiency:
     """Seconds for the same tasks, once workers have done some: medians of several rounds.
 
     They run on one and two workers of a scheduler, and in one plain process and in two that share them, in turn in each
-    round, because the speed of shared machines changes.
+    round, because the speed of shared machines changes. The processes of the others are stopped meanwhile: an idle
+    scheduler or worker takes some percent of a core.
     """
 
     tasks: int
@@ -93,8 +100,8 @@ def calibration_load(folder: str, _: int) -> float | None:
 
 
 LOADS: dict[str, tuple[Callable[[str, int], Any], int]] = {
-    "noise": (noise_load, 16),
-    "calibration": (calibration_load, 8),
+    "noise": (noise_load, 48),
+    "calibration": (calibration_load, 16),
 }
 """Work of a task, and the number of tasks."""
 
@@ -105,11 +112,12 @@ def nothing(index: int) -> dict[str, float]:
 
 
 @contextmanager
-def _cluster(workers: int) -> Iterator[tuple[str, int]]:
-    """Start a scheduler in a process of its own and workers of one thread; yield its address and process number."""
+def _cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Start a scheduler and workers of one thread, each a process of its own; yield its address and the processes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scheduler.json"
         quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+        quiet["start_new_session"] = True  # a group, with the process that a worker starts, which can be stopped
         call = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
         started = [subprocess.Popen([*_dask("scheduler"), *call], **quiet)]
         try:
@@ -118,12 +126,24 @@ def _cluster(workers: int) -> Iterator[tuple[str, int]]:
             call = ["--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"]
             for _ in range(workers):
                 started.append(subprocess.Popen([*_dask("worker"), *call], env=os.environ | _WORKER, **quiet))
-            yield json.loads(file.read_text())["address"], started[0].pid
+            yield json.loads(file.read_text())["address"], started
         finally:
             for process in reversed(started):
                 process.terminate()
             for process in started:
                 process.wait()
+
+
+@contextmanager
+def _stopped(processes: Sequence[subprocess.Popen[bytes]]) -> Iterator[None]:
+    """Stop groups of processes, and let them go on afterwards."""
+    for process in processes:
+        os.killpg(process.pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for process in processes:
+            os.killpg(process.pid, signal.SIGCONT)
 
 
 def _dask(what: str) -> list[str]:
@@ -135,18 +155,22 @@ def efficiency(name: str, folder: str) -> Efficiency:
     work, count = LOADS[name]
     function = partial(_timed, work, folder)
     rounds = []
-    with _cluster(1) as (one, _), _cluster(2) as (two, _), _plain_processes(name, folder) as processes:
+    with _cluster(1) as (one, of_one), _cluster(2) as (two, of_two), _plain_processes(name, folder) as processes:
         for number, address in enumerate((one, two), 1):
             _wait_for(address, number)
             list(run_tasks(function, range(4 * number), scheduler=address))  # imports, kernels
         for _ in range(_ROUNDS):
-            begun = time.perf_counter()
-            list(run_tasks(function, range(count), scheduler=one))
-            middle = time.perf_counter()
-            spent = sum(seconds for _, seconds in run_tasks(function, range(count), scheduler=two))
-            ended = time.perf_counter()
-            alone, both = _plain(processes[:1], count), _plain(processes, count)
-            rounds.append((middle - begun, ended - middle, alone, both, spent / (2.0 * (ended - middle))))
+            with _stopped(of_two):
+                begun = time.perf_counter()
+                list(run_tasks(function, range(count), scheduler=one))
+                by_one = time.perf_counter() - begun
+            with _stopped(of_one):
+                begun = time.perf_counter()
+                spent = sum(seconds for _, seconds in run_tasks(function, range(count), scheduler=two))
+                by_two = time.perf_counter() - begun
+            with _stopped([*of_one, *of_two]):
+                alone, both = _plain(processes[:1], count), _plain(processes, count)
+            rounds.append((by_one, by_two, alone, both, spent / (2.0 * by_two)))
     times = np.array(rounds)
     of_workers, of_machine = (np.median(times[:, k] / (2.0 * times[:, k + 1])) for k in (0, 2))
     one_s, two_s, alone, both, busy = np.median(times, axis=0).tolist()
@@ -209,7 +233,8 @@ def _plain(processes: list[subprocess.Popen[str]], count: int) -> float:
 
 def task_cost(tasks: int = 5000) -> TaskCost:
     """Measure the cost of a task on two workers of this machine (Linux)."""
-    with _cluster(2) as (address, scheduler):
+    with _cluster(2) as (address, started):
+        scheduler = started[0].pid
         _wait_for(address, 2)
         list(run_tasks(nothing, range(100), scheduler=address))
         before = _cpu_s(scheduler), time.process_time(), _loopback_bytes()
