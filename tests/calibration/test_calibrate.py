@@ -1,8 +1,10 @@
 """The calibration as a whole: slow oracles for its parts, missing values and their reasons, and the result."""
 
+import gc
 import json
 import random
 import re
+import weakref
 from dataclasses import fields, replace
 
 import numpy as np
@@ -192,6 +194,21 @@ def test_few_frames_are_held_at_a_time(mono, calibration, monkeypatch, thread_sa
     assert frames.frame_count + 2 * LINE_FRAMES < len(alive) <= frames.frame_count + 2 * LINE_FRAMES + dark + light
     assert max(held) <= 3 + 2 + 2  # summed together, read ahead, and one at either end of the queue
     assert (threads == {threading.main_thread()}) is not thread_safe
+
+
+@pytest.mark.usefixtures("calibration")  # compilation, which leaves cycles of its own, has ended
+def test_a_dropped_calibration_frees_its_frames_at_once(virtual):
+    """Not at the next search for cycles: the frames of several cameras in one process would add up."""
+    frames = virtual.frame_set(virtual.sensor(3), 3)
+    group = weakref.ref(frames.groups[0])
+    gc.collect()
+    gc.disable()
+    try:
+        found = calibrate(frames)
+        del found, frames
+        assert group() is None
+    finally:
+        gc.enable()
 
 
 def test_without_saturation_all_levels_are_linear(virtual):

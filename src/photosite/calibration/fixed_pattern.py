@@ -49,6 +49,7 @@ from photosite.calibration.spatial.spatial_analysis import (
     spatial_analysis,
 )
 from photosite.engine.site_planes import mean_of_sites
+from photosite.engine.threads import computed_beside
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, derive
 
@@ -284,7 +285,7 @@ def _dark_structure(
         return None, (), ()
     mean = dark.mean.mean
     with ThreadPoolExecutor(1) as beside:  # medians in NumPy take one core, the rest takes all
-        offsets = beside.submit(periodic_offsets, mean) if dark.clipped is None else None
+        offsets = computed_beside(beside, periodic_offsets, mean) if dark.clipped is None else None
         taps = find_taps(mean_of_sites(mean, None, tile.shape), dark=True)
         far = find_far_pixels("DSNU", mean, tile.shape)
     return None if offsets is None else offsets.result(), _found([taps]), _found([far])
@@ -295,7 +296,7 @@ def _light_structure(
 ) -> tuple[PeriodicStructure | None, tuple[Taps, ...]]:
     """Return periods and taps of a mean flat field less the dark."""
     with ThreadPoolExecutor(1) as beside:
-        structure = beside.submit(periodic_structure, bright, dark, tile)
+        structure = computed_beside(beside, periodic_structure, bright, dark, tile)
         taps = find_taps(mean_of_sites(bright, dark, tile.shape, relative=True))
     return structure.result(), _found([taps])
 

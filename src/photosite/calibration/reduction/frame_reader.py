@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain, islice
@@ -28,6 +28,7 @@ from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.jit import THREADS
+from photosite.engine.threads import computed_beside
 from photosite.errors import CalibrationError, FileError
 from photosite.files.small_files import file_stamp
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -128,6 +129,7 @@ class FrameReader:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._threads.shutdown(cancel_futures=True)
+        self._first_pass.close()  # its generator has this reader, whose arrays would stay until the next collection
 
     def expect(self, frames: int) -> None:
         """Announce frames that will be read again."""
@@ -268,7 +270,7 @@ class FrameReader:
             rows, cols = sample_grid(self._shape, len(group))
             labels = self.tile[rows % self.tile.shape[0], cols % self.tile.shape[1]]
             samples, dark = list(first.samples), group.kind == "dark"
-            self._screening = self._threads.submit(screen_frames, samples, labels, self._dark_dn, dark=dark)
+            self._screening = computed_beside(self._threads, screen_frames, samples, labels, self._dark_dn, dark=dark)
 
     def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums, *, variance: bool) -> None:
         """Leave near copies and outlier frames out of a group's sums."""
@@ -375,7 +377,9 @@ class FrameReader:
             if self._progress is not None:
                 self._progress(self._done, self._expected)
 
-    def _read_ahead(self, sources: Iterable[tuple[FrameSource, int]], identify: bool = False) -> Iterator[_Read]:
+    def _read_ahead(
+        self, sources: Iterable[tuple[FrameSource, int]], identify: bool = False
+    ) -> Generator[_Read, None, None]:
         """Yield the frames in order, read in threads where that is safe.
 
         Each source comes with the number of frames of its group, or 0 if it need not be sampled.
