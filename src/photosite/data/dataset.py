@@ -188,8 +188,8 @@ class PairDataset(Shown):
             sensor,
             (u[1], u[2]),
             (self.flips and u[3] < 0.5, self.flips and u[4] < 0.5),
-            between(*_range("light", self.light), u[5]),
-            between(*_range("exposure_s", self.exposure_s), u[6]),
+            between(*self._light_range, u[5]),
+            between(*self._exposure_range, u[6]),
             (u[7], u[10]),
         )
         seen = self.source.light(image, patch)
@@ -224,41 +224,24 @@ class PairDataset(Shown):
         return clean_numbers(sensor, electrons)[inside], noisy
 
     @cached_property
-    def _noise_lines(self) -> list[tuple[float, float, float]]:
-        """For each sensor the slope of the variance, its offset in the dark, and the offset's increase per second."""
-        lines = []
-        for sensor in self.all_sensors:
-            at_0, at_1 = (sensor_noise_profile(sensor, exposure_s) for exposure_s in (0.0, 1.0))
-            first, second = (each.offset[0].value * each.span_dn**2 for each in (at_0, at_1))
-            lines.append((at_0.slope[0].value * at_0.span_dn, first, second - first))
-        return lines
+    def _light_range(self) -> tuple[float, float]:
+        return _range("light", self.light)
+
+    @cached_property
+    def _exposure_range(self) -> tuple[float, float]:
+        return _range("exposure_s", self.exposure_s)
+
+    @cached_property
+    def _of_sensors(self) -> list[_OfSensor]:
+        return [_OfSensor.of(sensor) for sensor in self.all_sensors]
 
     def _facts(self, number: int, patch: Patch, corner: tuple[int, int], seen: Light) -> dict[str, Any]:
-        sensor = self.all_sensors[number]
-        black, white = sensor.output_levels_dn
-        bits, companded = sensor.output_bits, sensor.effects is not None and sensor.effects.companded
-        slope = offset = 0.0
-        if sensor.captures is not None:
-            combination = sensor.captures.combination
-            black, bits = combination.output_black_level_dn, combination.output_bits
-            white = float((1 << bits) - 1)
-        elif not companded:
-            slope, in_dark, per_s = self._noise_lines[number]
-            offset = in_dark + per_s * patch.exposure_s
-        own = seen.own_noise
+        shared, own = self._of_sensors[number], seen.own_noise
         return {
-            "sensor": sensor.name,
-            "serial": sensor.serial,
-            "gain_setting": float(sensor.gain_setting or 0.0),
+            **shared.facts,
             "exposure_s": patch.exposure_s,
             "light": patch.light,
-            "bits": bits,
-            "black_level_dn": float(black),
-            "white_level_dn": float(white),
-            "system_gain_dn_per_e": float(sensor.system_gain_dn_per_e),
-            "cfa": tile_text(sensor.array.cfa),
-            "noise_slope_dn": float(slope),
-            "noise_offset_dn2": float(offset),
+            "noise_offset_dn2": shared.in_dark_dn2 + shared.in_dark_dn2_per_s * patch.exposure_s,
             "chip_row": corner[0],
             "chip_col": corner[1],
             "own_shot": 0.0 if own is None else own.shot,
@@ -275,6 +258,41 @@ class PairDataset(Shown):
             "sensors": described(self.all_sensors),
             "source": self.source.describe(),
         }
+
+
+@dataclass(frozen=True)
+class _OfSensor:
+    """What the items of a sensor share: metadata, and their variance in the dark, which grows with exposure time."""
+
+    facts: dict[str, Any]
+    in_dark_dn2: float
+    in_dark_dn2_per_s: float
+
+    @classmethod
+    def of(cls, sensor: Sensor) -> _OfSensor:
+        black, white = sensor.output_levels_dn
+        bits, companded = sensor.output_bits, sensor.effects is not None and sensor.effects.companded
+        slope = in_dark = in_dark_per_s = 0.0
+        if sensor.captures is not None:
+            combination = sensor.captures.combination
+            black, bits = combination.output_black_level_dn, combination.output_bits
+            white = float((1 << bits) - 1)
+        elif not companded:
+            at_0, at_1 = (sensor_noise_profile(sensor, exposure_s) for exposure_s in (0.0, 1.0))
+            in_dark, after_1_s = (each.offset[0].value * each.span_dn**2 for each in (at_0, at_1))
+            slope, in_dark_per_s = at_0.slope[0].value * at_0.span_dn, after_1_s - in_dark
+        facts = {
+            "sensor": sensor.name,
+            "serial": sensor.serial,
+            "gain_setting": float(sensor.gain_setting or 0.0),
+            "bits": bits,
+            "black_level_dn": float(black),
+            "white_level_dn": float(white),
+            "system_gain_dn_per_e": float(sensor.system_gain_dn_per_e),
+            "cfa": tile_text(sensor.array.cfa),
+            "noise_slope_dn": float(slope),
+        }
+        return cls(facts, float(in_dark), float(in_dark_per_s))
 
 
 def item_number(index: SupportsIndex, count: int) -> int:

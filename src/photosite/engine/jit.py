@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -90,20 +90,22 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forked.note)
 
 
-@contextmanager
-def threads_for(items: int) -> Iterator[None]:
+def threads_for(items: int) -> AbstractContextManager[None]:
     """Limit the threads of parallel kernels in a `with` block to what a number of items can keep busy.
 
     Starting a thread takes longer than a small frame, and much longer if other processes use the cores.
     """
-    if _forked.without_threads:
-        yield
-        return
+    threads = max(1, items // ITEMS_PER_THREAD)
+    return _NO_LIMIT if threads >= THREADS or _forked.without_threads else _at_most(threads)
+
+
+_NO_LIMIT = nullcontext()
+
+
+@contextmanager
+def _at_most(threads: int) -> Iterator[None]:
     before = numba.get_num_threads()
-    if before <= items // ITEMS_PER_THREAD:
-        yield
-        return
-    numba.set_num_threads(max(1, items // ITEMS_PER_THREAD))
+    numba.set_num_threads(min(threads, before))
     try:
         yield
     finally:

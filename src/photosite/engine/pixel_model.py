@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled, prange, prefetch
 from photosite.engine.random_numbers import (
     BLINKING,
     EXPOSURE,
@@ -268,6 +268,22 @@ def constant_run(values: NDArray[Any]) -> NDArray[Any]:
     return np.full(RUN, values[0, 0], values.dtype)
 
 
+@compiled(inline=True)
+def prefetch_row(values: NDArray[Any], r: int, c: int, n: int) -> None:
+    """Prefetch n columns of a map's row from a column on; the row may be beyond the last.
+
+    Rows of a patch are far from each other in a map of the whole chip, and hardware does not foresee the next.
+    """
+    if values.shape[0] > 1:
+        first = values.ctypes.data + r * values.strides[0] + c * values.itemsize
+        for at in range(0, n * values.itemsize, _CACHE_LINE):
+            prefetch(first + at)
+
+
+_CACHE_LINE = 64
+"""Bytes of a line of most processors' caches."""
+
+
 @compiled()
 def run_shape(cols: int) -> tuple[int, int]:
     """Return the rows and columns of a run in a frame of `cols` columns."""
@@ -340,6 +356,9 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
                     photo, mean = photo_e[r, c:], run.mean[at:]
                     prnu = row_from(maps.prnu, chip_r, chip_c, prnu_1)
                     dark = row_from(maps.dark_rate_e_per_s, chip_r, chip_c, dark_1)
+                    prefetch_row(maps.prnu, chip_r + height, chip_c, n)  # for the next run
+                    prefetch_row(maps.dark_rate_e_per_s, chip_r + height, chip_c, n)
+                    prefetch_row(maps.offset, chip_r, chip_c, n)  # for the end of this run
                     random_words(pixel_number(r, c, exposure), at, n, frame, EXPOSURE, k0, k1, run)
                     for i in range(n):
                         pixel = drawn_pixel(prnu[i], np.int16(0), dark[i], 0.0, constants, exposure)

@@ -243,12 +243,11 @@ def poisson_run(n: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.uint32
     short_mean, deviation, error, _ = run.short
     small = 0
     for i in range(n):
+        short_mean[i] = mean[i]
         small += int(mean[i] < SMALL_MEAN)
         run.marks[i] = mean[i] < SMALL_MEAN
     left = 0
     if small < n:
-        for i in range(n):
-            short_mean[i] = mean[i]
         short_trials(n, short_mean, words[0], words[1], deviation, error, trials[0])
         for i in range(n):
             count = _count(mean[i], deviation[i], error[i])
@@ -286,7 +285,7 @@ def _poisson_late(left: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.u
     Each pixel gets the count that `poisson_after` gives from draw 0 on.
     """
     words, mean, electrons, late, trials = run.words, run.mean, run.electrons, run.late, run.trials
-    means, candidates, pixels, exact = run.listed[0], run.listed[1], run.trials[3], run.few
+    means, candidates, pixels, exact, marks = run.listed[0], run.listed[1], run.trials[3], run.few, run.marks
     short_mean, count, difference, verdicts = run.short
     for j in range(left):
         i = np.uint64(late[j])  # an unsigned index is not tested for counting from the end
@@ -303,7 +302,12 @@ def _poisson_late(left: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.u
             count[j] = candidates[j]
             difference[j] = candidates[j] - means[j]
         short_verdicts(padded, short_mean, count, difference, trials[0], trials[1], verdicts)
-        kept = undecided = np.uint64(0)
+        for j in range(left):
+            marks[j] = verdicts[j] == f(0.0)
+        for j in range(marked(marks, left, exact)):
+            i = late[exact[j]]
+            candidates[exact[j]] = poisson_after(mean[i], run.pixels[i], frame, EXPOSURE, draw, k0, k1)
+        kept = np.uint64(0)
         for j in range(left):
             i = late[j]
             electrons[np.uint64(i)] = candidates[j]  # of rejected ones, too: the next draw replaces them
@@ -311,11 +315,6 @@ def _poisson_late(left: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.u
             pixels[kept] = pixels[j]
             means[kept] = means[j]
             kept += np.uint64(verdicts[j] < f(0.0))
-            exact[undecided] = i
-            undecided += np.uint64(verdicts[j] == f(0.0))
-        for j in range(undecided):
-            i = exact[j]
-            electrons[i] = poisson_after(mean[i], run.pixels[i], frame, EXPOSURE, draw, k0, k1)
         left = int(np.int64(kept))
         padded = _padded(left)
         draw += np.uint32(1)
