@@ -79,7 +79,7 @@ def test_errors_of_tasks_are_those_of_the_call(where: dict[str, Any]) -> None:
 def test_a_worker_takes_no_more_threads_than_its_share(where: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(variable, raising=False)
-    monkeypatch.setattr("photosite.engine.workers._cores", lambda: 2)
+    monkeypatch.setattr("photosite.engine.workers.cores", lambda: 2)
     assert everything(tasks.limits, 2, **where) == [(1, "1"), (1, "1")]
     assert "NUMBA_NUM_THREADS" not in os.environ
 

@@ -15,8 +15,8 @@ import click
 
 from photosite.cli.main import COMMANDS, load_command, run
 
-LEFT_OUT = {"serve", "bench", "reproduce", "demo", "render"}
-"""Commands that run for minutes by design, or need programs that are not always there."""
+LEFT_OUT = {"serve", "worker", "bench", "reproduce", "demo", "render"}
+"""Commands that run until they are stopped or for minutes, or need programs that are not always there."""
 
 _LEFT_OUT_OPTIONS = {"--dask", "--help", "--version"}
 

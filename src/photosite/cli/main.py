@@ -44,6 +44,7 @@ COMMANDS = {
     "simulate": "Simulate a raw frame of a scene.",
     "sweep": "Measure a camera for all combinations of values of its fields.",
     "dataset": "Write pairs of clean and noisy frames for training.",
+    "worker": "Start workers for the tasks of a Dask scheduler.",
     "shoot": "Simulate a measurement: the dark frames and flat fields of a calibration.",
     "plan": "Plan a measurement: frames needed for a precision, precision reached by a protocol.",
     "calibrate": "Estimate a sensor's parameters from dark frames and flat fields.",

@@ -31,7 +31,9 @@ MOST_DEATHS = 3
 
 _CONNECT_S, _END_S = 10.0, 5.0
 
-_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that limit the threads of libraries."""
+
 _environment = threading.Lock()
 
 
@@ -84,7 +86,7 @@ def run_tasks(
         raise InputError("processes", value=processes, expected="1 or more, or None for the number of cores")
     if scheduler is not None:
         return _on_scheduler(function, tasks, scheduler, name, ahead)
-    count = min(_cores() if processes is None else processes, len(tasks))
+    count = min(cores() if processes is None else processes, len(tasks))
     return (
         ((index, function(task)) for index, task in enumerate(tasks))
         if count <= 1
@@ -109,7 +111,8 @@ def in_order(completed: Iterable[tuple[int, Result]]) -> Iterator[Result]:
             following += 1
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -153,7 +156,7 @@ class _Process:
 def _on_processes(
     function: Callable[[Task], Result], tasks: Sequence[Task], count: int, name: Callable[[Task], str]
 ) -> Generator[tuple[int, Result], None, None]:
-    threads = max(1, _cores() // count)
+    threads = max(1, cores() // count)
     waiting = deque(range(len(tasks)))
     deaths: Counter[int | None] = Counter()
     pool: dict[Any, _Process] = {}
@@ -237,7 +240,7 @@ def _error_of(answer: tuple[bytes, str]) -> Exception:
 def _threads_of_children(threads: int) -> Iterator[None]:
     """Limit the threads of processes that start in a `with` block: libraries read these variables when they load."""
     with _environment:
-        missing = [variable for variable in _THREADS if variable not in os.environ]
+        missing = [variable for variable in THREAD_VARIABLES if variable not in os.environ]
         os.environ.update(dict.fromkeys(missing, str(threads)))
         try:
             yield
@@ -286,17 +289,11 @@ def _end_with(sentinel: int) -> None:
 def _on_scheduler(
     function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str, name: Callable[[Task], str], ahead: int
 ) -> Generator[tuple[int, Result], None, None]:
-    try:
-        dask: Any = importlib.import_module("distributed")
-    except ImportError:
-        hint = "Run pip install '.[distributed]' in the clone, or omit {scheduler}"
-        raise InputError(
-            "a scheduler needs the package distributed", hint=hint, arguments={"scheduler": scheduler}
-        ) from None
+    dask = _distributed()
     with ExitStack() as stack:
         # Errors reach the caller as exceptions; what Dask logs about a lost connection repeats them.
         stack.enter_context(importlib.import_module("distributed.utils").silence_logging_cmgr(logging.CRITICAL))
-        _check_scheduler(scheduler)
+        check_scheduler(scheduler)
         try:
             client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
         except OSError as error:
@@ -333,8 +330,18 @@ def _on_scheduler(
             yield index, result.result
 
 
-def _check_scheduler(address: str) -> None:
-    """Raise an error if no scheduler answers at an address; a Dask client hangs there for half a minute."""
+def _distributed() -> Any:
+    """Return the package distributed."""
+    try:
+        return importlib.import_module("distributed")
+    except ImportError:
+        hint = "Run pip install '.[distributed]' in the clone"
+        raise InputError("a scheduler needs the package distributed", hint=hint) from None
+
+
+def check_scheduler(address: str) -> None:
+    """Raise `InputError` if no scheduler answers at an address; a Dask client hangs there for half a minute."""
+    _distributed()
     with ThreadPoolExecutor(1) as pool:  # a thread without an event loop, which that of a notebook has
         try:
             kind = pool.submit(asyncio.run, _kind_of_server(address)).result()

@@ -22,6 +22,7 @@ import numpy as np
 from photosite.calibration.calibrate import calibrate
 from photosite.data.dataset import PairDataset
 from photosite.data.light import Electrons
+from photosite.engine.dask_workers import WORKER_ENVIRONMENT
 from photosite.engine.workers import run_tasks
 from photosite.errors import InputError
 from photosite.frames.open import open_frames
@@ -30,17 +31,7 @@ from photosite.studies.bench.frames import benchmark_protocol, write_frames
 
 _PAIRS = 64
 _SIDE = 512
-_WORKER = {
-    **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
-    **dict.fromkeys(("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"), "2000000000"),
-    "MALLOC_ARENA_MAX": "1",
-}
-"""Environment of workers and plain processes: one thread each, and freed memory kept, unlike Dask's default.
-
-A worker computes in a thread beside its main one, where the C library keeps no arrays above 64 MB unless all threads
-share one arena.
-"""
-_ROUNDS = 3
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -95,13 +86,13 @@ def noise_load(_: str, index: int) -> int:
 
 
 def calibration_load(folder: str, _: int) -> float | None:
-    """Calibrate a camera from 16 frames of a D200, uncompressed and in the page cache."""
+    """Calibrate a camera from 64 frames of a D200, uncompressed and in the page cache."""
     return calibrate(open_frames(folder)).system_gain_dn_per_e.value
 
 
 LOADS: dict[str, tuple[Callable[[str, int], Any], int]] = {
-    "noise": (noise_load, 48),
-    "calibration": (calibration_load, 16),
+    "noise": (noise_load, 64),
+    "calibration": (calibration_load, 8),
 }
 """Work of a task, and the number of tasks."""
 
@@ -113,20 +104,20 @@ def nothing(index: int) -> dict[str, float]:
 
 @contextmanager
 def _cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Start a scheduler and workers of one thread, each a process of its own; yield its address and the processes."""
+    """Start a scheduler and workers, each a process of its own; yield the scheduler's address and the programs."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scheduler.json"
-        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
-        quiet["start_new_session"] = True  # a group, with the process that a worker starts, which can be stopped
+        # A group for each program, with the processes that it starts, which can be stopped
+        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
         call = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
-        started = [subprocess.Popen([*_dask("scheduler"), *call], **quiet)]
+        started = [subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *call], **quiet)]
         try:
             while not file.exists():
                 time.sleep(0.05)
-            call = ["--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"]
-            for _ in range(workers):
-                started.append(subprocess.Popen([*_dask("worker"), *call], env=os.environ | _WORKER, **quiet))
-            yield json.loads(file.read_text())["address"], started
+            address = json.loads(file.read_text())["address"]
+            call = ["worker", address, "--processes", str(workers)]
+            started.append(subprocess.Popen([sys.executable, "-m", "photosite", *call], **quiet))
+            yield address, started
         finally:
             for process in reversed(started):
                 process.terminate()
@@ -144,10 +135,6 @@ def _stopped(processes: Sequence[subprocess.Popen[bytes]]) -> Iterator[None]:
     finally:
         for process in processes:
             os.killpg(process.pid, signal.SIGCONT)
-
-
-def _dask(what: str) -> list[str]:
-    return [sys.executable, "-m", f"distributed.cli.dask_{what}"]
 
 
 def efficiency(name: str, folder: str) -> Efficiency:
@@ -208,7 +195,7 @@ def _plain_processes(name: str, folder: str) -> Iterator[list[subprocess.Popen[s
     """Start two processes without a scheduler."""
     call = [sys.executable, "-c", _PLAIN, name, folder]
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    processes = [subprocess.Popen(call, env=os.environ | _WORKER, **pipes) for _ in range(2)]
+    processes = [subprocess.Popen(call, env=WORKER_ENVIRONMENT | os.environ, **pipes) for _ in range(2)]
     try:
         _plain(processes, 2)
         yield processes
@@ -263,7 +250,7 @@ def measure_workers(report: Callable[[str], object]) -> tuple[dict[str, Efficien
         raise InputError("this measurement needs the package distributed", hint=hint)
     with tempfile.TemporaryDirectory() as folder:
         report("writing frames")
-        write_frames(f"{folder}/frames", benchmark_protocol(1))
+        write_frames(f"{folder}/frames", benchmark_protocol(4))
         found = {}
         for name in LOADS:
             report(f"measuring {name} on two workers")
