@@ -33,9 +33,12 @@ def test_pairs_of_pictures_and_charts(photosite: Any, picture: Path, tmp_path: P
     assert all(1 / 1000 <= fact["exposure_s"] <= 1 / 30 for fact in facts)
     assert {fact["serial"] for fact in facts} <= {"0", "1", "2"}
     assert json.loads((tmp_path / "pairs" / "manifest.json").read_text())["license_of_inputs"] == "CC0 1.0"
-    again = photosite(*call, "-o", tmp_path / "pairs")
-    assert again.status == 0
-    assert again.out.startswith("wrote 8 pairs of 32 x 48 pixels in 3 shards to")
+    (tmp_path / "pairs" / "shard-000001.h5").unlink()
+    again = [photosite(*call, "-o", tmp_path / "pairs", "--json").json["shards_written"] for _ in range(2)]
+    assert [done.json["shards_written"], *again] == [3, 1, 0]
+    once_more = photosite(*call, "-o", tmp_path / "pairs")
+    assert once_more.status == 0
+    assert once_more.out.startswith("checked 8 pairs of 32 x 48 pixels in 3 shards ")
 
 
 def test_pairs_of_raw_frames_and_electrons(photosite: Any, tmp_path: Path) -> None:
@@ -58,7 +61,7 @@ def test_bad_calls(photosite: Any, picture: Path, tmp_path: Path) -> None:
     for more, message in (
         (["--crop", "512"], "--crop must be ROWSxCOLS, such as 512x512, got '512'"),
         (["--crop", "33x32"], "--crop must be multiples of the filter array's tile"),
-        (["--exposure", "1:1/2"], "--exposure must be (shortest, longest)"),
+        (["--exposure", "1:1/2"], "--exposure must be a range"),
         (["--optics", "missing.yaml"], "missing.yaml"),
         (["a.npy"], "a.npy: an array of numbers is not a scene. Add --inputs-are electrons"),
     ):

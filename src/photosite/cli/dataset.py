@@ -145,6 +145,8 @@ def command(
             options.only_for(f"--inputs-are {of_kind}", *settings)
     names = ("crop", "crops", "draws", "light", "exposure_s", "flips", "unit", "seed")
     dataset = PairDataset(_source(kind, inputs, given), _sensors(given), **{name: given[name] for name in names})
+    shards = -(-len(dataset) // pairs_per_shard)
+    found = sum(1 for _ in output.glob("shard-*"))
     say_if_compiling()
     progress = Stages()
     manifest = write_shards(
@@ -162,7 +164,8 @@ def command(
         "manifest": manifest,
         "card": output / CARD,
         "pairs": len(dataset),
-        "shards": -(-len(dataset) // pairs_per_shard),
+        "shards": shards,
+        "shards_written": shards - found,
         "rows": dataset.shape[0],
         "cols": dataset.shape[1],
         "seed": given["seed"],
@@ -172,10 +175,10 @@ def command(
 
 def _text(facts: dict[str, Any], given: dict[str, Any]) -> str:
     times = given["exposure_s"] if isinstance(given["exposure_s"], tuple) else (given["exposure_s"],)
+    verb, where = ("wrote", "to") if facts["shards_written"] else ("checked", "in")
     return (
-        f"wrote {many(facts['pairs'], 'pair')} of {facts['rows']} x {facts['cols']} pixels in "
-        f"{many(facts['shards'], 'shard')} to "
-        f"{facts['path']}: {' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
+        f"{verb} {many(facts['pairs'], 'pair')} of {facts['rows']} x {facts['cols']} pixels in "
+        f"{many(facts['shards'], 'shard')} {where} {facts['path']}: {' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
     )
 
 

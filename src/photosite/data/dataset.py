@@ -126,7 +126,7 @@ class PairDataset(Shown):
             raise InputError("light", value=self.light, expected="above 0, or (lowest, highest)")
         shortest, longest = map(check_exposure, _ends(self.exposure_s))
         if shortest > longest:
-            raise InputError("exposure_s", value=self.exposure_s, expected="(shortest, longest)")
+            raise InputError("exposure_s", value=self.exposure_s, expected="a range with the shortest time first")
         check_choice("unit", self.unit, Unit)
         if not isinstance(self.seed, Integral) or not 0 <= self.seed < 1 << 64:
             raise InputError("seed", value=self.seed, expected="an integer from 0 to 2^64 - 1")
@@ -151,7 +151,7 @@ class PairDataset(Shown):
             )
         if rows > array.rows or cols > array.cols:
             hint = "Give the sensor more rows and columns"
-            expected = f"at most the chip, ({array.rows}, {array.cols})"
+            expected = f"at most the chip, {array.rows} x {array.cols}"
             raise InputError("crop", where=where, value=(rows, cols), expected=expected, hint=hint)
         if rows % len(array.cfa) or cols % len(array.cfa[0]):
             expected = f"multiples of the filter array's tile, {len(array.cfa)} x {len(array.cfa[0])}"

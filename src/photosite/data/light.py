@@ -314,7 +314,9 @@ def check_light(sensor: Sensor, own: OwnNoise | None, light: float) -> None:
 def check_covers(shape: tuple[int, ...], wanted: tuple[int, int], what: object) -> None:
     """Raise `InputError` if an image is smaller than a patch."""
     if shape[0] < wanted[0] or shape[1] < wanted[1]:
-        raise InputError("crop", where=f"image {what}", value=wanted, expected=f"at most the image, {shape}")
+        raise InputError(
+            "crop", where=f"image {what}", value=wanted, expected=f"at most the image, {shape[0]} x {shape[1]}"
+        )
 
 
 def check_exist(inputs: Sequence[Any]) -> None:
