@@ -47,14 +47,14 @@ def test_files_that_pages_link_exist() -> None:
 
 
 def commands_on(page: Path) -> Iterable[list[str]]:
-    """Yield the commands on a page, in code blocks and in backticks, as words up to a comment, pipe or semicolon."""
+    """Yield the commands on a page, in code blocks and in backticks, as words up to a comment, pipe, semicolon or --."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     for line in re.findall(r"^(?: {4}|!)(photosite .*)|`(photosite [^`\n]+)`", text, re.MULTILINE):
         words = shlex.shlex("".join(line).split(" 2>")[0], posix=True, punctuation_chars="|;&>")
         words.whitespace_split = True
         words.commenters = "#"
         found = list(words)
-        end = next((k for k, word in enumerate(found) if set(word) <= set("|;&>")), len(found))
+        end = next((k for k, word in enumerate(found) if word == "--" or set(word) <= set("|;&>")), len(found))
         yield found[1:end]
 
 

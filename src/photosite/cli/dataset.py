@@ -176,9 +176,10 @@ def command(
 def _text(facts: dict[str, Any], given: dict[str, Any]) -> str:
     times = given["exposure_s"] if isinstance(given["exposure_s"], tuple) else (given["exposure_s"],)
     verb, where = ("wrote", "to") if facts["shards_written"] else ("checked", "in")
+    size = f"{facts['rows']} x {facts['cols']}"
     return (
-        f"{verb} {many(facts['pairs'], 'pair')} of {facts['rows']} x {facts['cols']} pixels in "
-        f"{many(facts['shards'], 'shard')} {where} {facts['path']}: {' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
+        f"{verb} {many(facts['pairs'], 'pair')} of {size} pixels in {many(facts['shards'], 'shard')} {where} "
+        f"{facts['path']}: {' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
     )
 
 
