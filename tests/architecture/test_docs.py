@@ -47,7 +47,7 @@ def test_files_that_pages_link_exist() -> None:
 
 
 def commands_on(page: Path) -> Iterable[list[str]]:
-    """Yield the commands on a page, in code blocks and in backticks, as words up to a comment, pipe, semicolon or --."""
+    """Yield the commands on a page, in code blocks and in backticks, as words up to a comment, pipe, ; or --."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     for line in re.findall(r"^(?: {4}|!)(photosite .*)|`(photosite [^`\n]+)`", text, re.MULTILINE):
         words = shlex.shlex("".join(line).split(" 2>")[0], posix=True, punctuation_chars="|;&>")
