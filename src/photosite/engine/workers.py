@@ -318,8 +318,9 @@ def _on_scheduler(
             if not isinstance(result, _Done):
                 failure = result[1] if isinstance(result, tuple) else result
                 if isinstance(failure, dask.KilledWorker):
-                    what = f"the task ended {failure.allowed_failures + 1} workers ({failure.last_worker.address})"
-                    raise WorkerError(what, where=name(tasks[index]), hint="Their logs may have the reason")
+                    # A task that waited at the same workers counts as well for Dask.
+                    beside = (place for key, place in places.items() if client.futures[key].status == "error")
+                    raise _ended_workers(failure, [name(tasks[place]) for place in sorted([index, *beside])])
                 if isinstance(failure, Exception) and not isinstance(failure, CancelledError):
                     raise failure
                 raise _lost(scheduler)
@@ -372,6 +373,16 @@ def _no_scheduler(address: str, error: Exception) -> InputError:
 
 def _lost(address: str) -> WorkerError:
     return WorkerError("the scheduler was lost, or lost a task", where=address, hint="Start it, and run this again")
+
+
+def _ended_workers(failure: Any, names: Sequence[str]) -> WorkerError:
+    workers = f"{failure.allowed_failures + 1} workers ({failure.last_worker.address})"
+    what = f"the task ended {workers}" if len(names) == 1 else f"one of these tasks ended {workers}"
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return WorkerError(what, where=", ".join(names[:_NAMED]) + more, hint="Their logs may have the reason")
+
+
+_NAMED = 5
 
 
 def _same(function: Result) -> Result:
