@@ -190,6 +190,25 @@ def test_a_shard_that_has_changed_is_not_accepted(tmp_path: Path) -> None:
     assert contents(tmp_path) == before
 
 
+@pytest.mark.parametrize("damage", ["cut", "pairs of another shard"])
+@pytest.mark.parametrize("shard_format", ["hdf5", "webdataset"])
+def test_a_damaged_shard_is_not_accepted_without_a_manifest(shard_format: Any, damage: str, tmp_path: Path) -> None:
+    def write() -> None:
+        write_shards(dataset(), tmp_path, shard_format=shard_format, pairs_per_shard=4)
+
+    write()
+    (tmp_path / "manifest.json").unlink()
+    first, shard, _ = sorted(tmp_path.glob("shard-*"))
+    whole = shard.read_bytes()
+    shard.write_bytes(whole[: len(whole) // 2] if damage == "cut" else first.read_bytes())
+    with pytest.raises(FileError) as caught:
+        write()
+    assert caught.value.path == str(shard)
+    shard.unlink()
+    write()
+    assert shard.read_bytes() == whole
+
+
 @pytest.mark.parametrize(
     "source",
     [

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +24,10 @@ from process_groups import left_by
 import photosite as ps
 from photosite.data import Electrons, PairDataset, write_shards
 from photosite.engine.workers import in_order, run_tasks
-from photosite.errors import InputError, WorkerError
+from photosite.errors import InputError, PhotositeWarning, WorkerError
+
+# Right after a test that ends all workers of the shared scheduler
+pytestmark = pytest.mark.filterwarnings("ignore:the scheduler has no workers")
 
 CAMERA = ps.Camera(ps.DiffractionLimited(2.8, 4), ps.load_sensor("vendor-2.2um").with_(rows=16, cols=16))
 VALUES = {"pixel_width_um": [1.1, 2.2], "f_number": [2, 4]}
@@ -147,6 +151,20 @@ except Exception as error:
 """
 
 
+def test_a_scheduler_without_workers_is_a_warning() -> None:
+    distributed = pytest.importorskip("distributed")
+    options: dict[str, Any] = {"host": "127.0.0.1", "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=0, threads_per_worker=1, **options) as cluster:
+
+        def start_later() -> None:
+            time.sleep(1)
+            cluster.scale(1)
+
+        threading.Thread(target=start_later).start()
+        with pytest.warns(PhotositeWarning):
+            assert everything(tasks.double, 2, scheduler=cluster.scheduler_address) == [0, 2]
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 @pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_lost_scheduler_is_an_error_without_log_lines(workers: int, number: signal.Signals, tmp_path: Path) -> None:
@@ -171,7 +189,7 @@ def test_a_lost_scheduler_is_an_error_without_log_lines(workers: int, number: si
             start_dask("worker", "--nthreads", "1", "--no-nanny")
         address = json.loads(file.read_text())["address"]
         given = address, str(int(number)), str(started[0].pid)
-        start("-c", LOST, *given, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        start("-W", "ignore::UserWarning", "-c", LOST, *given, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         if not workers:  # the tasks wait
             wait_until(lambda: "Receive client connection" in log.read_text())
             time.sleep(0.5)

@@ -175,11 +175,12 @@ def command(
 
 def _text(facts: dict[str, Any], given: dict[str, Any]) -> str:
     times = given["exposure_s"] if isinstance(given["exposure_s"], tuple) else (given["exposure_s"],)
-    verb, where = ("wrote", "to") if facts["shards_written"] else ("checked", "in")
-    size = f"{facts['rows']} x {facts['cols']}"
+    written, shards = facts["shards_written"], many(facts["shards"], "shard")
+    done = "wrote" if written == facts["shards"] else f"wrote {written} of {shards}, checked the others:"
     return (
-        f"{verb} {many(facts['pairs'], 'pair')} of {size} pixels in {many(facts['shards'], 'shard')} {where} "
-        f"{facts['path']}: {' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
+        f"{done if written else 'checked'} {many(facts['pairs'], 'pair')} of {facts['rows']} x {facts['cols']} pixels "
+        f"in {shards} {'to' if written else 'in'} {facts['path']}: "
+        f"{' to '.join(map(format_exposure, times))} s, seed {facts['seed']}"
     )
 
 

@@ -28,7 +28,8 @@ def command(scheduler: str, dask_options: tuple[str, ...], processes: int | None
 
     ADDRESS is what `dask scheduler` prints, such as tcp://10.0.0.1:8786, and what other commands get as --dask. Start
     workers on each machine, with the same photosite. Each computes one task at a time on one core, and keeps its memory
-    for the next task. One that dies is replaced, and its task done again. Dask logs to standard error.
+    for the next task. One that dies is replaced, and its task done again. Dask logs to standard error. After Ctrl-C it
+    takes up to ten seconds to end.
 
     Options of `dask worker` follow behind --: `dask worker --help` lists them. Environment variables that are set,
     those of Dask's configuration and MALLOC_ARENA_MAX among them, have priority over the settings of this command.
@@ -37,6 +38,8 @@ def command(scheduler: str, dask_options: tuple[str, ...], processes: int | None
 
     Example: photosite worker tcp://10.0.0.1:8786 -- --memory-limit 4GB
     """
+    if scheduler.startswith("-"):
+        raise click.UsageError("ADDRESS is missing: it stands before --", click.get_current_context())
     from photosite.engine.dask_workers import WORKER_ENVIRONMENT, worker_command
 
     program = worker_command(scheduler, processes, dask_options)

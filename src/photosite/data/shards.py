@@ -125,7 +125,7 @@ def write_shards(
         If an argument is invalid, or there is no scheduler.
     FileError
         If the folder holds something else, such as another dataset, a shard has changed since the manifest was written,
-        another process writes to the folder, or it cannot be written.
+        or is damaged where none was written, another process writes to the folder, or it cannot be written.
     WorkerError
         If a shard ends its workers.
 
@@ -241,13 +241,30 @@ def _finish(plan: _Plan, license: str, written_now: Set[int]) -> Path:
         path, indices = plan.path(shard), plan.indices(shard)
         entry = {"file": path.name, "first": indices.start, "pairs": len(indices)}
         shards.append({**entry, "bytes": path.stat().st_size, "sha256": sha256_of(path)})
-        if shard not in written_now and before.get(path.name, shards[-1]) != shards[-1]:
+        if shard in written_now:
+            continue
+        if path.name not in before:
+            _check_last_pair(path, plan, indices)
+        elif before[path.name] != shards[-1]:
             raise FileError(path, f"has changed since {MANIFEST} was written", hint=f"Remove the file. {_WRITE_AGAIN}")
     manifest = {**plan.description, "license_of_inputs": license or "not stated", "shards": shards}
     with atomic_path(plan.folder / CARD) as temporary:
         temporary.write_text(printable(card_text(manifest, plan.dataset)), encoding="utf-8")
     _write_json(plan.folder / MANIFEST, manifest)
     return plan.folder / MANIFEST
+
+
+def _check_last_pair(path: Path, plan: _Plan, indices: range) -> None:
+    """Raise `FileError` unless the last pair of a shard is that of the dataset, so that the file is whole."""
+    hint = f"Remove the file. {_WRITE_AGAIN}"
+    try:
+        stored = _read_pair(path, plan.form, len(indices) - 1, indices[-1])
+    except FileError as error:
+        raise FileError(path, error.what, hint=hint) from None
+    wanted = plan.dataset[indices[-1]]
+    same = all(np.array_equal(one, other) for one, other in zip(stored[:2], wanted[:2], strict=True))
+    if not same or stored.metadata != json.loads(json.dumps(wanted.metadata)):
+        raise FileError(path, f"does not hold pair {indices[-1]} of this dataset", hint=hint)
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -354,21 +371,24 @@ class ShardDataset(Shown):
         if shard not in checked:
             _check_shard(path, manifest["shards"][shard])
             checked.add(shard)
-        if manifest["shard_format"] == "hdf5":
-            with open_hdf5(path) as found:
-                clean, noisy = found.datasets["clean"][place], found.datasets["noisy"][place]
-                return Pair(clean, noisy, json.loads(bytes(found.datasets["metadata"][place])))
-        try:
-            with tarfile.open(path) as tar:
-                name = f"{number:010d}"
-                parts = {kind: tar.extractfile(f"{name}.{kind}") for kind in ("clean.npy", "noisy.npy", "json")}
-                content = {kind: b"" if part is None else part.read() for kind, part in parts.items()}
-            clean, noisy = (
-                np.load(io.BytesIO(content[f"{kind}.npy"]), allow_pickle=False) for kind in ("clean", "noisy")
-            )
-            return Pair(clean, noisy, json.loads(content["json"]))
-        except (OSError, KeyError, ValueError, tarfile.TarError) as error:
-            raise FileError(path, f"cannot be read: {message_of(error)}") from None
+        return _read_pair(path, manifest["shard_format"], place, number)
+
+
+def _read_pair(path: Path, shard_format: str, place: int, number: int) -> Pair:
+    """Return a pair of a shard, by its place there and its index in the dataset."""
+    if shard_format == "hdf5":
+        with open_hdf5(path) as found:
+            clean, noisy = found.datasets["clean"][place], found.datasets["noisy"][place]
+            return Pair(clean, noisy, json.loads(bytes(found.datasets["metadata"][place])))
+    try:
+        with tarfile.open(path) as tar:
+            name = f"{number:010d}"
+            parts = {kind: tar.extractfile(f"{name}.{kind}") for kind in ("clean.npy", "noisy.npy", "json")}
+            content = {kind: b"" if part is None else part.read() for kind, part in parts.items()}
+        clean, noisy = (np.load(io.BytesIO(content[f"{kind}.npy"]), allow_pickle=False) for kind in ("clean", "noisy"))
+        return Pair(clean, noisy, json.loads(content["json"]))
+    except (OSError, KeyError, ValueError, tarfile.TarError) as error:
+        raise FileError(path, f"cannot be read: {message_of(error)}") from None
 
 
 def _check_shard(path: Path, listed: Mapping[str, Any]) -> None:
@@ -383,4 +403,4 @@ def _check_shard(path: Path, listed: Mapping[str, Any]) -> None:
             raise FileError(path, name, value=value, expected=expected, hint=f"Remove the file. {_WRITE_AGAIN}")
 
 
-_WRITE_AGAIN = "The call that wrote the dataset writes missing shards again"
+_WRITE_AGAIN = "The same call again writes the shards that are missing"

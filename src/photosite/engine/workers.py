@@ -11,6 +11,7 @@ import pickle
 import signal
 import threading
 import traceback
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
@@ -21,7 +22,7 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 from photosite.engine.process import prepare_process
-from photosite.errors import InputError, PhotositeError, WorkerError, message_of
+from photosite.errors import InputError, PhotositeError, PhotositeWarning, WorkerError, message_of
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -299,6 +300,9 @@ def _on_scheduler(
         except OSError as error:
             raise _no_scheduler(scheduler, error) from None
         stack.callback(client.close)  # cancels what is left
+        if not client.scheduler_info()["workers"]:
+            hint = f"Start some: photosite worker {scheduler}"
+            warnings.warn(PhotositeWarning("the scheduler has no workers", hint=hint), stacklevel=3)
         run, folder = uuid4().hex[:12], os.getcwd()
         # A task of its own, so that its result is computed again when the workers that hold it die.
         kept = client.submit(_same, function, key=f"photosite-function-{run}", pure=False)
@@ -367,12 +371,14 @@ async def _kind_of_server(address: str) -> str:
 
 
 def _no_scheduler(address: str, error: Exception) -> InputError:
-    expected = "the address of a Dask scheduler, such as tcp://10.0.0.1:8786"
+    expected = "the address of a Dask scheduler that runs, such as tcp://10.0.0.1:8786"
     return InputError("scheduler", value=address, expected=expected, hint=message_of(error))
 
 
 def _lost(address: str) -> WorkerError:
-    return WorkerError("the scheduler was lost, or lost a task", where=address, hint="Start it, and run this again")
+    return WorkerError(
+        "the scheduler was lost, or lost a task", where=address, hint="Start the scheduler, and run this again"
+    )
 
 
 def _ended_workers(failure: Any, names: Sequence[str]) -> WorkerError:
