@@ -39,7 +39,7 @@ def command(scheduler: str, dask_options: tuple[str, ...], processes: int | None
     Example: photosite worker tcp://10.0.0.1:8786 -- --memory-limit 4GB
     """
     if scheduler.startswith("-"):
-        raise click.UsageError("ADDRESS is missing: it stands before --", click.get_current_context())
+        raise click.UsageError("ADDRESS is missing; it precedes --", click.get_current_context())
     from photosite.engine.dask_workers import WORKER_ENVIRONMENT, worker_command
 
     program = worker_command(scheduler, processes, dask_options)
