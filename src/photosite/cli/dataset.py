@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,10 +144,13 @@ def command(
             options.only_for(f"--inputs-are {of_kind}", *settings)
     names = ("crop", "crops", "draws", "light", "exposure_s", "flips", "unit", "seed")
     dataset = PairDataset(_source(kind, inputs, given), _sensors(given), **{name: given[name] for name in names})
-    shards = -(-len(dataset) // pairs_per_shard)
-    found = sum(1 for _ in output.glob("shard-*"))
     say_if_compiling()
-    progress = Stages()
+    progress, written = Stages(), []
+
+    def report(done: int, count: int) -> None:
+        written.append(done)
+        progress(done, count, unit="shards")
+
     manifest = write_shards(
         dataset,
         output,
@@ -157,15 +159,15 @@ def command(
         processes=processes,
         scheduler=scheduler,
         license=license,
-        report=partial(progress, unit="shards"),
+        report=report,
     )
     facts = {
         "path": output,
         "manifest": manifest,
         "card": output / CARD,
         "pairs": len(dataset),
-        "shards": shards,
-        "shards_written": shards - found,
+        "shards": -(-len(dataset) // pairs_per_shard),
+        "shards_written": len(written),
         "rows": dataset.shape[0],
         "cols": dataset.shape[1],
         "seed": given["seed"],

@@ -11,13 +11,7 @@ from photosite.cli import options
 from photosite.cli.command import Command
 
 
-class _Worker(Command):
-    """A command that runs until it is stopped."""
-
-    shows_time = False
-
-
-@click.command("worker", cls=_Worker)
+@click.command("worker", cls=Command)
 @click.argument("scheduler", metavar="ADDRESS")
 @click.argument("dask_options", metavar="[-- OPTIONS]", nargs=-1)
 @click.option(

@@ -18,7 +18,7 @@ WORKER_ENVIRONMENT = {
     "MALLOC_TRIM_THRESHOLD_": _KEPT_BYTES,
     "MALLOC_MMAP_THRESHOLD_": _KEPT_BYTES,
     "MALLOC_ARENA_MAX": "1",
-    # What Dask does beside the tasks, 50 to 100 times a second by default, takes 4 % of a core for each worker.
+    # What Dask does beside the tasks, 2 to 100 times a second by default, takes 4 % of a core for each worker.
     "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",
     "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "5s",
     "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "1s",

@@ -323,7 +323,11 @@ def _on_scheduler(
                 failure = result[1] if isinstance(result, tuple) else result
                 if isinstance(failure, dask.KilledWorker):
                     # A task that waited at the same workers counts as well for Dask.
-                    beside = (place for key, place in places.items() if client.futures[key].status == "error")
+                    beside = (
+                        place
+                        for key, place in places.items()
+                        if isinstance(client.futures[key].exception, dask.KilledWorker)
+                    )
                     raise _ended_workers(failure, [name(tasks[place]) for place in sorted([index, *beside])])
                 if isinstance(failure, Exception) and not isinstance(failure, CancelledError):
                     raise failure
