@@ -44,8 +44,8 @@ _MODULE_OF = {
     "Wavefront": "photosite.optics.wavefront",
     "bin_frame": "photosite.frames.binning",
     "calibrate": "photosite.calibration.calibrate",
-    "calibrate_captures": "photosite.calibration.captures",
-    "calibrate_combined": "photosite.calibration.combined",
+    "calibrate_captures": "photosite.calibration.captures.each_capture",
+    "calibrate_combined": "photosite.calibration.captures.combined",
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
@@ -56,7 +56,7 @@ _MODULE_OF = {
     "load_camera_profile": "photosite.library.profile",
     "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
-    "measure_polarizers": "photosite.calibration.polarizers",
+    "measure_polarizers": "photosite.calibration.light.polarizers",
     "noise_budget": "photosite.metrics.snr",
     "capture_budget": "photosite.metrics.capture_snr",
     "open_chart": "photosite.studies.chart_spectral",
@@ -86,10 +86,10 @@ __all__ = [*_MODULE_OF, *_MODULES, "__version__", "develop"]
 if TYPE_CHECKING:
     from photosite import data as data
     from photosite.calibration.calibrate import calibrate as calibrate
-    from photosite.calibration.captures import calibrate_captures as calibrate_captures
-    from photosite.calibration.combined import calibrate_combined as calibrate_combined
+    from photosite.calibration.captures.combined import calibrate_combined as calibrate_combined
+    from photosite.calibration.captures.each_capture import calibrate_captures as calibrate_captures
     from photosite.calibration.gain_series.calibrate_series import calibrate_series as calibrate_series
-    from photosite.calibration.polarizers import measure_polarizers as measure_polarizers
+    from photosite.calibration.light.polarizers import measure_polarizers as measure_polarizers
     from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart
     from photosite.calibration.spectral.monochromator import calibrate_spectral as calibrate_spectral
     from photosite.calibration.spectral.protocol import open_spectral as open_spectral

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.chip_maps.blooming import BloomingResult, measure_blooming
+from photosite.calibration.effects.blooming import BloomingResult, measure_blooming
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.readout import digital_numbers
 from photosite.values.estimate import Estimate
@@ -39,13 +39,13 @@ def measured(seed: int, blooming: Any, well_dn: float = 2000.0, times: Any = (0.
         for n in range(4)
     ]
     listed = frame_set_from_arrays(frames, bits=12)
-    calibration = SimpleNamespace(
-        saturation_dn=Estimate(min(well_dn + 100.0, 4095.0), 0.0),
-        black_level_dn=Estimate(100.0, 0.0),
-        frames_used=[SimpleNamespace(source=source) for group in listed.groups for source in group.frames],
+    used = [SimpleNamespace(source=source) for group in listed.groups for source in group.frames]
+    levels = {"saturation_dn": Estimate(min(well_dn + 100.0, 4095.0), 0.0), "black_level_dn": Estimate(100.0, 0.0)}
+    evidence = SimpleNamespace(
+        reduction=SimpleNamespace(frames=listed, used=used), parameters=SimpleNamespace(**levels), chip=object()
     )
-    found = measure_blooming(listed, calibration)  # type: ignore[arg-type]
-    assert found is not None
+    found = measure_blooming(evidence)  # type: ignore[arg-type]
+    assert isinstance(found, BloomingResult)
     return found
 
 
@@ -77,11 +77,10 @@ def test_intervals_cover() -> None:
 def test_no_blooming_is_not_seen() -> None:
     found = [measured(seed, None) for seed in range(6)]
     assert sum(one.seen for one in found) <= 1
-    assert next(one for one in found if not one.seen).section("frames") is None
+    assert next(one for one in found if not one.seen).section(SENSOR, "frames") == {}
     assert all(one.kept.interval_95 == (0.0, one.kept.upper_limit_95) for one in found if not one.seen)
-    section = measured(1, {"drained": 0.6}).section("frames")
-    assert section is not None
-    assert section.drained.value == pytest.approx(0.6, abs=0.03)
+    section = measured(1, {"drained": 0.6}).section(SENSOR, "frames")
+    assert section["blooming"].drained.value == pytest.approx(0.6, abs=0.03)
 
 
 def test_reasons() -> None:

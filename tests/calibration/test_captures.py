@@ -7,7 +7,7 @@ import pytest
 from tests.helpers.raising import raises
 
 import photosite as ps
-from photosite.calibration.captures import CaptureCalibration, calibrate_captures
+from photosite.calibration.captures.each_capture import CaptureCalibration, calibrate_captures
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
 from photosite.sensor.capture_readout import part_sensor

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from photosite.calibration.clipped_blacks.censored_likelihood import (
+from photosite.calibration.dark.censored_likelihood import (
     LEAST_READ_NOISE,
     CensoredDark,
     ClippedCounts,

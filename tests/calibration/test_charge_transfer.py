@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom, nbinom
 
 import photosite as ps
-from photosite.calibration.charge_transfer import TransferLoss, measure_charge_transfer, trailing_share
+from photosite.calibration.effects.charge_transfer import TransferLoss, measure_charge_transfer, trailing_share
 from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.frames.frame_set import frame_set_from_arrays, without_border
 from photosite.sensor.readout import digital_numbers
@@ -41,13 +41,14 @@ def simulated(seed: int, parallel: float, serial: float, rows: int = 40, cols: i
             signal += rng.normal(0.0, 2.0, (size[0], 1)) + rng.normal(0.0, 2.0, size[1])
             frames.append((kind, exposure_s, np.rint(0.1 * signal + 100).astype(np.uint16)))
     whole = without_border(frame_set_from_arrays(frames, bits=12), (0, BEHIND, 0, BEHIND))
-    calibration = SimpleNamespace(
+    used = [SimpleNamespace(source=source) for group in whole.groups for source in group.frames]
+    evidence = SimpleNamespace(
         base=CCD,
         linear_range={"M": LinearRange("exposure_s", 0.0, 1.0, 3000.0, 6, 6, "all")},
-        frames_used=[SimpleNamespace(source=source) for group in whole.groups for source in group.frames],
+        reduction=SimpleNamespace(frames=whole, used=used),
     )
-    found = measure_charge_transfer(whole, calibration)  # type: ignore[arg-type]
-    assert found is not None
+    found = measure_charge_transfer(evidence)  # type: ignore[arg-type]
+    assert isinstance(found, TransferLoss)
     return found
 
 
@@ -87,7 +88,7 @@ def test_no_loss_is_seen_in_one_of_200() -> None:
 
 def test_no_loss_is_written_as_zero() -> None:
     edge = simulated(3, 0.0, 0.0)
-    section = edge.section(CCD.effects.charge_transfer, "frames")
+    section = edge.section(CCD, "frames")["charge_transfer"]
     assert not edge.serial.seen
     assert section.serial_inefficiency.value == 0.0
     assert section.serial_inefficiency.standard_uncertainty > 0.0

@@ -9,8 +9,8 @@ import copy
 import numpy as np
 import pytest
 
-from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark, ClippedCounts, fit_censored
-from photosite.calibration.clipped_blacks.clipped_darks import (
+from photosite.calibration.dark.censored_likelihood import CensoredDark, ClippedCounts, fit_censored
+from photosite.calibration.dark.clipped_darks import (
     _moments,
     _Pixels,
     _temporal_covariance,

@@ -10,7 +10,7 @@ import pytest
 from tests.helpers.raising import raises
 
 import photosite as ps
-from photosite.calibration.combined import CombinedCalibration
+from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError, find_pieces
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import FrameSet, frame_set_from_arrays

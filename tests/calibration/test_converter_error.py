@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.converter_error import ConverterCodes, Density, converter_codes
+from photosite.calibration.effects.converter_error import ConverterCodes, Density, converter_codes
 from photosite.errors import FileError, InputError
 from photosite.frames.io.formats import read_raw
 from photosite.frames.open import open_frames
@@ -15,6 +15,8 @@ from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 from photosite.values.uncertain import Missing
+
+SENSOR = load_sensor("nikon-d200")
 
 WHITE, GAIN = 1023, 0.5
 CODES = np.arange(WHITE + 1)
@@ -58,7 +60,7 @@ def measured(seed, kind, **options):
 
 def test_ideal_converters_have_no_error():
     found = [measured(seed, "ideal")[0] for seed in range(8)]
-    assert not any(entry.significant or entry.section() is not None for entry in found)
+    assert not any(entry.significant or entry.section(SENSOR, "")["converter_error"] is not None for entry in found)
     assert sum(entry.dnl_rms_lsb.interval_95[0] <= 0.0 for entry in found) >= 7
 
 
@@ -100,8 +102,7 @@ def test_the_fast_part_needs_a_width_for_each_code():
 
 def test_the_file_has_the_error_of_the_codes():
     found, _, error = measured(3, "every eighth", pixels=2_000_000, levels=np.arange(120.0, 820.0, 15.0))
-    section = found.section()
-    assert section is not None
+    section = found.section(SENSOR, "")["converter_error"]
     table = section.table()
     assert table.size == WHITE + 1
     assert np.corrcoef(table[found.code], error[found.code])[0, 1] > 0.9

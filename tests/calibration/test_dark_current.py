@@ -7,8 +7,8 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.checks.black_level import BY_CHANCE, black_level_change, contradiction
-from photosite.calibration.dark import dark_lines, measure_dark_level
-from photosite.calibration.photon_transfer.dark_lines import DarkLines
+from photosite.calibration.dark.dark_frames import dark_lines, measure_dark_level
+from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.reduce import reduce_frames

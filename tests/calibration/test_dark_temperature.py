@@ -9,7 +9,7 @@ import pytest
 from tests.helpers.raising import raises
 
 import photosite as ps
-from photosite.calibration.dark_temperature import dark_temperature
+from photosite.calibration.dark.temperature import dark_temperature
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
 from photosite.frames.frame_set import frame_set_from_arrays

@@ -10,7 +10,7 @@ import pytest
 from tests.helpers.raising import raises
 
 import photosite as ps
-from photosite.calibration.em_gain import EmGainResult, measure_em_gain
+from photosite.calibration.effects.em_gain import EmGainResult, measure_em_gain
 from photosite.cli.main import run
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet, frame_set_from_arrays

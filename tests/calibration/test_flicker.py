@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.flicker import Flicker, RowLight, with_frequency
+from photosite.calibration.light.flicker import Flicker, RowLight, with_frequency
 from photosite.frames.frame_set import frame_set_from_arrays
 
 LINE_US = 30.0

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.glow import find_glow
+from photosite.calibration.effects.glow import find_glow
 from photosite.sensor.effects.glow import Glow
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.uncertain import Uncertain
+
+SENSOR = load_sensor("nikon-d200")
 
 SHAPE = 64, 80
 
@@ -25,7 +28,7 @@ def test_maps_without_glow_have_none(tilt):
         found = find_glow(dark_map(rng, tilt=tilt), Uncertain(0.5))
         assert found.places == ()
         assert "no edge or corner" in found.peak_e_per_s.reason
-        assert found.section() is None
+        assert found.section(SENSOR, "") == {"glow": None}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +60,7 @@ def test_a_glow_whose_place_is_unclear_has_no_size():
     found = [find_glow(dark_map(rng, weak), Uncertain(0.5)) for _ in range(6)]
     unclear = [entry for entry in found if entry.places and entry.peak_e_per_s.value is None]
     assert unclear
-    assert all(" or " in entry.peak_e_per_s.reason and entry.section() is None for entry in unclear)
+    assert all(" or " in entry.peak_e_per_s.reason and entry.section(SENSOR, "") == {} for entry in unclear)
 
 
 def test_small_chips_have_no_map():

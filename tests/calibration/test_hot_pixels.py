@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.chip_maps.hot_pixels import dark_distribution
+from photosite.calibration.effects.hot_pixels import dark_distribution
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.readout import digital_numbers
 

@@ -10,7 +10,6 @@ import pytest
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.chip_maps import pixel_noise
-from photosite.calibration.chip_maps.chip import measure_chip
 from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_distribution
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.chip import Blinking, DefectKind
@@ -162,8 +161,8 @@ def measured():
         for _ in range(count):
             frames.append((kind, exposure_s, digital_numbers(sensor, mean, exposure_s, seed=2, frame=len(frames))))
     frame_set = frame_set_from_arrays(frames, bits=12, sensor=sensor)
-    calibration = calibrate(frame_set, sensor.with_(effects=None))
-    return sensor, calibration, *measure_chip(frame_set, calibration)
+    calibration = calibrate(frame_set, sensor.with_(effects=None), maps=True)
+    return sensor, calibration, calibration.chip, calibration.temporal
 
 
 def test_distribution_of_the_noise_is_measured(measured):

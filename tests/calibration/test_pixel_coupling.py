@@ -11,7 +11,7 @@ from tests.calibration.test_noise_covariance import BAYER, MONOCHROME, runs
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.em_gain import measure_em_gain
+from photosite.calibration.effects.em_gain import measure_em_gain
 from photosite.calibration.photon_transfer.noise_covariance import noise_covariances
 from photosite.calibration.photon_transfer.pixel_coupling import fit_coupling
 from photosite.calibration.result import Calibration

@@ -5,7 +5,7 @@ import pytest
 from raising import raises
 
 import photosite as ps
-from photosite.calibration.polarizers import measure_polarizers, with_polarizers
+from photosite.calibration.light.polarizers import measure_polarizers, with_polarizers
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.assumed_channels import assumed_channels

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -52,12 +50,12 @@ def flats():
 
 def test_flat_fields_in_any_channels_linear_range_are_used() -> None:
     ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.2), "B": range_of(0.1, 0.3)}
-    needed = light_groups_in_range(flats(), SimpleNamespace(linear_range=ranges))
+    needed = light_groups_in_range(flats(), ranges)
     assert [group.exposure_s for group in needed] == pytest.approx([0.1, 0.2, 0.3])
 
 
 def test_no_response_if_a_channel_has_fewer_than_two_levels() -> None:
     ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.1), "B": range_of(0.1, 0.3)}
-    assert light_groups_in_range(flats(), SimpleNamespace(linear_range=ranges)) == ()
+    assert light_groups_in_range(flats(), ranges) == ()
     del ranges["G"]
-    assert light_groups_in_range(flats(), SimpleNamespace(linear_range=ranges)) == ()
+    assert light_groups_in_range(flats(), ranges) == ()

@@ -11,7 +11,7 @@ from photosite.calibration.checks.result_screening import (
     screen_variance_slope,
     too_short_for_dark_current,
 )
-from photosite.calibration.dark import measure_dark_frames
+from photosite.calibration.dark.dark_frames import measure_dark_frames
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.frames.frame_set import frame_set_from_arrays

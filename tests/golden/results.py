@@ -19,13 +19,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums depend on the number of threads
+
 import numpy as np
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import PhotositeError
-from photosite.report.calibration import calibration_page
 from photosite.report import style
+from photosite.report.calibration import calibration_page
 from photosite.report.page import Details, Heading, Images, Listing, Notice, Page, Paragraph, Subheading, Table
 from photosite.sensor.io.sensor_file import dump_sensor
 from photosite.studies.coverage import CONDITIONS
@@ -121,8 +123,8 @@ def _condition(name: str, number: int) -> dict[str, Any]:
 
 
 def _captures(lab: Any) -> dict[str, Any]:
-    from photosite.calibration.captures import calibrate_captures
-    from photosite.calibration.combined import calibrate_combined
+    from photosite.calibration.captures.combined import calibrate_combined
+    from photosite.calibration.captures.each_capture import calibrate_captures
     from photosite.frames.frame_set import frame_set_from_arrays
 
     sensor = lab.camera.sensor

@@ -20,8 +20,8 @@ from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import SensorState, changed_sensor
 from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.captures import calibrate_captures
-from photosite.calibration.combined import calibrate_combined
+from photosite.calibration.captures.combined import calibrate_combined
+from photosite.calibration.captures.each_capture import calibrate_captures
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError
 from photosite.errors import InputError

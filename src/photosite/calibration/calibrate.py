@@ -5,32 +5,34 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from os import PathLike
+from typing import Any
 
-from photosite.calibration.assemble import assemble
-from photosite.calibration.charge_transfer import measure_charge_transfer, without_covered_lines
+from photosite.calibration.checks.calibration_warnings import calibration_warnings
 from photosite.calibration.checks.frame_set_checks import check_frame_set
 from photosite.calibration.checks.level_checks import check_channels, check_levels
-from photosite.calibration.chip_maps.blooming import measure_blooming
-from photosite.calibration.chip_maps.hot_pixels import DarkDistribution, dark_distribution
-from photosite.calibration.converter_error import measure_converter
-from photosite.calibration.dark import measure_dark_frames
-from photosite.calibration.dark_result import DarkResult
-from photosite.calibration.fixed_pattern import measure_fixed_pattern
-from photosite.calibration.light import measure_light_frames
-from photosite.calibration.noise_structure import measure_noise_structure
+from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
+from photosite.calibration.dark.dark_frames import measure_dark_frames
+from photosite.calibration.effect import Findings
+from photosite.calibration.effects.glow import deferred_glow
+from photosite.calibration.effects.optical_black import without_covered_lines
+from photosite.calibration.evidence import Evidence, collect_evidence
+from photosite.calibration.light.light_frames import measure_light_frames
+from photosite.calibration.parameters import saturated_electrons
+from photosite.calibration.photon_transfer.general_model import general_model
+from photosite.calibration.photon_transfer.noise_structure import measure_noise_structure
+from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.calibration.reduction.shared_sums import SharedSums
 from photosite.calibration.result import Calibration
+from photosite.calibration.spatial.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
-from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
-
-NEARLY_SATURATED = 0.95
-"""Share of the range up to saturation beyond which the longest dark frames do not tell the dark current of a pixel."""
+from photosite.values.deferred import Deferred
+from photosite.values.uncertain import Missing
 
 
 def calibrate(
@@ -120,13 +122,9 @@ def calibrate(
             if light.tone is None:
                 check_channels(reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-        calibration = assemble(reduction, dark, light, patterns, measure_converter(reduction), sensor)
-        calibration = replace(calibration, charge_transfer=measure_charge_transfer(reduction.frames, calibration))
-        if maps:
-            for pattern in calibration.spatial.values():
-                if isinstance(pattern, SpatialAnalysis):
-                    pattern.compute()  # releases the mean frames
-            calibration = _with_maps(reduction.frames, dark, calibration, progress)
+        evidence = collect_evidence(reduction, dark, light, patterns, sensor)
+        del reduction, dark, noise, light, patterns
+        calibration = _with_maps(evidence, progress) if maps else _calibration(evidence, Findings.measure(evidence))
         if isinstance(saved, Checkpoint):
             saved.remove()
     return calibration
@@ -144,32 +142,64 @@ def _saved_sums(
     return Checkpoint(checkpoint, frames)
 
 
-def _with_maps(frames: FrameSet, dark: DarkResult, calibration: Calibration, progress: Progress | None) -> Calibration:
+def _with_maps(evidence: Evidence, progress: Progress | None) -> Calibration:
     """Return the calibration with the chip's maps, or with the reason why they are missing."""
-    from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
-
-    reason = dark.noise_unknown
+    for pattern in evidence.patterns.channels:
+        if isinstance(pattern.spatial, SpatialAnalysis):
+            pattern.spatial.compute()  # releases the mean frames
+    glow = deferred_glow(evidence)
+    known = glow.value if isinstance(glow, Deferred) else glow
+    reason = evidence.dark.noise_unknown
     try:
         if not reason:
-            chip, temporal = measure_chip(frames, calibration, progress)
+            evidence = measure_chip(evidence, None if isinstance(known, Missing) else known, progress)
     except ClippedChipError as error:
         reason = str(error)
     if reason:
+        evidence = replace(evidence, no_maps=reason)
+    calibration = _calibration(evidence, Findings.measure(evidence, {"glow": known}))
+    if reason:
         warning = f"the chip's maps could not be measured: {reason}"
         return replace(calibration, no_maps_reason=reason, warnings=(*calibration.warnings, warning))
-    distribution = _dark_distribution(frames, chip, calibration)
-    blooming = measure_blooming(frames, calibration)
-    return replace(calibration, chip=chip, temporal=temporal, dark_distribution=distribution, blooming=blooming)
+    return calibration
 
 
-def _dark_distribution(frames: FrameSet, chip: MeasuredChip, calibration: Calibration) -> DarkDistribution | None:
-    """Return the distribution of the dark current over the pixels, if there is a map of it."""
-    rate, uncertainty = chip.dark_rate_dn_per_s, chip.dark_rate_uncertainty_dn_per_s
-    if rate is None or uncertainty is None:
-        return None
-    top = (1 << frames.bits) - 1.0
-    if calibration.saturation_dn.value is not None:
-        top = min(top, calibration.saturation_dn.value)
-    rate = rate if calibration.glow is None else calibration.glow.without(rate)
-    longest_s = max(group.exposure_s for group in frames.of_kind("dark"))
-    return dark_distribution(rate, uncertainty, NEARLY_SATURATED * (top - chip.black_level_dn) / longest_s)
+def _calibration(evidence: Evidence, findings: Findings) -> Calibration:
+    """Return the result."""
+    reduction, channels = evidence.reduction, evidence.channels
+    frames, names = reduction.frames, reduction.names
+    patterns = dict(zip(names, evidence.patterns.channels, strict=True))
+    photons_known = bool(channels) and all(entry.group.photons_per_pixel is not None for entry in reduction.lights)
+    stated = [(group.kind, group.temperature_c) for group in frames.groups if group.temperature_c is not None]
+    # The dark current is that of the dark frames.
+    temperatures = [t for kind, t in stated if kind == "dark"] or [t for _, t in stated]
+    estimates: dict[str, Any] = evidence.parameters.estimates()
+    return Calibration(
+        **estimates,
+        by_line=evidence.by_line,
+        channels=evidence.of_channels if len(names) > 1 else {},
+        clipped_electrons=saturated_electrons(evidence.pooled),
+        findings=findings,
+        curves=evidence.curves,
+        linear_range=evidence.linear_range,
+        snr={name: snr_curve(channel) for name, channel in channels.items()},
+        linearity={name: m.linearity[0] for name, m in zip(names, evidence.measured, strict=True) if m.linearity},
+        spatial={name: pattern.spatial for name, pattern in patterns.items()},
+        dsnu1288_exposure_s={name: t for name, pattern in patterns.items() for t in pattern.dsnu1288_exposures_s},
+        model="linear" if photons_known else "general",
+        general={name: general_model(channel) for name, channel in channels.items()},
+        warnings=tuple(calibration_warnings(evidence)),
+        rejected=reduction.rejected,
+        frames_used=reduction.used,
+        source=frames.source,
+        rows=frames.rows,
+        cols=frames.cols,
+        bits=frames.bits,
+        cfa=frames.cfa,
+        base=evidence.base,
+        electrical_scale=evidence.electrical_scale,
+        chip=evidence.chip,
+        temporal=evidence.temporal,
+        gain_setting=frames.gain_settings[0],
+        temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
+    )

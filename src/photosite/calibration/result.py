@@ -6,37 +6,41 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.effect import Findings, effects
+from photosite.calibration.effects.black_level_drift import BlackLevelSeries
+from photosite.calibration.effects.blooming import BloomingResult
+from photosite.calibration.effects.charge_transfer import TransferLoss
+from photosite.calibration.effects.converter_error import ConverterCodes
+from photosite.calibration.effects.glow import GlowMap
+from photosite.calibration.effects.hot_pixels import DarkDistribution
+from photosite.calibration.effects.readout_channels import ChannelDifferences
+from photosite.calibration.effects.response_curve import ResponseCurves
 from photosite.calibration.emva1288 import EMVA1288, emva1288_figures
+from photosite.calibration.finding import Finding
+from photosite.calibration.light.flicker import Flicker
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Curve, LinearRange
+from photosite.calibration.photon_transfer.general_model import GeneralModel
+from photosite.calibration.photon_transfer.linearity import Linearity
+from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling
+from photosite.calibration.photon_transfer.response_curve import ResponseCurve
+from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
-from photosite.values.deferred import Deferred
+from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
+from photosite.sensor.chip import MeasuredChip
+from photosite.sensor.effects.readout_channels import ReadoutChannels
+from photosite.sensor.model import Sensor
+from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, clipped
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from photosite.calibration.black_level_drift import BlackLevelSeries
-    from photosite.calibration.charge_transfer import TransferLoss
-    from photosite.calibration.chip_maps.blooming import BloomingResult
-    from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
-    from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
-    from photosite.calibration.converter_error import ConverterCodes
-    from photosite.calibration.flicker import Flicker
-    from photosite.calibration.glow import GlowMap
-    from photosite.calibration.photon_transfer.general_model import GeneralModel
-    from photosite.calibration.photon_transfer.linearity import Linearity
-    from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling
-    from photosite.calibration.photon_transfer.response_curve import ResponseCurve
-    from photosite.calibration.photon_transfer.snr import SnrCurve
-    from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
-    from photosite.sensor.chip import MeasuredChip
-    from photosite.sensor.effects.readout_channels import ReadoutChannels
-    from photosite.sensor.model import Sensor
-    from photosite.values.estimate import Estimate
+_Found = TypeVar("_Found", bound=Finding)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,18 +53,8 @@ class Calibration(Parameters):
         The same parameters by the straight lines of EMVA 1288. They equal the others where the response is straight.
     channels
         The same parameters per color channel; empty for a monochrome chip.
-    response_curve
-        Per channel whose response bends, the electrons against the signal.
-    coupling
-        Interpixel capacitance; None where it is not known.
-    readout_channels
-        Gains and offsets of readout channels; None where no difference between channels was found.
-    charge_transfer
-        Charge transfer inefficiency; None unless `base` states a charge transfer.
-    black_level_drift
-        1/f drift of the black level over the dark frames; None with too few frames.
-    deferred_glow, deferred_converter
-        What `glow` and `converter` are computed from when they are first read.
+    findings
+        What the frames show of each effect (`photosite.calibration.effects`), or why they show nothing.
     clipped_electrons
         Electrons of fully clipped pixels, the full well where the well is the limit.
     curves
@@ -75,12 +69,9 @@ class Calibration(Parameters):
         Per channel, the exposure time of the dark frames of DSNU1288, which contains their dark current nonuniformity.
     model
         "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
-    flicker
-        Flicker of the light, None where rows vary no more than in dark frames.
-    chip, temporal, dark_distribution, blooming, no_maps_reason
-        Maps and defects of the chip; temporal noise by rows, columns and tail; distribution of the dark current over
-        the pixels; blooming, None where no hot pixel overflows. None unless maps were requested, and where they are
-        missing for the reason given.
+    chip, temporal, no_maps_reason
+        Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested, and
+        where they are missing for the reason given.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius, that of the dark frames if they state one.
@@ -109,28 +100,65 @@ class Calibration(Parameters):
     bits: int
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
-    response_curve: Mapping[str, ResponseCurve] = field(default_factory=dict)
-    readout_channels: ReadoutChannels | None = None
-    charge_transfer: TransferLoss | None = None
-    black_level_drift: BlackLevelSeries | None = None
-    deferred_glow: Deferred[GlowMap | None] = field(repr=False)
-    deferred_converter: Deferred[ConverterCodes | Missing] = field(repr=False)
+    findings: Findings = field(repr=False)
     electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
-    coupling: PixelCoupling | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
     dsnu1288_exposure_s: Mapping[str, float] = field(default_factory=dict)
     model: Literal["linear", "general"] = "general"
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
-    flicker: Flicker | None = None
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
-    dark_distribution: DarkDistribution | None = None
-    blooming: BloomingResult | None = None
     no_maps_reason: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
+
+    def _found(self, name: str, kind: type[_Found]) -> _Found | None:
+        found = self.findings[name]
+        return found if isinstance(found, kind) else None
+
+    @property
+    def response_curve(self) -> Mapping[str, ResponseCurve]:
+        """Electrons against the signal, for each channel whose response bends."""
+        found = self._found("response_curve", ResponseCurves)
+        return {} if found is None else found.curves
+
+    @property
+    def readout_channels(self) -> ReadoutChannels | None:
+        """Gains and offsets of readout channels; None where no difference between channels was found."""
+        found = self._found("readout_channels", ChannelDifferences)
+        return None if found is None else found.channels
+
+    @property
+    def coupling(self) -> PixelCoupling | None:
+        """Interpixel capacitance; None where it is not known."""
+        return self._found("interpixel_capacitance", PixelCoupling)
+
+    @property
+    def charge_transfer(self) -> TransferLoss | None:
+        """Charge transfer inefficiency; None unless `base` states a charge transfer."""
+        return self._found("charge_transfer", TransferLoss)
+
+    @property
+    def black_level_drift(self) -> BlackLevelSeries | None:
+        """1/f drift of the black level over the dark frames; None with too few frames."""
+        return self._found("black_level_drift", BlackLevelSeries)
+
+    @property
+    def flicker(self) -> Flicker | None:
+        """Flicker of the light; None where rows vary no more than in dark frames."""
+        return self._found("flicker", Flicker)
+
+    @property
+    def dark_distribution(self) -> DarkDistribution | None:
+        """Distribution of the dark current over the pixels; None without maps."""
+        return self._found("hot_pixels", DarkDistribution)
+
+    @property
+    def blooming(self) -> BloomingResult | None:
+        """Blooming of hot pixels; None without maps, and where no pixel overflows."""
+        return self._found("blooming", BloomingResult)
 
     @property
     def glow(self) -> GlowMap | None:
@@ -138,7 +166,7 @@ class Calibration(Parameters):
 
         Until it is first read, the map stays in memory: 8 bytes per pixel.
         """
-        return self.deferred_glow.value
+        return self._found("glow", GlowMap)
 
     @property
     def converter(self) -> ConverterCodes | Missing:
@@ -146,7 +174,9 @@ class Calibration(Parameters):
 
         Some flat fields are read again when it is first read: a `FileError` if one is missing or has changed.
         """
-        return self.deferred_converter.value
+        found = self.findings["converter_error"]
+        assert isinstance(found, ConverterCodes | Missing)
+        return found
 
     @cached_property
     def covariance(self) -> JointCovariance:
@@ -268,24 +298,19 @@ class Calibration(Parameters):
                 symbol: entry.to_dict() | {"unit": EMVA1288[symbol].unit} for symbol, entry in self.emva1288.items()
             },
             "channels": {channel: of(parameters) for channel, parameters in self.channels.items()},
-            "response_curve": {channel: found.to_dict() for channel, found in self.response_curve.items()},
-            "readout_channels": None if (parts := self.readout_channels) is None else parts.model_dump(mode="json"),
-            "charge_transfer": None if self.charge_transfer is None else self.charge_transfer.to_dict(),
-            "black_level_drift": None if (drift := self.black_level_drift) is None else drift.to_dict(),
-            "glow": None if self.glow is None else self.glow.to_dict(),
-            "converter": self.converter.to_dict(),
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},
             "outlier_pixels": {channel: found.to_dict() for channel, found in self.spatial.items()},
-            "flicker": None if self.flicker is None else self.flicker.to_dict(),
             "warnings": list(self.warnings),
             "rejected": list(self.rejected),
         }
-        if self.chip is not None and self.temporal is not None:
-            entries |= {"defects": self.chip.defects.counts(), "temporal": self.temporal.to_dict()}
-        if self.dark_distribution is not None:
-            entries["dark_distribution"] = self.dark_distribution.to_dict()
-        if self.blooming is not None:
-            entries["blooming"] = self.blooming.to_dict()
+        for name, effect in effects().items():
+            found = self.findings[name]
+            if effect.key is None or (isinstance(found, Missing) and effect.missing == "absent"):
+                continue
+            unknown = isinstance(found, Missing) and effect.missing == "null"
+            entries[effect.key or name] = None if unknown else found.to_dict()
+        if self.temporal is not None:
+            entries["temporal"] = self.temporal.to_dict()
         return entries

@@ -15,8 +15,8 @@ from photosite.cli.output import Stages, held_warnings, listed, not_listed, say,
 from photosite.errors import InputError, printable
 
 if TYPE_CHECKING:
-    from photosite.calibration.captures import CaptureCalibration
-    from photosite.calibration.combined import CombinedCalibration
+    from photosite.calibration.captures.combined import CombinedCalibration
+    from photosite.calibration.captures.each_capture import CaptureCalibration
     from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
     from photosite.frames.frame_set import FrameSet
@@ -170,7 +170,7 @@ def command(
     Example: photosite calibrate cameras/* --sensor nikon-d200 --into results --processes 4
     """
     from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.captures import calibrate_captures
+    from photosite.calibration.captures.each_capture import calibrate_captures
     from photosite.calibration.gain_series.calibrate_series import calibrate_series
     from photosite.calibration.photon_transfer.knees import SeveralCapturesError
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
@@ -318,7 +318,7 @@ def _calibrate_cameras(
     reading: dict[str, Any],
 ) -> int:
     """Calibrate several cameras, show a line for each, and return the exit status."""
-    from photosite.calibration.cameras import ERROR, calibrate_cameras
+    from photosite.calibration.export.cameras import ERROR, calibrate_cameras
 
     found = calibrate_cameras(
         paths,
@@ -340,7 +340,7 @@ def _calibrate_cameras(
 
 def _camera_line(result: dict[str, Any]) -> str:
     """Return how the calibration of a camera went, in words."""
-    from photosite.calibration.cameras import ERROR
+    from photosite.calibration.export.cameras import ERROR
 
     if ERROR in result:
         return f"failed: {result[ERROR]}"
@@ -364,7 +364,7 @@ def _names_of_captures(path: Path, given: str | None, sensor_name: str | None) -
 
 def _combined(frames: FrameSet, sensor: Sensor | None, output: Path | None, report: Path | None, as_json: bool) -> None:
     """Calibrate combined frames and show the captures."""
-    from photosite.calibration.combined import calibrate_combined
+    from photosite.calibration.captures.combined import calibrate_combined
 
     if output is not None:
         raise click.UsageError("-o needs the frames of each capture: combined ones do not show all that a file holds")

@@ -12,7 +12,7 @@ from photosite.cli.command import Command
 from photosite.cli.output import Stages, held_warnings, listed, not_listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
-    from photosite.calibration.em_gain import EmGainResult
+    from photosite.calibration.effects.em_gain import EmGainResult
 
 
 @click.command("emgain", cls=Command)
@@ -53,7 +53,7 @@ def command(
     Example: photosite emgain unity gain300 --stages 536 --sensor nominal.sensor.yaml -o emccd.sensor.yaml
     """
     from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.em_gain import measure_em_gain
+    from photosite.calibration.effects.em_gain import measure_em_gain
     from photosite.frames.open import open_frames
     from photosite.sensor.effects.em_gain import EmGain
     from photosite.values.uncertain import Measured

@@ -17,7 +17,7 @@ from photosite.errors import FileError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from photosite.calibration.polarizers import Polarizer
+    from photosite.calibration.light.polarizers import Polarizer
     from photosite.frames.raw_frame import RawFrame
 
 _ANGLE = re.compile(r"(\d+(?:\.\d+)?)deg(?![a-zA-Z])")
@@ -43,7 +43,7 @@ def command(
 
     Example: photosite polarizers turned --sensor mine.sensor.yaml -o complete.sensor.yaml --figure polarizers.png
     """
-    from photosite.calibration.polarizers import measure_polarizers, with_polarizers
+    from photosite.calibration.light.polarizers import measure_polarizers, with_polarizers
 
     if output is not None and sensor_name is None:
         raise click.UsageError("-o needs the sensor file to complete: give --sensor")

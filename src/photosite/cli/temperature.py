@@ -12,7 +12,7 @@ from photosite.cli.command import Command
 from photosite.cli.output import Stages, held_warnings, listed, not_listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
-    from photosite.calibration.dark_temperature import DarkTemperature
+    from photosite.calibration.dark.temperature import DarkTemperature
 
 
 def temperatures_of(text: str) -> tuple[float, ...]:
@@ -60,7 +60,7 @@ def command(
     Example: photosite temperature 15C 25C 35C --sensor mine.sensor.yaml -o complete.sensor.yaml --report dark.html
     """
     from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.dark_temperature import dark_temperature
+    from photosite.calibration.dark.temperature import dark_temperature
     from photosite.frames.frame_set import STEADY_TEMPERATURE_C, TEMPERATURE_VARIED, split_by_temperature
     from photosite.frames.open import open_frames
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from photosite.calibration.charge_transfer import TransferLoss
+from photosite.calibration.effects.charge_transfer import TransferLoss
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.calibration.captures import CaptureCalibration
-from photosite.calibration.combined import CombinedCalibration
+from photosite.calibration.captures.combined import CombinedCalibration
+from photosite.calibration.captures.each_capture import CaptureCalibration
 from photosite.report.figures.captures import draw_captures_snr, draw_combined_snr, draw_knees
 from photosite.report.page import (
     Block,

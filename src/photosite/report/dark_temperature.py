@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from photosite.calibration.dark_temperature import DarkTemperature
+from photosite.calibration.dark.temperature import DarkTemperature
 from photosite.report.calibration import provenance_blocks, rejected_blocks
 from photosite.report.numbers import format_number
 from photosite.report.page import (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from photosite.calibration.em_gain import EmGainResult
+from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks
 from photosite.report.figures.charge import em_gain_figure
 from photosite.report.page import (

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from photosite.calibration.captures import CaptureCalibration
-from photosite.calibration.combined import CombinedCalibration
-from photosite.calibration.dark_temperature import DarkTemperature
+from photosite.calibration.captures.combined import CombinedCalibration
+from photosite.calibration.captures.each_capture import CaptureCalibration
+from photosite.calibration.dark.temperature import DarkTemperature
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
 from photosite.color.spectrum import Spectrum

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
+from photosite.calibration.effects.hot_pixels import DarkDistribution
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve

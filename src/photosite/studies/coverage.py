@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.captures import calibrate_captures
-from photosite.calibration.combined import CombinedCalibration, calibrate_combined
+from photosite.calibration.captures.combined import CombinedCalibration, calibrate_combined
+from photosite.calibration.captures.each_capture import calibrate_captures
 from photosite.calibration.result import Calibration
 from photosite.engine.jit import threads_for
 from photosite.engine.workers import in_order, run_tasks

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
-from photosite.calibration.plan import PlannedGroup, predict
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
 from photosite.frames.frame_settings import KINDS, Kind
 from photosite.sensor.model import Sensor
+from photosite.studies.predicted_precision import PlannedGroup, predict
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.cfa import channel_sites

@@ -69,7 +69,7 @@ def with_pedestal(sensor: Sensor) -> Sensor:
 
     A sensor whose black level is at least 5 standard deviations of a dark frame is returned unchanged. Otherwise the
     black level becomes the next power of two at or above 8 of them. Calibrating clipped dark frames is possible, but
-    less accurate (`photosite.calibration.clipped_blacks`).
+    less accurate (`photosite.calibration.dark.clipped_darks`).
 
     Raises
     ------

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 
 
-class Deferred(Generic[T]):
+class Deferred(Generic[T_co]):
     """A value that is computed when it is first needed, and then kept; pickling computes it.
 
     Parameters
@@ -24,11 +24,11 @@ class Deferred(Generic[T]):
     (7, 7)
     """
 
-    def __init__(self, function: Callable[[], T]) -> None:
-        self._function: Callable[[], T] | None = function
+    def __init__(self, function: Callable[[], T_co]) -> None:
+        self._function: Callable[[], T_co] | None = function
 
     @property
-    def value(self) -> T:
+    def value(self) -> T_co:
         """The value."""
         if self._function is not None:
             self._value, self._function = self._function(), None

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.black_level_drift import measure_drift
-from photosite.calibration.glow import find_glow
+from photosite.calibration.effects.black_level_drift import measure_drift
+from photosite.calibration.effects.glow import find_glow
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.report.figures.dark import drift_figure, glow_figure
 from photosite.report.figures.lines import line_pattern_figure, readout_channels_figure

@@ -21,15 +21,15 @@ from photosite.calibration.chip_maps.temporal_noise import (
     measure_temporal_noise,
     read_residuals,
 )
-from photosite.calibration.glow import GlowMap
+from photosite.calibration.effects.glow import GlowMap
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.parameters import Parameters
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level, reference_dark
 from photosite.calibration.reduction.reduce import dark_slope_coefficients, read_group
-from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
-from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.estimate import Estimate, signed_square
@@ -159,10 +159,8 @@ class _DarkMaps:
         return maps
 
 
-def measure_chip(
-    frames: FrameSet, calibration: Calibration, progress: Progress | None = None
-) -> tuple[MeasuredChip, TemporalNoise]:
-    """Measure the chip that took a set of frames, pixel by pixel.
+def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | None = None) -> Evidence:
+    """Return the evidence with the maps of the chip, pixel by pixel.
 
     Reads the dark frames and the flat fields of the linear range again, and the reference dark frames (those of the
     read noise) once more after that. Memory does not grow with the number of frames. `MeasuredChip` describes the maps
@@ -173,17 +171,13 @@ def measure_chip(
 
     Parameters
     ----------
-    frames, calibration
-        The measurement, and the result of `calibrate` for it.
+    evidence
+        What is known of the frames. There is no map of the response without flat fields, and none of the dark rate with
+        a single dark exposure time.
+    glow
+        The glow, which does not make pixels hot.
     progress
         As for `calibrate`.
-
-    Returns
-    -------
-    MeasuredChip
-        Maps and defects; no response without flat fields, no dark rate with a single dark exposure time.
-    TemporalNoise
-        Noise of pixels, rows and columns, its shape, and bands.
 
     Raises
     ------
@@ -192,18 +186,22 @@ def measure_chip(
     FileError
         If a frame cannot be read.
     """
-    lights, darks = light_groups_in_range(frames, calibration), frames.of_kind("dark")
+    frames = evidence.reduction.frames
+    lights, darks = light_groups_in_range(frames, evidence.linear_range), frames.of_kind("dark")
     counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
     with FrameReader(replace(frames, groups=(*darks, *lights)), counted) as reader:
         dark = _read_darks(reader)
-        response = read_response_map(reader, calibration, pooled_level(dark.stack.levels).variance) if lights else None
+        response = read_response_map(reader, evidence, pooled_level(dark.stack.levels).variance) if lights else None
         sigma = float(np.sqrt(np.median([spread.variance for spread in dark.spreads])))
         suspects = dark.suspects()
         look = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
     del reader  # its sums need as much memory as three maps
     dark = dark.with_variance(look.variance)
     temporal = measure_temporal_noise(dark.stack, look, dark.mean, dark.tile)
-    return _chip(calibration, dark, response, suspects, look, temporal)
+    chip, temporal = _chip(evidence.parameters, dark, response, suspects, look, temporal, glow)
+    rate = chip.dark_rate_dn_per_s
+    flat = rate if rate is None or glow is None else glow.without(rate)
+    return replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)
 
 
 def _read_darks(reader: FrameReader) -> _DarkMaps:
@@ -286,21 +284,22 @@ def _used_again(
 
 
 def _chip(
-    calibration: Calibration,
+    parameters: Parameters,
     dark: _DarkMaps,
     response: ResponseMap | None,
     suspects: _Place,
     look: StackResiduals,
     temporal: TemporalNoise,
+    glow: GlowMap | None,
 ) -> tuple[MeasuredChip, TemporalNoise]:
-    gain, black = calibration.system_gain_dn_per_e.value, calibration.black_level_dn.value
+    gain, black = parameters.system_gain_dn_per_e.value, parameters.black_level_dn.value
     level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
     black = float(level.mean(dtype=np.float64)) if black is None else black
     level -= np.float32(black)
-    withheld = calibration.dark_current_dn_per_s.value is None  # the mean rate is wrong by what all pixels share
+    withheld = parameters.dark_current_dn_per_s.value is None  # the mean rate is wrong by what all pixels share
     shot = None
     if dark.rate is not None and gain is not None:
-        from_variance = calibration.dark_current_from_variance_e_per_s.value if withheld else None
+        from_variance = parameters.dark_current_from_variance_e_per_s.value if withheld else None
         shared = 0.0 if from_variance is None else from_variance * gain - float(dark.rate.mean(dtype=np.float64))
         # Shot noise of the dark current, DN^2 per second; none for a negative rate.
         shot = np.maximum(dark.rate + np.float32(shared), 0.0) * np.float32(gain)
@@ -314,7 +313,7 @@ def _chip(
     short = too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None
     known = {name: values for name, values in maps.items() if name not in of_rate}
     # The response above uses the same times and levels, and stays valid; so do hot pixels, relative to the others.
-    found = _defects(dark, blinking, distance, known if short else maps, calibration.glow)
+    found = _defects(dark, blinking, distance, known if short else maps, glow)
     if withheld:
         maps = known
     chip = MeasuredChip(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps import defects
+from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
-from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
@@ -63,16 +64,16 @@ def _inside(group: FrameGroup, range_: LinearRange) -> bool:
     return range_.lowest - grain <= x <= range_.highest + grain and x not in range_.contradicting
 
 
-def light_groups_in_range(frames: FrameSet, calibration: Calibration) -> tuple[FrameGroup, ...]:
+def light_groups_in_range(frames: FrameSet, ranges: Mapping[str, LinearRange]) -> tuple[FrameGroup, ...]:
     """Return the light groups in any channel's linear range; none unless each channel has two levels in its range."""
-    lights, ranges = frames.of_kind("light"), calibration.linear_range
+    lights = frames.of_kind("light")
     for name in channel_names(frames.cfa):
         if name not in ranges or len({_abscissa(g, ranges[name]) for g in lights if _inside(g, ranges[name])}) < 2:
             return ()
     return tuple(group for group in lights if any(_inside(group, range_) for range_ in ranges.values()))
 
 
-def read_response_map(reader: FrameReader, calibration: Calibration, dark_variance: float) -> ResponseMap:
+def read_response_map(reader: FrameReader, evidence: Evidence, dark_variance: float) -> ResponseMap:
     """Read the light groups once and accumulate the map of slopes.
 
     Levels are weighted by their expected noise, from the response and gain that the calibration found, because weights
@@ -82,13 +83,13 @@ def read_response_map(reader: FrameReader, calibration: Calibration, dark_varian
     names, groups = channel_names(reader.frames.cfa), reader.frames.of_kind("light")
     count = np.array([float(len(group)) for group in groups])
     exposure = np.array([group.exposure_s for group in groups])
+    ranges, curves, gain = evidence.linear_range, evidence.curves, evidence.parameters.system_gain_dn_per_e.value or 0.0
     coefficients, expected = np.zeros((len(names), len(groups))), np.zeros((len(names), len(groups)))
     for k, name in enumerate(names):
-        range_ = calibration.linear_range[name]
+        range_ = ranges[name]
         x = np.array([_abscissa(group, range_) for group in groups])
         inside = np.array([_inside(group, range_) for group in groups])
-        gain = calibration.system_gain_dn_per_e.value or 0.0
-        slope = calibration.curves[name]["response"].slope or 0.0
+        slope = curves[name]["response"].slope or 0.0
         expected[k] = dark_variance + gain * slope * x
         coefficients[k, inside] = slope_coefficients(x[inside], (count / expected[k])[inside])
     slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines, same_exposure
+from photosite.calibration.dark.dark_lines import DarkLine, DarkLines, same_exposure
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import (
     LINEAR_SHARE,
@@ -29,7 +29,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     linear_levels,
 )
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
-from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
+from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from photosite.calibration.photon_transfer.dark_lines import DarkLines
+from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, combined

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from photosite.calibration.finding import Finding, SensorChanges
 from photosite.calibration.photon_transfer.noise_covariance import REACH, NoiseCovariance
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
+from photosite.sensor.model import Sensor
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured, Uncertain
 
@@ -23,7 +27,7 @@ _MOST = 0.06
 
 
 @dataclass(frozen=True)
-class PixelCoupling(Shown):
+class PixelCoupling(Finding, Shown):
     """Shares of a pixel's signal in each next and in each diagonal neighbor; negative within chance.
 
     Parameters
@@ -38,15 +42,33 @@ class PixelCoupling(Shown):
     corner: Uncertain
     seen: bool
 
-    def section(self, source: str) -> InterpixelCapacitance | None:
-        """Return the coupling in the form of a sensor file; None where it is not seen."""
+    @property
+    def present(self) -> bool:
+        """Whether neighbors are correlated beyond chance."""
+        return self.seen
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
+        """Return the coupling for a sensor file; that of the base where it is not seen."""
         if not self.seen or self.side.value <= 0.0:
-            return None
+            return {}
         side, corner = (
             Measured(max(100.0 * share.value, 0.0), 100.0 * share.standard_uncertainty, source)
             for share in (self.side, self.corner)
         )
-        return InterpixelCapacitance(coupling_percent=side, diagonal_percent=corner)
+        return {"interpixel_capacitance": InterpixelCapacitance(coupling_percent=side, diagonal_percent=corner)}
+
+    def subtract(self, changes: SensorChanges) -> dict[str, Any]:
+        """Return the nonuniformities before the coupling, which averages the pixels after it."""
+        coupling: InterpixelCapacitance | None = changes.fields.get("interpixel_capacitance")
+        if coupling is None:
+            return {}
+        found = {}
+        for field in ("prnu_percent", "dcnu_percent"):
+            if (spread := changes.measured(field)) is not None:
+                size = math.sqrt(coupling.variance_share)
+                note = f"{spread.source}, before the coupling of pixels"
+                found[field] = Measured(spread.value / size, spread.standard_uncertainty / size, note)
+        return found
 
 
 def fit_coupling(

@@ -21,7 +21,7 @@ CLIPPED_SHARE = 0.001
 """Share of numbers at 0 or at full scale above which a light level is outside the linear range."""
 
 CLIPPED_DARK_SHARE = 0.005
-"""Share of a dark level's numbers at 0 above which the frames count as clipped (`clipped_blacks/clipped_darks.py`).
+"""Share of a dark level's numbers at 0 above which the frames count as clipped (`dark/clipped_darks.py`).
 
 At this share the read noise comes out 0.5 % low. Below it, the possible effect of clipping widens the uncertainty."""
 

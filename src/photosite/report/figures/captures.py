@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from photosite.calibration.captures import CaptureCalibration
-from photosite.calibration.combined import CombinedCalibration
+from photosite.calibration.captures.combined import CombinedCalibration
+from photosite.calibration.captures.each_capture import CaptureCalibration
 from photosite.calibration.result import Calibration
 from photosite.report.style import GRAY, line_style
 

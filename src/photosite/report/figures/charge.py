@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.calibration.charge_transfer import TransferLoss
-from photosite.calibration.em_gain import EmGainResult
+from photosite.calibration.effects.charge_transfer import TransferLoss
+from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.calibration.result import Calibration
 from photosite.report.style import BAND, BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, label_log_ticks, legend_above, styled
 from photosite.values.uncertain import COVERAGE_95

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from photosite.calibration.chip_maps.blooming import BloomingResult
-from photosite.calibration.chip_maps.hot_pixels import DarkDistribution
 from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
+from photosite.calibration.effects.blooming import BloomingResult
+from photosite.calibration.effects.hot_pixels import DarkDistribution
 from photosite.calibration.spatial.spatial_analysis import (
     FramePattern,
     Histogram,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.calibration.converter_error import ConverterCodes
+from photosite.calibration.effects.converter_error import ConverterCodes
 from photosite.report.style import BAND, BLACK, BLUE, styled, thinned, two_panels
 from photosite.values.uncertain import COVERAGE_95
 

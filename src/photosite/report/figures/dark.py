@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.calibration.black_level_drift import BlackLevelSeries
-from photosite.calibration.glow import GlowMap
+from photosite.calibration.effects.black_level_drift import BlackLevelSeries
+from photosite.calibration.effects.glow import GlowMap
 from photosite.report.style import BLACK, GRAY, WIDTH_IN, line_style, new_figure, styled
 from photosite.sensor.effects.glow import Glow
 from photosite.values.uncertain import COVERAGE_95

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.calibration.polarizers import Polarizer
+from photosite.calibration.light.polarizers import Polarizer
 from photosite.frames.raw_frame import RawFrame
 from photosite.report.style import line_style, new_figure, styled
 from photosite.values.cfa import channel_mask

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtri
 
+from photosite.calibration.finding import Finding
 from photosite.calibration.photon_transfer.noise_covariance import BY_CHANCE, NoiseCovariance
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -45,7 +46,7 @@ _CORRECTIONS = 4
 
 
 @dataclass(frozen=True)
-class Flicker(Shown):
+class Flicker(Finding, Shown):
     """Bands in the light.
 
     Parameters

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.chip_maps.response_map import light_groups_in_range
-from photosite.calibration.result import Calibration
-from photosite.frames.frame_set import FrameGroup, FrameSet, without_border
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding
+from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.charge_transfer import ChargeTransfer
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Shown, Tabular
-from photosite.values.uncertain import Measured, Source, Uncertain
+from photosite.values.uncertain import Measured, Missing, Source, Uncertain
 
 Direction = Literal["parallel", "serial"]
 _Floats = NDArray[np.float64]
@@ -69,23 +71,34 @@ class EdgeResponse(Shown):
 
 
 @dataclass(frozen=True)
-class TransferLoss(Tabular):
+class TransferLoss(Finding, Tabular):
     """Charge transfer inefficiency along the columns (parallel) and along the rows (serial)."""
 
     parallel: EdgeResponse
     serial: EdgeResponse
 
-    def section(self, stated: ChargeTransfer, source: str) -> ChargeTransfer:
+    @property
+    def present(self) -> bool:
+        """Whether charge stays behind in one of the directions beyond chance."""
+        return self.parallel.seen or self.serial.seen
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The inefficiency of each direction."""
+        return {"parallel": self.parallel.inefficiency, "serial": self.serial.inefficiency}
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the section of a sensor file; an inefficiency that is not seen is 0 with its uncertainty."""
+        assert base.effects is not None
+        assert base.effects.charge_transfer is not None
         found = {}
         for name in ("parallel", "serial"):
             edge: EdgeResponse = getattr(self, name)
             if edge.inefficiency.value is not None:
-                measured = edge.inefficiency.measured(source)
-                found[f"{name}_inefficiency"] = Measured(
-                    measured.value if edge.seen else 0.0, measured.standard_uncertainty, source
-                )
-        return stated.model_copy(update=found)
+                spread = edge.inefficiency.measured(source).standard_uncertainty
+                value = edge.inefficiency.value if edge.seen else 0.0
+                found[f"{name}_inefficiency"] = Measured(value, spread, source)
+        return {"charge_transfer": base.effects.charge_transfer.model_copy(update=found)}
 
     def to_dict(self) -> dict[str, Any]:
         """Return both estimates with the number of transfers, for JSON."""
@@ -102,33 +115,17 @@ class TransferLoss(Tabular):
         return ResultTable("Charge transfer inefficiency", columns, rows)
 
 
-def without_covered_lines(frames: FrameSet, sensor: Sensor | None) -> FrameSet:
-    """Return the frames without the lines that the sensor file states as covered or overscan, if they hold them."""
-    border = None if sensor is None or sensor.effects is None else sensor.effects.border
-    if sensor is None or border is None or not any(border) or frames.border is not None:
-        return frames
-    if (frames.rows, frames.cols) != (sensor.array.rows, sensor.array.cols):
-        return frames
-    return without_border(frames, border)
-
-
-def measure_charge_transfer(frames: FrameSet, calibration: Calibration) -> TransferLoss | None:
+def measure_charge_transfer(evidence: Evidence) -> TransferLoss | Missing:
     """Estimate the charge transfer inefficiency from the lines behind the illuminated ones.
 
-    Reads the dark frames and the flat fields of the linear range again, with their border.
-
-    Parameters
-    ----------
-    frames
-        The frames of `calibration`, with the border that `FrameSet.border` states.
-    calibration
-        The result of `calibrate` for these frames. `base` states the corner of the output.
+    Reads the dark frames and the flat fields of the linear range again, with the border that `FrameSet.border` states.
+    The base sensor states the corner of the output.
 
     Returns
     -------
-    TransferLoss or None
-        None where `base` states no charge transfer. Where the frames have fewer than two lines behind the illuminated
-        ones, the estimate has the reason instead of a value.
+    TransferLoss or Missing
+        Missing where the base sensor states no charge transfer. Where the frames have fewer than two lines behind the
+        illuminated ones, the estimate has the reason instead of a value.
 
     Notes
     -----
@@ -145,21 +142,21 @@ def measure_charge_transfer(frames: FrameSet, calibration: Calibration) -> Trans
     J. R. Janesick, Scientific Charge-Coupled Devices (SPIE Press, 2001), 5.2. A. Snyder and A. Roodman, J. Astron.
     Telesc. Instrum. Syst. 7 (2021) 048002, for the sensors of the LSST camera.
     """
-    base = calibration.base
+    base, frames = evidence.base, evidence.reduction.frames
     stated = None if base is None or base.effects is None else base.effects.charge_transfer
     if stated is None:
-        return None
+        return Missing("the sensor file states no charge transfer")
     top, bottom, left, right = frames.border or (0, 0, 0, 0)
     sides = [
         pair if order.step > 0 else pair[::-1]
         for pair, order in zip(((top, bottom), (left, right)), stated.order, strict=True)
     ]
     before, behind = (sides[0][0], sides[1][0]), (sides[0][1], sides[1][1])
-    lights = light_groups_in_range(frames, calibration)
+    lights = light_groups_in_range(frames, evidence.linear_range)
     reason = "" if lights else "there are no flat fields at two levels or more in the linear range"
     if reason or max(behind) < _LEAST_LINES:
         return TransferLoss(_missing("parallel", stated, reason), _missing("serial", stated, reason))
-    used = {id(entry.source) for entry in calibration.frames_used}
+    used = {id(entry.source) for entry in evidence.reduction.used}
     groups = (*frames.of_kind("dark"), *lights)
     lit = slice(before[0], before[0] + frames.rows), slice(before[1], before[1] + frames.cols)
     series = [_edge_lines(group, used, stated.order, lit) for group in groups]
@@ -171,6 +168,9 @@ def measure_charge_transfer(frames: FrameSet, calibration: Calibration) -> Trans
         lines = [np.array([frame[axis] for frame in entry]) for entry in series]
         edges.append(_edge_response(direction, lines, groups, lit[axis].stop))
     return TransferLoss(edges[0], edges[1])
+
+
+EFFECT = Effect(35, measure_charge_transfer)
 
 
 def _missing(direction: Direction, stated: ChargeTransfer, reason: str) -> EdgeResponse:

@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from photosite.calibration.dark_result import DarkResult
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding
 from photosite.calibration.reduction.groups import pooled_level
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
+from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate, standard_deviation
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value
@@ -42,7 +45,7 @@ _METHOD = (
 
 
 @dataclass(frozen=True)
-class BlackLevelSeries(Shown):
+class BlackLevelSeries(Finding, Shown):
     """Drift of the black level over series of dark frames.
 
     Parameters
@@ -65,26 +68,30 @@ class BlackLevelSeries(Shown):
     means_dn: tuple[Array, ...]
     noise_dn: tuple[float, ...]
 
-    def section(self) -> BlackLevelDrift | None:
-        """Return the drift for a sensor file: octaves up to the length of the series; None within chance.
+    @property
+    def present(self) -> bool:
+        """Whether there is a drift beyond chance."""
+        return self.significant
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The drift in both units."""
+        return {"drift_dn": self.drift_dn, "drift_e": self.drift_e}
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
+        """Return the drift for a sensor file: octaves up to the length of the series; none within chance.
 
         The file states the standard deviation over many frames, to which each octave contributes alike.
         """
         if not self.significant or self.drift_e.value is None:
-            return None
+            return {"black_level_drift": None}
         octaves = math.ceil(math.log2(self.frames)) + 1
-        return BlackLevelDrift(
-            standard_deviation_e=self.drift_e.value * math.sqrt(octaves / octaves_within(self.frames)), octaves=octaves
-        )
+        spread = self.drift_e.value * math.sqrt(octaves / octaves_within(self.frames))
+        return {"black_level_drift": BlackLevelDrift(standard_deviation_e=spread, octaves=octaves)}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimates, and what they are of."""
-        return {
-            "drift_dn": self.drift_dn.to_dict(),
-            "drift_e": self.drift_e.to_dict(),
-            "frames": self.frames,
-            "significant": self.significant,
-        }
+        return {**super().to_dict(), "frames": self.frames, "significant": self.significant}
 
 
 def step_covariance(frames: int) -> Array:
@@ -196,10 +203,10 @@ def _in_electrons(deviation: Uncertain, ends_dn: tuple[float, float], gain: Valu
     return Estimate.of(deviation / gain, _METHOD, interval_95=(max(low, 0.0) / gain.value, high / gain.value))
 
 
-def dark_series(dark: DarkResult, gain: Value) -> BlackLevelSeries | None:
-    """Return the drift of the black level over the dark frames; None where they are too few, or clipped at 0."""
+def _measure(evidence: Evidence) -> BlackLevelSeries | Missing:
+    dark, gain = evidence.dark, evidence.light.gain
     if dark.mean is None or dark.clipped is not None or dark.noise_unknown:
-        return None
+        return Missing(dark.noise_unknown or "the dark frames are clipped at 0")
     rows, cols = dark.mean.mean.shape
     frames = dark.mean.statistics.frames
     # Of a frame: the noise of rows and columns, which are few
@@ -210,4 +217,8 @@ def dark_series(dark: DarkResult, gain: Value) -> BlackLevelSeries | None:
     noise = [
         pooled_level(entry.levels).variance / (rows * cols) + of_row / rows + of_column / cols for entry in dark.groups
     ]
-    return measure_drift([entry.frame_means for entry in dark.groups], noise, gain)
+    found = measure_drift([entry.frame_means for entry in dark.groups], noise, gain)
+    return found or Missing(f"no exposure time has {LEAST_FRAMES} dark frames that differ")
+
+
+EFFECT = Effect(40, _measure)

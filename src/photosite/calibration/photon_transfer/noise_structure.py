@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.dark_result import GroupMean
-from photosite.calibration.flicker import Flicker, RowLight, find_flicker, with_frequency
+from photosite.calibration.dark.dark_result import GroupMean
+from photosite.calibration.light.flicker import Flicker, RowLight, find_flicker, with_frequency
 from photosite.calibration.photon_transfer.noise_covariance import (
     LEAST_RUN,
     NoiseCovariance,

@@ -11,18 +11,18 @@ import numpy as np
 
 from photosite.calibration.checks.black_level import BlackLevelChange, black_level_change
 from photosite.calibration.checks.result_screening import screen_dark_slope, screen_variance_slope
-from photosite.calibration.clipped_blacks.clipped_darks import (
+from photosite.calibration.dark.clipped_darks import (
     METHOD,
     NO_PIXEL_SLOPES,
     DarkEstimates,
     correct_clipped_darks,
 )
-from photosite.calibration.clipped_blacks.cut_tail import measure_cut_tail
-from photosite.calibration.dark_result import DarkResult, GroupMean, SlopeMap, dark_exposure
-from photosite.calibration.incomplete_darks import of_single_frames, unknown_darks
+from photosite.calibration.dark.cut_tail import measure_cut_tail
+from photosite.calibration.dark.dark_lines import DarkLines
+from photosite.calibration.dark.dark_result import DarkResult, GroupMean, SlopeMap, dark_exposure
+from photosite.calibration.dark.single_frames import measure_single_darks, unknown_darks
 from photosite.calibration.measurements import Measurements, mean_for_sensor
-from photosite.calibration.photon_transfer.dark_lines import DarkLines
-from photosite.calibration.photon_transfer.unknown_darks import (
+from photosite.calibration.photon_transfer.without_darks import (
     NO_DARK_FRAMES,
 )
 from photosite.calibration.reduction.frame_reader import FrameReader
@@ -54,7 +54,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     if group is None or mean_frame is None:
         return unknown_darks(reduction, Missing(NO_DARK_FRAMES))
     if group.frames == 1:
-        return of_single_frames(reduction, group, mean_frame)
+        return measure_single_darks(reduction, group, mean_frame)
     clipped = correct_clipped_darks(reduction, group, reader)
     groups = reduction.darks if clipped is None else clipped.groups
     cut = None if clipped is not None else measure_cut_tail(reduction, group, mean_frame, reader)

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.checks.black_level import STEADY, BlackLevelChange, Contradiction
-from photosite.calibration.clipped_blacks.clipped_darks import (
+from photosite.calibration.dark.clipped_darks import (
     ClippedDarks,
 )
-from photosite.calibration.clipped_blacks.cut_tail import CutTail
+from photosite.calibration.dark.cut_tail import CutTail
+from photosite.calibration.dark.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.measurements import Measurements
-from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.result import Calibration
-from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding
+from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.blooming import Blooming
+from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Measured, Source, Uncertain
+from photosite.values.uncertain import Measured, Missing, Source, Uncertain
 
 LEAST_PIXELS = 5
 """Smallest number of overflowing pixels from which blooming is estimated."""
@@ -35,7 +38,7 @@ _Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class BloomingResult(Shown):
+class BloomingResult(Finding, Shown):
     """Share of the overflow that reaches other pixels of the column.
 
     Parameters
@@ -56,31 +59,39 @@ class BloomingResult(Shown):
     uncertainty_dn: float
     seen: bool
 
-    def section(self, source: str) -> Blooming | None:
-        """Return the blooming in the form of a sensor file; None where it is not seen."""
+    @property
+    def present(self) -> bool:
+        """Whether the fraction is above zero beyond chance."""
+        return self.seen
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The fraction of the overflow that reaches the column."""
+        return {"kept": self.kept}
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
+        """Return the blooming for a sensor file; that of the base where it is not seen."""
         if not self.seen:
-            return None
+            return {}
         kept = self.kept.measured(source)
-        return Blooming(drained=Measured(min(max(1.0 - kept.value, 0.0), 1.0), kept.standard_uncertainty, source))
+        drained = Measured(min(max(1.0 - kept.value, 0.0), 1.0), kept.standard_uncertainty, source)
+        return {"blooming": Blooming(drained=drained)}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimate and the number of pixels, for JSON."""
-        return {"kept": self.kept.to_dict(), "pixels": len(self.overflow_dn), "seen": self.seen}
+        return {**super().to_dict(), "pixels": len(self.overflow_dn), "seen": self.seen}
 
 
-def measure_blooming(frames: FrameSet, calibration: Calibration) -> BloomingResult | None:
-    """Estimate the share of the charge above the full well that flows into other pixels of the column.
+def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
+    """Estimate the fraction of the charge above the full well that flows into other pixels of the column.
 
-    Parameters
-    ----------
-    frames, calibration
-        The frames, and the black level and saturation measured from them. The dark frames are read again.
+    The dark frames are read again.
 
     Returns
     -------
-    BloomingResult or None
-        None where no pixel overflows by its dark current. The estimate has a reason instead of a value where the frames
-        do not tell the overflow.
+    BloomingResult or Missing
+        Missing where no pixel overflows by its dark current. The estimate has a reason instead of a value where the
+        frames do not tell the overflow.
 
     Notes
     -----
@@ -88,16 +99,19 @@ def measure_blooming(frames: FrameSet, calibration: Calibration) -> BloomingResu
     shorter exposure time at which the pixel is not saturated shows x. The excess charge of the column beside the pixel
     is the kept share of x - W.
     """
-    top, black = calibration.saturation_dn.value, calibration.black_level_dn.value
+    if evidence.chip is None:
+        return Missing(evidence.no_maps)
+    frames, parameters = evidence.reduction.frames, evidence.parameters
+    top, black = parameters.saturation_dn.value, parameters.black_level_dn.value
     darks = sorted(frames.of_kind("dark"), key=lambda group: group.exposure_s)
     if top is None or black is None or len(darks) < 2:
-        return None
-    used = {id(entry.source) for entry in calibration.frames_used}
+        return Missing("blooming needs black level, saturation and dark frames at two exposure times")
+    used = {id(entry.source) for entry in evidence.reduction.used}
     well, longest = top - black, darks[-1]
     first, full = _mean(darks[0], used), _mean(longest, used)
     row, col = np.nonzero(full - first > _BELOW * well)
     if not len(row):
-        return None
+        return Missing("no pixel overflows by its dark current")
 
     def without(reason: str) -> BloomingResult:
         return BloomingResult(Estimate(reason=reason), np.zeros(0), np.zeros(0), 0.0, seen=False)
@@ -162,3 +176,6 @@ def _ordinary(added: _Floats, row: NDArray[np.int64], col: NDArray[np.int64]) ->
     places = zip(rng.integers(0, rows, 2 * _ORDINARY), rng.integers(0, cols, 2 * _ORDINARY), strict=True)
     free = [(r, c) for r, c in places if not ((col == c) & (np.abs(row - r) <= 2 * _REACH)).any()]
     return np.array([_beside(added, r, c) for r, c in free[:_ORDINARY]])
+
+
+EFFECT = Effect(30, measure_blooming, missing="absent")

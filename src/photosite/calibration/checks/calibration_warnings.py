@@ -1,40 +1,26 @@
-"""Stage "assemble": the results of the other stages become a `Calibration`."""
+"""Limitations of a calibration as warnings."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
 
-from photosite.calibration.black_level_drift import dark_series
-from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.level_checks import digital_gain_warnings, find_first_frames, level_warnings
-from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
-from photosite.calibration.converter_error import ConverterCodes
-from photosite.calibration.dark_result import DarkResult, with_shared_charge, without_mean_slope
-from photosite.calibration.em_gain import stated_gain_warning
-from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
-from photosite.calibration.glow import GlowMap, find_glow
-from photosite.calibration.light import LightResult
-from photosite.calibration.measurements import Measurements, pool_channels
-from photosite.calibration.parameters import estimate_parameters, least_dark_variance, saturated_electrons
-from photosite.calibration.photon_transfer.channel import Channel, channel_curves, linear_range, response_warnings
-from photosite.calibration.photon_transfer.general_model import general_model
+from photosite.calibration.checks.result_screening import Implausible
+from photosite.calibration.dark.dark_result import DarkResult
+from photosite.calibration.effects.em_gain import stated_gain_warning
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.measurements import Measurements
+from photosite.calibration.parameters import least_dark_variance
+from photosite.calibration.photon_transfer.channel import Channel, response_warnings
 from photosite.calibration.photon_transfer.level_outliers import outlier_warning
-from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.photon_transfer import GainFit
-from photosite.calibration.photon_transfer.snr import snr_curve
-from photosite.calibration.photon_transfer.unknown_darks import BRIGHTER_FATTER
-from photosite.calibration.readout_channels import measured_channels
+from photosite.calibration.photon_transfer.without_darks import BRIGHTER_FATTER
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
-from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.nonuniformity import is_large
-from photosite.sensor.model import Sensor
-from photosite.values.deferred import Deferred
 from photosite.values.estimate import Estimate
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -59,163 +45,20 @@ LEAST_PATTERN = 0.05
 """DSNU over read noise below which a dark frame was probably subtracted; sensors have 0.1 and more."""
 
 
-def assemble(
-    reduction: Reduction,
-    dark: DarkResult,
-    light: LightResult,
-    patterns: FixedPatterns,
-    converter: Deferred[ConverterCodes | Missing],
-    sensor: Sensor | None,
-) -> Calibration:
-    """Return the calibration."""
-    frames, names, channels = reduction.frames, reduction.names, light.channels
-    dark = with_shared_charge(dark, light.noise.shared)
-    dark = without_mean_slope(dark, _contradiction(dark, light.gain))
-    scale, mv_per_dn = _electrical_scale(sensor)
-    measured, together = _measurements(reduction, dark, light, patterns.channels, by_line=False)
-    parameters = by_line = estimate_parameters(together, mv_per_dn)
-    if any(channel.gain is not channel.line_gain for channel in channels) or light.gain is not light.line_gain:
-        by_line = estimate_parameters(
-            _measurements(reduction, dark, light, patterns.channels, by_line=True)[1], mv_per_dn
-        )
-    estimates = parameters.estimates()
-    per_channel = {name: estimate_parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)}
-    by_name = dict(zip(names, channels, strict=False))  # empty without light frames
-    photons_known = bool(channels) and all(entry.group.photons_per_pixel is not None for entry in reduction.lights)
-    stated = [(group.kind, group.temperature_c) for group in frames.groups if group.temperature_c is not None]
-    # The dark current is that of the dark frames.
-    temperatures = [t for kind, t in stated if kind == "dark"] or [t for _, t in stated]
-    return Calibration(
-        **estimates,
-        by_line=by_line,
-        channels=per_channel if len(names) > 1 else {},
-        clipped_electrons=saturated_electrons(together),
-        black_level_drift=dark_series(dark, light.gain),
-        deferred_glow=_deferred_glow(dark, light.gain),
-        deferred_converter=converter,
-        response_curve={name: channel.curve for name, channel in by_name.items() if channel.curve is not None},
-        readout_channels=measured_channels(patterns.structure, patterns.dark_structure, patterns.taps, light.gain),
-        curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
-        snr={name: snr_curve(channel) for name, channel in by_name.items()},
-        spatial={name: pattern.spatial for name, pattern in zip(names, patterns.channels, strict=True)},
-        dsnu1288_exposure_s={
-            name: t for name, p in zip(names, patterns.channels, strict=True) for t in p.dsnu1288_exposures_s
-        },
-        model="linear" if photons_known else "general",
-        general={name: general_model(channel) for name, channel in by_name.items()},
-        linearity={name: m.linearity[0] for name, m in zip(names, measured, strict=True) if m.linearity},
-        linear_range={
-            name: linear_range(channel)
-            for name, channel in by_name.items()
-            if (channel.used & channel.levels.trusted).any()
-        },
-        warnings=(
-            *_warnings(reduction, dark, light, patterns, together, estimates),
-            *_em_gain_warnings(sensor, estimates["system_gain_dn_per_e"]),
-        ),
-        flicker=light.noise.flicker,
-        rejected=reduction.rejected,
-        frames_used=reduction.used,
-        source=frames.source,
-        rows=frames.rows,
-        cols=frames.cols,
-        bits=frames.bits,
-        cfa=frames.cfa,
-        base=sensor,
-        electrical_scale=scale,
-        coupling=None if isinstance(light.noise.coupling, Missing) else light.noise.coupling,
-        charge_transfer=None,
-        chip=None,
-        temporal=None,
-        dark_distribution=None,
-        blooming=None,
-        no_maps_reason=None,
-        gain_setting=frames.gain_settings[0],
-        temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
-    )
+def calibration_warnings(evidence: Evidence) -> Iterator[str]:
+    """Yield the limitations of a calibration."""
+    yield from _warnings(evidence)
+    base = evidence.base
+    stated = None if base is None or base.effects is None else base.effects.em_gain
+    if stated is not None:
+        text = stated_gain_warning(stated, evidence.parameters.system_gain_dn_per_e)
+        if text is not None:
+            yield text
 
 
-def _deferred_glow(dark: DarkResult, gain: Value) -> Deferred[GlowMap | None]:
-    if dark.slope_map is None:
-        return Deferred(lambda: None)
-    slopes = dark.slope_map.slopes.slopes
-    return Deferred(lambda: find_glow(slopes, gain))
-
-
-def _em_gain_warnings(sensor: Sensor | None, gain: Estimate) -> Iterator[str]:
-    """Warn of excess noise where the sensor file states an electron multiplication gain."""
-    stated = None if sensor is None or sensor.effects is None else sensor.effects.em_gain
-    if stated is not None and (text := stated_gain_warning(stated, gain)) is not None:
-        yield text
-
-
-def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:
-    exposure_s = np.array([entry.group.exposure_s for entry in dark.groups])
-    slopes = dark.together.dark_slope, dark.slope_sampling, dark.together.dark_variance_slope
-    return contradiction(*slopes, gain, exposure_s)
-
-
-def _measurements(
-    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
-) -> tuple[list[Measurements], Measurements]:
-    """Return the measurements of each channel and of all together, at small signal or by the standard's lines."""
-    measured = _measure_channels(dark, light, patterns, by_line=by_line)
-    gain = light.line_gain if by_line else light.gain
-    together = pool_channels(reduction.names, measured, dark.together, gain, dark.reference_exposure_s)
-    coupling = light.noise.coupling if isinstance(light.noise.coupling, Missing) else light.noise.coupling.side
-    measured, together = [replace(m, coupling=coupling) for m in measured], replace(together, coupling=coupling)
-    if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
-        measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
-    if light.tone is not None:
-        why = Missing(str(light.tone))
-        measured, together = [m.without_light(why) for m in measured], together.without_light(why)
-    return measured, together
-
-
-def _measure_channels(
-    dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
-) -> list[Measurements]:
-    """Return the measurements of each channel."""
-    found = [(pattern if by_line else pattern.of_electrons()).variances for pattern in patterns]
-    measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
-    for k, channel in enumerate(light.channels):  # none without light frames
-        gain = channel.line_gain if by_line else channel.gain
-        responsivity = screen_responsivity(channel.responsivity(by_line=by_line), gain)
-        linearity = (channel_linearity(channel),)
-        measured[k] = measured[k].with_channel(channel, responsivity, by_line=by_line, linearity=linearity)
-    shared = light.noise.shared
-    charge = () if shared is None or isinstance(shared.charge, Missing) else shared.charge
-    factors = [entry.factor.value for entry in charge] or [1.0] * len(measured)
-    measured = [
-        m.without_dark_shot_noise(dark.reference_exposure_s).for_sensor(factor)
-        for m, factor in zip(measured, factors, strict=True)
-    ]
-    for m in measured:
-        if isinstance(why := m.responsivity, Implausible):
-            # All channels received the same light: photons that are implausible for one are so for all.
-            return [replace(m, responsivity=why, saturation_responsivity=why, saturation_photons=why) for m in measured]
-    return measured
-
-
-def _electrical_scale(sensor: Sensor | None) -> tuple[dict[str, Uncertain], Value]:
-    """Return voltage swing and analog gain, which all values in volts share, and millivolts at the pixel per DN."""
-    if sensor is None:
-        return {}, Missing(
-            "millivolts need the sensor's voltage swing and analog gain; give a sensor file of this sensor"
-        )
-    values = {name: sensor.measured(name) for name in ("voltage_swing_v", "analog_gain")}
-    scale = {name: Uncertain.of(entry.value, entry.standard_uncertainty) for name, entry in values.items()}
-    return scale, scale["voltage_swing_v"] / scale["analog_gain"] * (1e3 / (1 << sensor.readout.bits))
-
-
-def _warnings(
-    reduction: Reduction,
-    dark: DarkResult,
-    light: LightResult,
-    patterns: FixedPatterns,
-    together: Measurements,
-    estimates: Mapping[str, Estimate],
-) -> Iterator[str]:
+def _warnings(evidence: Evidence) -> Iterator[str]:
+    reduction, dark, light, patterns = evidence.reduction, evidence.dark, evidence.light, evidence.patterns
+    pooled, estimates = evidence.pooled, evidence.parameters.estimates()
     names, channels = reduction.names, light.channels
     yield from reduction.frames.notes
     if dark.clipped is not None:
@@ -233,7 +76,7 @@ def _warnings(
         yield str(first)
     yield from digital_gain_warnings(reduction)
     yield from dict.fromkeys(str(entry) for entry in reduction.sums if entry is not None)
-    if (missing := _missing_pattern_warning(together)) is not None:
+    if (missing := _missing_pattern_warning(pooled)) is not None:
         yield missing
     if light.outliers:
         yield outlier_warning(reduction.lights, light.outliers)
@@ -255,17 +98,17 @@ def _warnings(
     named = sum(float(np.var(taps.level)) for taps in patterns.taps if not taps.dark)
     if patterns.structure is not None:
         named += float(patterns.structure.relative.var())
-    if is_large(derive(lambda shading: shading - named, together.shading_variance), together.response_variance):
+    if is_large(derive(lambda shading: shading - named, pooled.shading_variance), pooled.response_variance):
         yield _shading_warning(estimates)
     yield from response_warnings(names, channels)
-    for name, value in (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)):
+    for name, value in (("dark current", pooled.dark_slope), ("quantum efficiency", pooled.responsivity)):
         if isinstance(value, Implausible):
             yield f"{name} is implausible and was withheld: {value.reason}"
     if rejected := reduction.rejected:
         yield f"{len(rejected)} repeated, broken or foreign frames were left out, first: {rejected[0]}"
     if channels:
         yield from _range_warnings(names, dark, channels)
-        yield from _noise_warnings(None if isinstance(light.gain, Missing) else light.gain_fit, together)
+        yield from _noise_warnings(None if isinstance(light.gain, Missing) else light.gain_fit, pooled)
     else:
         yield "no light frames: gain, electrons, PRNU and saturation could not be estimated"
     yield from _negative_warnings(estimates)

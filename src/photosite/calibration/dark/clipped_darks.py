@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 from scipy.special import ndtr
 
-from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark, count_clipped, fit_censored
+from photosite.calibration.dark.censored_likelihood import CensoredDark, count_clipped, fit_censored
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction

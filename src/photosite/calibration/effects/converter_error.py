@@ -17,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.provenance import UsedFrame
@@ -24,6 +27,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.engine.site_planes import count_numbers
 from photosite.errors import InputError
 from photosite.sensor.effects.converter_error import ConverterError
+from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -80,7 +84,7 @@ class SmoothDensity(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ConverterCodes(Shown):
+class ConverterCodes(Finding, Shown):
     """Differential and integral nonlinearity of the converter, without what changes slowly over the codes.
 
     A slow change of the widths cannot be distinguished from the density of the light. What is smooth is a moving
@@ -157,14 +161,24 @@ class ConverterCodes(Shown):
         dnl = _fast(np.where(covered, found, 0.0), self.densities)[self.code]
         return dnl, _summed(self.code, dnl)
 
-    def section(self) -> ConverterError | None:
+    @property
+    def present(self) -> bool:
+        """Whether there is an error beyond chance."""
+        return self.significant
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The root mean squares."""
+        return {"dnl_rms_lsb": self.dnl_rms_lsb, "inl_rms_lsb": self.inl_rms_lsb}
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the error for a sensor file, 0 at codes that are not covered.
 
         None within chance, where fewer codes are covered, or where the errors are smaller than their uncertainty.
         """
         rms, noise = self.inl_rms_lsb.value or 0.0, float(np.sqrt((self.inl_uncertainty_lsb**2).mean()))
         if not self.significant or self.share < LEAST_SHARE or rms < noise:
-            return None
+            return {"converter_error": None}
         upper = np.zeros(self.white_dn + 2)
         upper[self.code + 1] = self.inl_lsb
         error = np.zeros(self.white_dn + 1)
@@ -172,13 +186,12 @@ class ConverterCodes(Shown):
             left = upper.copy()
             left[1:-1] -= 0.5 * (error[:-1] + error[1:])
             error += 0.5 * (left[:-1] + left[1:])
-        return ConverterError(error_lsb=tuple(error.round(4).tolist()))
+        return {"converter_error": ConverterError(error_lsb=tuple(error.round(4).tolist()))}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the root mean squares, and the errors by code."""
         return {
-            "dnl_rms_lsb": self.dnl_rms_lsb.to_dict(),
-            "inl_rms_lsb": self.inl_rms_lsb.to_dict(),
+            **super().to_dict(),
             "significant": self.significant,
             "smooth_codes": self.smooth_codes,
             "code": self.code.tolist(),
@@ -209,6 +222,13 @@ def measure_converter(reduction: Reduction) -> Deferred[ConverterCodes | Missing
         return converter_codes(densities, (min(levels), max(levels)))
 
     return Deferred(codes)
+
+
+def _measure(evidence: Evidence) -> Deferred[ConverterCodes | Missing]:
+    return measure_converter(evidence.reduction)
+
+
+EFFECT = Effect(38, _measure, key="converter", missing="reason")
 
 
 def _chosen(reduction: Reduction) -> list[GroupStatistics] | Missing:

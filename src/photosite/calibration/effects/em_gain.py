@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.result import Calibration
 from photosite.errors import CalibrationError
 from photosite.sensor.effects.em_gain import EmGain
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
-from photosite.values.uncertain import Measured, Uncertain, Value, derive
+from photosite.values.uncertain import Measured, Missing, Uncertain, Value, derive
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
@@ -219,3 +221,10 @@ def stated_gain_warning(em_gain: EmGain, system_gain: Estimate) -> str | None:
         f"{slope / factor:.4g} DN per electron in front of the register, and {slope / factor / g:.4g} DN behind it. "
         f"Values in electrons and the quantum efficiency are too low by the excess noise factor"
     )
+
+
+def _measure(evidence: Evidence) -> Missing:
+    return Missing("a multiplication gain shows between two calibrations: photosite emgain")
+
+
+EFFECT = Effect(130, _measure, key=None)

@@ -15,17 +15,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.dark_result import DarkResult, GroupMean, PartsPair
-from photosite.calibration.light import LightResult
+from photosite.calibration.dark.dark_lines import same_exposure
+from photosite.calibration.dark.dark_result import DarkResult, GroupMean, PartsPair
+from photosite.calibration.light.light_frames import LightResult
 from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.photon_transfer.noise_covariance import SharedCharge
-from photosite.calibration.photon_transfer.unknown_darks import unknown_dark_current
-from photosite.calibration.readout_channels import measured_channels, without_channels
+from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.spatial.channel_tables import measured_channels, without_channels
 from photosite.calibration.spatial.far_pixels import FarPixels, find_far_pixels
 from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, shading_variance, without_neighbors
 from photosite.calibration.spatial.periodic_structure import (

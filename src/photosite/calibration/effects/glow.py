@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
 from typing import Any, get_args
@@ -11,11 +11,16 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding, SensorChanges
 from photosite.engine.block_means import block_means
 from photosite.sensor.effects.glow import Glow, Place
+from photosite.sensor.model import Sensor
+from photosite.values.deferred import Deferred
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Missing, Value, correlated
+from photosite.values.uncertain import Measured, Missing, Value, correlated
 
 Array = NDArray[np.float64]
 
@@ -42,7 +47,7 @@ _METHOD = "fit of a uniform dark current and of a glow that falls off from its p
 
 
 @dataclass(frozen=True, eq=False)
-class GlowMap(Shown):
+class GlowMap(Finding, Shown):
     """The dark current in blocks of the chip, and the glow in it.
 
     Parameters
@@ -72,11 +77,40 @@ class GlowMap(Shown):
         """Whether there is a glow whose place and size the map does not tell."""
         return bool(self.places) and self.decay_pixels.value is None
 
-    def section(self) -> Glow | None:
-        """Return the glow for a sensor file; None within chance, or without the system gain."""
-        if not self.places or self.peak_e_per_s.value is None or self.decay_pixels.value is None:
-            return None
-        return Glow(places=self.places, peak_e_per_s=self.peak_e_per_s.value, decay_pixels=self.decay_pixels.value)
+    @property
+    def present(self) -> bool:
+        """Whether there is a glow of known place and size."""
+        return bool(self.places) and self.peak_e_per_s.value is not None and self.decay_pixels.value is not None
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """Peak and decay by name."""
+        return {name: getattr(self, name) for name in ("peak_dn_per_s", "peak_e_per_s", "decay_pixels")}
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
+        """Return the glow for a sensor file: none within chance, that of the base where its place is unclear."""
+        if self.unclear:
+            return {}
+        peak, decay = self.peak_e_per_s.value, self.decay_pixels.value
+        if not self.places or peak is None or decay is None:
+            return {"glow": None}
+        return {"glow": Glow(places=self.places, peak_e_per_s=peak, decay_pixels=decay)}
+
+    def subtract(self, changes: SensorChanges) -> dict[str, Any]:
+        """Return dark current and its nonuniformity without the glow, unless they are those without hot pixels."""
+        glow, whole = changes.fields.get("glow"), changes.measured("dark_voltage_mv_per_s")
+        if glow is None or whole is None or "hot_pixels" in changes.fields:
+            return {}
+        rate_e_per_s, mv_per_e = glow.map(*self.shape), changes.mv_per_e
+        rest = max(whole.value - mv_per_e * float(rate_e_per_s.mean()), 0.0)
+        found = {"dark_voltage_mv_per_s": replace(whole, value=rest, source=f"{whole.source}; without glow")}
+        if (spread := changes.measured("dcnu_percent")) is not None:
+            variance = (0.01 * spread.value * whole.value) ** 2 - (mv_per_e * float(rate_e_per_s.std())) ** 2
+            percent = 100.0 * math.sqrt(max(variance, 0.0)) / rest if rest > 0.0 else 0.0
+            scale = whole.value / rest if rest > 0.0 else 1.0
+            note = f"{spread.source}; without glow"
+            found["dcnu_percent"] = Measured(percent, spread.standard_uncertainty * scale, note)
+        return found
 
     def without(self, rate_dn_per_s: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return a (rows, cols) map of the dark current, DN/s, without the glow, if its size is known."""
@@ -87,8 +121,18 @@ class GlowMap(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return places and estimates."""
-        names = "peak_dn_per_s", "peak_e_per_s", "decay_pixels"
-        return {"places": list(self.places)} | {name: getattr(self, name).to_dict() for name in names}
+        return {"places": list(self.places), **super().to_dict()}
+
+
+def deferred_glow(evidence: Evidence) -> Missing | Deferred[GlowMap | Missing]:
+    """Return the glow in the map of the dark current, which is computed when it is first needed."""
+    if evidence.dark.slope_map is None:
+        return Missing("a glow shows in a map of the dark current, which needs repeated dark frames at two exposures")
+    slopes, gain = evidence.dark.slope_map.slopes.slopes, evidence.light.gain
+    return Deferred(lambda: find_glow(slopes, gain) or Missing(f"the chip has fewer than {LEAST_SIDE} rows or columns"))
+
+
+EFFECT = Effect(50, deferred_glow)
 
 
 def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding, SensorChanges
 from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
-from photosite.values.uncertain import COVERAGE_95, Measured, Uncertain, Value
+from photosite.values.uncertain import COVERAGE_95, Measured, Missing, Uncertain, Value
 
 LEAST_PIXELS = 20
 """Smallest number of hot pixels from which their distribution is estimated."""
@@ -29,11 +33,17 @@ _WIDEST = 0.5
 """Largest relative uncertainty of the share."""
 _METHOD = "log-normal tail of the pixels' dark currents above {:.3g} DN/s, where no other pixel lies"
 
+NEARLY_SATURATED = 0.95
+"""Fraction of the range up to saturation beyond which the longest dark frames do not tell the dark current of a pixel.
+"""
+
+_NOT_KNOWN = Missing("not known")
+_NO_CURRENT = Estimate(reason=_NOT_KNOWN.reason)
 _Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class DarkDistribution(Shown):
+class DarkDistribution(Finding, Shown):
     """Distribution of the dark current over the pixels.
 
     Parameters
@@ -48,6 +58,8 @@ class DarkDistribution(Shown):
         Median over all pixels, to which the hot ones add; standard uncertainty of a pixel.
     edges_dn_per_s, count
         (bins + 1,) and (bins,): histogram of the dark current above the median, on a logarithmic axis.
+    gain, current_dn_per_s
+        System gain in DN/e-, and mean dark current of all pixels, for a sensor file.
     """
 
     fraction: Estimate
@@ -62,6 +74,13 @@ class DarkDistribution(Shown):
     uncertainty_dn_per_s: float
     edges_dn_per_s: _Floats
     count: NDArray[np.int64]
+    gain: Value = _NOT_KNOWN
+    current_dn_per_s: Estimate = _NO_CURRENT
+
+    @property
+    def present(self) -> bool:
+        """Whether there are enough hot pixels for a distribution."""
+        return self.median_dn_per_s.value is not None
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
@@ -69,17 +88,36 @@ class DarkDistribution(Shown):
         names = "fraction", "median_dn_per_s", "log_spread", "mean_dn_per_s", "dcnu_percent"
         return {name: getattr(self, name) for name in names}
 
-    def section(self, gain: Value, source: str) -> HotPixels | None:
-        """Return the hot pixels in the form of a sensor file, for a system gain in DN/e-; None where not known."""
-        found = self.median_dn_per_s
-        if found.value is None or found.standard_uncertainty is None or not isinstance(gain, Uncertain):
-            return None
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
+        """Return the hot pixels for a sensor file; those of the base where the distribution is not known."""
+        found, gain, mean = self.median_dn_per_s, self.gain, self.mean_dn_per_s.value
+        if found.value is None or found.standard_uncertainty is None or isinstance(gain, Missing):
+            return {}
+        if self.current_dn_per_s.value is None or mean is None or mean <= 0.0:
+            return {}
         median = Uncertain.of(found.value, found.standard_uncertainty) / gain
-        return HotPixels(
-            fraction=self.fraction.measured(source),
-            median_e_per_s=Measured(median.value, median.standard_uncertainty, source),
-            log_spread=self.log_spread.measured(source),
+        return {
+            "hot_pixels": HotPixels(
+                fraction=self.fraction.measured(source),
+                median_e_per_s=Measured(median.value, median.standard_uncertainty, source),
+                log_spread=self.log_spread.measured(source),
+            )
+        }
+
+    def subtract(self, changes: SensorChanges) -> dict[str, Any]:
+        """Return mean and nonuniformity of the dark current without hot pixels, and without glow."""
+        whole, mean, current = changes.measured("dark_voltage_mv_per_s"), self.mean_dn_per_s, self.current_dn_per_s
+        if "hot_pixels" not in changes.fields or whole is None or mean.value is None or current.value is None:
+            return {}
+        note = f"{changes.source}, without hot pixels and glow"
+        ratio = mean.value / current.value
+        spread = math.hypot(
+            ratio * whole.standard_uncertainty, whole.value * (mean.standard_uncertainty or 0.0) / current.value
         )
+        found = {"dark_voltage_mv_per_s": Measured(ratio * whole.value, spread, note)}
+        if (dcnu := self.dcnu_percent).value is not None:
+            found["dcnu_percent"] = Measured(max(dcnu.value, 0.0), dcnu.standard_uncertainty or 0.0, note)
+        return found
 
     def expected(self) -> _Floats | None:
         """Return (bins,) expected number of hot pixels in each bin of the histogram; None without a distribution."""
@@ -92,8 +130,29 @@ class DarkDistribution(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimates, the limit and the number of pixels above it, for JSON."""
-        entries: dict[str, Any] = {name: entry.to_dict() for name, entry in self.estimates.items()}
-        return entries | {"limit_dn_per_s": self.limit_dn_per_s, "above": self.above, "pixels": self.pixels}
+        return {**super().to_dict(), "limit_dn_per_s": self.limit_dn_per_s, "above": self.above, "pixels": self.pixels}
+
+
+def _measure(evidence: Evidence) -> DarkDistribution | Missing:
+    chip, rate, parameters = evidence.chip, evidence.dark_rate_dn_per_s, evidence.parameters
+    if chip is None:
+        return Missing(evidence.no_maps)
+    if rate is None or chip.dark_rate_uncertainty_dn_per_s is None:
+        return Missing("there is no map of the dark current")
+    frames = evidence.reduction.frames
+    top = (1 << frames.bits) - 1.0
+    if parameters.saturation_dn.value is not None:
+        top = min(top, parameters.saturation_dn.value)
+    longest_s = max(group.exposure_s for group in frames.of_kind("dark"))
+    highest = NEARLY_SATURATED * (top - chip.black_level_dn) / longest_s
+    return replace(
+        dark_distribution(rate, chip.dark_rate_uncertainty_dn_per_s, highest),
+        gain=parameters.system_gain_dn_per_e.uncertain,
+        current_dn_per_s=parameters.dark_current_dn_per_s,
+    )
+
+
+EFFECT = Effect(20, _measure, key="dark_distribution", missing="absent")
 
 
 def dark_distribution(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from photosite.calibration.checks.result_screening import screen_dark_slope
-from photosite.calibration.dark_result import DarkResult, GroupMean, dark_exposure
+from photosite.calibration.dark.dark_lines import DarkLine, DarkLines
+from photosite.calibration.dark.dark_result import DarkResult, GroupMean, dark_exposure
 from photosite.calibration.measurements import Measurements
-from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines
-from photosite.calibration.photon_transfer.unknown_darks import SINGLE_DARK_FRAMES, unknown_level, unknown_variance
+from photosite.calibration.photon_transfer.without_darks import SINGLE_DARK_FRAMES, unknown_level, unknown_variance
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import TemporalParts
@@ -49,7 +49,7 @@ def _unknown(why: Missing, pixels: int) -> Measurements:
     )
 
 
-def of_single_frames(reduction: Reduction, reference: GroupStatistics, frame: MeanFrame) -> DarkResult:
+def measure_single_darks(reduction: Reduction, reference: GroupStatistics, frame: MeanFrame) -> DarkResult:
     """Return level and dark current of dark exposures with one frame each; their noise is an upper limit."""
     darks, channels = reduction.darks, range(len(reduction.names))
     if any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):

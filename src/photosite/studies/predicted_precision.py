@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.dark import dark_lines, measure_dark_level
-from photosite.calibration.fixed_pattern import plan_slopes
+from photosite.calibration.dark.dark_frames import dark_lines, measure_dark_level
+from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.measurements import NO_LIGHT, Measurements, pool_channels
 from photosite.calibration.parameters import Parameters, estimate_parameters
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.photon_transfer import fit_gain, gain_value
 from photosite.calibration.reduction.groups import (
     CLIPPED_DARK_SHARE,
@@ -23,6 +22,7 @@ from photosite.calibration.reduction.groups import (
     pooled_level,
     reference_dark,
 )
+from photosite.calibration.spatial.fixed_pattern import plan_slopes
 from photosite.calibration.spatial.pixel_slopes import (
     SlopeSpread,
     relative_response_variance,

@@ -9,18 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photosite.calibration.checks.level_checks import unequal_gains
-from photosite.calibration.dark_result import DarkResult
+from photosite.calibration.dark.dark_result import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
-from photosite.calibration.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_noise_ratio import DarkNoiseRatio, find_dark_noise_ratio
 from photosite.calibration.photon_transfer.knees import check_knees
 from photosite.calibration.photon_transfer.level_outliers import LightOutlier, find_light_outliers
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
+from photosite.calibration.photon_transfer.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
 from photosite.calibration.photon_transfer.response_shape import ToneCurve, find_tone_curve
-from photosite.calibration.photon_transfer.unknown_darks import brighter_fatter, straightening
+from photosite.calibration.photon_transfer.without_darks import brighter_fatter, straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.sensor.model import Sensor

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.photon_transfer.dark_lines import DarkLine
+from photosite.calibration.dark.dark_lines import DarkLine
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
 from photosite.calibration.reduction.groups import GroupStatistics

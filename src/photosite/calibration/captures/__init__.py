@@ -1,0 +1,1 @@
+"""Sensors with several captures of one exposure: each capture alone, and frames that combine them."""

@@ -1,1 +1,0 @@
-"""Dark frames clipped at 0: censored likelihood and correction of levels."""

@@ -1,0 +1,15 @@
+"""Flicker of the light under a rolling shutter, which is no part of a sensor file."""
+
+from __future__ import annotations
+
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.light.flicker import Flicker
+from photosite.values.uncertain import Missing
+
+
+def _measure(evidence: Evidence) -> Flicker | Missing:
+    return evidence.light.noise.flicker or Missing("rows vary no more in flat fields than in dark frames")
+
+
+EFFECT = Effect(95, _measure)

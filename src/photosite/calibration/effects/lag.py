@@ -1,0 +1,33 @@
+"""Image lag: charge that stays in a pixel for the next frames. The sensor model has none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.finding import Finding
+from photosite.values.shown import Shown
+from photosite.values.uncertain import Missing
+
+
+@dataclass(frozen=True)
+class Lag(Finding, Shown):
+    """Correlation of the shot noise with that of the same pixel in the next frame."""
+
+    correlation: float
+
+    def to_dict(self) -> Any:
+        """Return the correlation, for JSON."""
+        return {"correlation": self.correlation}
+
+
+def _measure(evidence: Evidence) -> Lag | Missing:
+    shared = evidence.light.noise.shared
+    if shared is None or shared.frames is None:
+        return Missing("the noise of successive frames is not correlated beyond chance")
+    return Lag(shared.frames)
+
+
+EFFECT = Effect(96, _measure, key=None)

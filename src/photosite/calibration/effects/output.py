@@ -1,0 +1,14 @@
+"""Lossy digital stages behind the converter, which the reduction undoes or names."""
+
+from __future__ import annotations
+
+from photosite.calibration.effect import Effect
+from photosite.calibration.evidence import Evidence
+from photosite.values.uncertain import Missing
+
+
+def _measure(evidence: Evidence) -> Missing:
+    return Missing("digital gain, sums and companding are undone before the estimates, and named in the warnings")
+
+
+EFFECT = Effect(120, _measure, key=None)

@@ -1,0 +1,173 @@
+"""Stage "evidence": what the stages have established of a set of frames, from which effects are measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.checks.black_level import Contradiction, contradiction
+from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.dark.dark_result import DarkResult, with_shared_charge, without_mean_slope
+from photosite.calibration.light.light_frames import LightResult
+from photosite.calibration.measurements import Measurements, pool_channels
+from photosite.calibration.parameters import Parameters, estimate_parameters
+from photosite.calibration.photon_transfer.channel import Channel, Curve, LinearRange, channel_curves, linear_range
+from photosite.calibration.photon_transfer.linearity import channel_linearity
+from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.spatial.fixed_pattern import FixedPattern, FixedPatterns
+from photosite.sensor.chip import MeasuredChip
+from photosite.sensor.model import Sensor
+from photosite.values.uncertain import Missing, Uncertain, Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What the stages of a calibration have established.
+
+    Parameters
+    ----------
+    reduction, dark, light, patterns
+        The results of the stages; `light.noise` is the structure of the noise.
+    base
+        The sensor as known before the measurement, None if unknown.
+    measured, pooled
+        The measurements of each channel, and of all channels together.
+    parameters, by_line, of_channels
+        The parameters of all channels together, at small signal and by the straight lines of EMVA 1288, and of each
+        channel.
+    electrical_scale
+        Voltage swing and analog gain of `base`.
+    chip, temporal, dark_rate_dn_per_s
+        With maps: the maps and the temporal noise of the chip; (rows, cols) dark current of its pixels without glow.
+    no_maps
+        Why there are no maps.
+    """
+
+    reduction: Reduction
+    dark: DarkResult
+    light: LightResult
+    patterns: FixedPatterns
+    base: Sensor | None
+    measured: Sequence[Measurements]
+    pooled: Measurements
+    parameters: Parameters
+    by_line: Parameters
+    of_channels: Mapping[str, Parameters]
+    electrical_scale: Mapping[str, Uncertain]
+    chip: MeasuredChip | None = None
+    temporal: TemporalNoise | None = None
+    dark_rate_dn_per_s: NDArray[np.float32] | None = None
+    no_maps: str = "the chip was not mapped; calibrate with maps (--maps)"
+
+    @property
+    def channels(self) -> dict[str, Channel]:
+        """The channels with their light levels, by name; empty without light frames."""
+        return dict(zip(self.reduction.names, self.light.channels, strict=False))
+
+    @property
+    def linear_range(self) -> dict[str, LinearRange]:
+        """The linear range of each channel that has one."""
+        return {
+            name: linear_range(channel)
+            for name, channel in self.channels.items()
+            if (channel.used & channel.levels.trusted).any()
+        }
+
+    @property
+    def curves(self) -> dict[str, Mapping[str, Curve]]:
+        """The points behind the fits of each channel."""
+        lines = zip(self.reduction.names, self.dark.lines, strict=True)
+        return {name: channel_curves(dark, self.channels.get(name)) for name, dark in lines}
+
+
+def collect_evidence(
+    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: FixedPatterns, sensor: Sensor | None
+) -> Evidence:
+    """Return the evidence: the results of the stages, with the parameters that follow from them."""
+    dark = with_shared_charge(dark, light.noise.shared)
+    dark = without_mean_slope(dark, _contradiction(dark, light.gain))
+    scale, mv_per_dn = _electrical_scale(sensor)
+    measured, pooled = _measurements(reduction, dark, light, patterns.channels, by_line=False)
+    parameters = by_line = estimate_parameters(pooled, mv_per_dn)
+    if any(channel.gain is not channel.line_gain for channel in light.channels) or light.gain is not light.line_gain:
+        by_line = estimate_parameters(
+            _measurements(reduction, dark, light, patterns.channels, by_line=True)[1], mv_per_dn
+        )
+    return Evidence(
+        reduction=reduction,
+        dark=dark,
+        light=light,
+        patterns=patterns,
+        base=sensor,
+        measured=measured,
+        pooled=pooled,
+        parameters=parameters,
+        by_line=by_line,
+        of_channels={
+            name: estimate_parameters(m, mv_per_dn) for name, m in zip(reduction.names, measured, strict=True)
+        },
+        electrical_scale=scale,
+    )
+
+
+def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:
+    exposure_s = np.array([entry.group.exposure_s for entry in dark.groups])
+    slopes = dark.together.dark_slope, dark.slope_sampling, dark.together.dark_variance_slope
+    return contradiction(*slopes, gain, exposure_s)
+
+
+def _measurements(
+    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
+) -> tuple[list[Measurements], Measurements]:
+    """Return the measurements of each channel and of all pooled, at small signal or by the standard's lines."""
+    measured = _measure_channels(dark, light, patterns, by_line=by_line)
+    gain = light.line_gain if by_line else light.gain
+    pooled = pool_channels(reduction.names, measured, dark.together, gain, dark.reference_exposure_s)
+    coupling = light.noise.coupling if isinstance(light.noise.coupling, Missing) else light.noise.coupling.side
+    measured, pooled = [replace(m, coupling=coupling) for m in measured], replace(pooled, coupling=coupling)
+    if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
+        measured, pooled = [m.without_noise(why) for m in measured], pooled.without_noise(why)
+    if light.tone is not None:
+        why = Missing(str(light.tone))
+        measured, pooled = [m.without_light(why) for m in measured], pooled.without_light(why)
+    return measured, pooled
+
+
+def _measure_channels(
+    dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
+) -> list[Measurements]:
+    """Return the measurements of each channel."""
+    found = [(pattern if by_line else pattern.of_electrons()).variances for pattern in patterns]
+    measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
+    for k, channel in enumerate(light.channels):  # none without light frames
+        gain = channel.line_gain if by_line else channel.gain
+        responsivity = screen_responsivity(channel.responsivity(by_line=by_line), gain)
+        linearity = (channel_linearity(channel),)
+        measured[k] = measured[k].with_channel(channel, responsivity, by_line=by_line, linearity=linearity)
+    shared = light.noise.shared
+    charge = () if shared is None or isinstance(shared.charge, Missing) else shared.charge
+    factors = [entry.factor.value for entry in charge] or [1.0] * len(measured)
+    measured = [
+        m.without_dark_shot_noise(dark.reference_exposure_s).for_sensor(factor)
+        for m, factor in zip(measured, factors, strict=True)
+    ]
+    for m in measured:
+        if isinstance(why := m.responsivity, Implausible):
+            # All channels received the same light: photons that are implausible for one are so for all.
+            return [replace(m, responsivity=why, saturation_responsivity=why, saturation_photons=why) for m in measured]
+    return measured
+
+
+def _electrical_scale(sensor: Sensor | None) -> tuple[dict[str, Uncertain], Value]:
+    """Return voltage swing and analog gain, which all values in volts share, and millivolts at the pixel per DN."""
+    if sensor is None:
+        return {}, Missing(
+            "millivolts need the sensor's voltage swing and analog gain; give a sensor file of this sensor"
+        )
+    values = {name: sensor.measured(name) for name in ("voltage_swing_v", "analog_gain")}
+    scale = {name: Uncertain.of(entry.value, entry.standard_uncertainty) for name, entry in values.items()}
+    return scale, scale["voltage_swing_v"] / scale["analog_gain"] * (1e3 / (1 << sensor.readout.bits))

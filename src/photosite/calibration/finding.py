@@ -1,0 +1,84 @@
+"""What a calibration finds of one effect, and how it becomes a part of a sensor file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from photosite.sensor.file_units import CONVERSION
+from photosite.sensor.model import Sensor
+from photosite.values.estimate import Estimate
+from photosite.values.uncertain import Measured
+
+
+@dataclass(frozen=True)
+class SensorChanges:
+    """Fields of a sensor file that a calibration gives, by the names that `Sensor.with_` takes.
+
+    Parameters
+    ----------
+    base
+        The sensor as known before the measurement.
+    source
+        Where the values are from, for the file.
+    fields
+        The changed fields.
+    """
+
+    base: Sensor
+    source: str
+    fields: Mapping[str, Any]
+
+    @property
+    def mv_per_e(self) -> float:
+        """Millivolts at the pixel per electron."""
+        return float(1e-3 * self.fields[CONVERSION].value)
+
+    def measured(self, name: str) -> Measured | None:
+        """Return a changed value; None where the field is unchanged."""
+        return self.fields.get(name)
+
+    def updated(self, fields: Mapping[str, Any]) -> SensorChanges:
+        """Return the changes with other fields."""
+        return SensorChanges(self.base, self.source, {**self.fields, **fields})
+
+
+class Finding:
+    """Base class of what is found of an effect."""
+
+    __slots__ = ()
+
+    @property
+    def present(self) -> bool:
+        """Whether the effect is there beyond chance."""
+        return True
+
+    @property
+    def estimates(self) -> Mapping[str, Estimate]:
+        """The estimates by name."""
+        return {}
+
+    def section(self, base: Sensor, source: str) -> dict[str, Any]:
+        """Return the fields of a sensor file that state the effect, as `Sensor.with_` takes them.
+
+        None as a value states that the sensor does not have the effect; a field that is left out stays as in `base`.
+        """
+        return {}
+
+    def subtract(self, changes: SensorChanges) -> dict[str, Any]:
+        """Return the fields that would count the effect a second time, without it."""
+        return {}
+
+    def to_dict(self) -> Any:
+        """Return the estimates, for JSON."""
+        return {name: entry.to_dict() for name, entry in self.estimates.items()}
+
+
+def why_zero(estimate: Estimate) -> str:
+    """Return why a sensor file states 0 for a noise or nonuniformity."""
+    if (limit := estimate.upper_limit_95) is not None:
+        return f"not distinguishable from 0, 95 % upper limit {limit:.3g}"
+    if (estimate.value or 0.0) < 0.0:
+        return "the variance is negative"
+    return f"the estimate, {estimate.value:.3g}, is within chance of 0"
