@@ -67,7 +67,7 @@ format: $(VENV)/installed-dev
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(VENV) photosite-demo docs/_build docs/gallery docs/reference/api docs/reference/commands docs/reference/examples .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) photosite-demo docs/_build docs/gallery docs/reference/api docs/reference/commands docs/reference/diagnostics docs/reference/examples .pytest_cache .mypy_cache .ruff_cache
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "photosite needs Python 3.11 or newer, this is %d.%d; say: make PYTHON=python3.11 ..." % sys.version_info[:2])'

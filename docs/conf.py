@@ -33,7 +33,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py"]
+exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "reference/diagnostics/*"]
 templates_path = ["_templates"]
 smartquotes = False  # -- begins an option
 default_role = "code"  # docstrings write names in single backticks
@@ -98,6 +98,25 @@ def write_command_pages(app: Sphinx) -> None:
             page.write_text(text, encoding="utf-8")
 
 
+def write_diagnostics_page(app: Sphinx) -> None:
+    """Write the entries of the registry of diagnostics, which docs/reference/diagnostics.md includes."""
+    from photosite.calibration.diagnostics import diagnostic_kinds
+    from photosite.calibration.parameters import PARAMETER_LABELS
+
+    lines = []
+    for kind in diagnostic_kinds().values():
+        figures = kind.concerns(PARAMETER_LABELS)
+        every = len(figures) == len(PARAMETER_LABELS)
+        named = {"Figures": "all" if every else ", ".join(f"`{name}`" for name in figures)} if figures else {}
+        lines += [f"({kind.id})=", f"## {kind.id}", "", f"*{kind.severity}*", ""]
+        lines += [f"- **{heading}:** {text}" for heading, text in (kind.entry | named).items()] + [""]
+    page = Path(app.srcdir, "reference", "diagnostics", "entries.md")
+    page.parent.mkdir(exist_ok=True)
+    text = "\n".join(lines)
+    if not page.exists() or page.read_text(encoding="utf-8") != text:
+        page.write_text(text, encoding="utf-8")
+
+
 def as_plain_text(app: Sphinx, context: click.Context, lines: list[str]) -> None:
     """Escape what reStructuredText would read as markup, except code in backticks; show examples as code."""
     outside_backticks = re.compile(r"([*|_\\])(?=[^`]*(?:`[^`]*`[^`]*)*$)")
@@ -116,5 +135,6 @@ def as_plain_text(app: Sphinx, context: click.Context, lines: list[str]) -> None
 def setup(app: Sphinx) -> None:
     """Connect the functions above."""
     app.connect("builder-inited", write_command_pages, priority=100)
+    app.connect("builder-inited", write_diagnostics_page, priority=100)
     for part in ("description", "options", "arguments", "epilog"):
         app.connect(f"sphinx-click-process-{part}", as_plain_text)

@@ -97,6 +97,8 @@ class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
         What to do. `{name}` in it stands for that entry of `arguments`, written as the user's interface writes it.
     arguments
         Arguments that the hint refers to, with an example value each.
+    id
+        The kind of problem in the registry of diagnostics, where it has one: `photosite explain ID` prints the entry.
 
     Examples
     --------
@@ -115,6 +117,7 @@ class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
         expected: str | None = None,
         hint: str | None = None,
         arguments: Mapping[str, Any] = MappingProxyType({}),
+        id: str | None = None,
     ) -> None:
         self.what = what
         self.where = where
@@ -122,12 +125,13 @@ class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
         self.expected = expected
         self.hint = hint
         self.arguments = dict(arguments)
+        self.id = id
         super().__init__(what)
 
     @property
     def fields(self) -> dict[str, Any]:
         """The keyword arguments that make an equal exception."""
-        names = ("where", "value", "expected", "hint", "arguments")
+        names = ("where", "value", "expected", "hint", "arguments", "id")
         return {name: getattr(self, name) for name in names}
 
     def format(self, spelling: Spelling = _PYTHON) -> str:

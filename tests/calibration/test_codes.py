@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.frame_screening import sample_grid
 from photosite.calibration.reduction.codes import count_codes, find_steps, find_white_level
+from photosite.calibration.reduction.frame_screening import sample_grid
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 K, READ_E, DSNU_DN, PRNU, BLACK = 0.3, 6.0, 0.6, 0.008, 64.0

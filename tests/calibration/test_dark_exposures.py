@@ -10,7 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.dark_exposures import find_wrong_exposure
+from photosite.calibration.reduction.dark_exposures import find_wrong_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource, frame_set_from_arrays

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.foreign_frames import find_foreign_frames
+from photosite.calibration.reduction.foreign_frames import find_foreign_frames
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.studies.coverage import CONDITIONS

@@ -23,6 +23,7 @@ from photosite.library.spectra import SpectralFile, SpectralSensitivity
 from photosite.metrics.sharpness import SlantedEdge
 from photosite.sensor.noise_profile import NoiseProfile
 from photosite.validation.result import Validation
+from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 
 GRID = np.arange(400.0, 701.0, 10.0)
@@ -109,7 +110,15 @@ def series() -> GainSeries:
         (100, 200), (100, 200), Estimate(3.0, 0.1), Estimate(0.3, 0.01), 1e-4, ("read noise",)
     )
     mode = GainMode((100.0, 200.0), Estimate(6.0, 0.1), Estimate(1.5, 0.02), 1.3, 1, 0.4)
-    return GainSeries(steps, "proportional", switch, (mode,), Estimate(150.0, 2.0), ("a warning",), "memory")
+    return GainSeries(
+        steps,
+        "proportional",
+        switch,
+        (mode,),
+        Estimate(150.0, 2.0),
+        (Diagnostic("odd", "warning", "a warning"),),
+        "memory",
+    )
 
 
 @functools.cache

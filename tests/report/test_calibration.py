@@ -18,6 +18,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
 from photosite.report.tables import correlation_table
+from photosite.values.diagnostic import Diagnostic
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +108,11 @@ def test_warnings_rejected_frames_and_digests(loop, read_page, tmp_path: Path) -
     path = tmp_path / "report.html"
     nasty = tuple(f'warning <{n}> & "so" on' for n in range(30))
     rejected = ("a<b>.tif repeats c.tif",)
-    calibration = replace(without_figures(loop.calibration), warnings=nasty, rejected=rejected, source="<i>here</i>")
+    found = (
+        *(Diagnostic("odd", "warning", text) for text in nasty),
+        *(Diagnostic("odd", "left out", text) for text in rejected),
+    )
+    calibration = replace(without_figures(loop.calibration), diagnostics=found, source="<i>here</i>")
     calibration.report(path)
     page = read_page(path.read_text(encoding="utf-8"))
     for text in nasty:

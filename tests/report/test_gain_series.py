@@ -19,6 +19,7 @@ from photosite.frames.frame_settings import Kind
 from photosite.report.figures.gain_series import gain_series_figure
 from photosite.report.gain_series import gain_series_page, modes_table, settings_table
 from photosite.report.write import render_page
+from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 
 SETTINGS = (100.0, 200.0, 400.0, 800.0)
@@ -58,7 +59,13 @@ def series() -> GainSeries:
         (200, 400), (200, 400), Estimate(3.0, 0.1), Estimate(1 / 3, 0.01), 1e-4, ("read noise",)
     )
     return GainSeries(
-        steps, "proportional", switch, modes, Estimate(reason="it jumps"), ("odd things happened",), "made up"
+        steps,
+        "proportional",
+        switch,
+        modes,
+        Estimate(reason="it jumps"),
+        (Diagnostic("irregular-gain", "warning", "odd things happened"),),
+        "made up",
     )
 
 
@@ -74,7 +81,7 @@ def test_page(series: GainSeries, tmp_path: Path) -> None:
         "Odd things happened",
     ):
         assert text in page
-    quiet = replace(series, switch=None, modes=series.modes[:1], warnings=(), unity_gain=Estimate(870.0, 3.0))
+    quiet = replace(series, switch=None, modes=series.modes[:1], diagnostics=(), unity_gain=Estimate(870.0, 3.0))
     page = render_page(gain_series_page(quiet))
     assert "No conversion-gain switch was found" in page
     assert "blue band" not in page
@@ -92,11 +99,12 @@ def test_tables(series: GainSeries) -> None:
 
 def test_warnings_rejected_frames_and_digests_of_each_setting(series: GainSeries) -> None:
     """A setting's warning appears once, under its setting, and not among those of the series."""
-    first = replace(
-        series.steps[0].calibration, warnings=("the lamp wanders",), rejected=("a.tif: is a copy of b.tif",)
-    )
+    lamp = Diagnostic("unsteady-light", "warning", "the lamp wanders")
+    found = lamp, Diagnostic("repeated-frame", "left out", "a.tif: is a copy of b.tif")
+    first = replace(series.steps[0].calibration, diagnostics=found)
     steps = (replace(series.steps[0], calibration=first), *series.steps[1:])
-    changed = replace(series, steps=steps, warnings=("gain setting 100: the lamp wanders", "odd things happened"))
+    own = Diagnostic("irregular-gain", "warning", "odd things happened")
+    changed = replace(series, steps=steps, diagnostics=(lamp.within("gain setting 100"), own))
     html = render_page(gain_series_page(changed))
     assert html.count("lamp wanders") == 1
     assert html.count("Odd things happened.") == 1

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from os import PathLike
 from typing import Any
 
-from photosite.calibration.checks.calibration_warnings import calibration_warnings
-from photosite.calibration.checks.frame_set_checks import check_frame_set
-from photosite.calibration.checks.level_checks import check_channels, check_levels
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
-from photosite.calibration.effect import Findings
+from photosite.calibration.diagnostics import collected, run_checks
+from photosite.calibration.effect import Findings, Found
 from photosite.calibration.effects.glow import deferred_glow
 from photosite.calibration.effects.optical_black import without_covered_lines
 from photosite.calibration.evidence import Evidence, collect_evidence
@@ -32,6 +31,7 @@ from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
+from photosite.values.diagnostic import Diagnostic
 from photosite.values.uncertain import Missing
 
 
@@ -110,21 +110,33 @@ def calibrate(
     >>> low < 0.5 < high, cal.quantum_efficiency_percent.reason
     (True, 'the photons per pixel are not known; give them in a descriptor or a protocol')
     """
-    sensor = check_frame_set(frames, sensor)
+    if not isinstance(frames, FrameSet):
+        path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
+        raise InputError(
+            "frames", value=frames, expected="a FrameSet", hint=f"Open the frames with open_frames({path})"
+        )
+    if frames.bits > 16:
+        hint = "Use calibrate_combined, or calibrate the frames of each capture"
+        raise InputError("bits", where=frames.source, value=frames.bits, expected="at most 16", hint=hint)
+    sensor = sensor if sensor is not None else frames.sensor
+    raised = [*run_checks("set", frames, sensor)]
     frames = without_covered_lines(frames, sensor)
     with _saved_sums(frames, checkpoint, processes, scheduler) as saved:
         with FrameReader(frames, progress, saved) as reader:
             reduction = reduce_frames(reader)
-            check_levels(reduction)
+            raised += run_checks("levels", reduction)
             dark = measure_dark_frames(reduction, reader)
             noise = measure_noise_structure(reduction, reader)
             light = measure_light_frames(reduction, dark, noise, reader, sensor)
             if light.tone is None:
-                check_channels(reduction, light.channels)
+                raised += run_checks("channels", reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
         evidence = collect_evidence(reduction, dark, light, patterns, sensor)
         del reduction, dark, noise, light, patterns
-        calibration = _with_maps(evidence, progress) if maps else _calibration(evidence, Findings.measure(evidence))
+        findings: dict[str, Found] = {}
+        if maps:
+            evidence, findings = _with_maps(evidence, progress)
+        calibration = _calibration(evidence, Findings.measure(evidence, findings), raised)
         if isinstance(saved, Checkpoint):
             saved.remove()
     return calibration
@@ -142,8 +154,8 @@ def _saved_sums(
     return Checkpoint(checkpoint, frames)
 
 
-def _with_maps(evidence: Evidence, progress: Progress | None) -> Calibration:
-    """Return the calibration with the chip's maps, or with the reason why they are missing."""
+def _with_maps(evidence: Evidence, progress: Progress | None) -> tuple[Evidence, dict[str, Found]]:
+    """Return the evidence with the chip's maps, or with the reason why they are missing, and the glow in the maps."""
     for pattern in evidence.patterns.channels:
         if isinstance(pattern.spatial, SpatialAnalysis):
             pattern.spatial.compute()  # releases the mean frames
@@ -156,15 +168,11 @@ def _with_maps(evidence: Evidence, progress: Progress | None) -> Calibration:
     except ClippedChipError as error:
         reason = str(error)
     if reason:
-        evidence = replace(evidence, no_maps=reason)
-    calibration = _calibration(evidence, Findings.measure(evidence, {"glow": known}))
-    if reason:
-        warning = f"the chip's maps could not be measured: {reason}"
-        return replace(calibration, no_maps_reason=reason, warnings=(*calibration.warnings, warning))
-    return calibration
+        evidence = replace(evidence, no_maps=reason, maps_failed=True)
+    return evidence, {"glow": known}
 
 
-def _calibration(evidence: Evidence, findings: Findings) -> Calibration:
+def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagnostic]) -> Calibration:
     """Return the result."""
     reduction, channels = evidence.reduction, evidence.channels
     frames, names = reduction.frames, reduction.names
@@ -173,6 +181,7 @@ def _calibration(evidence: Evidence, findings: Findings) -> Calibration:
     stated = [(group.kind, group.temperature_c) for group in frames.groups if group.temperature_c is not None]
     # The dark current is that of the dark frames.
     temperatures = [t for kind, t in stated if kind == "dark"] or [t for _, t in stated]
+    raised = [*raised, *run_checks("result", evidence, linear=evidence.light.tone is None)]
     estimates: dict[str, Any] = evidence.parameters.estimates()
     return Calibration(
         **estimates,
@@ -188,8 +197,7 @@ def _calibration(evidence: Evidence, findings: Findings) -> Calibration:
         dsnu1288_exposure_s={name: t for name, pattern in patterns.items() for t in pattern.dsnu1288_exposures_s},
         model="linear" if photons_known else "general",
         general={name: general_model(channel) for name, channel in channels.items()},
-        warnings=tuple(calibration_warnings(evidence)),
-        rejected=reduction.rejected,
+        diagnostics=collected(raised, reduction.rejected, evidence.parameters),
         frames_used=reduction.used,
         source=frames.source,
         rows=frames.rows,
@@ -200,6 +208,7 @@ def _calibration(evidence: Evidence, findings: Findings) -> Calibration:
         electrical_scale=evidence.electrical_scale,
         chip=evidence.chip,
         temporal=evidence.temporal,
+        no_maps_reason=evidence.no_maps if evidence.maps_failed else None,
         gain_setting=frames.gain_settings[0],
         temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
     )

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from photosite.calibration.parameters import Parameters
+from photosite.calibration.withheld import NO_SENSOR_FILE
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import Missing, Value, derive
+from photosite.values.uncertain import Value, derive
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def _per_area(value: str | Callable[[_Input], Value]) -> Callable[[_Input], Valu
     def divided(of: _Input) -> Value:
         area = of.area_um2
         if area is None:
-            return Missing("the pixel size is unknown; give a sensor file that states it")
+            return NO_SENSOR_FILE.missing("the pixel size is unknown; give a sensor file that states it")
         return derive(lambda v: v * (1.0 / area), of[value] if isinstance(value, str) else value(of))
 
     return divided

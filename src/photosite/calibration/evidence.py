@@ -8,17 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.black_level import Contradiction, contradiction
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.dark.black_level_change import Contradiction, contradiction
 from photosite.calibration.dark.dark_result import DarkResult, with_shared_charge, without_mean_slope
 from photosite.calibration.light.light_frames import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
 from photosite.calibration.parameters import Parameters, estimate_parameters
 from photosite.calibration.photon_transfer.channel import Channel, Curve, LinearRange, channel_curves, linear_range
 from photosite.calibration.photon_transfer.linearity import channel_linearity
+from photosite.calibration.photon_transfer.response_shape import TONE_CURVE
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.fixed_pattern import FixedPattern, FixedPatterns
+from photosite.calibration.withheld import NO_SENSOR_FILE
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
 from photosite.values.uncertain import Missing, Uncertain, Value
@@ -43,8 +45,8 @@ class Evidence:
         Voltage swing and analog gain of `base`.
     chip, temporal, dark_rate_dn_per_s
         With maps: the maps and the temporal noise of the chip; (rows, cols) dark current of its pixels without glow.
-    no_maps
-        Why there are no maps.
+    no_maps, maps_failed
+        Why there are no maps, and whether they were requested.
     """
 
     reduction: Reduction
@@ -62,6 +64,7 @@ class Evidence:
     temporal: TemporalNoise | None = None
     dark_rate_dn_per_s: NDArray[np.float32] | None = None
     no_maps: str = "the chip was not mapped; calibrate with maps (--maps)"
+    maps_failed: bool = False
 
     @property
     def channels(self) -> dict[str, Channel]:
@@ -132,7 +135,7 @@ def _measurements(
     if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
         measured, pooled = [m.without_noise(why) for m in measured], pooled.without_noise(why)
     if light.tone is not None:
-        why = Missing(str(light.tone))
+        why = TONE_CURVE.missing(str(light.tone))
         measured, pooled = [m.without_light(why) for m in measured], pooled.without_light(why)
     return measured, pooled
 
@@ -165,7 +168,7 @@ def _measure_channels(
 def _electrical_scale(sensor: Sensor | None) -> tuple[dict[str, Uncertain], Value]:
     """Return voltage swing and analog gain, which all values in volts share, and millivolts at the pixel per DN."""
     if sensor is None:
-        return {}, Missing(
+        return {}, NO_SENSOR_FILE.missing(
             "millivolts need the sensor's voltage swing and analog gain; give a sensor file of this sensor"
         )
     values = {name: sensor.measured(name) for name in ("voltage_swing_v", "analog_gain")}

@@ -12,12 +12,13 @@ from photosite.calibration.photon_transfer.channel import NO_PHOTONS, Channel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.spatial.nonuniformity import Parts, pool_parts
 from photosite.calibration.spatial.pixel_slopes import of_one_sample
+from photosite.calibration.withheld import NO_FLAT_FIELDS, NO_LINE_NOISE
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
 
-NO_LIGHT = Missing("no light frames")
+NO_LIGHT = NO_FLAT_FIELDS.missing("no light frames")
 
-NO_LINES = Missing(
+NO_LINES = NO_LINE_NOISE.missing(
     "the noise that rows and columns share needs repeated dark frames, of two lines or more, that are not clipped at 0"
 )
 

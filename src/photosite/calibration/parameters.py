@@ -9,6 +9,7 @@ from typing import Annotated, get_type_hints
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.linearity import linearity_estimates
 from photosite.calibration.spatial.nonuniformity import Parts
+from photosite.calibration.withheld import HIDDEN_NOISE, NEGATIVE_DARK_VARIANCE, NO_DARK_CURRENT
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
@@ -256,7 +257,7 @@ def _percent_of_dark(slope: Value) -> Value:
     if isinstance(slope, Missing):
         return slope
     if slope.value < 3.0 * slope.standard_uncertainty:
-        return Missing("the dark current is not distinguishable from zero; take longer dark exposures")
+        return NO_DARK_CURRENT.missing("the dark current is not distinguishable from zero; take longer dark exposures")
     return 100.0 / slope
 
 
@@ -273,6 +274,7 @@ def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
         f"hides the read noise; its 95 % upper limit is {limit:.3g}",
         upper_limit_95=limit,
         method=method,
+        reason_id=HIDDEN_NOISE.id,
     )
 
 
@@ -284,7 +286,7 @@ def _line_noise(m: Measurements, variance: Value, scale: Value) -> Estimate:
         why = (
             f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization hides the noise"
         )
-        return Estimate(reason=f"{why} of rows and columns", method=method)
+        return Estimate(reason=f"{why} of rows and columns", method=method, reason_id=HIDDEN_NOISE.id)
     return _deviation(variance, scale, method)
 
 
@@ -337,7 +339,9 @@ def saturated_electrons(m: Measurements) -> Value:
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:
     """Return the electrons at SNR 1, quantization included: sqrt(var / K^2 + 1/4) + 1/2."""
     if isinstance(dark_variance, Uncertain) and dark_variance.value < 0.0:
-        return Missing("the dark temporal variance is negative at exposure zero; take shorter dark frames")
+        return NEGATIVE_DARK_VARIANCE.missing(
+            "the dark temporal variance is negative at exposure zero; take shorter dark frames"
+        )
     return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)
 
 

@@ -33,6 +33,7 @@ from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.model import Sensor
+from photosite.values.diagnostic import Diagnosed, Diagnostic, texts
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, clipped
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
@@ -44,7 +45,7 @@ _Found = TypeVar("_Found", bound=Finding)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration(Parameters):
+class Calibration(Diagnosed, Parameters):
     """The result of `calibrate`. Each parameter is an attribute: `cal.read_noise_mv.value`.
 
     Parameters
@@ -78,10 +79,10 @@ class Calibration(Parameters):
     base, electrical_scale
         The sensor as known before the measurement, None if unknown; its voltage swing in V and analog gain with
         uncertainties, which all values in volts share.
-    warnings
-        Limitations of the result.
-    rejected, frames_used
-        Frames left out, each with the reason; the frames that the result is based on.
+    diagnostics
+        Limitations of the result, frames left out, and why parameters have no value.
+    frames_used
+        The frames that the result is based on.
     source
         The folder or file that was opened.
     """
@@ -91,8 +92,7 @@ class Calibration(Parameters):
     clipped_electrons: Value
     curves: Mapping[str, Mapping[str, Curve]]
     linear_range: Mapping[str, LinearRange]
-    warnings: tuple[str, ...]
-    rejected: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
     frames_used: tuple[UsedFrame, ...]
     source: str
     rows: int
@@ -113,6 +113,11 @@ class Calibration(Parameters):
     no_maps_reason: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
+
+    @property
+    def rejected(self) -> tuple[str, ...]:
+        """Texts of the diagnostics of frames that were left out."""
+        return texts(self.diagnostics, "left out")
 
     def _found(self, name: str, kind: type[_Found]) -> _Found | None:
         found = self.findings[name]
@@ -280,13 +285,10 @@ class Calibration(Parameters):
         -------
         dict
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
-            `channels` (the parameters per color channel), `response_curve` (per channel that bends),
-            `readout_channels`, `charge_transfer`,
-            `black_level_drift`, `glow`, `converter`,
-            `model`,
-            `general` (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel,
-            candidates for the defect list), `flicker` of the light or null, `warnings`, `rejected`; with maps also
-            `defects` (number of each kind), `temporal` and `dark_distribution`.
+            `channels` (the parameters per color channel), `model`, `general` (results of the general model per
+            channel), `linear_range`, `outlier_pixels` (per channel, candidates for the defect list), the findings of
+            effects by their keys (`photosite.calibration.effect.effects`), with maps `temporal`; `diagnostics`, and the
+            texts of some of them as `warnings` and `rejected`.
         """
 
         def of(parameters: Parameters) -> dict[str, Any]:
@@ -302,6 +304,7 @@ class Calibration(Parameters):
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},
             "outlier_pixels": {channel: found.to_dict() for channel, found in self.spatial.items()},
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "warnings": list(self.warnings),
             "rejected": list(self.rejected),
         }

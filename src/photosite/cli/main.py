@@ -48,6 +48,7 @@ COMMANDS = {
     "shoot": "Simulate a measurement: the dark frames and flat fields of a calibration.",
     "plan": "Plan a measurement: frames needed for a precision, precision reached by a protocol.",
     "calibrate": "Estimate a sensor's parameters from dark frames and flat fields.",
+    "explain": "Explain a diagnostic of a calibration, by its id.",
     "temperature": "Measure the doubling temperature of the dark current.",
     "emgain": "Measure gain and excess noise of an EMCCD's multiplication register.",
     "polarizers": "Measure angle and extinction ratio of the polarizers on the pixels.",

@@ -177,6 +177,8 @@ class Estimate(Shown):
         95 % interval; by default that of a normal distribution. It is asymmetric for few rows or frames.
     parts
         Change of the value per standard uncertainty of each independent source. Estimates may share sources.
+    reason_id
+        Kind of the reason in the registry of diagnostics.
 
     Examples
     --------
@@ -191,6 +193,7 @@ class Estimate(Shown):
     method: str = ""
     interval_95: Interval | None = None
     parts: Mapping[Source, float] = field(default_factory=dict, repr=False, compare=False)
+    reason_id: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
         if self.upper_limit_95 is not None and self.value is not None:
@@ -205,7 +208,7 @@ class Estimate(Shown):
     ) -> Estimate:
         """Return the estimate of a propagated or missing value."""
         if isinstance(value, Missing):
-            return cls(reason=value.reason, method=method)
+            return cls(reason=value.reason, method=method, reason_id=value.id)
         interval_95 = interval_95 or value.interval_95
         return cls(value.value, value.standard_uncertainty, None, upper_limit_95, method, interval_95, value.parts)
 
@@ -227,7 +230,9 @@ class Estimate(Shown):
     @property
     def uncertain(self) -> Value:
         """The value with its sources, for further propagation."""
-        return Missing(self.reason or "") if self.value is None else Uncertain(self.value, dict(self.parts))
+        if self.value is None:
+            return Missing(self.reason or "", self.reason_id)
+        return Uncertain(self.value, dict(self.parts))
 
     @property
     def shown_value(self) -> float | None:

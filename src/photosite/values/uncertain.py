@@ -277,9 +277,10 @@ class JointCovariance(Shown):
 
 @dataclass(frozen=True)
 class Missing(Shown):
-    """A result that could not be obtained, with the reason."""
+    """A result that could not be obtained, with the reason, and its kind in the registry of diagnostics."""
 
     reason: str
+    id: str = ""
 
     def to_dict(self) -> dict[str, str]:
         """Return `reason`."""

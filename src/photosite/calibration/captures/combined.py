@@ -22,15 +22,26 @@ from numpy.typing import NDArray
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.knees import Piece, find_pieces, line_through, linear_end
 from photosite.calibration.reduction.groups import CLIPPED_SHARE
-from photosite.errors import CalibrationError, InputError
+from photosite.calibration.withheld import (
+    CLIPPED_TOO_FAR,
+    COMPANDED_FRAMES,
+    FEW_COMBINED_LEVELS,
+    HIDDEN_CAPTURE,
+    HIDDEN_LEVELS,
+    NO_KNEE,
+    NO_PHOTON_TRANSFER,
+    NO_SATURATION,
+)
+from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.sensor.captures import Companding
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import channel_mask, channel_names
+from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
-from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive
+from photosite.values.uncertain import Source, Uncertain, Value, derive
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,9 +60,11 @@ _OTHER_CODES = 0.3
 _STEPS_SHOWN = 1.5
 """Least distance of the codes of a capture, in output numbers, that shows its converter's steps."""
 
-_SWITCHED = Missing("the frames change to the next capture before this one saturates")
+_SWITCHED = HIDDEN_CAPTURE.missing("the frames change to the next capture before this one saturates")
 
-_UNSEEN = Missing("the output shows no steps of the capture's converter; its gain needs the frames of the capture")
+_UNSEEN = HIDDEN_CAPTURE.missing(
+    "the output shows no steps of the capture's converter; its gain needs the frames of the capture"
+)
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,7 @@ class Knee:
 
 
 @dataclass(frozen=True, eq=False)
-class CombinedCalibration(Tabular):
+class CombinedCalibration(Diagnosed, Tabular):
     """The result of `calibrate_combined`.
 
     Parameters
@@ -119,7 +132,7 @@ class CombinedCalibration(Tabular):
         uncertainty, of each channel at each level.
     piece
         (points,) index of the capture that a point belongs to; -1 in a transition or beyond saturation.
-    warnings, source
+    diagnostics, source
         Limitations of the result; what was opened.
     """
 
@@ -130,7 +143,7 @@ class CombinedCalibration(Tabular):
     variance_dn2: _Array
     variance_uncertainty_dn2: _Array
     piece: NDArray[np.intp]
-    warnings: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
     source: str
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -159,6 +172,7 @@ class CombinedCalibration(Tabular):
         return {
             **self._table().to_dict(),
             "photon_transfer": {name: values.tolist() for name, values in arrays.items()},
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "warnings": list(self.warnings),
             "source": self.source,
         }
@@ -244,21 +258,21 @@ def calibrate_combined(
     darks, lights = ([level for level in levels if level.kind == kind] for kind in ("dark", "light"))
     if not darks or len(lights) < 3:
         what = "combined frames need repeated dark frames, and repeated flat fields of three levels or more"
-        raise CalibrationError(what, where=frames.source)
+        raise FEW_COMBINED_LEVELS.error(what, where=frames.source)
     black = _black_level(darks)
     used = [level for level in (*darks, *lights) if _noise_shown(level)]
-    warnings = [] if len(used) == len(levels) else [_hidden(len(levels) - len(used), len(levels))]
+    found = [] if len(used) == len(levels) else [_hidden(len(levels) - len(used), len(levels))]
     used.sort(key=lambda level: level.mean)
     signal = np.array([level.mean for level in used]) - black.value
     variance = np.array([level.variance for level in used])
     uncertainty = np.array([level.uncertainty for level in used])
     if len(used) < 3:
-        raise CalibrationError(warnings[0], where=frames.source)
+        raise HIDDEN_LEVELS.error(found[0].text, where=frames.source)
     end, reached = linear_end(signal, variance, np.array([level.top_share > CLIPPED_SHARE for level in used]))
     saturation = _saturation(used, signal, variance, reached)
     pieces = find_pieces(signal[:end], variance[:end], uncertainty[:end])
     if not pieces:
-        raise CalibrationError("the temporal variance does not rise with the signal", where=frames.source)
+        raise NO_PHOTON_TRANSFER.error("the temporal variance does not rise with the signal", where=frames.source)
     _check_companding(frames, signal, pieces)
     pieces = [line_through(signal, variance, uncertainty, *ends)[0] for piece in pieces for ends in _split(used, piece)]
     index = np.full(len(used), -1, np.intp)
@@ -275,9 +289,8 @@ def calibrate_combined(
         for k, (before, after) in enumerate(pairwise(pieces))
     )
     if len(pieces) == 1:
-        warnings.append(
-            "no knee: the frames show one capture, or captures that read one charge, their read noise hidden"
-        )
+        text = "no knee: the frames show one capture, or captures that read one charge, their read noise hidden"
+        found.append(NO_KNEE(text))
     return CombinedCalibration(
         captures,
         knees,
@@ -286,7 +299,7 @@ def calibrate_combined(
         variance,
         uncertainty,
         index,
-        tuple(warnings),
+        tuple(found),
         frames.source,
     )
 
@@ -311,7 +324,7 @@ def _reduced(frames: FrameSet, group: FrameGroup, companding: Companding | None)
     own = (squares - total**2 / count) / (count - 1)
     if group.kind == "dark" and zeros.mean() > CLIPPED_SHARE * count:
         share = 100.0 * zeros.mean() / count
-        raise CalibrationError(
+        raise CLIPPED_TOO_FAR.error(
             f"the dark frames are clipped: {share:.3g} % of the numbers are 0",
             where=frames.source,
             hint="Raise the black level of the output",
@@ -367,10 +380,11 @@ def _noise_shown(level: _Level) -> bool:
     return level.variance > (_LEAST_NOISE_STEPS * level.step) ** 2 - QUANTISATION_DN2 and level.uncertainty > 0.0
 
 
-def _hidden(count: int, total: int) -> str:
-    return (
+def _hidden(count: int, total: int) -> Diagnostic:
+    return HIDDEN_LEVELS(
         f"{count} of {total} levels have less noise than {_LEAST_NOISE_STEPS:g} steps of the numbers and are left out: "
-        f"rounding or clipping hides it"
+        f"rounding or clipping hides it",
+        count,
     )
 
 
@@ -388,10 +402,12 @@ def _black_level(darks: Sequence[_Level]) -> Uncertain:
 def _saturation(levels: Sequence[_Level], signal: _Array, variance: _Array, reached: bool) -> Value:
     """Return the saturated output above black."""
     if not reached:
-        return Missing("no flat field reached saturation; take brighter flat fields, up to where they stop rising")
+        return NO_SATURATION.missing(
+            "no flat field reached saturation; take brighter flat fields, up to where they stop rising"
+        )
     last = levels[-1]
     if last.top_share < 1.0 - CLIPPED_SHARE and variance[-1] > _STILL * variance.max():
-        return Missing("no flat field is fully saturated")
+        return NO_SATURATION.missing("no flat field is fully saturated")
     return Uncertain.of(float(signal[-1]), last.mean_uncertainty)
 
 
@@ -399,7 +415,7 @@ def _check_companding(frames: FrameSet, signal: _Array, pieces: Sequence[Piece])
     for before, after in pairwise(pieces):
         at = 0.5 * float(signal[before.last] + signal[after.first])
         if after.at(at) < before.at(at):
-            raise CalibrationError(
+            raise COMPANDED_FRAMES.error(
                 f"the temporal variance falls by a factor of {before.at(at) / after.at(at):.3g} near {at:.4g} DN above "
                 f"black while the signal rises: the numbers are companded",
                 where=frames.source,

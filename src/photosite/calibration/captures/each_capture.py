@@ -16,13 +16,15 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.result import Calibration
+from photosite.calibration.withheld import NO_RATIO
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet, FrameSource
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_mask
+from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
-from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
+from photosite.values.uncertain import Uncertain, Value, derive, weighted_mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +38,7 @@ _USED = 0.85
 
 
 @dataclass(frozen=True)
-class CaptureCalibration(Tabular):
+class CaptureCalibration(Diagnosed, Tabular):
     """The result of `calibrate_captures`.
 
     Parameters
@@ -73,13 +75,14 @@ class CaptureCalibration(Tabular):
         write_report(captures_page(self), path)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Limitations of the captures, each with the name of its capture."""
-        return tuple(f"{name}: {text}" for name, each in self.captures.items() for text in each.warnings)
+    def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]
+        """The diagnostics of the captures, each with the name of its capture."""
+        return tuple(entry.within(name) for name, each in self.captures.items() for entry in each.diagnostics)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the estimates as columns, and the warnings."""
-        return {**self._table().to_dict(), "warnings": list(self.warnings)}
+        """Return the estimates as columns, and the diagnostics."""
+        found = [entry.to_dict() for entry in self.diagnostics]
+        return {**self._table().to_dict(), "diagnostics": found, "warnings": list(self.warnings)}
 
     def _table(self) -> ResultTable:
         rows = []
@@ -175,7 +178,7 @@ def _mean(values: list[Value]) -> Value:
     """Return the mean over the channels, weighted by their uncertainty."""
     known = [each for each in values if isinstance(each, Uncertain)]
     if not known:
-        return values[0] if values else Missing("the captures have no channel in common")
+        return values[0] if values else NO_RATIO.missing("the captures have no channel in common")
     return weighted_mean(known, [(each.standard_uncertainty or 1e-12) ** -2 for each in known])
 
 
@@ -267,12 +270,14 @@ class _Pair:
         ranges = [each.linear_range.get(channel) for each in captures]
         a, b = curves
         if a is None or b is None or None in ranges:
-            return Missing("the response of a capture to light is not known")
+            return NO_RATIO.missing("the response of a capture to light is not known")
         highest = _USED * min(each.highest for each in ranges if each is not None)
         x, (ya, ua), (yb, ub) = _common(a, b, highest)
         if len(x) < 3:
             lack = "1 level lies" if len(x) == 1 else f"{len(x)} levels lie"
-            return Missing(f"{lack} in the linear range of both captures; 3 are needed: add light levels between")
+            return NO_RATIO.missing(
+                f"{lack} in the linear range of both captures; 3 are needed: add light levels between"
+            )
         ratio = float((ya * yb).sum() / (ya * ya).sum())
         variance = ub**2 + (ratio * ua) ** 2
         for level, light in enumerate(x):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.withheld import IMPLAUSIBLE
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Value
 
@@ -23,6 +24,8 @@ LONGEST_LIKELY_S = 1e-3
 @dataclass(frozen=True)
 class Implausible(Missing):
     """A result that was computed and cannot be true, with the likely cause."""
+
+    id: str = IMPLAUSIBLE.id
 
 
 def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 
+from photosite.calibration.withheld import CLIPPED_TOO_FAR
 from photosite.engine.frame_sums import FrameSums
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import Missing
@@ -249,30 +250,30 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     zeros = f"{100 * counts.zero_share:.3g} % of the numbers are 0"
     positive = int(counts.pixels[counts.total > 0].sum())
     if positive < LEAST_PIXELS:
-        return Missing(f"{zeros}, and only {positive} pixels are ever above 0; too little is left")
+        return CLIPPED_TOO_FAR.missing(f"{zeros}, and only {positive} pixels are ever above 0; too little is left")
     theta = _maximum(counts)
     if theta is None:
-        return Missing(f"{zeros}, and no noise with a fixed pattern explains the rest")
+        return CLIPPED_TOO_FAR.missing(f"{zeros}, and no noise with a fixed pattern explains the rest")
     try:
         covariance = np.asarray(np.linalg.inv(_information(counts, theta)), np.float64)
     except np.linalg.LinAlgError:
         covariance = np.full((3, 3), -1.0)
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):
-        return Missing(f"{zeros}; the rest does not separate read noise from DSNU")
+        return CLIPPED_TOO_FAR.missing(f"{zeros}; the rest does not separate read noise from DSNU")
     theta = theta + covariance @ _expectations(counts, theta)[1]
     mu, a, b = (float(value) for value in theta)
     total = a + b
     of_total = math.sqrt(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2])
     if not (b > 0.0 and total > 0.0):
-        return Missing(f"{zeros}; the rest shows no read noise")
+        return CLIPPED_TOO_FAR.missing(f"{zeros}; the rest shows no read noise")
     if b < LEAST_READ_NOISE**2:
-        return Missing(
+        return CLIPPED_TOO_FAR.missing(
             f"{zeros} and the read noise is near {math.sqrt(b):.2g} DN, below {LEAST_READ_NOISE:g}: rounding and "
             f"clipping together hide it"
         )
     uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), of_total / (2.0 * total))
     if uncertain > MOST_UNCERTAIN:
-        return Missing(f"{zeros}; the noise of the rest is known to ±{100 * uncertain:.0f} % only")
+        return CLIPPED_TOO_FAR.missing(f"{zeros}; the noise of the rest is known to ±{100 * uncertain:.0f} % only")
     misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
     rounding = ROUNDING_ERROR / (2880.0 * (b + QUANTISATION_DN2) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
     return CensoredDark(

@@ -21,8 +21,10 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.nonuniformity import Parts
+from photosite.calibration.withheld import CLIPPED_TOO_FAR
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_mean
 
 _REACH, _POINTS = 8.0, 97
@@ -122,7 +124,7 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
     found = root(residual, np.zeros(len(free)), tol=1e-10)
     if not found.success and float(np.abs(found.fun).max()) > 1e-6:
         zeros = f"{100 * level.low_fraction:.3g} % of the numbers are 0"
-        return Missing(f"{zeros}, and no level and noise explain the rest")
+        return CLIPPED_TOO_FAR.missing(f"{zeros}, and no level and noise explain the rest")
     return _restored(level, theta_of(found.x), start, free)
 
 
@@ -196,7 +198,19 @@ def _temporal_covariance(pixels: _Pixels, n: int) -> NDArray[np.float64]:
     )
 
 
-NO_PIXEL_SLOPES = Missing(
+CLIPPED_DARKS = DiagnosticKind(
+    "clipped-darks",
+    "warning",
+    "Numbers of the dark frames are 0 because the black level is too low.",
+    "Read noise, DSNU and black level come from a censored fit, with larger uncertainties; light levels with more than "
+    "a few numbers at 0 were left out.",
+    "Raise the camera's black level (pedestal), and take the dark frames again.",
+    ("read_noise_*", "dsnu*", "black_level_dn", "dark_current_*", "dark_voltage_*", "dcnu_percent"),
+    "fraction of the numbers that are 0",
+    "none: numbers are counted",
+)
+
+NO_PIXEL_SLOPES = CLIPPED_DARKS.missing(
     "the dark frames are clipped at 0, and clipped pixels do not show their dark current; raise the camera's black "
     "level (pedestal)"
 )
@@ -306,7 +320,7 @@ def correct_clipped_darks(reduction: Reduction, reference: GroupStatistics, read
 
 def _error(reduction: Reduction, group: GroupStatistics, name: str, why: Missing) -> CalibrationError:
     hint = "Raise the camera's black level (pedestal) and take the dark frames again"
-    return reduction.error(f"the dark frames are clipped at 0 DN: {why.reason}", hint, group, name)
+    return reduction.error(CLIPPED_TOO_FAR, f"the dark frames are clipped at 0 DN: {why.reason}", hint, group, name)
 
 
 def _estimates(dark: CensoredDark) -> DarkEstimates:

@@ -13,6 +13,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.engine.frame_sums import MeanFrame
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Uncertain
 
 _BEYOND_NORMAL = 10.0
@@ -45,19 +46,30 @@ class CutTail:
             total += cut * (level.pixels / pixels)
         return total
 
-    def warnings(self) -> list[str]:
-        """Return the warning of noise that is cut off; empty where sampling alone is as uncertain."""
+    def warning(self) -> str | None:
+        """Return the warning of noise that is cut off; None where sampling alone is as uncertain."""
         shares = zip(self.levels, self.variance, strict=True)
         if not any(cut.standard_uncertainty > _WORTH_A_WARNING * level.variance_uncertainty for level, cut in shares):
-            return []
+            return None
         noise = float(np.mean([level.variance for level in self.levels]))
         raised, doubt = 50.0 * self.together.value / noise, 50.0 * self.together.standard_uncertainty / noise
-        return [
+        return (
             f"{100 * self.zeros:.2g} % of the numbers in the dark frames are 0, more than noise that is alike in all "
             f"pixels explains: pixels that blink or are noisy reach 0, which cuts off a part of their noise. "
             f"Read noise and dark noise are raised by {raised:.2g} %, from the opposite tail, with a standard "
             f"uncertainty of {doubt:.2g} %. Raise the camera's black level (pedestal) and take the dark frames again"
-        ]
+        )
+
+
+CUT_TAIL = DiagnosticKind(
+    "noise-cut-at-zero",
+    "warning",
+    "More numbers of the dark frames are 0 than noise that is alike in all pixels explains: noisy pixels reach 0.",
+    "A part of their noise is cut off. Read noise and dark noise are raised by it, with a larger uncertainty.",
+    "Raise the camera's black level (pedestal), and take the dark frames again.",
+    ("read_noise_*", "temporal_dark_noise_e"),
+    "fraction of the numbers that are 0",
+)
 
 
 def measure_cut_tail(

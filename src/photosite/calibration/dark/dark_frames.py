@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from photosite.calibration.checks.black_level import BlackLevelChange, black_level_change
 from photosite.calibration.checks.result_screening import screen_dark_slope, screen_variance_slope
+from photosite.calibration.dark.black_level_change import BlackLevelChange, black_level_change
 from photosite.calibration.dark.clipped_darks import (
     METHOD,
     NO_PIXEL_SLOPES,
@@ -34,6 +34,7 @@ from photosite.calibration.spatial.pixel_slopes import (
     SlopeSpread,
     excess_variance,
 )
+from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
@@ -52,7 +53,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     """
     group, mean_frame = reduction.reference_group, reduction.reference_mean
     if group is None or mean_frame is None:
-        return unknown_darks(reduction, Missing(NO_DARK_FRAMES))
+        return unknown_darks(reduction, UNKNOWN_DARK_NOISE.missing(NO_DARK_FRAMES))
     if group.frames == 1:
         return measure_single_darks(reduction, group, mean_frame)
     clipped = correct_clipped_darks(reduction, group, reader)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.quantisation import differing_share
+from photosite.calibration.withheld import ONE_DARK_EXPOSURE, UNKNOWN_DARK_NOISE
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, combined, correlated
 
@@ -99,10 +100,10 @@ class DarkLine:
     def line(self) -> tuple[Value, Value]:
         """Intercept, and slope per second."""
         if self.reason:
-            return Missing(self.reason), Missing(self.reason)
+            return UNKNOWN_DARK_NOISE.missing(self.reason), UNKNOWN_DARK_NOISE.missing(self.reason)
         if self.fit is None:
             reason = f"dark frames at one exposure time only, {self.exposure_s[0]:g} s; a slope needs two or more"
-            return Missing(reason), Missing(reason)
+            return ONE_DARK_EXPOSURE.missing(reason), ONE_DARK_EXPOSURE.missing(reason)
         fit = self.fit
         apart = np.abs(fit.estimator) @ self.shared * self.differing  # the largest error that the points do not share
         if not self.points:

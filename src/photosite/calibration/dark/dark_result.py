@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.black_level import STEADY, BlackLevelChange, Contradiction
+from photosite.calibration.dark.black_level_change import STEADY, BlackLevelChange, Contradiction
 from photosite.calibration.dark.clipped_darks import (
     ClippedDarks,
 )

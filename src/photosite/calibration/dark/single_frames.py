@@ -14,6 +14,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import excess_variance
+from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import label_moments
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
@@ -53,8 +54,10 @@ def measure_single_darks(reduction: Reduction, reference: GroupStatistics, frame
     """Return level and dark current of dark exposures with one frame each; their noise is an upper limit."""
     darks, channels = reduction.darks, range(len(reduction.names))
     if any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):
-        return unknown_darks(reduction, Missing(f"the dark frames are clipped at 0, and {SINGLE_DARK_FRAMES}"))
-    why = Missing(SINGLE_DARK_FRAMES)
+        return unknown_darks(
+            reduction, UNKNOWN_DARK_NOISE.missing(f"the dark frames are clipped at 0, and {SINGLE_DARK_FRAMES}")
+        )
+    why = UNKNOWN_DARK_NOISE.missing(SINGLE_DARK_FRAMES)
     exposure_s = reference.group.exposure_s
     values, tile = frame.mean(), frame.labels
     none = TemporalParts(Uncertain(0.0), Uncertain(0.0), Uncertain(0.0))

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.result import Calibration
+from photosite.calibration.withheld import NO_DOUBLING_TEMPERATURE, NO_FLAT_FIELDS
 from photosite.errors import InputError
+from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import COVERAGE_95, Measured
@@ -31,7 +33,7 @@ _METHOD = "weighted fit of D0 2^((T - T0) / doubling temperature) to the dark cu
 
 
 @dataclass(frozen=True)
-class DarkTemperature(Tabular):
+class DarkTemperature(Diagnosed, Tabular):
     """Dark current against temperature: D0 2^((T - T0) / doubling temperature).
 
     Parameters
@@ -119,21 +121,26 @@ class DarkTemperature(Tabular):
             "measured": [
                 {"temperature_c": celsius, "dark_current_dn_per_s": entry.to_dict()} for celsius, entry in self.measured
             ],
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "warnings": list(self.warnings),
         }
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]
         """Limitations of the result, and of the calibrations at each temperature."""
         own = []
         if self.doubling_c.reason:
-            own.append(f"no doubling temperature: {self.doubling_c.reason}")
+            own.append(NO_DOUBLING_TEMPERATURE(f"no doubling temperature: {self.doubling_c.reason}"))
         elif self.degrees_of_freedom == 0:
-            own.append(
-                "two temperatures do not show whether one doubling temperature describes the range; take a third"
-            )
-        pairs = [(_middle(one), text) for one in self.calibrations for text in one.warnings]
-        return (*own, *(f"{celsius:.1f} °C: {text}" for celsius, text in pairs if text != _NO_LIGHT))
+            text = "two temperatures do not show whether one doubling temperature describes the range; take a third"
+            own.append(NO_DOUBLING_TEMPERATURE(text))
+        of_each = (
+            entry.within(f"{_middle(one):.1f} °C")
+            for one in self.calibrations
+            for entry in one.diagnostics
+            if entry.severity in ("note", "warning") and entry.id != NO_FLAT_FIELDS.id
+        )
+        return (*own, *of_each)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the dark current against the temperature on Matplotlib axes, new ones by default, and return them."""

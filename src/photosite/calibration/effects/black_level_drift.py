@@ -15,6 +15,7 @@ from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
 from photosite.calibration.reduction.groups import pooled_level
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED, UNKNOWN_DARK_NOISE
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate, standard_deviation
@@ -206,7 +207,7 @@ def _in_electrons(deviation: Uncertain, ends_dn: tuple[float, float], gain: Valu
 def _measure(evidence: Evidence) -> BlackLevelSeries | Missing:
     dark, gain = evidence.dark, evidence.light.gain
     if dark.mean is None or dark.clipped is not None or dark.noise_unknown:
-        return Missing(dark.noise_unknown or "the dark frames are clipped at 0")
+        return UNKNOWN_DARK_NOISE.missing(dark.noise_unknown or "the dark frames are clipped at 0")
     rows, cols = dark.mean.mean.shape
     frames = dark.mean.statistics.frames
     # Of a frame: the noise of rows and columns, which are few
@@ -218,7 +219,7 @@ def _measure(evidence: Evidence) -> BlackLevelSeries | Missing:
         pooled_level(entry.levels).variance / (rows * cols) + of_row / rows + of_column / cols for entry in dark.groups
     ]
     found = measure_drift([entry.frame_means for entry in dark.groups], noise, gain)
-    return found or Missing(f"no exposure time has {LEAST_FRAMES} dark frames that differ")
+    return found or EFFECT_NOT_MEASURED.missing(f"no exposure time has {LEAST_FRAMES} dark frames that differ")
 
 
 EFFECT = Effect(40, _measure)

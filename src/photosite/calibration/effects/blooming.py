@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED, EFFECT_NOT_SEEN, NO_MAPS
 from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.blooming import Blooming
 from photosite.sensor.model import Sensor
@@ -100,18 +101,20 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
     is the kept share of x - W.
     """
     if evidence.chip is None:
-        return Missing(evidence.no_maps)
+        return NO_MAPS.missing(evidence.no_maps)
     frames, parameters = evidence.reduction.frames, evidence.parameters
     top, black = parameters.saturation_dn.value, parameters.black_level_dn.value
     darks = sorted(frames.of_kind("dark"), key=lambda group: group.exposure_s)
     if top is None or black is None or len(darks) < 2:
-        return Missing("blooming needs black level, saturation and dark frames at two exposure times")
+        return EFFECT_NOT_MEASURED.missing(
+            "blooming needs black level, saturation and dark frames at two exposure times"
+        )
     used = {id(entry.source) for entry in evidence.reduction.used}
     well, longest = top - black, darks[-1]
     first, full = _mean(darks[0], used), _mean(longest, used)
     row, col = np.nonzero(full - first > _BELOW * well)
     if not len(row):
-        return Missing("no pixel overflows by its dark current")
+        return EFFECT_NOT_SEEN.missing("no pixel overflows by its dark current")
 
     def without(reason: str) -> BloomingResult:
         return BloomingResult(Estimate(reason=reason), np.zeros(0), np.zeros(0), 0.0, seen=False)

@@ -14,6 +14,7 @@ from photosite.calibration.chip_maps.response_map import light_groups_in_range
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED
 from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.charge_transfer import ChargeTransfer
 from photosite.sensor.model import Sensor
@@ -145,7 +146,7 @@ def measure_charge_transfer(evidence: Evidence) -> TransferLoss | Missing:
     base, frames = evidence.base, evidence.reduction.frames
     stated = None if base is None or base.effects is None else base.effects.charge_transfer
     if stated is None:
-        return Missing("the sensor file states no charge transfer")
+        return EFFECT_NOT_MEASURED.missing("the sensor file states no charge transfer")
     top, bottom, left, right = frames.border or (0, 0, 0, 0)
     sides = [
         pair if order.step > 0 else pair[::-1]

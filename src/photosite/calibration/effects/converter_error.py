@@ -24,6 +24,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED
 from photosite.engine.site_planes import count_numbers
 from photosite.errors import InputError
 from photosite.sensor.effects.converter_error import ConverterError
@@ -234,15 +235,19 @@ EFFECT = Effect(38, _measure, key="converter", missing="reason")
 def _chosen(reduction: Reduction) -> list[GroupStatistics] | Missing:
     """Return the groups whose codes are counted, or why flat fields do not show the error."""
     if any(found is not None for found in (*reduction.steps, *reduction.sums)):
-        return Missing("the numbers are not the converter's codes: some are left out, doubled or summed")
+        return EFFECT_NOT_MEASURED.missing(
+            "the numbers are not the converter's codes: some are left out, doubled or summed"
+        )
     chosen = [entry for entry in reduction.lights if entry.frames > 1 and _smooth(entry)]
     if not chosen:
-        return Missing(f"no repeated flat field below saturation has {LEAST_NOISE_DN:g} DN of noise or more")
+        return EFFECT_NOT_MEASURED.missing(
+            f"no repeated flat field below saturation has {LEAST_NOISE_DN:g} DN of noise or more"
+        )
     levels = [level.mean for entry in chosen for level in entry.levels]
     codes = max(levels) - min(levels) + 1.0
     known = reduction.frames.rows * reduction.frames.cols * sum(entry.frames for entry in chosen)
     if known < LEAST_COUNT * max(codes, LEAST_CODES):
-        return Missing(
+        return EFFECT_NOT_MEASURED.missing(
             f"the flat fields have {known:.2g} pixels below saturation, {known / codes:.2g} for each code; "
             f"{LEAST_COUNT} are needed: take more frames"
         )
@@ -292,7 +297,9 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
     )
     code = _well_inside(smooth, len(total))
     if len(code) < LEAST_CODES:
-        return Missing(f"the flat fields cover {len(code)} codes well enough; {LEAST_CODES} are needed")
+        return EFFECT_NOT_MEASURED.missing(
+            f"the flat fields cover {len(code)} codes well enough; {LEAST_CODES} are needed"
+        )
     first, second = (_fast(half, smooth)[code] for half in halves)
     noise = 0.5 * (first - second)
     spread = np.sqrt(1.0 / total[code])

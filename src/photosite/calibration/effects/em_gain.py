@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -13,8 +12,9 @@ from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.result import Calibration
-from photosite.errors import CalibrationError
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED, EM_GAIN_UNKNOWN, EXCESS_NOISE
 from photosite.sensor.effects.em_gain import EmGain
+from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Measured, Missing, Uncertain, Value, derive
@@ -29,7 +29,7 @@ _BY_EXPOSURE = "ratio of the slopes of the signal against the exposure time, in 
 
 
 @dataclass(frozen=True)
-class EmGainResult(Tabular):
+class EmGainResult(Diagnosed, Tabular):
     """Gain and excess noise of a multiplication register.
 
     Parameters
@@ -58,7 +58,7 @@ class EmGainResult(Tabular):
         """The register in the form of a sensor file; raise `CalibrationError` if the gain is not above 1."""
         measured = self.gain.measured(self.gain.method)
         if measured.value < 1.0:
-            raise CalibrationError(f"the gain, {measured.value:.3g}, is below 1", hint="Swap the two measurements")
+            raise EM_GAIN_UNKNOWN.error(f"the gain, {measured.value:.3g}, is below 1", hint="Swap the two measurements")
         return self.stated.model_copy(update={"gain": measured})
 
     @property
@@ -76,30 +76,29 @@ class EmGainResult(Tabular):
             As `Calibration.sensor`.
         """
         if self.unity is None:
-            raise CalibrationError("the calibration without multiplication is missing")
+            raise EM_GAIN_UNKNOWN.error("the calibration without multiplication is missing")
         return self.unity.sensor.with_(em_gain=self.section)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]
         """Limitations of the result."""
-        return tuple(self._warnings())
-
-    def _warnings(self) -> Iterator[str]:
         found, theory = self.excess_noise_factor, self.theory
         if found.value is None or not found.standard_uncertainty:
-            return
+            return ()
         distance = (found.value - theory) / found.standard_uncertainty
-        if abs(distance) > _FAR:
-            what = "more" if distance > 0.0 else "less"
-            why = (
-                "the register saturates, the light varied between the measurements, or electrons were lost"
-                if distance > 0.0
-                else "the light varied between the measurements, or pixels share their noise"
-            )
-            yield (
-                f"the excess noise factor, {found.value:.3g}, is {what} than the theory's {theory:.3g} by "
-                f"{abs(distance):.1f} standard uncertainties: {why}"
-            )
+        if abs(distance) <= _FAR:
+            return ()
+        what = "more" if distance > 0.0 else "less"
+        why = (
+            "the register saturates, the light varied between the measurements, or electrons were lost"
+            if distance > 0.0
+            else "the light varied between the measurements, or pixels share their noise"
+        )
+        text = (
+            f"the excess noise factor, {found.value:.3g}, is {what} than the theory's {theory:.3g} by "
+            f"{abs(distance):.1f} standard uncertainties: {why}"
+        )
+        return (EXCESS_NOISE(text, found.value),)
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write the report: a PDF for the suffix .pdf, else an HTML page.
@@ -121,6 +120,7 @@ class EmGainResult(Tabular):
             "excess_noise_factor": self.excess_noise_factor.to_dict() | {"theory": self.theory},
             "read_noise_e": self.read_noise_e.to_dict(),
             "stages": self.stated.stages,
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "warnings": list(self.warnings),
         }
 
@@ -182,7 +182,7 @@ def measure_em_gain(unity: Calibration, multiplied: Calibration, stated: EmGain 
 def _known(name: str, entry: Estimate, parameter: str) -> Uncertain:
     value = entry.uncertain
     if not isinstance(value, Uncertain):
-        raise CalibrationError(f"{name}: {parameter} is unknown: {value.reason}")
+        raise EM_GAIN_UNKNOWN.error(f"{name}: {parameter} is unknown: {value.reason}")
     return value
 
 
@@ -199,7 +199,7 @@ def _responses(unity: Calibration, multiplied: Calibration) -> tuple[Uncertain, 
     for name, one in (("unity", unity), ("multiplied", multiplied)):
         found = [slope for curves in one.curves.values() if (slope := _slope(curves.get("response"))) is not None]
         if len(found) != len(one.curves) or not found:
-            raise CalibrationError(f"{name}: the slope of the signal against the exposure time is unknown")
+            raise EM_GAIN_UNKNOWN.error(f"{name}: the slope of the signal against the exposure time is unknown")
         slopes.append(sum(found[1:], found[0]) / float(len(found)))
     return slopes[0], slopes[1], _BY_EXPOSURE
 
@@ -208,6 +208,19 @@ def _slope(curve: Curve | None) -> Uncertain | None:
     if curve is None or curve.slope is None or curve.line_covariance is None:
         return None
     return Uncertain.of(curve.slope, float(np.sqrt(curve.line_covariance[1, 1])))
+
+
+STATED_EM_GAIN = DiagnosticKind(
+    "stated-em-gain",
+    "warning",
+    "The sensor file states an electron multiplication gain.",
+    "The system gain of photon transfer contains this gain and the excess noise factor: values in electrons and the "
+    "quantum efficiency are too low by the factor.",
+    "Measure the register with two calibrations (photosite emgain).",
+    ("system_gain_dn_per_e", "*_e", "*_e_per_s", "quantum_efficiency_*"),
+    "excess noise factor",
+    "none: the file is read",
+)
 
 
 def stated_gain_warning(em_gain: EmGain, system_gain: Estimate) -> str | None:
@@ -224,7 +237,7 @@ def stated_gain_warning(em_gain: EmGain, system_gain: Estimate) -> str | None:
 
 
 def _measure(evidence: Evidence) -> Missing:
-    return Missing("a multiplication gain shows between two calibrations: photosite emgain")
+    return EFFECT_NOT_MEASURED.missing("a multiplication gain shows between two calibrations: photosite emgain")
 
 
 EFFECT = Effect(130, _measure, key=None)

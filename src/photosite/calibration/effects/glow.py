@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding, SensorChanges
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED, EFFECT_NOT_SEEN
 from photosite.engine.block_means import block_means
 from photosite.sensor.effects.glow import Glow, Place
 from photosite.sensor.model import Sensor
@@ -127,9 +128,16 @@ class GlowMap(Finding, Shown):
 def deferred_glow(evidence: Evidence) -> Missing | Deferred[GlowMap | Missing]:
     """Return the glow in the map of the dark current, which is computed when it is first needed."""
     if evidence.dark.slope_map is None:
-        return Missing("a glow shows in a map of the dark current, which needs repeated dark frames at two exposures")
+        return EFFECT_NOT_MEASURED.missing(
+            "a glow shows in a map of the dark current, which needs repeated dark frames at two exposures"
+        )
     slopes, gain = evidence.dark.slope_map.slopes.slopes, evidence.light.gain
-    return Deferred(lambda: find_glow(slopes, gain) or Missing(f"the chip has fewer than {LEAST_SIDE} rows or columns"))
+    return Deferred(
+        lambda: (
+            find_glow(slopes, gain)
+            or EFFECT_NOT_MEASURED.missing(f"the chip has fewer than {LEAST_SIDE} rows or columns")
+        )
+    )
 
 
 EFFECT = Effect(50, deferred_glow)
@@ -177,7 +185,7 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
     plane = np.stack([np.ones(count), r.ravel() - r.mean(), c.ravel() - c.mean()], axis=1)
     scatter = float(np.std(y, ddof=1))
     if _drops(y, plane, maps, members).max() < SIGNIFICANT:
-        no = Missing("the dark current falls off from no edge or corner beyond chance")
+        no = EFFECT_NOT_SEEN.missing("the dark current falls off from no edge or corner beyond chance")
         return GlowMap(values, scatter, (rows, cols), (), *(Estimate.of(no, _METHOD),) * 3)
     # The same without the plane: a uniform dark current
     drops = _drops(y, plane[:, :1], maps, members)
@@ -187,7 +195,7 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
     places, others = (tuple(PLACES[k] for k in np.flatnonzero(members[n])) for n in (first, second))
     if of_set[first] - of_set[second] < AMBIGUOUS:
         named = " or ".join(" and ".join(found).replace("_", " ") for found in (places, others))
-        unsure = Missing(f"the map of the dark current does not tell where the glow is: {named}")
+        unsure = EFFECT_NOT_MEASURED.missing(f"the map of the dark current does not tell where the glow is: {named}")
         return GlowMap(values, scatter, (rows, cols), places, *(Estimate.of(unsure, _METHOD),) * 3)
     theta, covariance, scatter = _fit(y, places, float(decays[at]), (rows, cols), side)
     peak, log_decay = correlated(theta[1:], covariance[1:, 1:], count - 3.0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding, SensorChanges
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED, NO_MAPS
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
@@ -37,7 +38,7 @@ NEARLY_SATURATED = 0.95
 """Fraction of the range up to saturation beyond which the longest dark frames do not tell the dark current of a pixel.
 """
 
-_NOT_KNOWN = Missing("not known")
+_NOT_KNOWN = EFFECT_NOT_MEASURED.missing("not known")
 _NO_CURRENT = Estimate(reason=_NOT_KNOWN.reason)
 _Floats = NDArray[np.float64]
 
@@ -136,9 +137,9 @@ class DarkDistribution(Finding, Shown):
 def _measure(evidence: Evidence) -> DarkDistribution | Missing:
     chip, rate, parameters = evidence.chip, evidence.dark_rate_dn_per_s, evidence.parameters
     if chip is None:
-        return Missing(evidence.no_maps)
+        return NO_MAPS.missing(evidence.no_maps)
     if rate is None or chip.dark_rate_uncertainty_dn_per_s is None:
-        return Missing("there is no map of the dark current")
+        return EFFECT_NOT_MEASURED.missing("there is no map of the dark current")
     frames = evidence.reduction.frames
     top = (1 << frames.bits) - 1.0
     if parameters.saturation_dn.value is not None:

@@ -8,6 +8,7 @@ from typing import Any
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
+from photosite.calibration.withheld import EFFECT_NOT_SEEN
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing
 
@@ -26,7 +27,7 @@ class Lag(Finding, Shown):
 def _measure(evidence: Evidence) -> Lag | Missing:
     shared = evidence.light.noise.shared
     if shared is None or shared.frames is None:
-        return Missing("the noise of successive frames is not correlated beyond chance")
+        return EFFECT_NOT_SEEN.missing("the noise of successive frames is not correlated beyond chance")
     return Lag(shared.frames)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
+from photosite.calibration.withheld import EFFECT_NOT_MEASURED
 from photosite.values.uncertain import Missing
 
 
 def _measure(evidence: Evidence) -> Missing:
-    return Missing("digital gain, sums and companding are undone before the estimates, and named in the warnings")
+    return EFFECT_NOT_MEASURED.missing(
+        "digital gain, sums and companding are undone before the estimates, and named in the warnings"
+    )
 
 
 EFFECT = Effect(120, _measure, key=None)

@@ -8,6 +8,7 @@ from typing import Any
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
+from photosite.calibration.withheld import NO_MAPS
 from photosite.sensor.chip import Defects
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing
@@ -30,7 +31,7 @@ class FoundDefects(Finding, Shown):
 
 
 def _measure(evidence: Evidence) -> FoundDefects | Missing:
-    return Missing(evidence.no_maps) if evidence.chip is None else FoundDefects(evidence.chip.defects)
+    return NO_MAPS.missing(evidence.no_maps) if evidence.chip is None else FoundDefects(evidence.chip.defects)
 
 
 EFFECT = Effect(110, _measure, key="defects", missing="absent")

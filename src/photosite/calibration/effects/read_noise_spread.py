@@ -8,6 +8,7 @@ from typing import Any
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
+from photosite.calibration.withheld import NO_MAPS
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
@@ -42,10 +43,10 @@ class NoiseSpread(Finding, Shown):
 def _measure(evidence: Evidence) -> NoiseSpread | Missing:
     parameters = evidence.parameters
     if evidence.temporal is None:
-        return Missing(evidence.no_maps)
+        return NO_MAPS.missing(evidence.no_maps)
     for needed in (parameters.system_gain_dn_per_e, parameters.read_noise_mv):
         if needed.value is None:
-            return Missing(needed.reason or "")
+            return Missing(needed.reason or "", needed.reason_id)
     return NoiseSpread(evidence.temporal.read_noise_log_spread)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from photosite.calibration.finding import Finding, SensorChanges, why_zero
 from photosite.calibration.parameters import Parameters
+from photosite.calibration.withheld import NO_SENSOR_FILE
 from photosite.errors import CalibrationError, PhotositeWarning, printable
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.io.sensor_file import write_sensor
@@ -53,7 +54,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     """
     base = calibration.base
     if base is None:
-        raise CalibrationError(
+        raise NO_SENSOR_FILE.error(
             "frames alone do not give pixel size, fill factor, spectral response and voltages",
             where=calibration.source,
             hint="Calibrate with a sensor file that states them: {sensor}",
@@ -176,7 +177,9 @@ def calibration_noise_profile(calibration: Calibration, gain_setting: float | No
 def _needed(parameters: Parameters, name: str) -> Measured:
     entry: Estimate = getattr(parameters, name)
     if entry.value is None:
-        raise CalibrationError(f"a noise profile needs {name}, which could not be estimated ({entry.reason})")
+        raise CalibrationError(
+            id=entry.reason_id, what=f"a noise profile needs {name}, which could not be estimated ({entry.reason})"
+        )
     return entry.measured("")
 
 

@@ -30,9 +30,10 @@ from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.reduction.frame_reader import Progress
 from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
-from photosite.errors import CalibrationError
+from photosite.calibration.withheld import FEW_SETTINGS, IRREGULAR_GAIN, SETTING_WITHOUT_GAIN
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
+from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import COVERAGE_95, Measured, Uncertain, correlated
 
@@ -96,13 +97,13 @@ def calibrate_series(
     settings, where = frames.gain_settings, frames.source
     if len(settings) < 2:
         hint = "Use calibrate for one setting, or state each frame's gain_setting in the protocol"
-        raise CalibrationError(
+        raise FEW_SETTINGS.error(
             "number of gain settings", where=where, value=len(settings), expected="2 or more", hint=hint
         )
     stated = [setting for setting in settings if setting is not None]
     if len(stated) < len(settings):
         hint = "State gain_setting for all frames in the protocol"
-        raise CalibrationError("some frames have no gain setting", where=where, hint=hint)
+        raise FEW_SETTINGS.error("some frames have no gain setting", where=where, hint=hint)
     base = sensor if sensor is not None else frames.sensor
     done, total = 0, frames.frame_count
     steps = []
@@ -127,14 +128,21 @@ def calibrate_series(
 
 def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source: str = "") -> GainSeries:
     """Analyze calibrated settings together; `steps` in ascending order."""
-    warnings = [f"gain setting {step.setting:g}: {text}" for step in steps for text in step.calibration.warnings]
+    found_of_settings = [
+        entry.within(f"gain setting {step.setting:g}")
+        for step in steps
+        for entry in step.calibration.diagnostics
+        if entry.severity in ("note", "warning")
+    ]
+    found_of_series: list[Diagnostic] = []
     known = [step for step in steps if step.calibration.system_gain_dn_per_e.value is not None]
     if len(known) < 2:
         reasons = "; ".join(sorted({step.calibration.system_gain_dn_per_e.reason or "" for step in steps} - {""}))
-        raise CalibrationError(f"fewer than two gain settings have a system gain ({reasons})", where=source)
+        raise FEW_SETTINGS.error(f"fewer than two gain settings have a system gain ({reasons})", where=source)
     if len(known) < len(steps):
         left = ", ".join(f"{step.setting:g}" for step in steps if step not in known)
-        warnings.append(f"no system gain at setting {left}: not used in the joint analysis, not in the sensor file")
+        text = f"no system gain at setting {left}: not used in the joint analysis, not in the sensor file"
+        found_of_series.append(SETTING_WITHOUT_GAIN(text))
     settings = np.array([step.setting for step in known])
     gain, u_gain = _values(known, "system_gain_dn_per_e")
     scale = find_setting_scale(settings, gain)
@@ -146,9 +154,9 @@ def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source
     found = None if gain_step is None else find_switch(gain_step, noise_step)
     if gain_step is None:
         needed = f"the search for a conversion-gain switch needs at least {FEWEST_SETTINGS}"
-        warnings.append(f"{len(known)} gain settings: {needed}")
+        found_of_series.append(FEW_SETTINGS(f"{len(known)} gain settings: {needed}", len(known)))
     splits = [slice(0, len(known))] if found is None else [slice(0, found.split), slice(found.split, len(known))]
-    warnings += [text for part in splits for text in _irregular(rest[part], settings[part])]
+    found_of_series += [entry for part in splits for entry in _irregular(rest[part], settings[part])]
     modes = tuple(_mode(settings[part], noise[part] if noise is not None else None) for part in splits)
     return GainSeries(
         tuple(_at_analog_gain(step, steps[0].setting, scale, base) for step in steps),
@@ -156,7 +164,7 @@ def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source
         None if found is None or gain_step is None else _switch(found, settings, gain_step, modes),
         modes,
         _unity(settings, rest, (u_gain / gain) ** 2, splits, scale),
-        tuple(warnings),
+        (*found_of_settings, *found_of_series),
         source,
     )
 
@@ -213,13 +221,16 @@ def _switch(found: Switch, settings: Array, gain_step: StepTest, modes: Sequence
     )
 
 
-def _irregular(rest: Array, settings: Array) -> list[str]:
-    """Return warnings about settings whose gain deviates from that of the others by a tenth or more."""
+def _irregular(rest: Array, settings: Array) -> list[Diagnostic]:
+    """Return diagnostics of settings whose gain deviates from that of the others by a tenth or more."""
     if len(rest) < 3:
         return []
     off = np.exp(rest - np.median(rest)) - 1.0
     return [
-        f"gain setting {setting:g}: its system gain deviates by {100 * share:+.0f} % from the trend of the others"
+        IRREGULAR_GAIN(
+            f"gain setting {setting:g}: its system gain deviates by {100 * share:+.0f} % from the trend of the others",
+            share,
+        )
         for setting, share in zip(settings, off, strict=True)
         if abs(share) > 0.1
     ]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from photosite.calibration.gain_series.series_statistics import SettingScale
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
+from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Shown, Tabular, clipped
 
@@ -91,7 +92,7 @@ class ConversionGainSwitch(Shown):
 
 
 @dataclass(frozen=True)
-class GainSeries(Tabular):
+class GainSeries(Diagnosed, Tabular):
     """Result of `calibrate_series`.
 
     Parameters
@@ -105,8 +106,8 @@ class GainSeries(Tabular):
         the two parts of the read noise.
     unity_gain
         Setting at which the system gain is 1 DN per electron.
-    warnings, source
-        Warnings for the user; what was opened.
+    diagnostics, source
+        Limitations of the result; what was opened.
     """
 
     steps: tuple[GainStep, ...]
@@ -114,7 +115,7 @@ class GainSeries(Tabular):
     switch: ConversionGainSwitch | None
     modes: tuple[GainMode, ...]
     unity_gain: Estimate
-    warnings: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
     source: str
 
     @property
@@ -189,6 +190,7 @@ class GainSeries(Tabular):
             "conversion_gain_switch": None if self.switch is None else _plain(vars(self.switch)),
             "modes": [_plain(vars(mode)) for mode in self.modes],
             "unity_gain": self.unity_gain.to_dict(),
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "warnings": list(self.warnings),
         }
 

@@ -8,23 +8,41 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.checks.level_checks import unequal_gains
 from photosite.calibration.dark.dark_result import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.calibration.photon_transfer.dark_noise_ratio import DarkNoiseRatio, find_dark_noise_ratio
+from photosite.calibration.photon_transfer.dark_noise_ratio import (
+    PROCESSED_FRAMES,
+    DarkNoiseRatio,
+    find_dark_noise_ratio,
+)
 from photosite.calibration.photon_transfer.knees import check_knees
 from photosite.calibration.photon_transfer.level_outliers import LightOutlier, find_light_outliers
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.photon_transfer.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
-from photosite.calibration.photon_transfer.response_shape import ToneCurve, find_tone_curve
+from photosite.calibration.photon_transfer.response_shape import TONE_CURVE, ToneCurve, find_tone_curve
 from photosite.calibration.photon_transfer.without_darks import brighter_fatter, straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.withheld import SINGLE_FLATS
 from photosite.sensor.model import Sensor
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
+
+EQUAL_GAINS = 0.01
+"""Relative difference up to which the digital gains of two channels are equal."""
+
+
+UNEQUAL_DIGITAL_GAINS = DiagnosticKind(
+    "unequal-digital-gains",
+    "withheld",
+    "The channels have different digital gains.",
+    "There is no common system gain; it is stated for each channel.",
+    "Use raw numbers, before the white balance.",
+    ("system_gain_dn_per_e", "conversion_gain_*"),
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +62,7 @@ class LightResult:
     tone
         A tone curve, with which no figure of the light holds.
     processed
-        Why flats and dark frames do not belong to one mode of the camera.
+        How the noise of flat fields and dark frames differs, where they do not belong to one mode of the camera.
     outliers
         The levels whose stated light contradicts the others; only their noise is used.
     bend
@@ -57,7 +75,7 @@ class LightResult:
     line_gain: Value
     noise: NoiseStructure
     tone: ToneCurve | None = None
-    processed: Missing | None = None
+    processed: DarkNoiseRatio | None = None
     outliers: tuple[LightOutlier, ...] = ()
     bend: Uncertain | None = None
 
@@ -98,7 +116,7 @@ def measure_light_frames(
     )
     if not dark.noise_unknown and (ratio := find_dark_noise_ratio(measured)) is not None:
         return _withheld(channels, noise, ratio=ratio)
-    if (unequal := unequal_gains(reduction)) is not None:
+    if (unequal := _unequal_gains(reduction)) is not None:
         together = replace(together, gain=unequal, line_gain=unequal)
     return replace(together, channels=measured, noise=noise, outliers=tuple(outliers))
 
@@ -124,9 +142,9 @@ def _withheld(
     ratio: DarkNoiseRatio | None = None,
 ) -> LightResult:
     """Return the channels without gain, because of a tone curve or of another mode of the dark frames."""
-    why = Missing(str(tone or ratio))
+    why = PROCESSED_FRAMES.missing(str(ratio)) if tone is None else TONE_CURVE.missing(str(tone))
     without = tuple(replace(channel, gain=why, line_gain=why) for channel in channels)
-    return LightResult(without, None, why, why, noise, tone, None if ratio is None else why)
+    return LightResult(without, None, why, why, noise, tone, ratio)
 
 
 def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) -> LightResult:
@@ -176,4 +194,17 @@ def _no_photon_transfer(channels: Sequence[Channel]) -> Missing | None:
     if levels > 1:
         return None
     lights = f"{'no level' if levels == 0 else 'one level'} of light in the linear range has two frames"
-    return Missing(f"{lights}; photon transfer needs two such levels, or one and the noise of dark frames; {why}")
+    return SINGLE_FLATS.missing(
+        f"{lights}; photon transfer needs two such levels, or one and the noise of dark frames; {why}"
+    )
+
+
+def _unequal_gains(reduction: Reduction) -> Missing | None:
+    """Return why the channels have no common system gain; None where they have."""
+    gains = [1.0 if steps is None else steps.of_groups[reduction.reference or 0] for steps in reduction.steps]
+    if max(gains) < (1.0 + EQUAL_GAINS) * min(gains):
+        return None
+    each = ", ".join(f"{name} {gain:.3g}" for name, gain in zip(reduction.names, gains, strict=True))
+    return UNEQUAL_DIGITAL_GAINS.missing(
+        f"the channels have different digital gains ({each}); the system gain is stated for each of them"
+    )

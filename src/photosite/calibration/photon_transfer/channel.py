@@ -9,7 +9,7 @@ lines. They are the same where the response is straight within the noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
+from photosite.calibration.withheld import FEW_LEVELS, NO_LINEAR_LEVEL, UNKNOWN_DARK_CURRENT, UNKNOWN_PHOTONS
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.shown import Shown
@@ -39,11 +40,8 @@ from photosite.values.uncertain import Missing, Uncertain, Value, derive
 _UNSATURATED = 0.9
 """Share of the signal at saturation below which pixels do not saturate, but for very uneven ones."""
 
-NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
+NO_PHOTONS = UNKNOWN_PHOTONS.missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
-
-FAR = 3.29
-"""Size of a bend, in its standard uncertainties, from which a warning names its cause: 1 in 1000."""
 
 FAR_CURRENT, LARGEST_DARK = 3.0, 0.1
 """Standard uncertainties to the largest dark current that the means allow; share of the signal up to which it may be
@@ -110,7 +108,7 @@ class Channel:
             return NO_PHOTONS
         fit = fit_response(self.levels, self.used)
         if fit is None:
-            return Missing("no light level lies in the linear range")
+            return NO_LINEAR_LEVEL.missing("no light level lies in the linear range")
         if (why := self.no_slope_of_light()) is not None:
             return why
         take = self.used & self.levels.trusted
@@ -142,7 +140,7 @@ class Channel:
             high = min(high, max(current.value, 0.0) + reach)
             low = min(max(current.value - reach, 0.0), high)
         if high * float(np.abs(seconds).max()) > LARGEST_DARK * float(self.levels.signal[take].max()):
-            return Missing(
+            return UNKNOWN_DARK_CURRENT.missing(
                 f"the dark current is not known, and may be a part of the signal of more than {100 * LARGEST_DARK:.0f} "
                 f"%: all dark frames have the exposure time {format_exposure(dark_s)} s; take some at a second one"
             )
@@ -160,7 +158,7 @@ class Channel:
             return None
         take = self.used & self.levels.trusted
         if self.dark.mean.reason and len(np.unique(self.levels.x[take])) < 2:
-            return Missing(f"one level of light in the linear range; {why}")
+            return FEW_LEVELS.missing(f"one level of light in the linear range; {why}")
         times = self.levels.exposure_s[take]
         return unknown_dark_current(float(times.min()), float(times.max()), why)
 
@@ -191,70 +189,6 @@ class Channel:
         of_dark = np.sum(weights**2 * dark.variance, axis=1)
         # Negative only by rounding.
         return levels.shot + weights @ dark.y, np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)
-
-
-def response_warnings(names: Sequence[str], channels: Sequence[Channel]) -> Iterator[str]:
-    """Yield a warning for the channel whose gain a bend changes most, if it changes value or uncertainty by half."""
-    bent = [(name, c, c.curve, c.gain, c.line_gain) for name, c in zip(names, channels, strict=False)]
-    found = [
-        (gain.value / line.value - 1.0, gain.relative, line.relative, name, channel, curve)
-        for name, channel, curve, gain, line in bent
-        if curve is not None and isinstance(gain, Uncertain) and isinstance(line, Uncertain)
-    ]
-    if not found:
-        return
-    change, spread, by_line, name, channel, curve = max(found, key=lambda entry: max(abs(entry[0]), entry[1]))
-    if abs(change) < 0.5 * by_line and spread < 1.5 * by_line:
-        return
-    top = int(np.flatnonzero(channel.used)[np.argmax(channel.levels.signal[channel.used])])
-    sensor, light = curve.bend[top], curve.bend_of_light(top)
-    at = f"at {channel.levels.signal[top]:.4g} DN" + (f" in channel {name}" if len(names) > 1 else "")
-    gain, levels = 100.0 * change, np.flatnonzero(channel.used)
-    if curve.shape is None:
-        yield (
-            f"the temporal variance is not in proportion to the signal, though the signal is to the light: the system "
-            f"gain at small signal is {_away(gain)} that of a straight line. Causes are noise that pixels "
-            f"share at large signals (brighter-fatter effect), or a bend of the response that errors of the light "
-            f"hide; the uncertainties of responsivity, PRNU and wells include such a bend"
-        )
-        return
-    by_sensor = abs(change) > FAR * spread or any(curve.bend[i].beyond(FAR) for i in levels)
-    by_light = any(curve.bend_of_light(int(i)).beyond(FAR) for i in levels)
-    if by_sensor:
-        responsivity = _responsivity_change(channel)
-        yield (
-            f"the response bends: {at}, the signal is {_away(100 * math.expm1(-sensor.value))} a straight response. "
-            f"All parameters follow from the system gain{responsivity[0]} at small signal, the figures of EMVA 1288 "
-            f"from a straight line: the gain at small signal is {_away(gain)} that of the line{responsivity[1]}"
-        )
-    if by_light:
-        yield (
-            f"the light is not in proportion to what is stated: {at}, the signal is "
-            f"{_away(100 * math.expm1(-light.value))} it, and the variances show that the sensor is not the cause "
-            f"(lamp, shutter, stated light). The system gain is not affected; the uncertainties of responsivity and "
-            f"quantum efficiency include it"
-        )
-    if not (by_sensor or by_light):
-        yield (
-            f"the signals are not in proportion to the stated light, by {100 * channel.disproportion:.2g} %, and the "
-            f"variances cannot tell a bend of the response from errors of the light: the uncertainty of the system "
-            f"gain covers both and is {spread / by_line:.2g} times that of a straight line; the gain is {_away(gain)} "
-            f"that of the line. Take more frames, or check lamp and shutter"
-        )
-
-
-def _responsivity_change(channel: Channel) -> tuple[str, str]:
-    """Return the words on the responsivity at small signal and its difference from the line; empty without photons."""
-    at_zero, by_line = channel.responsivity(), channel.responsivity(by_line=True)
-    if isinstance(at_zero, Missing) or isinstance(by_line, Missing):
-        return "", ""
-    change = 100.0 * (at_zero.value / by_line.value - 1.0)
-    return " and the responsivity", f", the responsivity {_away(change)} its own"
-
-
-def _away(percent: float) -> str:
-    """Return a deviation in words, such as "4.6 % below"."""
-    return f"{abs(percent):.2g} % {'below' if percent < 0.0 else 'above'}"
 
 
 Array = NDArray[np.float64]

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from photosite.calibration.photon_transfer.channel import Channel
+from photosite.values.diagnostic import DiagnosticKind
 
 BY_CHANCE = 1e-4
 """Share of channels of ordinary frames that may be reported (Student's t)."""
@@ -53,6 +54,19 @@ class DarkNoiseRatio:
             f"that of the dark frames, as if {cause}; photon transfer needs flat fields and dark "
             f"frames of the same mode"
         )
+
+
+PROCESSED_FRAMES = DiagnosticKind(
+    "different-modes",
+    "warning",
+    "The temporal variance of the flat fields at no signal is not that of the dark frames.",
+    "Dark frames or flat fields were averaged, denoised, or had a dark frame subtracted: the system gain and what "
+    "follows from it are withheld.",
+    "Take flat fields and dark frames in one mode, without averages, noise reduction or dark frame subtraction.",
+    ("system_gain_dn_per_e", "*_e", "*_e_per_s", "quantum_efficiency_*"),
+    "variance of the flat fields at no signal over that of the dark frames",
+    "below 1 of 10 000 channels",
+)
 
 
 def find_dark_noise_ratio(channels: Sequence[Channel]) -> DarkNoiseRatio | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import NOT_REACHED
+from photosite.calibration.withheld import FEW_LEVELS, NO_SIGNAL_TO_NOISE, UNKNOWN_DARK_NOISE
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -80,13 +81,13 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     """
     levels = channel.levels
     if channel.dark.mean.reason:
-        return Missing(channel.dark.mean.reason)
+        return UNKNOWN_DARK_NOISE.missing(channel.dark.mean.reason)
     order = np.lexsort((np.diag(levels.signal_covariance), levels.x))
     order = order[levels.trusted[order]]
     place = order[np.append(True, np.diff(levels.x[order]) > 0.0)]
     x, signal = levels.x[place], levels.signal[place]
     if len(x) < LEAST_LEVELS:
-        return Missing(f"{len(x)} light levels; a characteristic curve needs {LEAST_LEVELS} or more")
+        return FEW_LEVELS.missing(f"{len(x)} light levels; a characteristic curve needs {LEAST_LEVELS} or more")
     covariance = levels.signal_covariance[np.ix_(place, place)]
     difference = local_slopes(x)
     slope = difference @ signal
@@ -149,12 +150,14 @@ def _threshold(dark: Value, x: Array, slope: Array, variance: Array) -> Value:
     if isinstance(dark, Missing):
         return dark
     if not x.size or dark.value <= 0.0:
-        return Missing("no light level shows noise and signal, or the dark temporal variance is not above zero")
+        return NO_SIGNAL_TO_NOISE.missing(
+            "no light level shows noise and signal, or the dark temporal variance is not above zero"
+        )
     light, noise = np.append(0.0, x), np.append(dark.value, variance)
     rise = np.append(slope[0], slope)
     above = np.flatnonzero(light**2 * rise**2 >= noise)
     if not above.size:
-        return Missing("no light level has a signal-to-noise ratio of 1 or more")
+        return NO_SIGNAL_TO_NOISE.missing("no light level has a signal-to-noise ratio of 1 or more")
     i = int(above[0])
 
     def excess(at: float) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.groups import CLIPPED_SHARE
+from photosite.calibration.withheld import SEVERAL_CAPTURES
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 
@@ -202,4 +203,4 @@ def check_knees(channels: Sequence[Channel], source: str) -> None:
         cause = "the numbers are companded, or combine several captures"
     what = f"the temporal variance steps at {where} above black: {cause}"
     hint = "Use calibrate_combined, with the companding table if there is one, or calibrate the frames of each capture"
-    raise SeveralCapturesError(what, where=source, hint=hint)
+    raise SeveralCapturesError(what, where=source, hint=hint, id=SEVERAL_CAPTURES.id)

@@ -19,6 +19,7 @@ from scipy.special import stdtrit
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, find_saturation, linear_levels
 from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,18 @@ def find_light_outliers(channels: Sequence[LightLevels], whites: Sequence[int]) 
             group = int(levels.group[place])
             found[group] = max(found.get(group, 1.0), deviation, key=lambda ratio: abs(math.log(ratio)))
     return [LightOutlier(group, found[group]) for group in sorted(found)]
+
+
+LIGHT_OUTLIERS = DiagnosticKind(
+    "wrong-light-levels",
+    "warning",
+    "The stated light of a few levels contradicts the others.",
+    "They were left out of responsivity, linearity, PRNU and saturation exposure; only their noise was used.",
+    "Check lamp, shutter and the list of levels.",
+    ("responsivity_*", "quantum_efficiency_*", "linearity_*", "prnu*", "saturation_capacity_photons"),
+    "stated light of the worst level over the light that its signal shows",
+    "below 1 of 10 000 sets of levels of one channel",
+)
 
 
 def outlier_warning(lights: Sequence[GroupStatistics], outliers: Sequence[LightOutlier]) -> str:

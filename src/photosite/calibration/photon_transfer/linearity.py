@@ -10,6 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.withheld import (
+    FEW_LEVELS,
+    NO_FLAT_FIELDS,
+    NO_SATURATION,
+    UNDEFINED_LINEARITY,
+    UNKNOWN_DARK_NOISE,
+)
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
@@ -86,7 +93,9 @@ def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Es
         f"over 0.9 of the signal at saturation (EMVA 1288 R3.0){suffix}",
     }
     if not known:
-        missing = next((entry for entry in channels if isinstance(entry, Missing)), Missing("no light frames"))
+        missing = next(
+            (entry for entry in channels if isinstance(entry, Missing)), NO_FLAT_FIELDS.missing("no light frames")
+        )
         return {name: Estimate.of(missing, text) for name, text in methods.items()}
     even = [1.0] * len(known)
     values = (
@@ -106,9 +115,11 @@ def channel_linearity(channel: Channel) -> Linearity | Missing:
     """
     levels, saturation = channel.levels, channel.saturation
     if channel.dark.mean.reason:
-        return Missing(channel.dark.mean.reason)
+        return UNKNOWN_DARK_NOISE.missing(channel.dark.mean.reason)
     if saturation.signal is None or saturation.index is None:
-        return Missing("linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation")
+        return NO_SATURATION.missing(
+            "linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation"
+        )
     levels = levels.take(np.flatnonzero(levels.trusted & (np.arange(len(levels.x)) <= saturation.index)))
     return linearity(levels.x, levels.signal, levels.signal_covariance, saturation.signal, levels.abscissa)
 
@@ -152,12 +163,14 @@ def linearity(
     used = (signal >= RANGE[0] * saturation) & (signal <= RANGE[1] * saturation)
     different = len(np.unique(x[used]))
     if different < LEAST_LEVELS:
-        return Missing(
+        return FEW_LEVELS.missing(
             f"{different} light levels lie between 5 and 95 % of saturation; linearity needs {LEAST_LEVELS}, better 9"
         )
     relative, full_scale = (_fit(is_relative, x, signal, covariance, used, saturation) for is_relative in (True, False))
     if not math.isfinite(relative.error.value):
-        return Missing("the line of least relative squares through the response falls to zero within its range")
+        return UNDEFINED_LINEARITY.missing(
+            "the line of least relative squares through the response falls to zero within its range"
+        )
     return Linearity(abscissa, x, signal, np.sqrt(np.diag(covariance)), used, relative, full_scale)
 
 

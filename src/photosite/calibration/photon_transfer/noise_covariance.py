@@ -37,6 +37,7 @@ from photosite.calibration.photon_transfer.photon_transfer import LightLevels
 from photosite.engine.jit import THREADS
 from photosite.engine.noise_products import DifferenceProducts, difference_products, frame_products
 from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 FRAME_REACH = 2
@@ -610,6 +611,20 @@ class SharedNoise:
         )
 
 
+SHARED_NOISE = DiagnosticKind(
+    "correlated-noise",
+    "warning",
+    "The noise of neighboring pixels or of successive frames is correlated.",
+    "Pixels share charge, or charge stays for the next frame (image lag): the system gain comes from summed "
+    "covariances. A filter in the camera is a cause as well: where the dark noise is correlated too, the figures of "
+    "noise are withheld.",
+    "Switch noise reduction, sharpening, compression and demosaicing off; leave a pause between levels.",
+    ("system_gain_dn_per_e", "*_e", "read_noise_*", "dsnu*", "prnu*"),
+    "correlation coefficient",
+    "below 1 of 2000 sets",
+)
+
+
 def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance]) -> SharedNoise | None:
     """Return how shot noise is correlated between pixels and between frames; None where it is not, within chance.
 
@@ -652,7 +667,7 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
     largest = max(abs(entry.factor.value - 1.0) for entry in charge)
     if largest > LARGEST_IN_DOUBT:
         why = f"{seen_correlations(neighbors, frames)}, {doubt}, which would change the gain by {100.0 * largest:.2g} %"
-        return SharedNoise(neighbors, frames, Missing(why))
+        return SharedNoise(neighbors, frames, SHARED_NOISE.missing(why))
     return SharedNoise(neighbors, frames, tuple(entry.in_doubt() for entry in charge), doubt)
 
 
@@ -700,7 +715,7 @@ def _doubt(
     """Return why a filter may be the cause, and what would tell; empty where it is not, missing where it is."""
     seen = seen_correlations(neighbors, frames)
     if frames is not None and frames < 0.0:
-        return Missing(f"{seen}, which image lag does not explain: the noise is not the sensor's")
+        return SHARED_NOISE.missing(f"{seen}, which image lag does not explain: the noise is not the sensor's")
     noise = [entry.variance - QUANTISATION_DN2 for entry in dark]
     if min(noise) <= QUANTISATION_DN2:
         return "and rounding hides whether the dark noise is too, as after a filter in the camera (take a higher gain)"
@@ -733,7 +748,7 @@ def _doubt(
         causes.append("noise reduction, sharpening, lossy compression, demosaicing or rescaling")
     if frames is not None:
         causes.append("noise reduction over time, or copies of frames with small changes")
-    return Missing(
+    return SHARED_NOISE.missing(
         f"{seen}, in dark frames as in flat fields: the frames were processed before they were saved "
         f"({'; '.join(causes)}), and their noise is not the sensor's"
     )

@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration import withheld
 from photosite.calibration.dark.dark_result import GroupMean
 from photosite.calibration.light.flicker import Flicker, RowLight, find_flicker, with_frequency
 from photosite.calibration.photon_transfer.noise_covariance import (
     LEAST_RUN,
+    SHARED_NOISE,
     NoiseCovariance,
     Run,
     SharedNoise,
@@ -41,7 +43,7 @@ RUN = 8
 LEAST_SIDE = 8
 """Rows and columns of a channel below which frames are too small to tell neighbors from far pixels."""
 
-NO_COUPLING = Missing(
+NO_COUPLING = withheld.NO_COUPLING.missing(
     f"the coupling of pixels needs two dark frames, and two flat fields in the linear range, each channel with "
     f"{LEAST_SIDE} rows and columns"
 )
@@ -116,7 +118,7 @@ def _coupling(
     if shared is not None and isinstance(shared.charge, Missing):
         return shared.charge
     if shared is not None and shared.doubt:
-        return Missing(f"{seen_correlations(shared.neighbors, shared.frames)}, {shared.doubt}")
+        return SHARED_NOISE.missing(f"{seen_correlations(shared.neighbors, shared.frames)}, {shared.doubt}")
     if min(entry.variance for entry in shot) <= 0.0 or min(signal) <= 0.0:
         return NO_COUPLING
     return fit_coupling(shot, tile, signal, seen=shared is not None and shared.neighbors is not None)
@@ -130,7 +132,7 @@ def _withheld(shared: SharedNoise | None, flicker: Flicker | None) -> NoiseStruc
         seen = str(flicker)
     else:
         seen = seen_correlations(shared.neighbors, shared.frames)
-    why = Missing(f"{seen}; without two dark frames at one exposure time this cannot be corrected")
+    why = SHARED_NOISE.missing(f"{seen}; without two dark frames at one exposure time this cannot be corrected")
     return NoiseStructure(SharedNoise(None, None, why))
 
 

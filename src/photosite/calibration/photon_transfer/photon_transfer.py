@@ -14,7 +14,8 @@ from scipy.linalg import block_diag
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
-from photosite.values.uncertain import Missing, Source, Uncertain, Value, combined
+from photosite.calibration.withheld import NO_PHOTON_TRANSFER, NO_SATURATION, SINGLE_FLATS
+from photosite.values.uncertain import Source, Uncertain, Value, combined
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ LINEAR_SHARE = 0.7
 FALLEN_SHARE = 0.8
 """A brighter level with a shot variance below this share of the largest shows that the maximum is passed."""
 
-NOT_REACHED = Missing(
+NOT_REACHED = NO_SATURATION.missing(
     "no flat field reached saturation; take flat fields up to the level where they stop getting brighter"
 )
 
@@ -204,7 +205,7 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
     level_dn, method = _clipped_level(levels, white)
     repeated = np.flatnonzero(levels.repeated)
     if repeated.size == 0:
-        x: Value = Missing("no light level has two frames, which the variance at saturation needs")
+        x: Value = SINGLE_FLATS.missing("no light level has two frames, which the variance at saturation needs")
         reached, peak = isinstance(level_dn, Uncertain), int(np.argmax(levels.signal))
     else:
         peak = int(repeated[np.argmax(levels.shot[repeated])])
@@ -261,7 +262,7 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
         method = f"full scale of the converter: {100 * share:.3g} % of the values in the brightest flat fields"
         return Uncertain.of(float(white)), method
     reason = "no flat field is clipped; take flat fields up to the level where they stop getting brighter"
-    return Missing(reason), "fully clipped flat fields"
+    return NO_SATURATION.missing(reason), "fully clipped flat fields"
 
 
 def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.bool_]:
@@ -331,10 +332,12 @@ def effect_of_darks(masked: Sequence[tuple[LightLevels, NDArray[np.bool_]]], fit
 def gain_value(fit: GainFit | None, gain: Uncertain | None = None) -> Value:
     """Return K in DN/e-, by default the slope of the line, or the reason why it is missing."""
     if fit is None:
-        return Missing("no light level in the linear range has two frames; photon transfer needs their noise")
+        return SINGLE_FLATS.missing(
+            "no light level in the linear range has two frames; photon transfer needs their noise"
+        )
     slope, uncertainty = float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0]))
     if slope < 2.0 * uncertainty:
-        return Missing(
+        return NO_PHOTON_TRANSFER.missing(
             f"the temporal variance does not rise with the signal (slope {slope:.3g} ± {uncertainty:.3g} DN); "
             f"photon transfer needs brighter flat fields or more frames"
         )

@@ -33,6 +33,7 @@ from scipy.linalg import block_diag
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
 from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
+from photosite.calibration.withheld import WRONG_PROPORTION
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Source, Uncertain
@@ -193,7 +194,7 @@ def fit_bent_gain(
     joint = _Joint.of(channels, used, signals, shapes)
     if joint.largest_bend > LARGEST_BEND:
         factor = f"{math.exp(joint.largest_bend):.2g}" if joint.largest_bend < math.log(100.0) else "more than 100"
-        return Missing(f"the signal is not in proportion to the stated light, by a factor of {factor}")
+        return WRONG_PROPORTION.missing(f"the signal is not in proportion to the stated light, by a factor of {factor}")
     found = joint.fit(line, OWN_BEND * joint.largest_bend) if bent else None
     if bent or joint.may_bend():
         free = joint.fit(line, OWN_BEND)

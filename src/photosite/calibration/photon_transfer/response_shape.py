@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE, LightLevels
+from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.float64]
 
@@ -214,6 +215,18 @@ class ToneCurve:
             f"square-root companding) or soft saturation; calibrate raw numbers, undo the curve with its table "
             f"(--linearize), or take more dim flat fields"
         )
+
+
+TONE_CURVE = DiagnosticKind(
+    "tone-curve",
+    "warning",
+    "The numbers are not proportional to the light, and the temporal variance is not to the signal.",
+    "A tone curve (gamma, logarithm, companding) or soft saturation: all figures from the flat fields are withheld but "
+    "saturation in DN and linearity.",
+    "Calibrate raw numbers, undo the curve with its table (--linearize), or take more dim flat fields.",
+    ("system_gain_dn_per_e", "*_e", "*_e_per_s", "prnu*", "responsivity_*", "quantum_efficiency_*", "*_photons"),
+    "exponent of the signal against the light",
+)
 
 
 def find_tone_curve(channels: Sequence[LightLevels]) -> ToneCurve | None:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import fit_response
+from photosite.calibration.withheld import NO_LINEAR_LEVEL
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain
 
@@ -111,7 +112,7 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     if isinstance(gain, Missing):
         return gain
     if fit is None:
-        return Missing("no light level lies in the linear range")
+        return NO_LINEAR_LEVEL.missing("no light level lies in the linear range")
     if isinstance(dark := channel.dark.variance.at_zero, Missing):
         return dark
     variance, variance_u2 = channel.temporal_variance()

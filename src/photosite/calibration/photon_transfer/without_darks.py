@@ -21,6 +21,7 @@ from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.spatial.pixel_slopes import slope_coefficients
+from photosite.calibration.withheld import UNKNOWN_DARK_CURRENT, UNKNOWN_DARK_NOISE
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 Array = NDArray[np.float64]
@@ -89,7 +90,7 @@ def unknown_dark_current(shortest_s: float, longest_s: float, reason: str) -> Mi
     """Return why flat fields of a range of exposure times hold an unknown dark current; None where they hardly do."""
     if not longest_s - shortest_s > CONSTANT_S:
         return None
-    return Missing(
+    return UNKNOWN_DARK_CURRENT.missing(
         f"flat fields of {shortest_s:g} to {longest_s:g} s hold a dark current that is not known: {reason}; or take "
         f"flat fields of different light at one exposure time"
     )
@@ -174,7 +175,7 @@ def brighter_fatter(levels: Sequence[LightLevels], used: Sequence[NDArray[np.boo
 
 
 def _not_proportional() -> Missing:
-    return Missing(
+    return UNKNOWN_DARK_NOISE.missing(
         "the means of the flat fields do not lie on a straight line against the stated light, and without dark frames "
         "a bend of the response cannot be corrected; take dark frames"
     )

@@ -22,8 +22,9 @@ from photosite.errors import FileError
 from photosite.files.hdf5 import check_own_data, create_hdf5
 from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
 from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.values.diagnostic import Diagnostic
 
-_VERSION = 5
+_VERSION = 6
 SAVE_EVERY_S = 20.0
 """Seconds of work that an interruption may lose; a finished group is saved at once."""
 
@@ -48,7 +49,7 @@ class FirstPass:
     identities: list[FrameIdentity] = field(default_factory=list)  # of the frames read
     used: list[int] = field(default_factory=list)  # indices of those that are not repeats
     digests: list[str] = field(default_factory=list)  # of the sampled rows of each used frame
-    rejected: list[str] = field(default_factory=list)  # reasons for the others
+    rejected: list[Diagnostic] = field(default_factory=list)  # why the others are not used
     screened: bool = False  # whether all frames were read, and outlier frames left out
     counts: Counts = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # `count_codes`, once screened
     samples: list[NDArray[np.uint16]] = field(default_factory=list)  # `sample_grid` of each used frame, until screened
@@ -111,6 +112,7 @@ class Checkpoint:
         """Save a group's sums, completely or not at all."""
         note = {name: value for name, value in vars(progress).items() if name not in ("counts", "samples")}
         note |= {"version": _VERSION, "group": self._identity(group)}
+        note["rejected"] = [found.to_dict() for found in progress.rejected]
         with atomic_path(self._files[id(group)]) as temporary, create_hdf5(temporary) as file:
             file.attrs["progress"] = json.dumps(note)
             for name, array in sums.state().items():
@@ -139,7 +141,9 @@ class Checkpoint:
                         FrameIdentity(None if stamp is None else tuple(stamp), sha256)
                         for stamp, sha256 in note["identities"]
                     ]
-                    found = FirstPass(**note | {"samples": samples, "counts": counts, "identities": identities})
+                    rejected = [Diagnostic.from_dict(entry) for entry in note["rejected"]]
+                    own = {"samples": samples, "counts": counts, "identities": identities, "rejected": rejected}
+                    found = FirstPass(**note | own)
         except (OSError, KeyError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise FileError(path, f"the file holds no checkpoint, or is damaged ({reason})", hint="Remove it") from None

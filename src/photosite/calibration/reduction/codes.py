@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from photosite.values.diagnostic import DiagnosticKind
+
 Counts = NDArray[np.int64]
 """(n, 3): channel, digital number, and how often it occurs among the sampled pixels of a group."""
 
@@ -271,6 +273,19 @@ class Sums:
             f"the sum of {self.number} of the converter's (binned pixels or averaged frames); gain, wells and noise "
             f"hold for the sums, and the quantization noise of {self.number} codes was taken off"
         )
+
+
+SUMMED_CODES = DiagnosticKind(
+    "summed-codes",
+    "warning",
+    "The flat fields are clipped at a multiple of a smaller converter's full scale.",
+    "Each number is the sum of several of the converter's (binned pixels or averaged frames): gain, wells and noise "
+    "are those of the sums, and their quantization noise was taken off.",
+    "Switch binning and averaging off, if single pixels are wanted.",
+    ("system_gain_dn_per_e", "saturation_*", "read_noise_*"),
+    "number of codes in a sum",
+    "below 1 of 1000 cameras",
+)
 
 
 def find_sums(white: int, step: float, bits: int) -> Sums | None:

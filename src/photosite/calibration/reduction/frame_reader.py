@@ -14,8 +14,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.frame_screening import sample_grid
-from photosite.calibration.checks.group_screening import Screening, screen_frames
 from photosite.calibration.reduction.checkpoint import (
     Checkpoint,
     FirstPass,
@@ -24,15 +22,18 @@ from photosite.calibration.reduction.checkpoint import (
     identity,
 )
 from photosite.calibration.reduction.codes import Counts
+from photosite.calibration.reduction.frame_screening import NEAR_COPY_FRAME, NO_MAJORITY, sample_grid
+from photosite.calibration.reduction.group_screening import Screening, screen_frames
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.jit import THREADS
 from photosite.engine.threads import computed_beside
-from photosite.errors import CalibrationError, FileError
+from photosite.errors import FileError
 from photosite.files.small_files import file_stamp
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.frames.stored_rows import StoredRows
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
 T = TypeVar("T")
 
@@ -81,6 +82,16 @@ def _open_files() -> int:
     return max(2, min(_MOST_OPEN, limit // 4)) if limit != resource.RLIM_INFINITY else _MOST_OPEN
 
 
+REPEATED_FRAME = DiagnosticKind(
+    "repeated-frame",
+    "left out",
+    "A frame repeats another pixel for pixel.",
+    "The copy was left out: it has no noise of its own.",
+    "Look for a camera or program that writes a frame twice.",
+    false_alarms="none: frames are compared",
+)
+
+
 class FrameReader:
     """Reads the groups of a frame set into exact sums, with a few frames in memory at a time.
 
@@ -96,7 +107,7 @@ class FrameReader:
         self.tile = label_tile(frames.cfa)
         self.white = (1 << frames.bits) - 1
         self.used_frames: list[UsedFrame] = []
-        self.rejected: list[str] = []
+        self.rejected: list[Diagnostic] = []
         self.counts: dict[int, Counts] = {}
         """`count_codes` of each group's samples, by the `id` of the group."""
         self._dark_dn: float | None = None
@@ -195,12 +206,12 @@ class FrameReader:
             return mean
         return self.sums(group).mean_frame()
 
-    def leave_out_groups(self, groups: Sequence[FrameGroup], reason: str) -> None:
+    def leave_out_groups(self, groups: Sequence[FrameGroup], kind: DiagnosticKind, reason: str) -> None:
         """Leave groups that were read out of the frames, and announce that the others will be read again."""
         unwanted = {id(group) for group in groups}
         sources = {id(source) for group in groups for source in group.frames}
         left = tuple(group for group in self.frames.groups if id(group) not in unwanted)
-        self.rejected += [f"{source.name}: {reason}" for group in groups for source in self.used_sources(group)]
+        self.rejected += [kind(f"{source.name}: {reason}") for group in groups for source in self.used_sources(group)]
         for group in groups:
             del self.counts[id(group)]
         self.used_frames = [entry for entry in self.used_frames if id(entry.source) not in sources]
@@ -279,7 +290,10 @@ class FrameReader:
         if copies:
             names, size = [group.frames[i].name for i in first.used], first.samples[0].size
             reasons = [
-                f"{names[place]} repeats {names[original]}: {differ} of {size} sampled pixels differ ({label})"
+                NEAR_COPY_FRAME(
+                    f"{names[place]} repeats {names[original]}: {differ} of {size} sampled pixels differ ({label})",
+                    differ,
+                )
                 for place, (original, differ) in copies.items()
             ]
             self._leave_out(first, copies, reasons)
@@ -288,13 +302,13 @@ class FrameReader:
             named = [(group.frames[first.used[place]].name, reason) for place, reason in outliers.items()]
             if 2 * len(outliers) >= n:
                 shown = ", ".join(name for name, _ in named[:3]) + (f" and {len(named) - 3} more" * (len(named) > 3))
-                raise CalibrationError(
+                raise NO_MAJORITY.error(
                     f"{shown} {'' if n == 2 else f'of {n} '}differ from each other far beyond noise, and there is no "
                     f"majority that shows which are broken ({named[0][0]}: {named[0][1]})",
                     where=f"{self.frames.source}: {label}",
                     hint="Remove the broken frames, or correct what is listed as one setting",
                 )
-            reasons = [f"{name} differs from the other {label}: {reason}" for name, reason in named]
+            reasons = [reason.within(f"{name} differs from the other {label}") for name, reason in named]
             self._leave_out(first, outliers, reasons)
         if len(first.used) < before:
             self.expect(len(first.used))
@@ -302,13 +316,13 @@ class FrameReader:
         first.counts = counts
         first.screened, first.samples = True, []
 
-    def _leave_out(self, first: FirstPass, places: Collection[int], reasons: Sequence[str]) -> None:
+    def _leave_out(self, first: FirstPass, places: Collection[int], reasons: Sequence[Diagnostic]) -> None:
         left = [place for place in range(len(first.used)) if place not in places]
         first.used, first.digests = [first.used[i] for i in left], [first.digests[i] for i in left]
         first.samples = [first.samples[i] for i in left]
         self._reject(first, *reasons)
 
-    def _reject(self, first: FirstPass, *reasons: str) -> None:
+    def _reject(self, first: FirstPass, *reasons: Diagnostic) -> None:
         first.rejected += reasons
         self.rejected += reasons
 
@@ -325,7 +339,8 @@ class FrameReader:
                 first.read += 1
                 yield read
             else:
-                self._reject(first, f"{read.source.name} repeats {original} pixel for pixel ({group_label(group)})")
+                text = f"{read.source.name} repeats {original} pixel for pixel ({group_label(group)})"
+                self._reject(first, REPEATED_FRAME(text))
                 first.read += 1
                 self._count(1)
 

@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.dark_exposures import find_wrong_exposure
-from photosite.calibration.checks.foreign_frames import GroupSample, find_foreign_groups
-from photosite.calibration.checks.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.codes import (
     Counts,
     Steps,
@@ -21,7 +18,10 @@ from photosite.calibration.reduction.codes import (
     find_white_level,
     share_above,
 )
+from photosite.calibration.reduction.dark_exposures import WRONG_DARK_EXPOSURE, find_wrong_exposure
+from photosite.calibration.reduction.foreign_frames import FOREIGN_FRAMES, GroupSample, find_foreign_groups
 from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
@@ -29,6 +29,7 @@ from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
 UNSATURATED = 0.7
 """Level, as a share of that of the largest variance, up to which all pixels have the noise of the mean."""
@@ -48,7 +49,7 @@ class Reduction:
     steps: tuple[Steps | None, ...]  # of the converter's codes in each channel; None where they are 1 DN
     sums: tuple[Sums | None, ...]  # whether each channel's numbers are sums of several codes
     bits_used: int  # bits that occur in the sampled numbers
-    rejected: tuple[str, ...]  # frames left out, each with the reason
+    rejected: tuple[Diagnostic, ...]  # frames left out
     used: tuple[UsedFrame, ...]
 
     @property
@@ -71,13 +72,28 @@ class Reduction:
         return text.format(name) if len(self.names) > 1 else ""
 
     def error(
-        self, what: str, hint: str | None = None, group: GroupStatistics | None = None, channel: str = ""
+        self,
+        kind: DiagnosticKind,
+        what: str,
+        hint: str | None = None,
+        group: GroupStatistics | None = None,
+        channel: str = "",
     ) -> CalibrationError:
-        """Return an error about these frames, or about one of the groups and a channel of it."""
+        """Return an error of a kind about these frames, or about one of the groups and a channel of it."""
         where = self.frames.source
         if group is not None:
             where += f": {group.label}" + (self.of_channel(channel) if channel else "")
-        return CalibrationError(what, where=where, hint=hint)
+        return kind.error(what, where=where, hint=hint)
+
+
+SEVERAL_CHIPS = DiagnosticKind(
+    "several-chips",
+    "refused",
+    "The groups have different fixed patterns, and none has the majority.",
+    "There is no result: the frames are those of several chips.",
+    "Calibrate the frames of each chip by themselves.",
+    ("*",),
+)
 
 
 def reduce_frames(reader: FrameReader) -> Reduction:
@@ -94,10 +110,10 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     reduction, samples = _reduce(reader)
     if foreign := _foreign_groups(reader, reduction, samples):
         reason = "its fixed pattern is not that of the other groups: another chip, or another readout"
-        reader.leave_out_groups(foreign, reason)
+        reader.leave_out_groups(foreign, FOREIGN_FRAMES, reason)
         reduction, _ = _reduce(reader)
     if (wrong := find_wrong_exposure(reduction.darks)) is not None:
-        reader.leave_out_groups([reduction.darks[wrong.group].group], str(wrong))
+        reader.leave_out_groups([reduction.darks[wrong.group].group], WRONG_DARK_EXPOSURE, str(wrong))
         reduction, _ = _reduce(reader)
     return reduction
 
@@ -122,6 +138,7 @@ def _foreign_groups(
         others = [entries[i].statistics for i in found]
         if others and 2 * len(others) >= len(entries):
             raise reduction.error(
+                SEVERAL_CHIPS,
                 f"the fixed pattern of the {', '.join(entry.label for entry in others)} is not that of the other "
                 f"{others[0].group.kind} frames, and neither has the majority: the frames are those of several chips",
                 "Calibrate the frames of each chip by themselves",

@@ -29,6 +29,7 @@ from photosite.calibration.spatial.channel_tables import measured_channels, with
 from photosite.calibration.spatial.far_pixels import FarPixels, find_far_pixels
 from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, shading_variance, without_neighbors
 from photosite.calibration.spatial.periodic_structure import (
+    UNSTATED_MOSAIC,
     PeriodicStructure,
     Taps,
     find_taps,
@@ -47,6 +48,14 @@ from photosite.calibration.spatial.spatial_analysis import (
     OutlierThresholds,
     SpatialAnalysis,
     spatial_analysis,
+)
+from photosite.calibration.withheld import (
+    FEW_LEVELS,
+    NO_HALF_SATURATION,
+    NO_LINEAR_LEVEL,
+    NO_SATURATION,
+    SINGLE_FLATS,
+    UNKNOWN_DARK_NOISE,
 )
 from photosite.engine.site_planes import mean_of_sites
 from photosite.engine.threads import computed_beside
@@ -143,7 +152,7 @@ def plan_slopes(
     """
     levels, used = channel.levels, channel.used & channel.levels.trusted
     if len(np.unique(levels.x[used])) < 2:
-        return Missing(
+        return FEW_LEVELS.missing(
             f"{int(used.sum())} light level in the linear range; slopes need two or more: take shorter exposures"
         )
     groups = levels.group[used]
@@ -155,7 +164,7 @@ def plan_slopes(
         # The noise of a single frame is taken from the photon transfer curve.
         gain = channel.line_gain
         if isinstance(gain, Missing):
-            return Missing(f"some light levels have one frame, and their noise is unknown: {gain.reason}")
+            return SINGLE_FLATS.missing(f"some light levels have one frame, and their noise is unknown: {gain.reason}")
         dark = channel.dark.variance.weights_at(levels.exposure_s[used]) @ channel.dark.variance.y
         variance[single] = (dark + gain.value * levels.signal[used])[single]
         uncertainty[single] = (gain.standard_uncertainty * levels.signal[used])[single]
@@ -272,7 +281,7 @@ def measure_fixed_pattern(
         pattern = FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], of_channels, count, **lines)
         result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
     if structure is not None and structure.of_mosaic():
-        result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
+        result = [entry.withheld(UNSTATED_MOSAIC.missing(f"{structure}; state it")) for entry in result]
     far += _found([find_far_pixels("PRNU", slopes.slopes, reader.tile.shape)])
     return FixedPatterns(tuple(result), structure, offsets, taps, far)
 
@@ -324,11 +333,11 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
     """Return the light group for PRNU of EMVA 1288: the most frames near half saturation, then the nearest."""
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None:
-        return Missing("PRNU at 50 % of saturation needs flat fields that reach saturation")
+        return NO_SATURATION.missing("PRNU at 50 % of saturation needs flat fields that reach saturation")
     share = levels.signal / saturation.signal
     near = levels.repeated & ~levels.clipped & (share >= HALF_SATURATION[0]) & (share <= HALF_SATURATION[1])
     if not near.any():
-        return Missing(
+        return NO_HALF_SATURATION.missing(
             "no light level with two frames lies between 30 and 70 % of saturation; take a stack at 50 %, better of 50"
         )
     best = min(np.flatnonzero(near), key=lambda i: (-lights[int(levels.group[i])].frames, abs(share[i] - 0.5)))
@@ -366,7 +375,7 @@ def _dark_patterns(
     """
     if dark.clipped is not None or dark.noise_unknown:
         stated = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
-        why = Missing(dark.noise_unknown)
+        why = UNKNOWN_DARK_NOISE.missing(dark.noise_unknown)
         return [(parts, parts[1], why if dark.mean is None else dark.mean.planes(k)) for k, parts in enumerate(stated)]
     exposures = [
         dark.reference_exposure_s if isinstance(light, Missing) else reduction.lights[light].group.exposure_s
@@ -402,7 +411,7 @@ def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: Slo
     if isinstance(plan, Missing):
         return plan
     if spread.mean <= 0.0:
-        return Missing("the light frames do not get brighter with exposure")
+        return NO_LINEAR_LEVEL.missing("the light frames do not get brighter with exposure")
     return relative_response_variance(spread, dark, plan.seconds_per_unit)
 
 

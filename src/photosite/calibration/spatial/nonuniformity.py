@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from photosite.calibration.reduction.quantisation import with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread
+from photosite.calibration.withheld import SMALL_FRAMES
 from photosite.engine.site_planes import MARGIN, PlaneMoments, high_passed_planes, plane_moments, plane_shape
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, weighted_mean
 
@@ -324,7 +325,9 @@ def channel_parts(planes: MapPlanes, channel: int, noise: TemporalParts, *, filt
     smallest = min(min(shape) for shape in shapes)
     needed = SMALLEST_SIDE if filtered else 2
     if smallest < needed:
-        return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}")
+        return SMALL_FRAMES.missing(
+            f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}"
+        )
     moments = planes.filtered if filtered else planes.plain
     parts = [_site_parts(moments[site], noise, filtered=filtered) for site in sites]
     return pool_parts(parts, [float(rows * cols) for rows, cols in shapes])

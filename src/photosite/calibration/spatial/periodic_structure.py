@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from photosite.values.cfa import NAMED, channel_names
+from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,18 @@ reported."""
 
 BY_CHANCE = 1e-4
 """Share of mean frames without a period in which one of the places may deviate beyond chance."""
+
+
+UNSTATED_MOSAIC = DiagnosticKind(
+    "unstated-mosaic",
+    "warning",
+    "The flat fields differ with the period of a color filter array that is not stated, or not as it is.",
+    "Figures of the light that compare pixels are withheld or wrong, because pixels of several colors are one channel.",
+    "State the color filter array (--cfa).",
+    ("prnu*", "shading_percent", "column_gain_percent"),
+    "difference between the places of the period as a fraction of the signal",
+    "below 1 of 10 000 sets",
+)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from photosite.calibration.spatial.nonuniformity import (
     spread_sample,
     strips,
 )
+from photosite.calibration.withheld import SMALL_FRAMES
 from photosite.engine.jit import THREADS
 from photosite.engine.site_planes import MARGIN
 from photosite.values.shown import Shown, short_repr
@@ -516,7 +517,9 @@ def spatial_analysis(
     """
     smallest = min(dark.planes[0].shape)
     if smallest < SMALLEST_SIDE:
-        return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}")
+        return SMALL_FRAMES.missing(
+            f"a color plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}"
+        )
     return SpatialAnalysis(dark, light, thresholds or OutlierThresholds())
 
 

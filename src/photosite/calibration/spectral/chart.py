@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from photosite.calibration.spectral.monochromator import check_gain_known, common_relative_uncertainty
 from photosite.calibration.spectral.result import ChannelEfficiency, SpectralCalibration
 from photosite.calibration.spectral.smooth_prior import smooth_positive_estimate
-from photosite.errors import CalibrationError, InputError
+from photosite.calibration.withheld import BAND_NOT_USED, UNUSABLE_SPECTRAL_FRAMES
+from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.values.shown import Shown
 
@@ -119,7 +120,7 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
         raise InputError("electrons", value=f"{views.electrons.shape[1]} channels", expected=expected)
     common = common_relative_uncertainty(sensor)
     channels = {}
-    warnings = []
+    diagnostics = []
     for number, name in enumerate(names):
         keep = views.usable[:, number]
         if (count := int(keep.sum())) < 3:
@@ -127,9 +128,12 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
                 f"{views.source}: channel {name}",
                 "Use shorter exposure times, so that fewer patches saturate",
             )
-            raise CalibrationError("usable patches", where=where, value=count, expected="at least 3", hint=hint)
+            raise UNUSABLE_SPECTRAL_FRAMES.error(
+                "usable patches", where=where, value=count, expected="at least 3", hint=hint
+            )
         if left := int((~keep).sum()):
-            warnings.append(f"channel {name}: {left} of {keep.size} patches not used: saturated")
+            text = f"channel {name}: {left} of {keep.size} patches not used: saturated"
+            diagnostics.append(BAND_NOT_USED(text, left))
         read, light = views.electrons[keep, number], views.light[keep]
         relative = (light[:, None] == light) * (views.light_uncertainty_percent / 100) ** 2 + common**2
         found = smooth_positive_estimate(
@@ -162,5 +166,5 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
         source=views.source,
         frame_count=views.frame_count,
         frames_sha256=views.frames_sha256,
-        warnings=tuple(warnings),
+        diagnostics=tuple(diagnostics),
     )

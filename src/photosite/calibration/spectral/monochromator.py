@@ -17,7 +17,8 @@ from photosite.calibration.spectral.bands import Band, SpectralFrames, band_matr
 from photosite.calibration.spectral.result import BandReading, ChannelEfficiency, SpectralCalibration
 from photosite.calibration.spectral.signals import SpectralSignals, read_signals
 from photosite.calibration.spectral.smooth_prior import smooth_positive_estimate
-from photosite.errors import CalibrationError, InputError
+from photosite.calibration.withheld import BAND_NOT_USED, UNUSABLE_SPECTRAL_FRAMES, VARYING_LIGHT
+from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.values.uncertain import Measured
 
@@ -106,14 +107,15 @@ def calibrate_spectral(
         name: _channel(name, number, frames.bands, levels, known, frames)
         for number, name in enumerate(known.channel_names)
     }
-    warnings = [
-        f"channel {name}: {band} not used: {reason}"
+    found = [
+        BAND_NOT_USED(f"channel {name}: {band} not used: {reason}")
         for name, channel in channels.items()
         for band, reason in channel.left_out.items()
     ]
     if levels.flicker > 0:
         percent = 100 * levels.flicker
-        warnings.append(f"the light varies by {percent:.2g} % between frames; the uncertainties include this")
+        text = f"the light varies by {percent:.2g} % between frames; the uncertainties include this"
+        found.append(VARYING_LIGHT(text, levels.flicker))
     return SpectralCalibration(
         channels=channels,
         bands=tuple(_reading(band) for band in frames.bands),
@@ -122,7 +124,7 @@ def calibrate_spectral(
         source=frames.source,
         frame_count=frames.frame_count,
         frames_sha256=levels.sha256,
-        warnings=tuple(warnings),
+        diagnostics=tuple(found),
     )
 
 
@@ -150,7 +152,7 @@ def check_gain_known(sensor: Sensor) -> None:
     """Raise `CalibrationError` if a sensor's system gain was neither measured nor published, but assumed."""
     for what in ("conversion_gain_uv_per_e", "voltage_swing_v", "analog_gain"):
         if sensor.measured(what).assumed:
-            raise CalibrationError(
+            raise UNUSABLE_SPECTRAL_FRAMES.error(
                 what,
                 where=f"sensor '{sensor.name}'",
                 expected="measured, not assumed",
@@ -171,7 +173,7 @@ def _channel(
     keep = [index for index, reason in enumerate(levels.reasons[number]) if not reason]
     if not keep:
         where, reason = f"{frames.source}: channel {name}", next(iter(left_out.values()))
-        raise CalibrationError(f"no band is usable ({reason})", where=where)
+        raise UNUSABLE_SPECTRAL_FRAMES.error(f"no band is usable ({reason})", where=where)
     used = tuple(bands[index] for index in keep)
     signal_dn = levels.signal_dn[number, keep]
     photons = np.array([band.photons_m2().value for band in used])
@@ -275,4 +277,6 @@ def _check_possible(name: str, channel: ChannelEfficiency, frames: SpectralFrame
     else:
         return
     what, where = f"the quantum efficiency at {channel.wavelength_nm[place]:g} nm", f"{frames.source}: channel {name}"
-    raise CalibrationError(what, where=where, value=float(f"{value[place]:.3g}"), expected=expected, hint=hint)
+    raise UNUSABLE_SPECTRAL_FRAMES.error(
+        what, where=where, value=float(f"{value[place]:.3g}"), expected=expected, hint=hint
+    )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.sensor.model import Sensor
 from photosite.sensor.sections import Channel
+from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95
 
@@ -100,7 +101,7 @@ class ChannelEfficiency(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class SpectralCalibration(Shown):
+class SpectralCalibration(Diagnosed, Shown):
     """Result of `calibrate_spectral` and `calibrate_chart`.
 
     Parameters
@@ -113,8 +114,8 @@ class SpectralCalibration(Shown):
         The sensor that supplied gain and pixel.
     source, frame_count, frames_sha256
         Where the measurement was read from, number of frames, and one digest per frame.
-    warnings
-        Warnings for the user.
+    diagnostics
+        Limitations of the result.
     """
 
     channels: Mapping[str, ChannelEfficiency]
@@ -124,7 +125,7 @@ class SpectralCalibration(Shown):
     source: str
     frame_count: int
     frames_sha256: tuple[str, ...]
-    warnings: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
     @property
     def sensor(self) -> Sensor:
@@ -145,6 +146,7 @@ class SpectralCalibration(Shown):
             "channels": {name: channel.to_dict() for name, channel in self.channels.items()},
             "light": self.light,
             "bands": [vars(band) for band in self.bands],
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "warnings": list(self.warnings),
             "frame_count": self.frame_count,
         }

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, CLIPPED_SHARE, Level
 from photosite.calibration.spectral.bands import Band, SpectralFrames
+from photosite.calibration.withheld import UNUSABLE_SPECTRAL_FRAMES
 from photosite.engine.frame_sums import FrameSums
-from photosite.errors import CalibrationError, FileError
+from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names, shifted
@@ -105,9 +106,11 @@ def _check_darks(frames: SpectralFrames, darks: dict[float, tuple[Level, ...]]) 
         for level, name in zip(levels, channel_names(frames.cfa), strict=True):
             if level.pixels < 2:
                 where = f"{frames.source}: channel {name}"
-                raise CalibrationError("pixels in the region", where=where, value=level.pixels, expected="at least 2")
+                raise UNUSABLE_SPECTRAL_FRAMES.error(
+                    "pixels in the region", where=where, value=level.pixels, expected="at least 2"
+                )
             if level.low_fraction > CLIPPED_DARK_SHARE:
-                raise CalibrationError(
+                raise UNUSABLE_SPECTRAL_FRAMES.error(
                     f"{100 * level.low_fraction:.3g} % of the dark values at {exposure_s:g} s are clipped at 0, which "
                     "makes the measured signal too small",
                     where=frames.source,

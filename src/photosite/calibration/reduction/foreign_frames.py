@@ -15,10 +15,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.frame_screening import LEAST_PIXELS, block_numbers
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
+from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, block_numbers
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.engine.map_statistics import remove_group_means
+from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.floating]
 
@@ -164,6 +165,16 @@ def _noise(patterns: Array) -> Array:
 def _spread(count: int) -> NDArray[np.intp]:
     """Return up to `MANY` places, spread evenly."""
     return np.unique(np.linspace(0, count - 1, min(count, MANY)).round().astype(np.intp))
+
+
+FOREIGN_FRAMES = DiagnosticKind(
+    "foreign-frames",
+    "left out",
+    "The fixed pattern of a frame or a group is not that of the others.",
+    "It comes from another chip, gain setting or binning, and was left out.",
+    "Remove the frames, or calibrate them by themselves.",
+    false_alarms="below 1 of 1000 sets",
+)
 
 
 def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64]) -> dict[int, str]:

@@ -25,6 +25,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.values.diagnostic import DiagnosticKind
+
 T = TypeVar("T", bound=np.generic)
 
 SIDE, FEWER, MANY = 64, 24, 4096
@@ -64,6 +66,33 @@ PARTS = 64
 
 _NORMAL = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""
+
+
+OUTLIER_FRAME = DiagnosticKind(
+    "outlier-frame",
+    "left out",
+    "The level, a part or the noise of a frame differs from the other frames of its group.",
+    "A half-read, black, white or lit frame was left out.",
+    "Look at the frame; nothing if it is broken.",
+    false_alarms="below 1 of 10 000 frames under a lamp that scatters by 5 %",
+)
+NEAR_COPY_FRAME = DiagnosticKind(
+    "near-copy",
+    "left out",
+    "A frame repeats an earlier one in nearly all pixels.",
+    "The copy was left out: it has no noise of its own.",
+    "Look for a camera or program that writes a frame twice.",
+    size="sampled pixels that differ",
+    false_alarms="none with a noise of 0.002 DN or more",
+)
+NO_MAJORITY = DiagnosticKind(
+    "no-majority",
+    "refused",
+    "Half of the frames of a group or more differ from each other far beyond noise.",
+    "There is no result: nothing shows which frames are broken.",
+    "Remove the broken frames, or correct what is listed as one setting.",
+    ("*",),
+)
 
 
 def sample_grid(shape: tuple[int, int], frames: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 BY_CHANCE = 5e-4
@@ -57,18 +58,43 @@ class BlackLevelChange:
         """
         return self.shift**2 / frames + max(self.steady**2 / 12.0, self.wandering**2 / 1.5)
 
-    def warnings(self) -> list[str]:
-        """Return a warning for each kind that is not small."""
-        found = []
-        of_shift, of_drift = f"shifts by {self.shift:.2g} DN from frame to frame", f"drifts by {self.drift:.2g} DN"
-        for size, text in ((self.shift, of_shift), (self.drift, of_drift)):
-            if size > NOTABLE * self.noise:
-                found.append(
-                    f"the black level {text} over the dark frames; the uncertainties of black level and dark current "
-                    f"from the mean were widened accordingly, that from the variance is not affected"
-                )
-        return found
+    def notable(self, size_dn: float) -> bool:
+        """Whether a shift or a drift is worth a warning."""
+        return size_dn > NOTABLE * self.noise
 
+    def warning(self, what: str) -> str:
+        """Return the warning of a black level that moves."""
+        return (
+            f"the black level {what} over the dark frames; the uncertainties of black level and dark current from the "
+            f"mean were widened accordingly, that from the variance is not affected"
+        )
+
+
+_MOVED = ("black_level_dn", "dark_current_dn_per_s", "dark_current_e_per_s", "dark_voltage_mv_per_s")
+_WIDENED = (
+    "The uncertainties of black level and dark current from the mean were widened; that from the variance is right."
+)
+
+SHIFT = DiagnosticKind(
+    "black-level-shifts",
+    "warning",
+    "The means of the dark frames differ from frame to frame beyond their noise.",
+    _WIDENED,
+    "Let the camera settle; switch its black level clamp off.",
+    _MOVED,
+    "standard deviation, DN",
+    "below 1 of 1000 clean sets",
+)
+DRIFT = DiagnosticKind(
+    "black-level-drifts",
+    "warning",
+    "The means of the dark frames rise or fall steadily within their exposure times.",
+    _WIDENED,
+    "Let the camera reach its temperature before the first frame.",
+    _MOVED,
+    "drift over all dark frames, DN",
+    "below 1 of 1000 clean sets",
+)
 
 STEADY = BlackLevelChange(0.0, 0.0, 0.0, 0.0)
 """No change, or none that the frames show."""

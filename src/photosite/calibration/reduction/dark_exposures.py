@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.exposure import format_exposure
 
 LEAST_EXPOSURES = 4
@@ -66,6 +67,16 @@ def _saturates(exposure_s: _Array, spatial: _Array, index: int, shown_s: float) 
     rise, constant = np.polyfit(exposure_s[others] ** 2, spatial[others], 1)
     expected = constant + rise * shown_s**2
     return shown_s < exposure_s[index] and bool(spatial[index] < SATURATED * expected)
+
+
+WRONG_DARK_EXPOSURE = DiagnosticKind(
+    "wrong-dark-exposure",
+    "left out",
+    "Level and noise of a group of dark frames are those of another exposure time than stated.",
+    "The group was left out of all dark figures.",
+    "Correct the exposure time, or look for light on these frames.",
+    size="exposure time that the frames show, s",
+)
 
 
 def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | None:

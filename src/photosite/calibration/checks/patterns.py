@@ -1,0 +1,67 @@
+"""Checks of the fixed pattern: periods, taps, and pixels far from all others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from photosite.calibration.diagnostics import Check
+from photosite.calibration.evidence import Evidence
+from photosite.calibration.spatial.periodic_structure import UNSTATED_MOSAIC
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+
+PERIODIC_GAIN = DiagnosticKind(
+    "periodic-gain",
+    "warning",
+    "The flat fields differ with a period of a few rows or columns.",
+    "Readout channels have different gains; PRNU includes this difference.",
+    "Nothing: the sensor file has the readout channels.",
+    ("prnu*",),
+    "difference as a fraction of the signal",
+    "below 1 of 10 000 sets",
+)
+PERIODIC_OFFSET = DiagnosticKind(
+    "periodic-offset",
+    "warning",
+    "The dark frames differ with a period of a few rows or columns.",
+    "Readout channels have different offsets; DSNU includes this difference.",
+    "Nothing: the sensor file has the readout channels.",
+    ("dsnu*",),
+    "difference, DN",
+    "below 1 of 10 000 sets",
+)
+TAP_STEPS = DiagnosticKind(
+    "steps-between-taps",
+    "warning",
+    "Halves or quadrants of the frames differ.",
+    "Taps have different gains or offsets; PRNU or DSNU includes the step.",
+    "Nothing: the sensor file has the readout channels.",
+    ("prnu*", "dsnu*"),
+    "step as a fraction of the signal, or in DN for dark frames",
+    "below 1 of 10 000 mean frames",
+)
+FAR_PIXELS = DiagnosticKind(
+    "far-pixels",
+    "warning",
+    "A few pixels, such as dead or stuck ones, make a fifth of the variance over pixels or more.",
+    "DSNU or PRNU, which are those of all pixels, describe these pixels more than the others.",
+    "Measure maps (--maps), which list them.",
+    ("prnu*", "dsnu*"),
+    "fraction of the variance",
+)
+
+
+def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
+    """Periods, steps between taps and far pixels of the mean frames."""
+    found = evidence.patterns
+    if (light := found.structure) is not None:
+        kind = UNSTATED_MOSAIC if light.of_mosaic() else PERIODIC_GAIN
+        yield kind(str(light), light.difference)
+    if (dark := found.dark_structure) is not None:
+        yield PERIODIC_OFFSET(str(dark), dark.difference)
+    for taps in found.taps:
+        yield TAP_STEPS(str(taps), taps.step, ("dsnu*",) if taps.dark else ("prnu*",))
+    for far in found.far:
+        yield FAR_PIXELS(str(far), far.share, (f"{far.what.lower()}*",))
+
+
+CHECKS = (Check("result", 180, patterns, linear=True),)

@@ -1,0 +1,124 @@
+"""The registry of diagnostics and of the checks that raise them."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any, Literal
+
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
+from photosite.errors import InputError, did_you_mean
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.values.registry import registered
+
+Stage = Literal["set", "levels", "channels", "result"]
+"""What a check looks at: a frame set before any frame is read; its reduction; the reduction and the channels of the
+flat fields; the evidence."""
+
+PACKAGES = "photosite.calibration", "photosite.frames"
+"""Where kinds of diagnostics are defined."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check of one stage. Files of `calibration/checks` define them as `CHECKS`.
+
+    Parameters
+    ----------
+    stage
+        When the check runs.
+    order
+        Place among the checks of its stage, which is that of its diagnostics.
+    run
+        Called with what the stage has established. It returns diagnostics, or raises a `CalibrationError` that has the
+        id of one.
+    linear
+        Whether the check needs flat fields without a tone curve.
+    """
+
+    stage: Stage
+    order: int
+    run: Callable[..., Iterable[Diagnostic] | None]
+    linear: bool = False
+
+
+@cache
+def checks(stage: Stage) -> tuple[Check, ...]:
+    """Return the checks of a stage, in their order."""
+    found: Iterable[tuple[Check, ...]] = registered("photosite.calibration.checks", "CHECKS").values()
+    return tuple(sorted((each for all_ in found for each in all_ if each.stage == stage), key=lambda each: each.order))
+
+
+def run_checks(stage: Stage, *established: Any, linear: bool = True) -> Iterator[Diagnostic]:
+    """Yield the diagnostics of the checks of a stage; `linear` is whether the flat fields have no tone curve.
+
+    Raises
+    ------
+    CalibrationError
+        If the frames cannot support a calibration.
+    """
+    for check in checks(stage):
+        if linear or not check.linear:
+            yield from check.run(*established) or ()
+
+
+@cache
+def diagnostic_kinds() -> Mapping[str, DiagnosticKind]:
+    """Return all kinds of diagnostics by id, in alphabetical order.
+
+    Examples
+    --------
+    >>> diagnostic_kinds()["no-flat-fields"].severity
+    'warning'
+    """
+    found: dict[str, DiagnosticKind] = {}
+    for package in PACKAGES:
+        folder = import_module(package)
+        for module in pkgutil.walk_packages(folder.__path__, f"{package}."):
+            for value in vars(import_module(module.name)).values():
+                if isinstance(value, DiagnosticKind) and found.setdefault(value.id, value) is not value:
+                    raise AssertionError(f"two kinds of diagnostics have the id {value.id}")
+    return MappingProxyType(dict(sorted(found.items())))
+
+
+def diagnostic_kind(name: str) -> DiagnosticKind:
+    """Return a kind of diagnostic by its id.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    kinds = diagnostic_kinds()
+    if name not in kinds:
+        raise InputError("id", value=name, expected="the id of a diagnostic", hint=did_you_mean(name, kinds))
+    return kinds[name]
+
+
+def collected(
+    raised: Iterable[Diagnostic], left_out: Iterable[Diagnostic], parameters: Parameters
+) -> tuple[Diagnostic, ...]:
+    """Return the diagnostics of a calibration, with the names of the parameters that each concerns.
+
+    Parameters
+    ----------
+    raised, left_out
+        Those of the checks, and of frames that were left out.
+    parameters
+        The parameters; each reason for missing ones is a diagnostic.
+    """
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for name, entry in parameters.estimates().items():
+        if entry.value is None:
+            reasons.setdefault((entry.reason_id, entry.reason or ""), []).append(name)
+    withheld = (Diagnostic(id, "withheld", text, tuple(names)) for (id, text), names in reasons.items())
+    return tuple(map(_named, (*raised, *left_out))) + tuple(withheld)
+
+
+def _named(diagnostic: Diagnostic) -> Diagnostic:
+    kind = DiagnosticKind("", "note", "", "", "", diagnostic.parameters)
+    return replace(diagnostic, parameters=kind.concerns(PARAMETER_LABELS))
