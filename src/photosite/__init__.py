@@ -44,9 +44,6 @@ _MODULE_OF = {
     "Wavefront": "photosite.optics.wavefront",
     "bin_frame": "photosite.frames.binning",
     "calibrate": "photosite.calibration.calibrate",
-    "calibrate_captures": "photosite.calibration.captures.each_capture",
-    "calibrate_combined": "photosite.calibration.captures.combined",
-    "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
     "compare_cameras": "photosite.studies.camera_comparison",
@@ -86,9 +83,6 @@ __all__ = [*_MODULE_OF, *_MODULES, "__version__", "develop"]
 if TYPE_CHECKING:
     from photosite import data as data
     from photosite.calibration.calibrate import calibrate as calibrate
-    from photosite.calibration.captures.combined import calibrate_combined as calibrate_combined
-    from photosite.calibration.captures.each_capture import calibrate_captures as calibrate_captures
-    from photosite.calibration.gain_series.calibrate_series import calibrate_series as calibrate_series
     from photosite.calibration.light.polarizers import measure_polarizers as measure_polarizers
     from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart
     from photosite.calibration.spectral.monochromator import calibrate_spectral as calibrate_spectral

@@ -165,7 +165,7 @@ def test_frames_of_several_gain_settings_are_a_series(tmp_path: Path) -> None:
     found = run_calibration(request, places)
     assert found["method"] == "series"
     assert [part["name"] for part in found["parts"]] == ["gain setting 100", "gain setting 200"]
-    own = ps.calibrate_series(ps.open_frames(folder))
+    own = ps.calibrate(ps.open_frames(folder))
     over = next(curve for curve in found["curves"] if curve["kind"] == "system_gain_dn_per_e")
     (points,) = over["channels"].values()
     assert points["x"] == [100, 200]
@@ -174,7 +174,7 @@ def test_frames_of_several_gain_settings_are_a_series(tmp_path: Path) -> None:
     assert unity["value"] == pytest.approx(own.unity_gain.value)
     assert {file["name"] for file in found["files"]} > {"noise-profiles.darktable.json"}
     json.dumps(found, allow_nan=False)
-    python, _ = calibration_code(CalibrationRequest(folder="gains", method="series"), places)
+    python, _ = calibration_code(CalibrationRequest(folder="gains"), places)
     report = tmp_path / "own.html"
     cal = executed(python.replace("report.html", str(report)))["cal"]
     assert cal.settings == own.settings
@@ -182,7 +182,7 @@ def test_frames_of_several_gain_settings_are_a_series(tmp_path: Path) -> None:
     listing = list_frames(FolderRequest(folder="gains"), places)["groups"]
     kept = [GroupEdit(**{name: each[name] for name in ("kind", "exposure_s", "gain_setting")}) for each in listing]
     alone = [edit.model_copy(update={"kind": "omit"}) if edit.gain_setting == 200 else edit for edit in kept]
-    assert run_calibration(CalibrationRequest(folder="gains", groups=tuple(alone)), places)["method"] == "one"
+    assert run_calibration(CalibrationRequest(folder="gains", groups=tuple(alone)), places)["method"] == "setting"
     renamed = [edit.model_copy(update={"gain_setting": 2 * edit.gain_setting}) for edit in kept]
     assert edited(ps.open_frames(folder), tuple(renamed)).gain_settings == (200, 400)
 
@@ -210,7 +210,7 @@ def test_frames_of_captures_are_calibrated_with_their_ratio(tmp_path: Path) -> N
     assert of_each[0] == of_each[1] >= {"offset_dn", "prnu"}
     python, command = calibration_code(with_maps, places)
     assert command == ""
-    assert "names}\ncal = ps.calibrate_captures(frames, maps=True)" in python
+    assert "names}\ncal = ps.calibrate(frames, maps=True)" in python
     with pytest.raises(InputError):
         run_calibration(CalibrationRequest(folder="hdr", captures=("large", "other")), places)
 

@@ -10,7 +10,7 @@ import pytest
 from tests.helpers.raising import raises
 
 import photosite as ps
-from photosite.calibration.captures.combined import CombinedCalibration
+from photosite.calibration.captures.combined import CombinedCalibration, calibrate_combined
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError, find_pieces
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
@@ -60,7 +60,7 @@ LIGHT = np.geomspace(60, 600000, 36)
 
 @pytest.fixture(scope="module")
 def linear() -> CombinedCalibration:
-    return ps.calibrate_combined(taken(SPLIT, LIGHT)[1])
+    return calibrate_combined(taken(SPLIT, LIGHT)[1])
 
 
 def test_split_pixel(linear: CombinedCalibration) -> None:
@@ -87,11 +87,11 @@ def test_split_pixel(linear: CombinedCalibration) -> None:
 
 def test_companded_frames_need_the_table() -> None:
     sensor, frames = taken({**SPLIT, "combination": {**SPLIT["combination"], "companding": TABLE}}, LIGHT)
-    found = ps.calibrate_combined(frames, sensor)
+    found = calibrate_combined(frames, sensor)
     assert within(found.captures[1].sensitivity_ratio, 0.02)
     assert within(found.captures[0].read_noise_e, 6.0)
     with raises(CalibrationError, "the temporal variance falls"):
-        ps.calibrate_combined(frames)
+        calibrate_combined(frames)
 
 
 def test_two_gains_of_one_charge_differ_by_read_noise() -> None:
@@ -99,7 +99,7 @@ def test_two_gains_of_one_charge_differ_by_read_noise() -> None:
     part = {"parts": [{"name": "large"}, low], "combination": {"dn_per_e": 4, "bits": 20, "black_level_dn": 400}}
     # 900 e-^2 more at 7200 e-, 12 %, with levels close to the knee.
     _, frames = taken(part, np.concatenate([np.geomspace(60, 7000, 16), np.geomspace(7400, 8800, 16)]))
-    found = ps.calibrate_combined(frames)
+    found = calibrate_combined(frames)
     assert len(found.captures) == 2
     assert within(found.captures[1].sensitivity_ratio, 1.0)
 
@@ -113,7 +113,7 @@ def test_calibrate_names_the_knee_and_gives_no_gain() -> None:
     with raises(InputError, "bits", value=22):
         ps.calibrate(deep)
     with raises(CalibrationError, "combined frames need"):
-        ps.calibrate_combined(frame_set_from_arrays([("dark", 1.0, np.full((4, 4), 9, np.uint16))] * 2, bits=12))
+        calibrate_combined(frame_set_from_arrays([("dark", 1.0, np.full((4, 4), 9, np.uint16))] * 2, bits=12))
 
 
 def test_bends_are_no_knees() -> None:

@@ -35,14 +35,14 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GainSeriesLab]
 @pytest.fixture(scope="module")
 def series(shot: tuple[Path, GainSeriesLab]) -> GainSeries:
     frames = ps.open_frames(shot[0])
-    return ps.calibrate_series(frames, frames.sensor)
+    return ps.calibrate(frames, frames.sensor)
 
 
 @pytest.fixture
 def calibrated_once(series: GainSeries, monkeypatch: pytest.MonkeyPatch) -> None:
     """Give commands the calibration that all these tests share."""
-    module = importlib.import_module("photosite.calibration.gain_series.calibrate_series")
-    monkeypatch.setattr(module, "calibrate_series", lambda frames, sensor, **options: series)
+    module = importlib.import_module("photosite.calibration.calibrate")
+    monkeypatch.setattr(module, "calibrate_series", lambda frames, sensor, progress, **options: series)
 
 
 @pytest.mark.usefixtures("calibrated_once")

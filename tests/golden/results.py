@@ -24,7 +24,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums depend on the number of threads
 import numpy as np
 
 import photosite as ps
-from photosite.calibration.calibrate import calibrate
+from photosite.calibration.setting import calibrate_setting
 from photosite.errors import PhotositeError
 from photosite.report import style
 from photosite.report.calibration import calibration_page
@@ -84,7 +84,7 @@ MONO = {
 def _effect(name: str) -> dict[str, Any]:
     sensor = D200.with_(**MONO, serial=name, **EFFECTS[name])
     lab = virtual_lab(sensor, PROTOCOL, seed=5, photons_known=True)
-    return _results(calibrate(lab.frame_set(), maps=True))
+    return _results(calibrate_setting(lab.frame_set(), maps=True))
 
 
 def _results(calibration: Any) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def _condition(name: str, number: int) -> dict[str, Any]:
     lab = condition.lab(number)
     if condition.captures:
         return _captures(lab)
-    return _results(calibrate(lab.frame_set(), maps=condition.maps))
+    return _results(calibrate_setting(lab.frame_set(), maps=condition.maps))
 
 
 def _captures(lab: Any) -> dict[str, Any]:
@@ -143,12 +143,14 @@ def _captures(lab: Any) -> dict[str, Any]:
 
 def _stack(kind: str, seed: int) -> dict[str, Any]:
     (found,) = (entry for entry in KINDS if entry.name == kind)
-    return _results(calibrate(found.frames(seed)))
+    return _results(calibrate_setting(found.frames(seed)))
 
 
 def _demo() -> dict[str, Any]:
     sensor = with_pedestal(D200.with_(rows=216, cols=322))
-    return _results(calibrate(virtual_lab(sensor, paper_d200_protocol(), seed=2008, photons_known=True).frame_set()))
+    return _results(
+        calibrate_setting(virtual_lab(sensor, paper_d200_protocol(), seed=2008, photons_known=True).frame_set())
+    )
 
 
 def _gain_series() -> dict[str, Any]:
@@ -178,7 +180,7 @@ def _emva(pairs: bool) -> dict[str, Any]:
     frames = ps.open_frames(path)
     if pairs:
         frames = replace(frames, groups=tuple(group for group in frames.groups if len(group) == 2))
-    return _results(calibrate(replace(frames, source="EMVA1288_Data.txt"), maps=pairs))
+    return _results(calibrate_setting(replace(frames, source="EMVA1288_Data.txt"), maps=pairs))
 
 
 CASES: dict[str, Callable[[], dict[str, Any]]] = {

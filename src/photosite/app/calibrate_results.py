@@ -8,6 +8,7 @@ import os
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -67,14 +68,20 @@ class Result:
         return asdict(self)
 
 
-def of_one(found: Calibration, setting: float | None, places: Places) -> Result:
-    """Return the result of the frames of one gain setting."""
+@singledispatch
+def result_of(found: object, places: Places) -> Result:
+    """Return the result of a calibration for the page."""
+    raise TypeError(f"{type(found).__name__} is no calibration")
+
+
+@result_of.register
+def _(found: Calibration, places: Places) -> Result:
     writers: dict[str, Callable[[Path], object]] = {"report.html": found.report}
     if found.base is not None:
         writers["mine.sensor.yaml"] = found.save
-    files, problems = _written(places, writers | _profile_writers([(found, setting)]))
+    files, problems = _written(places, writers | _profile_writers([(found, found.gain_setting)]))
     return Result(
-        "one",
+        "setting",
         f"{found.frame_count} frames of {found.rows} × {found.cols} pixels, {found.bits} bits",
         parts=(_part("", found),),
         warnings=(*found.warnings, *problems),
@@ -83,8 +90,8 @@ def of_one(found: Calibration, setting: float | None, places: Places) -> Result:
     )
 
 
-def of_series(found: GainSeries, places: Places) -> Result:
-    """Return the result of several gain settings."""
+@result_of.register
+def _(found: GainSeries, places: Places) -> Result:
     first = found.steps[0].calibration
     writers: dict[str, Callable[[Path], object]] = {"report.html": found.report}
     if first.base is not None:
@@ -125,8 +132,8 @@ def of_series(found: GainSeries, places: Places) -> Result:
     )
 
 
-def of_captures(found: CaptureCalibration, places: Places) -> Result:
-    """Return the result of the frames of each capture."""
+@result_of.register
+def _(found: CaptureCalibration, places: Places) -> Result:
     files, problems = _written(places, {"report.html": found.report})
     rows = [
         {"part": name, **_estimate(label, "", ratios[name])}
@@ -147,8 +154,8 @@ def of_captures(found: CaptureCalibration, places: Places) -> Result:
     )
 
 
-def combined_result(found: CombinedCalibration, places: Places) -> Result:
-    """Return the result of frames that combine captures."""
+@result_of.register
+def _(found: CombinedCalibration, places: Places) -> Result:
     files, problems = _written(places, {"report.html": found.report})
     count = len(found.captures)
     named: list[tuple[str, Mapping[str, Estimate]]] = [

@@ -1,8 +1,4 @@
-"""The view that calibrates a folder of frames: the groups as they are understood, and the results.
-
-Frames of one gain setting are calibrated by `calibrate`, those of several by `calibrate_series`, those of each capture
-of one exposure, in subfolders, by `calibrate_captures`, and frames that combine captures by `calibrate_combined`.
-"""
+"""The view that calibrates a folder of frames: the groups as they are understood, and the results."""
 
 from __future__ import annotations
 
@@ -13,25 +9,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from photosite.app.calibrate_results import Result, combined_result, of_captures, of_one, of_series
+from photosite.app.calibrate_results import result_of
 from photosite.app.copy_text import sensor_lines, source_name
 from photosite.app.places import FILE, UPLOAD, Part, Places, Text
 from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import SensorState, changed_sensor
 from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.captures.combined import calibrate_combined
-from photosite.calibration.captures.each_capture import calibrate_captures
-from photosite.calibration.gain_series.calibrate_series import calibrate_series
-from photosite.calibration.photon_transfer.knees import SeveralCapturesError
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.frames.io.formats import SUFFIXES
-from photosite.frames.open import open_frames
-from photosite.sensor.model import Sensor
-
-Method = Literal["one", "series", "captures", "combined"]
-"""How frames are calibrated: of one gain setting and capture, of several settings, of each capture, or combined."""
+from photosite.frames.open import capture_folders, open_frames
 
 
 class FolderRequest(Part):
@@ -59,7 +47,6 @@ class CalibrationRequest(FolderRequest):
     maps: bool = Field(False, description="Also measure maps of the chip, and its defects.")
     captures: Annotated[tuple[Text, ...], Field(max_length=8)] = ()
     """Subfolders with the frames of each capture, from the most to the least sensitive."""
-    method: Method | None = Field(None, description="None: as the frames and the sensor need it.")
 
 
 def folder_path(folder: str, places: Places) -> Path:
@@ -158,57 +145,24 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
                 progress(0, 1, "estimates")
 
     with recorded_warnings() as texts:
-        result = _calibrated(request, places, report)
+        path = folder_path(request.folder, places)
+        sensor = None if request.sensor is None else changed_sensor(request.sensor, places)
+        frames: FrameSet | dict[str, FrameSet]
+        if names := capture_folders(path, sensor, request.captures):
+            if request.groups:
+                raise InputError("groups", expected="left as they are found with the frames of each capture")
+            frames = {name: open_frames(path / name) for name in names}
+        else:
+            frames = edited(open_frames(path), request.groups)
+        result = result_of(calibrate(frames, sensor, maps=request.maps, progress=report), places)
     return replace(result, warnings=tuple(dict.fromkeys([*result.warnings, *texts]))).to_dict()
 
 
-def _calibrated(request: CalibrationRequest, places: Places, report: Any) -> Result:
-    path = folder_path(request.folder, places)
-    stated = None if request.sensor is None else changed_sensor(request.sensor, places)
-    method = request.method
-    if method == "captures" or (method is None and _capture_names(request, path, stated)):
-        names = _capture_names(request, path, stated)
-        if request.groups:
-            raise InputError("groups", expected="left as they are found with the frames of each capture")
-        parts = {name: open_frames(path / name) for name in names}
-        return of_captures(calibrate_captures(parts, stated, maps=request.maps, progress=report), places)
-    frames = edited(open_frames(path), request.groups)
-    sensor = frames.sensor if stated is None else stated
-    if method == "series" or (method is None and len(frames.gain_settings) > 1):
-        if request.maps:
-            hint = "Omit the groups of the other settings"
-            raise InputError("maps need frames of one gain setting", hint=hint)
-        return of_series(calibrate_series(frames, sensor, progress=report), places)
-    combined = frames.bits > 16 or (sensor is not None and sensor.captures is not None)
-    if method == "combined" or (method is None and combined):
-        return combined_result(calibrate_combined(frames, sensor), places)
-    try:
-        found = calibrate(frames, sensor, maps=request.maps, progress=report)
-        return of_one(found, frames.gain_settings[0], places)
-    except SeveralCapturesError:
-        if method is not None:
-            raise
-        return combined_result(calibrate_combined(frames, sensor), places)
-
-
-def _capture_names(request: CalibrationRequest, path: Path, sensor: Sensor | None) -> list[str]:
-    """Return the subfolders of the captures: those of the request, else those of the sensor where all are there."""
-    if request.captures:
-        known = _subfolders(path)
-        if missing := [name for name in request.captures if name not in known]:
-            raise InputError(
-                "captures", value=missing[0], expected=f"one of {', '.join(known)}, subfolders with frames"
-            )
-        return list(request.captures)
-    names = [] if sensor is None or sensor.captures is None else list(sensor.captures.names)
-    return names if names and set(names) <= set(_subfolders(path)) else []
-
-
 def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, str]:
-    """Return the calibration as Python code and as a command, which takes unchanged groups and no maps of captures."""
-    path, method = str(folder_path(request.folder, places)), request.method or "one"
+    """Return the calibration as Python code, and as a command where the groups and the sensor are unchanged."""
+    path = str(folder_path(request.folder, places))
     lines = ["import photosite as ps", ""]
-    sensor, maps = "", ", maps=True" if request.maps and (method == "one" or request.captures) else ""
+    sensor, maps = "", ", maps=True" if request.maps else ""
     if request.sensor is not None:
         lines += sensor_lines(request.sensor, places)
         sensor = ", sensor"
@@ -216,23 +170,20 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
         lines += [
             f"folder, names = {path!r}, {list(request.captures)!r}",
             'frames = {name: ps.open_frames(f"{folder}/{name}") for name in names}',
-            f"cal = ps.calibrate_captures(frames{sensor}{maps})",
         ]
     else:
         lines.append(f"frames = ps.open_frames({path!r})")
         if request.groups:
             lines[0] = "from dataclasses import replace\n\nimport photosite as ps"
             lines += _edit_lines(request.groups)
-        calibrated = {"one": "calibrate", "series": "calibrate_series"}.get(method, "calibrate_combined")
-        lines.append(f"cal = ps.{calibrated}(frames{sensor}{maps})")
-    lines += ["print(cal)", 'cal.report("report.html")']
+    lines += [f"cal = ps.calibrate(frames{sensor}{maps})", "print(cal)", 'cal.report("report.html")']
     command = ""
     changed = request.sensor is not None and (request.sensor.changed or request.sensor.gain_setting is not None)
-    if not request.groups and not changed and not (request.captures and request.maps):
+    if not request.groups and not changed:
         words = ["photosite", "calibrate", path]
         if request.sensor is not None:
             words += ["--sensor", source_name(request.sensor.source, places)]
-            if method in ("one", "series") and not request.captures:
+            if not request.captures and changed_sensor(request.sensor, places).captures is None:
                 words += ["-o", "mine.sensor.yaml"]
         if request.captures:
             words += ["--captures", ",".join(request.captures)]

@@ -1,42 +1,44 @@
-"""From dark frames and flat fields to the sensor's parameters: one pipeline of named stages."""
+"""From dark frames and flat fields to the sensor's parameters: the frames decide on the kind of calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
-from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
-from photosite.calibration.dark.dark_frames import measure_dark_frames
-from photosite.calibration.diagnostics import collected, run_checks
-from photosite.calibration.effect import Findings, Found
-from photosite.calibration.effects.glow import deferred_glow
-from photosite.calibration.effects.optical_black import without_covered_lines
-from photosite.calibration.evidence import Evidence, collect_evidence
-from photosite.calibration.light.light_frames import measure_light_frames
-from photosite.calibration.parameters import saturated_electrons
-from photosite.calibration.photon_transfer.general_model import general_model
-from photosite.calibration.photon_transfer.noise_structure import measure_noise_structure
-from photosite.calibration.photon_transfer.snr import snr_curve
-from photosite.calibration.reduction.checkpoint import Checkpoint
-from photosite.calibration.reduction.frame_reader import FrameReader, Progress
-from photosite.calibration.reduction.reduce import reduce_frames
-from photosite.calibration.reduction.shared_sums import SharedSums
+from photosite.calibration.captures.combined import CombinedCalibration, calibrate_combined
+from photosite.calibration.captures.each_capture import CaptureCalibration, calibrate_captures
+from photosite.calibration.gain_series.calibrate_series import calibrate_series
+from photosite.calibration.gain_series.result import GainSeries
+from photosite.calibration.photon_transfer.knees import SeveralCapturesError
+from photosite.calibration.reduction.frame_reader import Progress
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.fixed_pattern import measure_fixed_pattern
-from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
+from photosite.calibration.setting import calibrate_setting
+from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
+from photosite.calibration.withheld import SEVERAL_CAPTURES
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
-from photosite.values.deferred import Deferred
 from photosite.values.diagnostic import Diagnostic
-from photosite.values.uncertain import Missing
+
+CalibrationKind = Literal["setting", "series", "captures", "combined"]
+"""What frames hold: one gain setting and capture, several gain settings, the frames of each capture of one exposure, or
+frames that combine captures."""
+
+AnyCalibration: TypeAlias = Calibration | GainSeries | CaptureCalibration | CombinedCalibration
+
+_OPTIONS: dict[CalibrationKind, tuple[str, ...]] = {
+    "setting": ("outliers", "maps", "checkpoint", "processes", "scheduler"),
+    "series": ("checkpoint",),
+    "captures": ("outliers", "maps"),
+    "combined": (),
+}
+"""The options that each kind of calibration has."""
 
 
 def calibrate(
-    frames: FrameSet,
+    frames: FrameSet | Mapping[str, FrameSet],
     sensor: Sensor | None = None,
     *,
     outliers: OutlierThresholds | None = None,
@@ -45,53 +47,62 @@ def calibrate(
     checkpoint: str | PathLike[str] | None = None,
     processes: int | None = 1,
     scheduler: str | None = None,
-) -> Calibration:
+) -> AnyCalibration:
     """Estimate a sensor's parameters, with standard uncertainties, from dark frames and flat fields.
 
     Each group of frames is reduced to exact integer sums, in memory that does not grow with the number of frames. The
     methods are those of EMVA 1288 R4.0 and, for read noise, DSNU, PRNU and dark voltage, of Farrell, Okincha and
     Parmar, Proc. SPIE 6817 (2008); each estimate names its own.
 
+    The frames decide on the kind of calibration. Those of one gain setting give a `Calibration`. Several gain settings
+    are calibrated one by one and analyzed together. The frames of each capture of one exposure (high dynamic range),
+    in a mapping, give the captures and the ratios of their sensitivities. Frames that combine captures are those of
+    more than 16 bits, of a sensor with captures, or with steps of the temporal variance; they show the captures by
+    their noise.
+
     Parameters
     ----------
     frames
         The measurement: dark frames, at least two of them at one exposure, and flat fields at two or more levels. Of
         an incomplete set, what it shows is estimated, and the other parameters have the reason why they are missing.
+        Or one frame set for each capture, by name, from the most to the least sensitive. The light and the exposure
+        times are those of the frame that the captures belong to, the same for all.
     sensor
-        The sensor as known before the measurement, for millivolts and for `Calibration.sensor`; default
-        `frames.sensor`.
+        The sensor as known before the measurement, for millivolts, for `Calibration.sensor` and for the companding
+        table of combined frames; default `frames.sensor`. Of several gain settings, it describes the lowest.
     outliers
-        Thresholds for the deviating pixels listed in `Calibration.spatial`.
+        Thresholds for the deviating pixels listed in `Calibration.spatial`. One setting, or each capture.
     maps
         Also measure `Calibration.chip` and `Calibration.temporal`. All frames are read once more, and the dark frames
         for the read noise twice. Dark frames clipped at 0 give no maps: `Calibration.no_maps_reason` and a warning.
+        One setting, or each capture.
     progress
         Called with (frames read, frames to read) after each frame. The second number grows where frames must be read
         again, and the count starts again for the maps.
     checkpoint
         Folder for intermediate sums, three times the size of a frame per exposure. An interrupted run resumes from it
         with bit-identical results when it is called again with the same frames. The files are removed at the end. One
-        run at a time may use the folder.
+        run at a time may use the folder. One or several settings.
     processes, scheduler
         Number of local processes (None: one for each core), or address of a Dask scheduler, whose workers read the
         frames first; sums are merged without rounding, and the result is the same. One process already reads in several
-        threads, so that this pays where reading takes long: large compressed files, several disks.
+        threads, so that this pays where reading takes long: large compressed files, several disks. One setting.
 
     Returns
     -------
-    Calibration
+    Calibration, GainSeries, CaptureCalibration or CombinedCalibration
         Parameters that could not be estimated have a reason instead of a value.
 
     Raises
     ------
     CalibrationError
-        If the frames cannot support a calibration, for example: several gain settings, black levels clipped too far,
-        flat fields that contradict the stated light or bit depth.
+        If the frames cannot support a calibration, for example: some frames have no gain setting, black levels clipped
+        too far, flat fields that contradict the stated light or bit depth.
     FileError
         If a frame cannot be read or has another size, or the checkpoint folder holds other files or is in use.
     InputError
-        If `frames` is not a FrameSet, or `sensor` cannot have taken these frames; if there is no scheduler, or a
-        checkpoint with several workers.
+        If `frames` is not a FrameSet or a mapping of them, or `sensor` cannot have taken these frames; if there is no
+        scheduler, or a checkpoint with several workers; if the frames' kind of calibration lacks an option.
     WorkerError
         If frames end the workers that read them.
 
@@ -110,105 +121,83 @@ def calibrate(
     >>> low < 0.5 < high, cal.quantum_efficiency_percent.reason
     (True, 'the photons per pixel are not known; give them in a descriptor or a protocol')
     """
+    kind = calibration_kind(frames, sensor)
+    given = {"outliers": outliers, "maps": maps, "checkpoint": checkpoint, "processes": processes}
+    given["scheduler"] = scheduler
+    check_options(kind, given)
+    if not isinstance(frames, FrameSet):
+        return calibrate_captures(frames, sensor, outliers=outliers, maps=maps, progress=progress)
+    if kind == "series":
+        return calibrate_series(frames, sensor, progress, checkpoint=checkpoint)
+    if kind == "combined":
+        return calibrate_combined(frames, sensor)
+    try:
+        return calibrate_setting(
+            frames,
+            sensor,
+            outliers=outliers,
+            maps=maps,
+            progress=progress,
+            checkpoint=checkpoint,
+            processes=processes,
+            scheduler=scheduler,
+        )
+    except SeveralCapturesError as error:
+        check_options("combined", given)
+        found = calibrate_combined(frames, sensor)
+        seen = Diagnostic(SEVERAL_CAPTURES.id, "note", f"{error.what}; the captures are distinguished by their noise")
+        return replace(found, diagnostics=(seen, *found.diagnostics))
+
+
+def calibration_kind(frames: FrameSet | Mapping[str, FrameSet], sensor: Sensor | None = None) -> CalibrationKind:
+    """Return the kind of calibration that frames need, as far as their settings and the sensor show it.
+
+    Frames of one setting may turn out to combine captures, once they are read.
+
+    Raises
+    ------
+    InputError
+        If `frames` is neither a FrameSet nor a mapping of names to them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from photosite.frames.frame_set import frame_set_from_arrays
+    >>> frames = [("dark", 0.1, np.zeros((4, 4), np.uint16))] * 2
+    >>> calibration_kind(frame_set_from_arrays(frames, bits=12))
+    'setting'
+    """
+    if isinstance(frames, Mapping) and all(isinstance(each, FrameSet) for each in frames.values()):
+        return "captures"
     if not isinstance(frames, FrameSet):
         path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
-        raise InputError(
-            "frames", value=frames, expected="a FrameSet", hint=f"Open the frames with open_frames({path})"
-        )
+        hint = f"Open the frames with open_frames({path})"
+        raise InputError("frames", value=frames, expected="a FrameSet, or one for each capture by name", hint=hint)
+    known = sensor if sensor is not None else frames.sensor
     if frames.bits > 16:
-        hint = "Use calibrate_combined, or calibrate the frames of each capture"
-        raise InputError("bits", where=frames.source, value=frames.bits, expected="at most 16", hint=hint)
-    sensor = sensor if sensor is not None else frames.sensor
-    raised = [*run_checks("set", frames, sensor)]
-    frames = without_covered_lines(frames, sensor)
-    with _saved_sums(frames, checkpoint, processes, scheduler) as saved:
-        with FrameReader(frames, progress, saved) as reader:
-            reduction = reduce_frames(reader)
-            raised += run_checks("levels", reduction)
-            dark = measure_dark_frames(reduction, reader)
-            noise = measure_noise_structure(reduction, reader)
-            light = measure_light_frames(reduction, dark, noise, reader, sensor)
-            if light.tone is None:
-                raised += run_checks("channels", reduction, light.channels)
-            patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-        evidence = collect_evidence(reduction, dark, light, patterns, sensor)
-        del reduction, dark, noise, light, patterns
-        findings: dict[str, Found] = {}
-        if maps:
-            evidence, findings = _with_maps(evidence, progress)
-        calibration = _calibration(evidence, Findings.measure(evidence, findings), raised)
-        if isinstance(saved, Checkpoint):
-            saved.remove()
-    return calibration
+        return "combined"
+    if len(frames.gain_settings) > 1:
+        return "series"
+    return "combined" if known is not None and known.captures is not None else "setting"
 
 
-def _saved_sums(
-    frames: FrameSet, checkpoint: str | PathLike[str] | None, processes: int | None, scheduler: str | None
-) -> AbstractContextManager[Checkpoint | SharedSums | None]:
-    """Return the sums that the reader need not compute: those of an interrupted run, or of workers."""
-    alone = scheduler is None and processes == 1
-    if checkpoint is None:
-        return nullcontext() if alone else SharedSums(frames, processes=processes, scheduler=scheduler)
-    if not alone:
-        raise InputError("checkpoint", value=checkpoint, expected="omitted with several workers")
-    return Checkpoint(checkpoint, frames)
+def check_options(kind: CalibrationKind, given: Mapping[str, Any]) -> None:
+    """Check that a kind of calibration has all options that are given.
+
+    Raises
+    ------
+    InputError
+        With the name of the first option that it lacks.
+    """
+    for name, value in given.items():
+        if name not in _OPTIONS[kind] and value not in (None, False, 1):
+            having = " or ".join(_HOLDS[each] for each, names in _OPTIONS.items() if name in names)
+            raise InputError(name, value=value, expected=f"omitted for {_HOLDS[kind]}", hint=f"It applies to {having}")
 
 
-def _with_maps(evidence: Evidence, progress: Progress | None) -> tuple[Evidence, dict[str, Found]]:
-    """Return the evidence with the chip's maps, or with the reason why they are missing, and the glow in the maps."""
-    for pattern in evidence.patterns.channels:
-        if isinstance(pattern.spatial, SpatialAnalysis):
-            pattern.spatial.compute()  # releases the mean frames
-    glow = deferred_glow(evidence)
-    known = glow.value if isinstance(glow, Deferred) else glow
-    reason = evidence.dark.noise_unknown
-    try:
-        if not reason:
-            evidence = measure_chip(evidence, None if isinstance(known, Missing) else known, progress)
-    except ClippedChipError as error:
-        reason = str(error)
-    if reason:
-        evidence = replace(evidence, no_maps=reason, maps_failed=True)
-    return evidence, {"glow": known}
-
-
-def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagnostic]) -> Calibration:
-    """Return the result."""
-    reduction, channels = evidence.reduction, evidence.channels
-    frames, names = reduction.frames, reduction.names
-    patterns = dict(zip(names, evidence.patterns.channels, strict=True))
-    photons_known = bool(channels) and all(entry.group.photons_per_pixel is not None for entry in reduction.lights)
-    stated = [(group.kind, group.temperature_c) for group in frames.groups if group.temperature_c is not None]
-    # The dark current is that of the dark frames.
-    temperatures = [t for kind, t in stated if kind == "dark"] or [t for _, t in stated]
-    raised = [*raised, *run_checks("result", evidence, linear=evidence.light.tone is None)]
-    estimates: dict[str, Any] = evidence.parameters.estimates()
-    return Calibration(
-        **estimates,
-        by_line=evidence.by_line,
-        channels=evidence.of_channels if len(names) > 1 else {},
-        clipped_electrons=saturated_electrons(evidence.pooled),
-        findings=findings,
-        curves=evidence.curves,
-        linear_range=evidence.linear_range,
-        snr={name: snr_curve(channel) for name, channel in channels.items()},
-        linearity={name: m.linearity[0] for name, m in zip(names, evidence.measured, strict=True) if m.linearity},
-        spatial={name: pattern.spatial for name, pattern in patterns.items()},
-        dsnu1288_exposure_s={name: t for name, pattern in patterns.items() for t in pattern.dsnu1288_exposures_s},
-        model="linear" if photons_known else "general",
-        general={name: general_model(channel) for name, channel in channels.items()},
-        diagnostics=collected(raised, reduction.rejected, evidence.parameters),
-        frames_used=reduction.used,
-        source=frames.source,
-        rows=frames.rows,
-        cols=frames.cols,
-        bits=frames.bits,
-        cfa=frames.cfa,
-        base=evidence.base,
-        electrical_scale=evidence.electrical_scale,
-        chip=evidence.chip,
-        temporal=evidence.temporal,
-        no_maps_reason=evidence.no_maps if evidence.maps_failed else None,
-        gain_setting=frames.gain_settings[0],
-        temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
-    )
+_HOLDS: dict[CalibrationKind, str] = {
+    "setting": "frames of one gain setting and capture",
+    "series": "several gain settings",
+    "captures": "the frames of each capture",
+    "combined": "frames that combine captures",
+}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,9 +13,10 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import Stages, held_warnings, listed, not_listed, say, say_if_compiling, show, table
-from photosite.errors import InputError, printable
+from photosite.errors import printable
 
 if TYPE_CHECKING:
+    from photosite.calibration.calibrate import AnyCalibration
     from photosite.calibration.captures.combined import CombinedCalibration
     from photosite.calibration.captures.each_capture import CaptureCalibration
     from photosite.calibration.gain_series.result import GainSeries
@@ -169,14 +171,11 @@ def command(
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     Example: photosite calibrate cameras/* --sensor nikon-d200 --into results --processes 4
     """
-    from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.captures.each_capture import calibrate_captures
-    from photosite.calibration.gain_series.calibrate_series import calibrate_series
-    from photosite.calibration.photon_transfer.knees import SeveralCapturesError
+    from photosite.calibration.calibrate import calibrate, calibration_kind, check_options
+    from photosite.calibration.captures.combined import CombinedCalibration
+    from photosite.calibration.captures.each_capture import CaptureCalibration
+    from photosite.calibration.result import Calibration
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
-    from photosite.frames.linearization import linearize as linearized
-    from photosite.frames.linearization import read_linearization
-    from photosite.frames.open import open_frames
     from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     if into is not None:
@@ -187,89 +186,80 @@ def command(
         return _calibrate_cameras(paths, into, sensor_name, maps, processes, scheduler, as_json, reading)
     if len(paths) > 1:
         raise click.UsageError("several cameras need --into")
-    path, alone = paths[0], processes == 1 and scheduler is None
     held = click.get_current_context().with_resource(held_warnings())
     given = _contribution(contribute, license_id, camera, attribution)
-    if names := _names_of_captures(path, captures, sensor_name):
-        if output is not None or maps or linearize is not None or checkpoint is not None or given:
-            raise click.UsageError("-o, --maps, --linearize, --checkpoint and --contribute need frames of one capture")
-        options.only_for("frames of one capture", "name", *_OF_ONE_CAPTURE)
-        if not alone:
-            raise click.UsageError(_OF_ONE)
-        frames_of = {each: open_frames(path / each, **reading) for each in names}
-        parts = calibrate_captures(frames_of, options.sensor_or(None, sensor_name), progress=Stages())
-        _show_captures(parts, report, as_json)
-        return None
-    frames = open_frames(path, **reading)
-    if linearize is not None:
-        frames = linearized(frames, read_linearization(linearize))
-    sensor = options.sensor_or(frames.sensor, sensor_name)
-    if name is not None and sensor is None:
-        raise click.UsageError("--name needs a sensor to describe: give --sensor")
+    frames, sensor = _open(paths[0], sensor_name, captures, linearize, reading)
+    for option, wanted in (("--name", name), ("-o", output), ("--contribute", given)):
+        if wanted is not None and sensor is None:
+            hint = "give --sensor (sensors new writes one)"
+            raise click.UsageError(f"{option} needs pixel size, volts and spectra, which frames lack: {hint}")
     if name is not None and sensor is not None:
         sensor = sensor.with_(name=printable(name))
     if maps and output is not None:
         options.check_new(maps_path(output))
         check_maps_are_free(output)
-    is_series = len(frames.gain_settings) > 1
-    if given and sensor is None:
-        raise click.UsageError("--contribute needs pixel size, volts and spectra, which frames lack: give --sensor")
-    if is_series and not alone:
-        raise click.UsageError(_OF_ONE)
-    if frames.bits > 16 or (sensor is not None and sensor.captures is not None and not is_series):
-        if given:
-            raise click.UsageError("--contribute needs frames of one capture")
-        if not alone:
-            raise click.UsageError(_OF_ONE)
-        options.only_for("frames of one capture", "checkpoint", *_OF_ONE_CAPTURE)
-        _combined(frames, sensor, output, report, as_json)
-        return None
-    if output is not None and sensor is None:
-        raise click.UsageError(
-            "-o needs pixel size, volts and spectra, which frames lack: give --sensor (sensors new writes one)"
-        )
-    if is_series and maps:
-        raise click.UsageError("--maps needs frames of one gain setting: calibrate each setting separately")
-    if is_series and (outlier_dark or outlier_light):
-        raise click.UsageError("--outlier-dark and --outlier-light need frames of one gain setting")
+    thresholds = outlier_dark is not None or outlier_light is not None
+    chosen: dict[str, Any] = {
+        "outliers": OutlierThresholds(outlier_dark, outlier_light) if thresholds else None,
+        "maps": maps,
+        "checkpoint": checkpoint,
+        "processes": processes,
+        "scheduler": scheduler,
+    }
+    kind = calibration_kind(frames, sensor)
+    check_options(kind, chosen)
+    if kind in ("captures", "combined"):
+        _check_not_saved(output, given)
     say_if_compiling()
-    if is_series:
-        series = calibrate_series(frames, sensor, progress=Stages(), checkpoint=checkpoint)
-        not_listed(held, series.warnings)
-        entry = given.write(series) if given else None
-        _write_series(series, output, report, entry, as_json)
+    result = calibrate(frames, sensor, progress=Stages(), **chosen)
+    not_listed(held, result.warnings)
+    if isinstance(result, CaptureCalibration | CombinedCalibration):
+        _check_not_saved(output, given)
+        if report is not None:
+            result.report(report)
+        show(as_json, result.to_dict, lambda: _text_of(result), report=report)
         return None
-    outliers = OutlierThresholds(outlier_dark, outlier_light)
-    try:
-        calibration = calibrate(
-            frames,
-            sensor,
-            maps=maps,
-            outliers=outliers,
-            progress=Stages(),
-            checkpoint=checkpoint,
-            processes=processes,
-            scheduler=scheduler,
-        )
-    except SeveralCapturesError as error:
-        say(f"photosite: {error.what}; the captures are distinguished by their noise")
-        if given:
-            raise click.UsageError("--contribute needs frames of one capture") from None
-        options.only_for("frames of one capture", *_OF_ONE_CAPTURE)
-        _combined(frames, sensor, output, report, as_json)
-        return None
-    not_listed(held, calibration.warnings)
-    if output is not None:
-        _ = calibration.sensor  # raises before anything is written
+    if output is not None and isinstance(result, Calibration):
+        _ = result.sensor  # raises before anything is written
     if report is not None:
-        calibration.report(report)
+        result.report(report)
     if output is not None:
-        calibration.save(output)
-    beside = maps_path(output) if calibration.chip is not None and output is not None else None
-    entry = given.write(calibration) if given else None
+        result.save(output)
+    has_maps = isinstance(result, Calibration) and result.chip is not None
+    beside = maps_path(output) if has_maps and output is not None else None
+    entry = given.write(result) if given else None
     written = {"sensor": output, "maps": beside, "report": report, "entry": entry}
-    show(as_json, calibration.to_dict, lambda: _text(calibration), **written)
+    show(as_json, result.to_dict, lambda: _text_of(result), **written)
     return None
+
+
+def _open(
+    path: Path, sensor_name: str | None, captures: str | None, linearize: Path | None, reading: Mapping[str, Any]
+) -> tuple[FrameSet | dict[str, FrameSet], Sensor | None]:
+    """Return the frames, or those of each capture, and the sensor as known before."""
+    from photosite.frames.linearization import linearize as linearized
+    from photosite.frames.linearization import read_linearization
+    from photosite.frames.open import capture_folders, open_frames
+
+    table = None if linearize is None else read_linearization(linearize)
+
+    def opened(folder: Path) -> FrameSet:
+        frames = open_frames(folder, **reading)
+        return frames if table is None else linearized(frames, table)
+
+    named = () if captures is None else tuple(name.strip() for name in captures.split(","))
+    sensor = options.sensor_or(None, sensor_name)
+    if names := capture_folders(path, sensor, named):
+        return {name: opened(path / name) for name in names}, sensor
+    frames = opened(path)
+    return frames, frames.sensor if sensor is None else sensor
+
+
+def _check_not_saved(output: Path | None, given: _Contribution | None) -> None:
+    """Raise a usage error for the sensor file or the entry of frames that show only part of what these hold."""
+    for option, wanted in (("-o", output), ("--contribute", given)):
+        if wanted is not None:
+            raise click.UsageError(f"{option} needs frames of one capture: several do not show all of a sensor")
 
 
 @dataclass(frozen=True)
@@ -300,11 +290,6 @@ def _contribution(
             raise click.UsageError("--license, --camera and --attribution belong to --contribute")
         return None
     return _Contribution(folder, check_license(license_id), camera, attribution)
-
-
-_OF_ONE_CAPTURE = ("maps", "outlier_dark", "outlier_light")
-"""Parameters that need frames of one capture."""
-_OF_ONE = "--processes and --dask apply to frames of one gain setting and capture, or with --into to several cameras"
 
 
 def _calibrate_cameras(
@@ -348,48 +333,24 @@ def _camera_line(result: dict[str, Any]) -> str:
     return "calibrated" + (f", {warnings} warning{'s' * (warnings > 1)}" if warnings else "")
 
 
-def _names_of_captures(path: Path, given: str | None, sensor_name: str | None) -> list[str]:
-    """Return the subfolders with the frames of each capture; none for frames of one."""
-    if given is not None:
-        names = [name.strip() for name in given.split(",")]
-        if missing := [name for name in names if not (path / name).is_dir()]:
-            raise InputError("captures", value=missing[0], expected=f"a subfolder of {path}")
-        return names
-    sensor = options.sensor_or(None, sensor_name)
-    if sensor is None or sensor.captures is None:
-        return []
-    names = list(sensor.captures.names)
-    return names if all((path / name).is_dir() for name in names) else []
+def _text_of(result: AnyCalibration) -> str:
+    """Return the result for the terminal."""
+    from photosite.calibration.gain_series.result import GainSeries
+    from photosite.calibration.result import Calibration
+
+    if isinstance(result, Calibration):
+        return _text(result)
+    return _series_text(result) if isinstance(result, GainSeries) else _captures_text(result)
 
 
-def _combined(frames: FrameSet, sensor: Sensor | None, output: Path | None, report: Path | None, as_json: bool) -> None:
-    """Calibrate combined frames and show the captures."""
-    from photosite.calibration.captures.combined import calibrate_combined
-
-    if output is not None:
-        raise click.UsageError("-o needs the frames of each capture: combined ones do not show all that a file holds")
-    found = calibrate_combined(frames, sensor)
-    _show_captures(found, report, as_json)
-
-
-def _show_captures(found: CaptureCalibration | CombinedCalibration, report: Path | None, as_json: bool) -> None:
-    """Write the report of captures and show their table."""
-    if report is not None:
-        found.report(report)
+def _captures_text(found: CaptureCalibration | CombinedCalibration) -> str:
     content = found.to_dict()
     names = ("parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "reason")
-    heads = ("part", *names)
     part = content["part"] if "part" in content else content["capture"]
-    rows = [
-        heads,
-        *(tuple(_cell(cell) for cell in row) for row in zip(part, *(content[n] for n in names), strict=True)),
-    ]
-
-    def text() -> str:
-        lines = [listed("warnings:", found.warnings)] if found.warnings else []
-        return "\n\n".join([table(rows, "<<>>>><"), *lines])
-
-    show(as_json, content, text, report=report)
+    cells = zip(part, *(content[name] for name in names), strict=True)
+    rows = [("part", *names), *(tuple(_cell(cell) for cell in row) for row in cells)]
+    lines = [listed("warnings:", found.warnings)] if found.warnings else []
+    return "\n\n".join([table(rows, "<<>>>><"), *lines])
 
 
 def _cell(value: object) -> str:
@@ -488,17 +449,6 @@ def _chip(calibration: Calibration) -> list[str]:
     heading = ("bands", "cycles per pixel", "amplitude, DN")
     noises = [table(noise, "<<<<"), *([table(dark, "<<<<<")] if len(dark) > 1 else [])]
     return [*noises, table(defects, "<><"), *([table([heading, *bands], "<><")] if bands else [])]
-
-
-def _write_series(
-    series: GainSeries, output: Path | None, report: Path | None, entry: Path | None, as_json: bool
-) -> None:
-    """Write the sensor file and the report of a series."""
-    if output is not None:
-        series.save(output)
-    if report is not None:
-        series.report(report)
-    show(as_json, series.to_dict, lambda: _series_text(series), sensor=output, report=report, entry=entry)
 
 
 def _series_text(series: GainSeries) -> str:

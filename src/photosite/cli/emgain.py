@@ -52,8 +52,8 @@ def command(
 
     Example: photosite emgain unity gain300 --stages 536 --sensor nominal.sensor.yaml -o emccd.sensor.yaml
     """
-    from photosite.calibration.calibrate import calibrate
     from photosite.calibration.effects.em_gain import measure_em_gain
+    from photosite.calibration.setting import calibrate_setting
     from photosite.frames.open import open_frames
     from photosite.sensor.effects.em_gain import EmGain
     from photosite.values.uncertain import Measured
@@ -68,7 +68,7 @@ def command(
     stated = None if sensor is None or sensor.effects is None else sensor.effects.em_gain
     plain = sensor.with_(em_gain=None) if sensor is not None and stated is not None else sensor
     say_if_compiling()
-    first, second = (calibrate(frames, plain, progress=Stages()) for frames in sets)
+    first, second = (calibrate_setting(frames, plain, progress=Stages()) for frames in sets)
     if stages is not None:
         stated = (stated or EmGain(gain=Measured(1.0))).model_copy(update={"stages": stages})
     found = measure_em_gain(first, second, stated)

@@ -12,10 +12,12 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command, writes_file
 from photosite.cli.output import Stages, say, say_if_compiling, show
+from photosite.errors import InputError
 from photosite.files.small_files import read_small
 from photosite.files.yaml import LARGEST_BYTES
 
 if TYPE_CHECKING:
+    from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
     from photosite.frames.frame_set import FrameSet
     from photosite.sensor.noise_profile import NoiseProfile
@@ -136,16 +138,21 @@ class _Source:
             return None
         return open_frames(path, **self.reading)
 
-    def calibration(self, frames: FrameSet) -> Calibration:
-        """Return the calibration of a measurement at one gain setting."""
+    def calibrated(self, frames: FrameSet) -> Calibration | GainSeries:
+        """Return the calibration of a measurement of one capture."""
         from photosite.calibration.calibrate import calibrate
+        from photosite.calibration.gain_series.result import GainSeries
+        from photosite.calibration.result import Calibration
 
-        return calibrate(frames, options.sensor_or(frames.sensor, self.sensor_name), progress=Stages())
+        found = calibrate(frames, options.sensor_or(frames.sensor, self.sensor_name), progress=Stages())
+        if not isinstance(found, Calibration | GainSeries):
+            raise InputError("frames", where=frames.source, value="combined captures", expected="frames of one capture")
+        return found
 
     def profiles(self) -> Sequence[NoiseProfile]:
         """Return the noise profiles by increasing gain setting, or only that of --gain-setting."""
         from photosite.calibration.export.measured_sensor import calibration_noise_profile
-        from photosite.calibration.gain_series.calibrate_series import calibrate_series
+        from photosite.calibration.gain_series.result import GainSeries
         from photosite.sensor.io.sensor_file import load_sensor
         from photosite.sensor.noise_profile import profile_at_setting, sensor_noise_profile
 
@@ -157,15 +164,13 @@ class _Source:
             settings = own.all_gain_settings if self.gain_setting is None else (self.gain_setting,)
             return [sensor_noise_profile(own.at_gain_setting(each), gain_setting=each) for each in settings]
         say_if_compiling()
-        if len(frames.gain_settings) == 1:
-            (stated,) = frames.gain_settings
-            if stated is not None and self.gain_setting is not None:
-                frames = frames.at_gain(self.gain_setting)
-            setting = stated if self.gain_setting is None else self.gain_setting
-            return [calibration_noise_profile(self.calibration(frames), setting)]
-        sensor = options.sensor_or(frames.sensor, self.sensor_name)
-        series = calibrate_series(frames, sensor, progress=Stages())
-        profiles = [calibration_noise_profile(step.calibration, step.setting) for step in series.steps]
+        stated = frames.gain_settings[0]
+        if len(frames.gain_settings) == 1 and stated is not None and self.gain_setting is not None:
+            frames = frames.at_gain(self.gain_setting)
+        found = self.calibrated(frames)
+        if not isinstance(found, GainSeries):
+            return [calibration_noise_profile(found, stated if self.gain_setting is None else self.gain_setting)]
+        profiles = [calibration_noise_profile(step.calibration, step.setting) for step in found.steps]
         return profiles if self.gain_setting is None else [profile_at_setting(profiles, self.gain_setting)]
 
 
@@ -198,6 +203,7 @@ def _write_libcamera(source: _Source, output: Path, target: str) -> str:
 
 def _write_emva(source: _Source, form: str, output: Path) -> str:
     from photosite.calibration.export.emva_xml import EMVA_XML_LOSS, write_emva_results
+    from photosite.calibration.result import Calibration
     from photosite.frames.io.emva_descriptor import EMVA_FRAMES_LOSS, write_descriptor
 
     frames = source.frames()
@@ -209,5 +215,8 @@ def _write_emva(source: _Source, form: str, output: Path) -> str:
         write_descriptor(frames, output, progress=Stages())
         return EMVA_FRAMES_LOSS
     say_if_compiling()
-    write_emva_results(source.calibration(frames), output)
+    found = source.calibrated(frames)
+    if not isinstance(found, Calibration):
+        raise click.UsageError("emva-xml holds one gain setting; choose it with --gain-setting")
+    write_emva_results(found, output)
     return EMVA_XML_LOSS

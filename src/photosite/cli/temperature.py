@@ -59,8 +59,8 @@ def command(
 
     Example: photosite temperature 15C 25C 35C --sensor mine.sensor.yaml -o complete.sensor.yaml --report dark.html
     """
-    from photosite.calibration.calibrate import calibrate
     from photosite.calibration.dark.temperature import dark_temperature
+    from photosite.calibration.setting import calibrate_setting
     from photosite.frames.frame_set import STEADY_TEMPERATURE_C, TEMPERATURE_VARIED, split_by_temperature
     from photosite.frames.open import open_frames
 
@@ -82,7 +82,7 @@ def command(
         raise click.UsageError("dark frames of two temperatures or more are needed, got one; name further paths")
     sensor = options.sensor_or(None, sensor_name)
     say_if_compiling()
-    calibrations = [calibrate(frames, sensor, progress=Stages()) for frames in sets]
+    calibrations = [calibrate_setting(frames, sensor, progress=Stages()) for frames in sets]
     found = dark_temperature(calibrations, temperature_c)
     not_listed(held, (*found.warnings, TEMPERATURE_VARIED))
     completed = None if output is None or sensor is None else found.applied_to(sensor)

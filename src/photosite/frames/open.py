@@ -19,7 +19,42 @@ from photosite.frames.io.formats import FORMATS, SUFFIXES, read_headers
 from photosite.frames.io.protocol import read_protocol
 from photosite.frames.raw_frame import MOST_BITS, check_bits
 from photosite.sensor.io.sensor_file import load_sensor
+from photosite.sensor.model import Sensor
 from photosite.values.cfa import cfa_from
+
+
+def capture_folders(
+    path: str | PathLike[str], sensor: Sensor | None = None, names: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the subfolders with the frames of each capture of one exposure; none for frames of one folder.
+
+    Parameters
+    ----------
+    path
+        Folder of a measurement.
+    sensor
+        Sensor whose captures are looked for if `names` is empty.
+    names
+        Subfolders, from the most to the least sensitive capture.
+
+    Raises
+    ------
+    InputError
+        If one of `names` is no subfolder.
+
+    Examples
+    --------
+    >>> capture_folders(".", load_sensor("dual-gain-phone"))
+    ()
+    """
+    for name in names:
+        if not Path(path, name).is_dir():
+            raise InputError("captures", value=name, expected=f"a subfolder of {path}")
+    if names or sensor is None or sensor.captures is None:
+        return tuple(names)
+    known = tuple(sensor.captures.names)
+    return known if all(Path(path, name).is_dir() for name in known) else ()
+
 
 PROTOCOL_NAMES = ("protocol.yaml", "protocol.yml")
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
+from photosite.calibration.setting import calibrate_setting
 from photosite.camera.camera import Camera
 from photosite.develop.develop import develop_pair
 from photosite.errors import InputError
@@ -224,7 +224,7 @@ def closed_loop(
         frames = frames if source is None else replace(frames, source=source)
     with _timed(seconds, "calibrate"):
         progress.stage(f"calibrating from {protocol.frame_count} frames")
-        calibration = calibrate(frames, progress=progress)
+        calibration = calibrate_setting(frames, progress=progress)
     with _timed(seconds, "simulate"):
         progress.stage("simulating a ColorChecker with the true and with the calibrated sensor")
         true_raw = _capture_chart(sensor, chart, seed, protocol.frame_count)

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from photosite.calibration.calibrate import calibrate
 from photosite.calibration.captures.combined import CombinedCalibration, calibrate_combined
 from photosite.calibration.captures.each_capture import calibrate_captures
 from photosite.calibration.result import Calibration
+from photosite.calibration.setting import calibrate_setting
 from photosite.engine.jit import threads_for
 from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import CalibrationError, InputError, did_you_mean
@@ -290,7 +290,7 @@ def measure_sensor(lab: VirtualLab | DisturbedLab, *, maps: bool = False) -> _Re
     if isinstance(lab, VirtualLab) and lab.camera.sensor.captures is not None:
         return _measure_captures(lab)
     try:
-        calibration = calibrate(lab.frame_set(), maps=maps)
+        calibration = calibrate_setting(lab.frame_set(), maps=maps)
     except CalibrationError as error:
         return str(error)
     if isinstance(lab, DisturbedLab):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from photosite.calibration.calibrate import calibrate
+from photosite.calibration.setting import calibrate_setting
 from photosite.errors import PhotositeError
 from photosite.frames.frame_set import FrameSet
 from photosite.studies.plain_camera import Change, Effect, Frame, PlainCamera, bands, bent, convolved, darker_corners
@@ -208,7 +208,7 @@ def imperfect_stacks(seeds: Iterable[int] = (0,), kinds: Sequence[StackKind] = K
     """
     for kind, seed in product(kinds, tuple(seeds)):
         try:
-            calibration = calibrate(kind.frames(seed))
+            calibration = calibrate_setting(kind.frames(seed))
         except PhotositeError as error:
             yield Answer(kind, str(error), str(error), (str(error),))
             continue

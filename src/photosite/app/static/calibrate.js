@@ -6,7 +6,7 @@ import { folderDrop } from "./folder.js";
 import { jobBar } from "./jobview.js";
 import { drawResults } from "./results.js";
 
-const fresh = { groups: [], maps: false, captures: [], method: null };
+const fresh = { groups: [], maps: false, captures: [] };
 let request = { folder: "", sensor: null, ...fresh };
 let built = false, found = null, listing = 0;
 
@@ -17,7 +17,7 @@ export async function show(content) {
   if (content) request = { ...request, ...content };
   const [{ sensors }, folders, files, server] = await Promise.all([post("/api/form", {}), get("/api/files?kind=folder"), get("/api/files?kind=sensor"), get("/api/server")]);
   const groups = element("div", { "aria-live": "polite" }), results = element("div", { "aria-live": "polite" });
-  const { bar } = jobBar("calibration", "calibrate", () => request, (result) => { request.method = result.method; drawResults(results, result); bar.scrollIntoView(); }, "Calibrate");
+  const { bar } = jobBar("calibration", "calibrate", () => request, (result) => { drawResults(results, result); bar.scrollIntoView(); }, "Calibrate");
   const folder = element("select", { onchange: () => open(folder.value) },
     ...(server.folder ? [element("option", { value: "" }, server.folder)] : []), ...folders.map((each) => element("option", { value: each.name }, each.name)));
   function open(name, label = name) {
@@ -27,7 +27,7 @@ export async function show(content) {
     list();
   }
   const known = [["", "that of the frames' protocol, or none"], ...sensors.map((name) => [name, name]), ...files.map((file) => [`file:${file.name}`, file.name])];
-  const sensor = element("select", { onchange: () => { request.sensor = sensor.value ? { source: sensor.value } : null; request.method = null; } }, ...known.map(([value, text]) => element("option", { value }, text)));
+  const sensor = element("select", { onchange: () => { request.sensor = sensor.value ? { source: sensor.value } : null; } }, ...known.map(([value, text]) => element("option", { value }, text)));
   sensor.value = request.sensor?.source ?? "";
   async function list() {
     const mine = ++listing;
@@ -63,14 +63,13 @@ function drawGroups(root) {
   const edits = found.groups.map((each, k) => request.groups[k] ?? { kind: each.kind, exposure_s: each.exposure_s, gain_setting: each.gain_setting });
   const note = element("p", { class: "hint" });
   const keep = () => {
-    request.method = null;
     request.groups = edits.some((edit, k) => ["kind", "exposure_s", "gain_setting"].some((name) => edit[name] !== found.groups[k][name])) ? edits : [];
     const gains = new Set(edits.filter((edit) => edit.kind !== "omit").map((edit) => edit.gain_setting));
     note.textContent = gains.size > 1 ? `${gains.size} gain settings: each is calibrated by itself, then all together.` : "";
     maps.disabled = gains.size > 1;
     if (maps.disabled) maps.checked = request.maps = false;
   };
-  const maps = element("input", { type: "checkbox", id: "calibrate-maps", onchange: () => { request.maps = maps.checked; request.method = null; } });
+  const maps = element("input", { type: "checkbox", id: "calibrate-maps", onchange: () => { request.maps = maps.checked; } });
   maps.checked = request.maps;
   const number = (k, name, label, attributes) => {
     const box = element("input", { type: "number", step: "any", "aria-label": `${label} of group ${k + 1}`, ...attributes, onchange: () => {
@@ -100,7 +99,7 @@ function drawGroups(root) {
 function captureNames() {
   const box = element("input", { type: "text", id: "calibrate-captures", "aria-describedby": "calibrate-captures-hint", onchange: () => {
     const names = box.value.split(",").map((name) => name.trim()).filter(Boolean);
-    request = { ...request, captures: names, method: null };
+    request = { ...request, captures: names };
   } });
   box.value = request.captures.join(", ");
   return element("div", {}, element("label", { for: box.id }, "Captures of one exposure "), box,

@@ -119,7 +119,7 @@ class Knee:
 
 @dataclass(frozen=True, eq=False)
 class CombinedCalibration(Diagnosed, Tabular):
-    """The result of `calibrate_combined`.
+    """The result of `calibrate` for frames that combine captures.
 
     Parameters
     ----------

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.result import Calibration
+from photosite.calibration.setting import calibrate_setting
 from photosite.calibration.withheld import NO_RATIO
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet, FrameSource
@@ -39,7 +39,7 @@ _USED = 0.85
 
 @dataclass(frozen=True)
 class CaptureCalibration(Diagnosed, Tabular):
-    """The result of `calibrate_captures`.
+    """The result of `calibrate` for the frames of each capture.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def calibrate_captures(
     sizes = {(each.rows, each.cols, each.cfa) for each in frames.values()}
     if len(sizes) > 1:
         raise InputError("frames", value=sorted(map(str, sizes)), expected="of one size and color filter array")
-    found = {name: _Capture.of(each, calibrate(each, sensor, **options)) for name, each in frames.items()}
+    found = {name: _Capture.of(each, calibrate_setting(each, sensor, **options)) for name, each in frames.items()}
     first = next(iter(found))
     chain: dict[str, Value] = dict.fromkeys(found[first].sites, Uncertain(1.0))
     signal: dict[str, Value] = {}

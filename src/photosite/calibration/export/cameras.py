@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from photosite.calibration.calibrate import calibrate
-from photosite.calibration.gain_series.calibrate_series import calibrate_series
+from photosite.calibration.calibrate import AnyCalibration, calibrate, calibration_kind
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
 from photosite.engine.workers import run_tasks
@@ -40,8 +39,8 @@ def calibrate_cameras(
 ) -> dict[str, dict[str, Any]]:
     """Calibrate several cameras and write the results of each to a folder.
 
-    `NAME.json` has what `Calibration.to_dict` returns, or for several gain settings `GainSeries.to_dict`, and
-    `NAME.sensor.yaml` is the sensor file where a sensor is known; NAME is that of the camera's folder or file. The
+    `NAME.json` has what `to_dict` of the result of `calibrate` returns, and `NAME.sensor.yaml` is the sensor file where
+    a sensor is known and the frames show all that the file needs; NAME is that of the camera's folder or file. The
     results appear whole or not at all. A call with the same folder calibrates the cameras that it lacks, and those that
     failed.
 
@@ -132,7 +131,7 @@ class _Camera:
         try:
             found, has_sensor = self._calibrated(name, path)
             result = found.to_dict()
-            if has_sensor:
+            if has_sensor and isinstance(found, Calibration | GainSeries):
                 try:
                     found.save(self.folder / f"{name}{_SENSOR}")
                 except FileError as error:
@@ -147,15 +146,14 @@ class _Camera:
         content: dict[str, Any] = json.loads(text)
         return content
 
-    def _calibrated(self, name: str, path: str) -> tuple[Calibration | GainSeries, bool]:
-        """Return what was found, and whether it can be saved: the properties of the sensor are known."""
+    def _calibrated(self, name: str, path: str) -> tuple[AnyCalibration, bool]:
+        """Return what was found, and whether the properties of the sensor are known."""
         frames = open_frames(path, **self.reading)
         sensor = self.sensor or frames.sensor
         if sensor is not None:
             sensor = sensor.with_(name=printable(name))
-        if len(frames.gain_settings) > 1:
-            return calibrate_series(frames, sensor), sensor is not None
-        return calibrate(frames, sensor, maps=self.maps), sensor is not None
+        maps = self.maps and calibration_kind(frames, sensor) == "setting"
+        return calibrate(frames, sensor, maps=maps), sensor is not None
 
 
 def _plain(value: Any) -> Any:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.calibrate import calibrate
 from photosite.calibration.gain_series.result import ConversionGainSwitch, GainMode, GainSeries, GainStep
 from photosite.calibration.gain_series.series_statistics import (
     FEWEST_SETTINGS,
@@ -29,6 +28,7 @@ from photosite.calibration.gain_series.series_statistics import (
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.reduction.frame_reader import Progress
+from photosite.calibration.setting import calibrate_setting
 from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
 from photosite.calibration.withheld import FEW_SETTINGS, IRREGULAR_GAIN, SETTING_WITHOUT_GAIN
 from photosite.frames.frame_set import FrameSet
@@ -118,7 +118,7 @@ def calibrate_series(
                 progress(done, total)
 
         sums = None if checkpoint is None else Path(checkpoint) / f"gain{setting:g}"
-        calibration = calibrate(part, base, progress=report, checkpoint=sums)
+        calibration = calibrate_setting(part, base, progress=report, checkpoint=sums)
         for pattern in calibration.spatial.values():
             if isinstance(pattern, SpatialAnalysis):
                 pattern.compute()  # releases the mean frames of this setting

@@ -202,5 +202,5 @@ def check_knees(channels: Sequence[Channel], source: str) -> None:
     if any(step < 1.0 for _, step in found):
         cause = "the numbers are companded, or combine several captures"
     what = f"the temporal variance steps at {where} above black: {cause}"
-    hint = "Use calibrate_combined, with the companding table if there is one, or calibrate the frames of each capture"
+    hint = "State the companding table in the sensor file if there is one, or calibrate the frames of each capture"
     raise SeveralCapturesError(what, where=source, hint=hint, id=SEVERAL_CAPTURES.id)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.calibrate import calibrate
+from photosite.calibration.setting import calibrate_setting
 from photosite.engine.frame_sums import FrameSums
 from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
@@ -77,7 +77,7 @@ def write_frames(folder: str, protocol: ShootingProtocol) -> None:
 
 def work_calibrate(folder: str) -> None:
     """Calibrate from files."""
-    calibrate(open_frames(folder))
+    calibrate_setting(open_frames(folder))
 
 
 def work_read(folder: str) -> None:

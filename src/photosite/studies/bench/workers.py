@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from photosite.calibration.calibrate import calibrate
+from photosite.calibration.setting import calibrate_setting
 from photosite.data.dataset import PairDataset
 from photosite.data.light import Electrons
 from photosite.engine.dask_workers import WORKER_ENVIRONMENT
@@ -87,7 +87,7 @@ def noise_load(_: str, index: int) -> int:
 
 def calibration_load(folder: str, _: int) -> float | None:
     """Calibrate a camera from 64 frames of a D200, uncompressed and in the page cache."""
-    return calibrate(open_frames(folder)).system_gain_dn_per_e.value
+    return calibrate_setting(open_frames(folder)).system_gain_dn_per_e.value
 
 
 LOADS: dict[str, tuple[Callable[[str, int], Any], int]] = {

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
+from photosite.calibration.setting import calibrate_setting
 from photosite.report.figures.validation import deviations_figure
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 from photosite.report.page import Block, Column, Details, Listing, Paragraph, Subheading, Table
@@ -221,7 +221,7 @@ def _camera_table(case: Case, lab: VirtualLab, progress: Progress) -> CameraTabl
     array = lab.camera.sensor.array
     frames, size = lab.protocol.frame_count, (array.rows, array.cols)
     progress.stage(f"{case.title}: shooting {frames} frames of {size[0]} x {size[1]} pixels and calibrating")
-    calibration = calibrate(lab.frame_set(), progress=progress)
+    calibration = calibrate_setting(lab.frame_set(), progress=progress)
     preset = load_sensor(case.preset)
     truth = measured_truth(lab, calibration)
     truth["electrons_per_dn"] = 1.0 / truth["system_gain_dn_per_e"]
