@@ -10,8 +10,10 @@ import pytest
 from tests.helpers.raising import raises
 
 import photosite as ps
+from photosite.calibration.calibrate import calibration_kind
 from photosite.calibration.captures.combined import CombinedCalibration, calibrate_combined
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError, find_pieces
+from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
 
@@ -104,14 +106,18 @@ def test_two_gains_of_one_charge_differ_by_read_noise() -> None:
     assert within(found.captures[1].sensitivity_ratio, 1.0)
 
 
-def test_calibrate_names_the_knee_and_gives_no_gain() -> None:
+def test_calibrate_recognizes_combined_frames() -> None:
     part = {**SPLIT, "combination": {"dn_per_e": 0.1, "bits": 16, "black_level_dn": 400}}
     _, frames = taken(part, LIGHT)
-    with raises(SeveralCapturesError, "the temporal variance steps at 7"):
-        ps.calibrate(frames)
+    with pytest.raises(SeveralCapturesError):
+        calibrate_setting(frames)
+    found = ps.calibrate(frames)
+    assert isinstance(found, CombinedCalibration)
+    assert "several-captures" in {entry.id for entry in found.diagnostics}
+    with raises(InputError, "maps"):
+        ps.calibrate(frames, maps=True)
     deep = taken(SPLIT, LIGHT[:3])[1]
-    with raises(InputError, "bits", value=22):
-        ps.calibrate(deep)
+    assert calibration_kind(deep) == calibration_kind(frames, taken(part, LIGHT[:3])[0]) == "combined"
     with raises(CalibrationError, "combined frames need"):
         calibrate_combined(frame_set_from_arrays([("dark", 1.0, np.full((4, 4), 9, np.uint16))] * 2, bits=12))
 

@@ -36,6 +36,9 @@ _OPTIONS: dict[CalibrationKind, tuple[str, ...]] = {
 }
 """The options that each kind of calibration has."""
 
+_DEFAULTS = {"maps": False, "processes": 1}
+"""Defaults of options that are not None."""
+
 
 def calibrate(
     frames: FrameSet | Mapping[str, FrameSet],
@@ -190,7 +193,7 @@ def check_options(kind: CalibrationKind, given: Mapping[str, Any]) -> None:
         With the name of the first option that it lacks.
     """
     for name, value in given.items():
-        if name not in _OPTIONS[kind] and value not in (None, False, 1):
+        if name not in _OPTIONS[kind] and value != _DEFAULTS.get(name):
             having = " or ".join(_HOLDS[each] for each, names in _OPTIONS.items() if name in names)
             raise InputError(name, value=value, expected=f"omitted for {_HOLDS[kind]}", hint=f"It applies to {having}")
 
