@@ -1,6 +1,7 @@
 """Which folder may import which, and that no files import each other in a circle.
 
-Import statements inside functions count; those under `if TYPE_CHECKING` do not, since they never run.
+Import statements inside functions and for type checkers count, and names of modules in strings, "photosite.a.b" and
+"photosite.a.b:name".
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "data": STAGES,
     "library": VALUES | {"sensor", "frames", "calibration"},
     "validation": STAGES | {"calibration", "metrics", "develop"},
-    "report": RESULTS,
+    "report": RESULTS | {"scene", "optics", "develop"},
     "studies": EXPERIMENTS,
     "app": EXPERIMENTS | {"studies", ""},
     "cli": EXPERIMENTS | {"studies", "app", ""},
@@ -44,37 +45,26 @@ MAY_IMPORT: dict[str, set[str]] = {
 """What each folder may import, besides itself; "" is the package's lazy public names."""
 
 EXCEPTIONS: dict[tuple[str, str], str] = {
-    ("optics/diffraction.py", "photosite.optics.io.optics_file"): "DiffractionLimited.save: a value's thin method",
-    ("optics/lens.py", "photosite.optics.io.optics_file"): "Lens.save: a value's thin method",
-    ("frames/raw_frame.py", "photosite.frames.io.formats"): "RawFrame.save: a value's thin method",
-    ("sensor/model.py", "photosite.sensor.io.sensor_file"): "Sensor.save: a value's thin method",
-    ("sensor/chip.py", "photosite.sensor.io.sensor_file"): "MeasuredChip.save: a value's thin method",
-    ("scene/scene.py", "photosite.scene.io.formats"): "Scene.save: a value's thin method",
-    ("calibration/result.py", "photosite.report"): "Calibration.report and .plot: a value's thin methods",
-    ("calibration/gain_series/result.py", "photosite.report"): "GainSeries.report and .plot: a value's thin methods",
-    ("calibration/dark/temperature.py", "photosite.report"): "DarkTemperature.report and .plot: a value's thin methods",
-    ("calibration/effects/em_gain.py", "photosite.report"): "EmGainResult.report: a value's thin method",
-    (
-        "calibration/captures/each_capture.py",
-        "photosite.report",
-    ): "CaptureCalibration.report and .plot: thin methods",
-    (
-        "calibration/captures/combined.py",
-        "photosite.report",
-    ): "CombinedCalibration.report and .plot: thin methods",
-    ("color/spectrum.py", "photosite.report.plots"): "Spectrum.plot: a value's thin method",
-    ("frames/raw_frame.py", "photosite.report.plots"): "RawFrame.plot: a value's thin method",
-    ("frames/raw_frame.py", "photosite.develop.thumbnail"): "RawFrame._repr_html_: a value's thin method",
-    ("metrics/capture_snr.py", "photosite.report.plots"): "CaptureBudget.plot: a value's thin method",
-    ("metrics/snr.py", "photosite.report.plots"): "NoiseBudget.plot: a value's thin method",
-    ("optics/plot.py", "photosite.report.plots"): "Lens.plot: a value's thin method",
-    ("optics/lens.py", "photosite.optics.plot"): "Lens.plot: a value's thin method",
-    ("optics/diffraction.py", "photosite.optics.plot"): "DiffractionLimited.plot: a value's thin method",
-    ("scene/scene.py", "photosite.report.plots"): "Scene.plot: a value's thin method",
-    ("sensor/model.py", "photosite.report.plots"): "Sensor.plot: a value's thin method",
-    ("validation/result.py", "photosite.report.plots"): "Validation.plot: a value's thin method",
+    ("values/shown.py", "photosite.report"): "the one hook of `.report()`, `.plot()` and notebooks",
+    ("values/saved.py", "photosite"): "the one hook of `.save()`",
+    ("__init__.py", "photosite"): "lazy public names",
 }
-"""(file, imported module or folder): the reason. The import must be inside a function."""
+"""(file, imported module or folder): the reason."""
+
+
+OPEN_CIRCLES: set[str] = {
+    "photosite.calibration.export.measured_sensor",
+    "photosite.calibration.result",
+    "photosite.camera.camera",
+    "photosite.camera.gpu_camera",
+    "photosite.camera.image_over_time",
+    "photosite.camera.mean_image",
+    "photosite.camera.signal_model",
+    "photosite.camera.torch_signal",
+    "photosite.sensor.binning",
+    "photosite.sensor.model",
+}
+"""Files in circles that are not yet broken."""
 
 
 def module_name(path: Path) -> str:
@@ -87,19 +77,9 @@ MODULES = {module_name(path): path for path in sorted(SOURCE.rglob("*.py"))}
 
 @cache
 def imports(module: str) -> frozenset[str]:
-    """Modules of photosite that a module imports when it runs."""
-    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
-    never = {
-        id(inner)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-        for statement in node.body
-        for inner in ast.walk(statement)
-    }
+    """Modules of photosite that a module names."""
     found: set[str] = set()
-    for node in ast.walk(tree):
-        if id(node) in never:
-            continue
+    for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -107,6 +87,8 @@ def imports(module: str) -> frozenset[str]:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
                 found.add(inner if inner in MODULES else node.module or "")
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
+            found.add(node.value.partition(":")[0])
     return frozenset(name for name in found if name in MODULES and name != module)
 
 
@@ -152,7 +134,7 @@ def circles() -> list[list[str]]:
         order[module] = lowest[module] = len(order)
         stack.append(module)
         for other in sorted(imports(module)):
-            if allowed(module, other) or module == "photosite":
+            if allowed(module, other):
                 continue
             if other not in order:
                 visit(other)
@@ -172,7 +154,7 @@ def circles() -> list[list[str]]:
 
 
 def test_no_circles_between_files() -> None:
-    assert not circles()
+    assert {module for members in circles() for module in members} <= OPEN_CIRCLES
 
 
 def test_numba_is_configured_in_one_place() -> None:

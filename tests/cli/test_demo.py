@@ -51,7 +51,7 @@ def test_table_again_in_the_same_folder_with_frames_kept(
     def written(result: object, path: Path) -> None:
         path.write_text("of this time", encoding="utf-8")
 
-    monkeypatch.setattr("photosite.studies.closed_loop.write_demo_report", written)
+    monkeypatch.setattr("photosite.studies.closed_loop.ClosedLoop.report", written)
     monkeypatch.setattr("photosite.studies.closed_loop.paper_d200_protocol", short_d200_protocol)
     (tmp_path / "report.html").write_text("of last time", encoding="utf-8")
     done = photosite("demo", *SMALL, "-o", tmp_path, "--keep-frames")
@@ -72,7 +72,7 @@ def test_nothing_new_after_a_failure(photosite: Any, tmp_path: Path, monkeypatch
     def full(result: object, path: Path) -> None:
         raise FileError(path, "cannot be written: No space left on device")
 
-    monkeypatch.setattr("photosite.studies.closed_loop.write_demo_report", full)
+    monkeypatch.setattr("photosite.studies.closed_loop.ClosedLoop.report", full)
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "report.html").write_text("of last time", encoding="utf-8")
     for name in ("new", "old"):

@@ -27,8 +27,8 @@ import photosite as ps
 from photosite.calibration.setting import calibrate_setting
 from photosite.errors import PhotositeError
 from photosite.report import style
-from photosite.report.calibration import calibration_page
 from photosite.report.page import Details, Heading, Images, Listing, Notice, Page, Paragraph, Subheading, Table
+from photosite.report.pages import page
 from photosite.sensor.io.sensor_file import dump_sensor
 from photosite.studies.coverage import CONDITIONS
 from photosite.studies.imperfect_stacks import KINDS
@@ -93,11 +93,11 @@ def _results(calibration: Any) -> dict[str, Any]:
         sensor = calibration.sensor
         found["sensor"] = dump_sensor(sensor.with_(created="2026-01-01"))
     if hasattr(calibration, "curves"):
-        found["report"] = _page(calibration_page(calibration))
+        found["report"] = _texts(page(calibration))
     return found
 
 
-def _page(page: Page) -> list[Any]:
+def _texts(page: Page) -> list[Any]:
     def of(block: Any) -> Iterator[Any]:
         if isinstance(block, Table):
             yield [block.caption, *(row.text if isinstance(row, Heading) else list(row) for row in block.rows)]

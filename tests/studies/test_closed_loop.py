@@ -26,7 +26,6 @@ from photosite.studies.closed_loop import (
     closed_loop,
     compared_parameters,
     parameter_blocks,
-    write_demo_report,
 )
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
@@ -169,7 +168,7 @@ def path(loop, undrawn, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page with its pictures; tests/report has the figures."""
     path = tmp_path_factory.mktemp("demo") / "demo.html"
     with undrawn():
-        write_demo_report(loop, path)
+        loop.report(path)
     assert path.stat().st_size < 3_000_000
     return path
 
@@ -227,5 +226,5 @@ def test_pictures_fit_the_page(page) -> None:
 
 def test_same_loop_gives_the_same_bytes(loop, undrawn, path: Path, tmp_path: Path) -> None:
     with undrawn():
-        write_demo_report(loop, tmp_path / "again.html")
+        loop.report(tmp_path / "again.html")
     assert (tmp_path / "again.html").read_bytes() == path.read_bytes()

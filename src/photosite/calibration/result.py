@@ -35,7 +35,7 @@ from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import Diagnosed, Diagnostic, texts
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, clipped
+from photosite.values.shown import Reported, ResultTable, clipped, drawn
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ _Found = TypeVar("_Found", bound=Finding)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration(Diagnosed, Parameters):
+class Calibration(Diagnosed, Reported, Parameters):
     """The result of `calibrate`. Each parameter is an attribute: `cal.read_noise_mv.value`.
 
     Parameters
@@ -239,9 +239,7 @@ class Calibration(Diagnosed, Parameters):
         InputError
             If the calibration has no curve of that kind.
         """
-        from photosite.report.plots import plot_calibration
-
-        return plot_calibration(self, kind, ax)
+        return drawn(self, ax, kind)
 
     def _table(self) -> ResultTable:
         chip = f"{self.rows} x {self.cols} pixels, {self.bits} bits"
@@ -264,19 +262,6 @@ class Calibration(Diagnosed, Parameters):
         from photosite.calibration.export.measured_sensor import save_measured_sensor
 
         save_measured_sensor(self, path)
-
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write the report with all results, fits and frames left out: a PDF for the suffix .pdf, else an HTML page.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
-        from photosite.report.calibration import calibration_page
-        from photosite.report.write import write_report
-
-        write_report(calibration_page(self), path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `photosite calibrate --json` prints; `glow` and `converter` are computed if they were not read.

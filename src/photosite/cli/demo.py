@@ -62,7 +62,7 @@ def command(seed: int, output: Path, keep_frames: bool, as_json: bool, **chip: A
 
 
 def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
-    from photosite.studies.closed_loop import closed_loop, write_demo_report
+    from photosite.studies.closed_loop import closed_loop
 
     stages = Stages()
     loop = closed_loop(
@@ -70,7 +70,7 @@ def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
     )
     stages.stage("writing the report")
     loop.calibration.sensor.save(place / SENSOR_NAME)
-    write_demo_report(loop, place / REPORT_NAME)
+    loop.report(place / REPORT_NAME)
     return loop
 
 

@@ -164,10 +164,7 @@ def _validate_measured(
     say_if_compiling()
     result = _validated(frames, test, camera)
     if camera["report"] is not None:
-        from photosite.report.validation import validation_page
-        from photosite.report.write import write_report
-
-        write_report(validation_page(result), camera["report"])
+        result.report(camera["report"])
         say(f"wrote {camera['report']}")
     before = _defaults_used(ctx)
     content = result.to_dict()

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.files.small_files import read_small
-from photosite.values.shown import ResultTable, Shown, Tabular
+from photosite.values.shown import ResultTable, Shown, Tabular, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,9 +85,7 @@ class Spectrum(Tabular):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the spectrum on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_spectrum
-
-        return plot_spectrum(self, ax)
+        return drawn(self, ax)
 
     def to_dict(self) -> dict[str, list[float]]:
         """Return the wavelengths and values as lists."""

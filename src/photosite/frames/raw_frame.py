@@ -15,7 +15,8 @@ from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names, plane
 from photosite.values.exposure import format_exposure
 from photosite.values.read_only import ReadOnly
 from photosite.values.region import Border
-from photosite.values.shown import Shown
+from photosite.values.saved import write
+from photosite.values.shown import Shown, drawn, thumbnail
 from photosite.values.thumbnail import thumbnail_html
 
 if TYPE_CHECKING:
@@ -140,17 +141,13 @@ class RawFrame(Shown):
         return np.array(self.dn, dtype=dtype, copy=copy)
 
     def _repr_html_(self) -> str:
-        from photosite.develop.thumbnail import thumbnail
-
         exposure = "" if self.exposure_s is None else f", {format_exposure(self.exposure_s)} s"
         size = f"{self.shape[0]} x {self.shape[1]} pixels, {tile_text(self.cfa)}, {self.bits} bits"
         return thumbnail_html(thumbnail(self), f"RawFrame: {size}{exposure}")
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the digital numbers in gray on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_mosaic
-
-        return plot_mosaic(self.dn, ax)
+        return drawn(self, ax)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -282,9 +279,7 @@ class RawFrame(Shown):
         FileError
             If the file cannot be written. An existing file of that name is then unchanged.
         """
-        from photosite.frames.io.formats import write_raw
-
-        write_raw(self, path)
+        write(self, path)
 
 
 OPTICAL_BLACK = "optical_black"

@@ -13,7 +13,7 @@ from photosite.errors import InputError
 from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
 from photosite.sensor.captures import Combination
 from photosite.sensor.model import Sensor
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import ResultTable, Tabular, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,9 +63,7 @@ class CaptureBudget(Tabular):
         With the electrons of 1 cd/m2 in the exposure time, `Camera.mean_electrons(charts.uniform(light, 1.0), t)`, the
         abscissa is the luminance.
         """
-        from photosite.report.plots import plot_capture_budget
-
-        return plot_capture_budget(self, ax, electrons_per_cd_m2)
+        return drawn(self, ax, electrons_per_cd_m2)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the curves as lists, and the transitions."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import NoiseTerms
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import ResultTable, Tabular, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,9 +50,7 @@ class NoiseBudget(Tabular):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the curves on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_noise_budget
-
-        return plot_noise_budget(self, ax)
+        return drawn(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the curves as lists, and the two limits."""

@@ -17,8 +17,9 @@ from photosite.errors import InputError
 from photosite.optics.checks import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM, camera_wavelengths, check_number
 from photosite.optics.distortion import RadialMapping
 from photosite.optics.illumination import VeilingGlare
-from photosite.optics.plot import Plotted
+from photosite.optics.plot import LensBlur
 from photosite.optics.point_spread import RadialPsf
+from photosite.values.saved import write
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ AIRY_REACH_PERIODS = 40.0
 
 
 @dataclass(frozen=True)
-class DiffractionLimited(Plotted):
+class DiffractionLimited(LensBlur):
     """A thin lens without aberrations.
 
     Parameters
@@ -156,9 +157,7 @@ class DiffractionLimited(Plotted):
 
     def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
         """Write an optics file; see `photosite.optics.io.optics_file.write_optics`."""
-        from photosite.optics.io.optics_file import write_optics
-
-        write_optics(self, path, provenance)
+        write(self, path, provenance)
 
 
 # Kept, because the transfers of a scene are cached with the spread.

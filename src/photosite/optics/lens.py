@@ -18,9 +18,10 @@ from photosite.optics.checks import check_type
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor, RadialMapping, combined_mapping, image_height
 from photosite.optics.illumination import IlluminationTable, VeilingGlare
-from photosite.optics.plot import Plotted
+from photosite.optics.plot import LensBlur
 from photosite.optics.point_spread import PointSpread
 from photosite.optics.wavefront import Wavefront
+from photosite.values.saved import write
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ _PARTS: dict[str, tuple[type, str]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Lens(Plotted):
+class Lens(LensBlur):
     """A lens with any of: its own blur, a fixed focus, tables over the field, glare.
 
     Parameters
@@ -159,9 +160,7 @@ class Lens(Plotted):
 
     def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
         """Write an optics file and the tables it names; see `photosite.optics.io.optics_file.write_optics`."""
-        from photosite.optics.io.optics_file import write_optics
-
-        write_optics(self, path, provenance)
+        write(self, path, provenance)
 
 
 _CACHED_DISTANCES = 8

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import InputError
 from photosite.optics.point_spread import FieldPsf, PointSpread, otf_at
-from photosite.values.shown import Shown
+from photosite.values.shown import Shown, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,13 +19,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Kind = Literal["mtf", "psf"]
 
-_FREQUENCIES = 200
 _LARGEST_GRID = 512
 _SHOWN_ENERGY = 0.9
 _LEAST_HALF = 24  # samples: three periods of the cutoff
 
 
-class Plotted(Shown):
+class LensBlur(Shown):
     """Base of lenses: a plot of their blur."""
 
     @abstractmethod
@@ -61,18 +59,7 @@ class Plotted(Shown):
         InputError
             If the kind is unknown.
         """
-        from photosite.report.plots import plot_mtf, plot_psf
-
-        waves = [float(wave) for wave in np.atleast_1d(np.asarray(wavelength_nm, np.float64))]
-        spread, at_m = self.point_spread(distance_m), (1e-3 * at_mm[0], 1e-3 * at_mm[1])
-        if kind == "mtf":
-            frequency = np.linspace(0.0, max(cutoff_per_m(spread, wave) for wave in waves), _FREQUENCIES)
-            curves = {f"{wave:g} nm": mtf(spread, frequency, wave, at_m) for wave in waves}
-            return plot_mtf(frequency * 1e-3, curves, ax)
-        if kind == "psf":
-            psf, step_m = sampled_psf(spread, waves[len(waves) // 2], at_m)
-            return plot_psf(psf, 1e6 * step_m, f"{waves[len(waves) // 2]:g} nm", ax)
-        raise InputError("kind", value=kind, expected="'mtf' or 'psf'")
+        return drawn(self, ax, kind, wavelength_nm, distance_m, at_mm)
 
 
 def mtf(spread: PointSpread, frequency_per_m: Array, wavelength_nm: float, at_m: tuple[float, float]) -> Array:

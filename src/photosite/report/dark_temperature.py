@@ -20,7 +20,7 @@ from photosite.report.page import (
     numeric,
     sentence,
 )
-from photosite.report.plots import plot_dark_temperature
+from photosite.report.plots import draw
 from photosite.report.style import legend_above, new_figure, styled
 from photosite.report.tables import format_estimate, interval_text
 
@@ -55,7 +55,7 @@ def dark_temperature_page(found: DarkTemperature) -> Page:
 def dark_temperature_figure(found: DarkTemperature) -> Figure:
     """Draw the dark current against the temperature."""
     figure, axes = new_figure(3.6)
-    plot_dark_temperature(found, axes)
+    draw(found, axes)
     legend_above(figure)
     return figure
 

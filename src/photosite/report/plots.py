@@ -1,8 +1,9 @@
-"""Plots of single objects on Matplotlib axes, as their `plot` methods return them."""
+"""Plots of values on Matplotlib axes, by type, as their `plot` methods return them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,29 @@ from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.capture_snr import CaptureBudget
 from photosite.metrics.snr import NoiseBudget
+from photosite.optics.plot import LensBlur, cutoff_per_m, mtf, sampled_psf
 from photosite.report.figures.captures import draw_captures_snr, draw_knees
 from photosite.report.figures.response import draw_curves
 from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
 from photosite.report.figures.validation import draw_identity, draw_patch_means
 from photosite.report.style import BAND, BLUE, GRAY, line_style, styled
+from photosite.scene.scene import Scene, thumbnail
 from photosite.sensor.model import Sensor
 from photosite.validation.result import Validation
 
 _WIDEST_PX = 1200
 """Larger images are drawn from every n-th pixel."""
+_FREQUENCIES = 200
+"""Points of an MTF."""
+
+
+@singledispatch
+def draw(value: Any, ax: Axes | None = None, *options: Any) -> Axes:
+    """Draw a value on Matplotlib axes, new ones for None, as its type registers."""
+    raise TypeError(f"there is no plot of a {type(value).__name__}")
 
 
 def new_or_given(ax: Axes | None) -> Axes:
@@ -40,8 +52,9 @@ def new_or_given(ax: Axes | None) -> Axes:
     return axes
 
 
+@draw.register(Calibration)
 @styled()
-def plot_calibration(calibration: Calibration, kind: str = "photon_transfer", ax: Axes | None = None) -> Axes:
+def _(calibration: Calibration, ax: Axes | None = None, kind: str = "photon_transfer") -> Axes:
     """Draw one kind of curve of all channels, with the fitted lines."""
     curves = {channel: found[kind] for channel, found in calibration.curves.items() if kind in found}
     if not curves:
@@ -56,8 +69,9 @@ def plot_calibration(calibration: Calibration, kind: str = "photon_transfer", ax
     return axes
 
 
+@draw.register(GainSeries)
 @styled()
-def plot_gain_series(series: GainSeries, parameter: str = "read_noise_e", ax: Axes | None = None) -> Axes:
+def _(series: GainSeries, ax: Axes | None = None, parameter: str = "read_noise_e") -> Axes:
     """Draw a parameter with 95 % intervals against the gain setting."""
     from photosite.calibration.parameters import parameter_label
 
@@ -77,8 +91,9 @@ def plot_gain_series(series: GainSeries, parameter: str = "read_noise_e", ax: Ax
     return axes
 
 
+@draw.register(DarkTemperature)
 @styled()
-def plot_dark_temperature(found: DarkTemperature, ax: Axes | None = None) -> Axes:
+def _(found: DarkTemperature, ax: Axes | None = None) -> Axes:
     """Draw the dark current against the temperature on a logarithmic axis, and the fit, with 95 % intervals."""
     axes = new_or_given(ax)
     celsius = np.array([one for one, _ in found.measured])
@@ -98,8 +113,9 @@ def plot_dark_temperature(found: DarkTemperature, ax: Axes | None = None) -> Axe
     return axes
 
 
+@draw.register(Sensor)
 @styled()
-def plot_sensor(sensor: Sensor, ax: Axes | None = None) -> Axes:
+def _(sensor: Sensor, ax: Axes | None = None) -> Axes:
     """Draw the quantum efficiency of each channel."""
     axes = new_or_given(ax)
     draw_spectral_sensitivity(axes, sensor)
@@ -108,8 +124,9 @@ def plot_sensor(sensor: Sensor, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@draw.register(NoiseBudget)
 @styled()
-def plot_noise_budget(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
+def _(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
     """Draw the signal-to-noise ratio against the signal, in total and by noise source."""
     axes = new_or_given(ax)
     draw_noise_budget(axes, budget)
@@ -120,8 +137,9 @@ def plot_noise_budget(budget: NoiseBudget, ax: Axes | None = None) -> Axes:
 _LEAST_DIP_DB = 0.1
 
 
+@draw.register(CombinedCalibration)
 @styled()
-def plot_combined(found: CombinedCalibration, ax: Axes | None = None) -> Axes:
+def _(found: CombinedCalibration, ax: Axes | None = None) -> Axes:
     """Draw the photon transfer curve of combined frames with its knees."""
     axes = new_or_given(ax)
     draw_knees(axes, found)
@@ -129,8 +147,9 @@ def plot_combined(found: CombinedCalibration, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@draw.register(CaptureCalibration)
 @styled()
-def plot_captures(found: CaptureCalibration, ax: Axes | None = None) -> Axes:
+def _(found: CaptureCalibration, ax: Axes | None = None) -> Axes:
     """Draw the signal-to-noise ratio of calibrated captures against the light."""
     axes = new_or_given(ax)
     draw_captures_snr(axes, found)
@@ -138,10 +157,9 @@ def plot_captures(found: CaptureCalibration, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@draw.register(CaptureBudget)
 @styled()
-def plot_capture_budget(
-    budget: CaptureBudget, ax: Axes | None = None, electrons_per_cd_m2: float | None = None
-) -> Axes:
+def _(budget: CaptureBudget, ax: Axes | None = None, electrons_per_cd_m2: float | None = None) -> Axes:
     """Draw the signal-to-noise ratio against the light, of each capture and of their combination, with the dips."""
     axes = new_or_given(ax)
     scale = electrons_per_cd_m2 or 1.0
@@ -165,8 +183,9 @@ def plot_capture_budget(
     return axes
 
 
+@draw.register(Validation)
 @styled()
-def plot_validation(validation: Validation, ax: Axes | None = None) -> Axes:
+def _(validation: Validation, ax: Axes | None = None) -> Axes:
     """Draw measured against simulated patch means."""
     axes = new_or_given(ax)
     draw_patch_means(axes, None, validation)
@@ -178,8 +197,9 @@ def plot_validation(validation: Validation, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@draw.register(Spectrum)
 @styled()
-def plot_spectrum(spectrum: Spectrum, ax: Axes | None = None) -> Axes:
+def _(spectrum: Spectrum, ax: Axes | None = None) -> Axes:
     """Draw a spectrum."""
     axes = new_or_given(ax)
     axes.plot(spectrum.wavelength_nm, spectrum.values, color=BLUE)
@@ -203,32 +223,58 @@ def plot_lines(lines: Mapping[str, Sequence[tuple[float, float]]], x: str, y: st
     return axes
 
 
+@draw.register(RawFrame)
 @styled()
-def plot_mosaic(dn: NDArray[np.unsignedinteger[Any]], ax: Axes | None = None) -> Axes:
-    """Draw the digital numbers of a frame as shades of gray."""
-    step = -(-max(dn.shape) // _WIDEST_PX)
+def _(raw: RawFrame, ax: Axes | None = None) -> Axes:
+    """Draw the digital numbers as shades of gray."""
+    step = -(-max(raw.shape) // _WIDEST_PX)
     axes = new_or_given(ax)
-    rows, cols = dn.shape
-    image = axes.imshow(dn[::step, ::step], cmap="gray", extent=(-0.5, cols - 0.5, rows - 0.5, -0.5))
+    image = axes.imshow(raw.dn[::step, ::step], cmap="gray", extent=_pixels(*raw.shape))
     _without_grid(axes, "column", "row")
     axes.figure.colorbar(image, ax=axes, label="digital number")
     return axes
 
 
+@draw.register(Scene)
 @styled()
-def plot_picture(picture: NDArray[np.float32], shape: tuple[int, int], ax: Axes | None = None) -> Axes:
-    """Draw a picture in display sRGB, with axes of `shape` rows and columns."""
+def _(scene: Scene, ax: Axes | None = None) -> Axes:
+    """Draw the scene in display sRGB."""
     axes = new_or_given(ax)
-    rows, cols = shape
-    axes.imshow(picture, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5))
+    axes.imshow(thumbnail(scene), extent=_pixels(*scene.shape))
     _without_grid(axes, "column", "row")
     return axes
 
 
+def _pixels(rows: int, cols: int) -> tuple[float, float, float, float]:
+    """Return the extent of an image in pixels, row 0 at the top."""
+    return -0.5, cols - 0.5, rows - 0.5, -0.5
+
+
+@draw.register(LensBlur)
 @styled()
-def plot_mtf(frequency_per_mm: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], ax: Axes | None) -> Axes:
+def _(
+    lens: LensBlur,
+    ax: Axes | None,
+    kind: str,
+    wavelength_nm: float | Sequence[float],
+    distance_m: float,
+    at_mm: tuple[float, float],
+) -> Axes:
+    """Draw the MTF or the PSF of a lens."""
+    waves = [float(wave) for wave in np.atleast_1d(np.asarray(wavelength_nm, np.float64))]
+    spread, at_m = lens.point_spread(distance_m), (1e-3 * at_mm[0], 1e-3 * at_mm[1])
+    if kind == "mtf":
+        frequency = np.linspace(0.0, max(cutoff_per_m(spread, wave) for wave in waves), _FREQUENCIES)
+        curves = {f"{wave:g} nm": mtf(spread, frequency, wave, at_m) for wave in waves}
+        return draw_mtf(new_or_given(ax), frequency * 1e-3, curves)
+    if kind == "psf":
+        psf, step_m = sampled_psf(spread, waves[len(waves) // 2], at_m)
+        return draw_psf(new_or_given(ax), psf, 1e6 * step_m, f"{waves[len(waves) // 2]:g} nm")
+    raise InputError("kind", value=kind, expected="'mtf' or 'psf'")
+
+
+def draw_mtf(axes: Axes, frequency_per_mm: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]]) -> Axes:
     """Draw MTFs, by label: the first along the columns, dashed the one along the rows."""
-    axes = new_or_given(ax)
     for position, (label, both) in enumerate(curves.items()):
         color = line_style(position)[0]
         axes.plot(frequency_per_mm, both[0], color=color, label=label)
@@ -240,10 +286,8 @@ def plot_mtf(frequency_per_mm: NDArray[np.float64], curves: Mapping[str, NDArray
     return axes
 
 
-@styled()
-def plot_psf(psf: NDArray[np.float64], step_um: float, title: str, ax: Axes | None) -> Axes:
+def draw_psf(axes: Axes, psf: NDArray[np.float64], step_um: float, title: str) -> Axes:
     """Draw a PSF on a logarithmic scale of four decades."""
-    axes = new_or_given(ax)
     half = 0.5 * step_um * psf.shape[0]
     level = np.log10(np.maximum(psf / psf.max(), 1e-4))
     image = axes.imshow(level, extent=(-half, half, half, -half), cmap="magma", vmin=-4.0, vmax=0.0)

@@ -20,7 +20,8 @@ from photosite.scene.polarization import Polarization
 from photosite.scene.weights import checked_weights, component_means, reduce_to_components
 from photosite.values.limits import check_magnitude
 from photosite.values.region import Region
-from photosite.values.shown import Shown
+from photosite.values.saved import write
+from photosite.values.shown import Shown, drawn
 from photosite.values.thumbnail import stride_for, thumbnail_html
 
 if TYPE_CHECKING:
@@ -306,15 +307,11 @@ class Scene(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the scene as an eye would see it on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_picture
-
-        return plot_picture(thumbnail(self), self.shape, ax)
+        return drawn(self, ax)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a file, as `photosite.write_scene`; `.h5` keeps all of it."""
-        from photosite.scene.io.formats import write_scene
-
-        write_scene(self, path)
+        write(self, path)
 
     def light_outside(self, wavelength_nm: ArrayLike, response: ArrayLike) -> float:
         """Return the share of a response's area outside the scene's wavelengths, where the radiance is unknown.

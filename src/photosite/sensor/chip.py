@@ -19,6 +19,7 @@ from photosite.engine.pixel_model import DEVIATE_STEP, normal_deviates
 from photosite.engine.random_numbers import FIXED_PATTERN, READ_NOISE, key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
+from photosite.values.saved import write
 from photosite.values.shown import Shown
 
 if TYPE_CHECKING:
@@ -309,9 +310,8 @@ class MeasuredChip(Shown):
 
         The name and SHA-256 that it returns go into a sensor file: `sensor.with_(maps=chip.save("mine.maps.h5"))`.
         """
-        from photosite.sensor.io.sensor_file import write_maps
-
-        return write_maps(self, path)
+        maps: Maps = write(self, path)
+        return maps
 
 
 MAP_UNITS = {

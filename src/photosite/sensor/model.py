@@ -59,7 +59,8 @@ from photosite.sensor.sections import (
 from photosite.sensor.shutter import Shutter
 from photosite.values.cfa import channel_names, tile_text
 from photosite.values.limits import check_magnitude
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.saved import write
+from photosite.values.shown import ResultTable, Tabular, drawn
 from photosite.values.uncertain import Measured
 from photosite.values.validated import NonNegativeNumber, Section, input_error
 
@@ -726,9 +727,7 @@ class Sensor(Tabular, Section):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the quantum efficiencies on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_sensor
-
-        return plot_sensor(self, ax)
+        return drawn(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of the sensor file as plain numbers, texts, lists and dictionaries."""
@@ -754,6 +753,4 @@ class Sensor(Tabular, Section):
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file (YAML), with its maps if it has any; raise `FileError` if it cannot be written."""
-        from photosite.sensor.io.sensor_file import write_sensor
-
-        write_sensor(self, path)
+        write(self, path)

@@ -51,7 +51,7 @@ from photosite.report.page import (
     sentence,
     shrink,
 )
-from photosite.report.write import write_report
+from photosite.report.pages import page
 from photosite.scene import charts
 from photosite.scene.charts import macbeth_regions
 from photosite.scene.scene import Scene
@@ -62,6 +62,7 @@ from photosite.studies.truth import true_parameters
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.validation.result import Validation
 from photosite.validation.validate import validate
+from photosite.values.shown import Reported
 from photosite.values.uncertain import COVERAGE_95
 
 CHART_EXPOSURE_S = 1 / 3
@@ -128,7 +129,7 @@ class ParameterRow:
 
 
 @dataclass(frozen=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(Reported):
     """Result of a closed loop.
 
     Parameters
@@ -299,11 +300,7 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
 # The page of a closed loop: true and estimated parameters, pictures, comparison, and fits.
 
 
-def write_demo_report(result: ClosedLoop, path: str | PathLike[str]) -> None:
-    """Write the page of a closed loop as one self-contained HTML file; an existing file is kept if it fails."""
-    write_report(demo_page(result), path)
-
-
+@page.register(ClosedLoop)
 def demo_page(result: ClosedLoop) -> Page:
     """Return the page of a closed loop."""
     sensor, calibration = result.true_sensor, result.calibration

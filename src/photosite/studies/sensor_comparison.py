@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +15,8 @@ from photosite.camera.camera import Camera
 from photosite.errors import InputError
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.page import Page, Paragraph, Section, Table, columns, figure_block, numeric
+from photosite.report.pages import page
 from photosite.report.style import BLACK, GRAY, line_style, new_figure, styled
-from photosite.report.write import write_report
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import NoiseTerms
 from photosite.studies.gray_surface import (
@@ -27,7 +26,7 @@ from photosite.studies.gray_surface import (
     total_variance_e2,
 )
 from photosite.values.exposure import check_exposure, format_exposure
-from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
+from photosite.values.shown import Cell, Reported, ResultTable, Tabular, cell_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -125,7 +124,7 @@ class SensorFacts(Tabular):
 
 
 @dataclass(frozen=True, eq=False)
-class SensorComparison(Tabular):
+class SensorComparison(Reported, Tabular):
     """Result of `compare_sensors`.
 
     Parameters
@@ -172,10 +171,6 @@ class SensorComparison(Tabular):
         axes = new_or_given(ax)
         draw_snr(axes, self.sensors, self.luminance_cd_m2)
         return axes
-
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write a page with figure and table: a PDF for the suffix .pdf, else HTML."""
-        write_report(comparison_page(self), path)
 
     def _table(self) -> ResultTable:
         names = tuple(_TITLES)
@@ -296,6 +291,7 @@ _TITLES = {
 }
 
 
+@page.register(SensorComparison)
 def comparison_page(found: SensorComparison) -> Page:
     """Return the comparison as a page."""
     rows = tuple(

@@ -31,7 +31,7 @@ from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, channel_names, tile_text
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Corners, Quadrilateral
-from photosite.values.shown import ResultTable, Shown, Tabular
+from photosite.values.shown import Reported, ResultTable, Shown, Tabular
 from photosite.values.validated import check_choice
 
 Fitted = Literal["fill_factor", "light"]
@@ -81,7 +81,7 @@ class CaptureConditions(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class FrameValidation(Tabular):
+class FrameValidation(Reported, Tabular):
     """Raw frames against their simulation.
 
     Parameters

@@ -15,9 +15,9 @@ from photosite.develop.camera_color import ColorMatrix, fit_color_matrix
 from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare, RelativeDifference, dict_or_none, largest, relative_difference
-from photosite.validation.diagnosis import describe_noise_difference
+from photosite.validation.noise_difference import describe_noise_difference
 from photosite.validation.regression import Regression
-from photosite.values.shown import ResultTable, Shown, Tabular
+from photosite.values.shown import ResultTable, Shown, Tabular, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -169,9 +169,7 @@ class Validation(Tabular, PatchDifferences):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw measured against simulated patch means on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_validation
-
-        return plot_validation(self, ax)
+        return drawn(self, ax)
 
     def _table(self) -> ResultTable:
         tests = ", ".join(

@@ -1,4 +1,7 @@
-"""How objects show themselves: a `repr` that fits a screen, a `dir` of public names, and tables for notebooks."""
+"""How objects show themselves: a `repr` that fits a screen, a `dir` of public names, tables for notebooks.
+
+Plots and reports are the work of `photosite.report`, which only this file names.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,16 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.errors import InputError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from pandas import DataFrame
 
 WIDEST, MOST_LINES = 100, 12
@@ -237,3 +243,36 @@ class Tabular(Shown):
             If pandas, the extra `dataframe`, is not installed.
         """
         return self._table().to_dataframe()
+
+
+class Reported:
+    """Base of results that `photosite.report` shows as a page."""
+
+    __slots__ = ()
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write the report with all results: a PDF for the suffix .pdf, else one self-contained HTML page.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written. An existing file is then unchanged.
+        """
+        from photosite.report.pages import page
+        from photosite.report.write import write_report
+
+        write_report(page(self), path)
+
+
+def drawn(value: object, ax: Axes | None, *options: Any) -> Axes:
+    """Draw a value on Matplotlib axes, new ones for None, and return them; raise as its plot does."""
+    from photosite.report.plots import draw
+
+    return draw(value, ax, *options)
+
+
+def thumbnail(raw: Any) -> NDArray[np.float32]:
+    """Return a small picture of a raw frame for notebooks."""
+    from photosite.report.thumbnail import frame_thumbnail
+
+    return frame_thumbnail(raw)

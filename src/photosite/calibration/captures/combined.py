@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -40,7 +39,7 @@ from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import channel_mask, channel_names
 from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import Reported, ResultTable, Tabular, drawn
 from photosite.values.uncertain import Source, Uncertain, Value, derive
 
 if TYPE_CHECKING:
@@ -118,7 +117,7 @@ class Knee:
 
 
 @dataclass(frozen=True, eq=False)
-class CombinedCalibration(Diagnosed, Tabular):
+class CombinedCalibration(Diagnosed, Reported, Tabular):
     """The result of `calibrate` for frames that combine captures.
 
     Parameters
@@ -148,22 +147,7 @@ class CombinedCalibration(Diagnosed, Tabular):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the photon transfer curve with its knees on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_combined
-
-        return plot_combined(self, ax)
-
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write the report with all results: a PDF for the suffix .pdf, else an HTML page.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
-        from photosite.report.captures import combined_page
-        from photosite.report.write import write_report
-
-        write_report(combined_page(self), path)
+        return drawn(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimates as columns, and the photon transfer curve."""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_mask
 from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import Reported, ResultTable, Tabular, drawn
 from photosite.values.uncertain import Uncertain, Value, derive, weighted_mean
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ _USED = 0.85
 
 
 @dataclass(frozen=True)
-class CaptureCalibration(Diagnosed, Tabular):
+class CaptureCalibration(Diagnosed, Reported, Tabular):
     """The result of `calibrate` for the frames of each capture.
 
     Parameters
@@ -57,22 +56,7 @@ class CaptureCalibration(Diagnosed, Tabular):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the signal-to-noise ratio of each capture against the light on Matplotlib axes, and return them."""
-        from photosite.report.plots import plot_captures
-
-        return plot_captures(self, ax)
-
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write the report with all results: a PDF for the suffix .pdf, else an HTML page.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
-        from photosite.report.captures import captures_page
-        from photosite.report.write import write_report
-
-        write_report(captures_page(self), path)
+        return drawn(self, ax)
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]

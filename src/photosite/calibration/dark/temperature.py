@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from photosite.calibration.withheld import NO_DOUBLING_TEMPERATURE, NO_FLAT_FIEL
 from photosite.errors import InputError
 from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import Reported, ResultTable, Tabular, drawn
 from photosite.values.uncertain import COVERAGE_95, Measured
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ _METHOD = "weighted fit of D0 2^((T - T0) / doubling temperature) to the dark cu
 
 
 @dataclass(frozen=True)
-class DarkTemperature(Diagnosed, Tabular):
+class DarkTemperature(Diagnosed, Reported, Tabular):
     """Dark current against temperature: D0 2^((T - T0) / doubling temperature).
 
     Parameters
@@ -97,19 +96,6 @@ class DarkTemperature(Diagnosed, Tabular):
             dark_doubling_c=doubling, dark_voltage_mv_per_s=dark, dark_current_temperature_c=self.reference_c
         )
 
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write the report: a PDF for the suffix .pdf, else an HTML page.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
-        from photosite.report.dark_temperature import dark_temperature_page
-        from photosite.report.write import write_report
-
-        write_report(dark_temperature_page(self), path)
-
     def to_dict(self) -> dict[str, Any]:
         """Return what `photosite temperature --json` prints."""
         return {
@@ -144,9 +130,7 @@ class DarkTemperature(Diagnosed, Tabular):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the dark current against the temperature on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_dark_temperature
-
-        return plot_dark_temperature(self, ax)
+        return drawn(self, ax)
 
     def _table(self) -> ResultTable:
         low, high = self.doubling_c.interval_95 or (math.nan, math.nan)

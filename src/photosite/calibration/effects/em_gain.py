@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from photosite.calibration.withheld import EFFECT_NOT_MEASURED, EM_GAIN_UNKNOWN,
 from photosite.sensor.effects.em_gain import EmGain
 from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import Reported, ResultTable, Tabular
 from photosite.values.uncertain import Measured, Missing, Uncertain, Value, derive
 
 if TYPE_CHECKING:
@@ -29,7 +28,7 @@ _BY_EXPOSURE = "ratio of the slopes of the signal against the exposure time, in 
 
 
 @dataclass(frozen=True)
-class EmGainResult(Diagnosed, Tabular):
+class EmGainResult(Diagnosed, Reported, Tabular):
     """Gain and excess noise of a multiplication register.
 
     Parameters
@@ -99,19 +98,6 @@ class EmGainResult(Diagnosed, Tabular):
             f"{abs(distance):.1f} standard uncertainties: {why}"
         )
         return (EXCESS_NOISE(text, found.value),)
-
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write the report: a PDF for the suffix .pdf, else an HTML page.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
-        from photosite.report.em_gain import em_gain_page
-        from photosite.report.write import write_report
-
-        write_report(em_gain_page(self), path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `photosite emgain --json` prints."""

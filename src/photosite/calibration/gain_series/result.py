@@ -14,7 +14,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import InputError
 from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Shown, Tabular, clipped
+from photosite.values.shown import Reported, ResultTable, Shown, Tabular, clipped, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +92,7 @@ class ConversionGainSwitch(Shown):
 
 
 @dataclass(frozen=True)
-class GainSeries(Diagnosed, Tabular):
+class GainSeries(Diagnosed, Reported, Tabular):
     """Result of `calibrate_series`.
 
     Parameters
@@ -156,9 +156,7 @@ class GainSeries(Diagnosed, Tabular):
 
     def plot(self, parameter: str = "read_noise_e", ax: Axes | None = None) -> Axes:
         """Draw a parameter against the gain setting on Matplotlib axes, new ones by default, and return them."""
-        from photosite.report.plots import plot_gain_series
-
-        return plot_gain_series(self, parameter, ax)
+        return drawn(self, ax, parameter)
 
     def _table(self) -> ResultTable:
         switch = "none found" if self.switch is None else "between {:g} and {:g}".format(*self.switch.between)
@@ -168,19 +166,6 @@ class GainSeries(Diagnosed, Tabular):
             for step in self.steps
         ]
         return ResultTable(title, ("setting", *_COLUMNS, "frames"), rows)
-
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write an HTML report of the series with tables and figures, as a single file.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
-        from photosite.report.gain_series import gain_series_page
-        from photosite.report.write import write_report
-
-        write_report(gain_series_page(self), path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `photosite calibrate --json` for several gain settings."""

@@ -15,7 +15,7 @@ from photosite.values.cfa import MONOCHROME
 from photosite.values.thumbnail import stride_for
 
 
-def thumbnail(raw: RawFrame) -> NDArray[np.float32]:
+def frame_thumbnail(raw: RawFrame) -> NDArray[np.float32]:
     """Return a picture of at most 480 x 480 pixels in display sRGB, from every n-th tile of the color filter array.
 
     Tiles that `develop` does not know, and black frames, become gray.
@@ -23,7 +23,7 @@ def thumbnail(raw: RawFrame) -> NDArray[np.float32]:
     Examples
     --------
     >>> raw = RawFrame(np.full((3000, 4000), 700, np.uint16), bits=12, cfa=(("R", "G"), ("G", "B")))
-    >>> thumbnail(raw).shape
+    >>> frame_thumbnail(raw).shape
     (334, 446, 3)
     """
     if raw.shape[0] < len(raw.cfa) or raw.shape[1] < len(raw.cfa[0]):
