@@ -74,7 +74,7 @@ def test_counts_equal_those_of_numpy():
         listed = [(z, s) for z, s, p in zip(counts.zeros, counts.total, counts.pixels, strict=True) for _ in range(p)]
         assert sorted(listed) == pairs
         assert counts.squares == (frames.astype(int)[:, inside] ** 2).sum()
-        assert counts.zero_share == pytest.approx((frames[:, inside] == 0).mean())
+        assert counts.zero_fraction == pytest.approx((frames[:, inside] == 0).mean())
 
 
 def test_the_noise_of_a_clipped_d200_is_recovered():

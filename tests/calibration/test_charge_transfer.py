@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom, nbinom
 
 import photosite as ps
-from photosite.calibration.effects.charge_transfer import TransferLoss, measure_charge_transfer, trailing_share
+from photosite.calibration.effects.charge_transfer import TransferLoss, measure_charge_transfer, trailing_fraction
 from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.frames.frame_set import frame_set_from_arrays, without_border
 from photosite.sensor.readout import digital_numbers
@@ -21,7 +21,7 @@ CCD = ps.load_sensor("nikon-d200").with_(**MONO, black_level_dn=100, charge_tran
 
 
 def moved(lines: int, inefficiency: float) -> np.ndarray:
-    """(read, lines) share of each line's charge that is read in each clock cycle."""
+    """(read, lines) fraction of each line's charge that is read in each clock cycle."""
     read, line = np.arange(lines + BEHIND)[:, None], np.arange(lines)
     return nbinom.pmf(read - line, line + 1, 1.0 - inefficiency)
 
@@ -94,11 +94,11 @@ def test_no_loss_is_written_as_zero() -> None:
     assert section.serial_inefficiency.standard_uncertainty > 0.0
 
 
-def test_the_share_behind_the_last_line_is_that_of_clocked_lines() -> None:
+def test_the_fraction_behind_the_last_line_is_that_of_clocked_lines() -> None:
     for s, lines in ((1e-5, 40), (1e-2, 40)):
         arrived = np.array([binom.cdf(np.arange(lines), k, 1.0 - s).sum() for k in range(lines, lines + 9)])
         late = -np.diff(arrived)
-        assert trailing_share(s, lines, 4, 8) == pytest.approx(late[:4].sum() - late[4:].sum(), rel=1e-6)
+        assert trailing_fraction(s, lines, 4, 8) == pytest.approx(late[:4].sum() - late[4:].sum(), rel=1e-6)
 
 
 @pytest.mark.parametrize("output", ["top_left", "bottom_right"])

@@ -103,7 +103,7 @@ def check_step(references, read, frames, shift):
                 (a.variance - read**2 - 1 / 12) / of_noise,
             ]
         )
-        # Without correction the step is smaller by the share of numbers at 0.
+        # Without correction the step is smaller by the fraction of numbers at 0.
         assert level_of(second).mean - level_of(first).mean < 0.95 * shift or shift <= 0.0
     pulls = np.array(pulls)
     print("mean", pulls.mean(0).round(2), "width", pulls.std(0).round(2))

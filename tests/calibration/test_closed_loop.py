@@ -73,7 +73,7 @@ def test_intervals_contain_the_truth(outcomes):
         # 1e-9 of rounding: the level of an ideal converter's top is exact.
         covered[name] = np.mean(np.abs(pairs[:, 0]) <= 1.959964 * pairs[:, 1] + 1e-9)
         print(f"{name}: {100 * covered[name]:.1f} % of {len(pairs)} intervals contain the truth")
-    assert {name: share for name, share in covered.items() if share < 0.85} == {}
+    assert {name: fraction for name, fraction in covered.items() if fraction < 0.85} == {}
 
 
 def test_errors_are_centred_and_uncertainties_right(outcomes):

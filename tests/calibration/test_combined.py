@@ -44,10 +44,10 @@ def taken(part: dict[str, Any], light_e: np.ndarray[Any, Any]) -> tuple[ps.Senso
             value = None
             charge = rng.poisson(light, (40, 40))
             for name in reversed(sensor.captures.names):
-                share = sensor.captures.light(name)
-                own = charge if share == 1.0 else rng.poisson(share * light, (40, 40))
+                fraction = sensor.captures.light(name)
+                own = charge if fraction == 1.0 else rng.poisson(fraction * light, (40, 40))
                 electrons = np.minimum(own, 9000) + rng.normal(0, read_e[name], (40, 40))
-                x = electrons / share
+                x = electrons / fraction
                 value = x if value is None else np.where(electrons < 0.8 * 9000, x, value)
             frames.append(("light" if light else "dark", max(light, 1.0) * 1e-6, output(rule, value)))
     return sensor, frame_set_from_arrays(frames, bits=rule.output_bits)

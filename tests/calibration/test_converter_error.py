@@ -45,8 +45,8 @@ def densities(rng, error_lsb, pixels=60_000, levels=LEVELS):
     found = []
     for level in levels:
         noise = np.sqrt(GAIN * level + 4.0)
-        share = np.diff(norm.cdf(edges(error_lsb), level, np.hypot(noise, 0.01 * level)), prepend=0.0)
-        found.append(Density(rng.poisson(pixels * share, (2, WHITE + 1)), noise))
+        fraction = np.diff(norm.cdf(edges(error_lsb), level, np.hypot(noise, 0.01 * level)), prepend=0.0)
+        found.append(Density(rng.poisson(pixels * fraction, (2, WHITE + 1)), noise))
     return found
 
 
@@ -69,8 +69,8 @@ def test_ideal_converters_have_no_error():
 def test_errors_of_codes_are_found_with_their_intervals(kind, pixels):
     """Of 200 converters (see the documentation), 93 to 98 % of the codes lie within their 95 % intervals.
 
-    In four converters, codes that are not independent of each other let the shares vary by 0.03. Errors of the INL that
-    were 1.5 times their uncertainties would have 0.81 within.
+    In four converters, codes that are not independent of each other let the fractions vary by 0.03. Errors of the INL
+    that were 1.5 times their uncertainties would have 0.81 within.
     """
     dnl_inside, inl_inside = [], []
     for seed in range(4):
@@ -79,9 +79,9 @@ def test_errors_of_codes_are_found_with_their_intervals(kind, pixels):
         assert found.significant
         dnl_inside.append(np.abs(found.dnl_lsb - dnl) < 1.96 * found.dnl_uncertainty_lsb)
         inl_inside.append(np.abs(found.inl_lsb - inl) < 1.96 * found.inl_uncertainty_lsb)
-        for size, part, share in ((found.dnl_rms_lsb, dnl, 0.2), (found.inl_rms_lsb, inl, 0.3)):
+        for size, part, fraction in ((found.dnl_rms_lsb, dnl, 0.2), (found.inl_rms_lsb, inl, 0.3)):
             assert abs(size.value - np.sqrt((part**2).mean())) < 4.0 * size.standard_uncertainty
-            assert size.standard_uncertainty < share * size.value
+            assert size.standard_uncertainty < fraction * size.value
     assert 0.9 < np.concatenate(dnl_inside).mean() < (0.98 if pixels < 100_000 else 1.0)
     assert np.concatenate(inl_inside).mean() > 0.9
 

@@ -12,9 +12,9 @@ from photosite.frames.frame_set import frame_set_from_arrays
 READ, SHAPE, FRAMES = 3.0, (100, 120), 16
 
 
-def noise(rng, share, amplitude):
+def noise(rng, fraction, amplitude):
     """Dark frames less the black level: normal noise, and pixels of two levels with exponential distances."""
-    blinks = rng.random(SHAPE) < share
+    blinks = rng.random(SHAPE) < fraction
     distance = rng.exponential(amplitude, SHAPE) * blinks
     high = rng.random(SHAPE)
     state = rng.random((FRAMES, *SHAPE)) < high

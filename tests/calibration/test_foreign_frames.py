@@ -88,13 +88,13 @@ def test_frames_of_smoothed_noise_are_kept():
         assert not find_foreign_frames([np.rint(1000.0 + one).astype(np.uint16) for one in noise], MONO)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3])
-def test_frames_that_share_noise_with_the_next_are_kept(share):
+@pytest.mark.parametrize("fraction", [0.1, 0.3])
+def test_frames_that_fraction_noise_with_the_next_are_kept(fraction):
     rng = np.random.default_rng(5)
     for count in (3, 4, 8):
         chip, last, stack = 1000.0 + 3.0 * rng.normal(size=(64, 64)), NOISE * rng.normal(size=(64, 64)), []
         for _ in range(count):
-            last = np.sqrt(1.0 - share**2) * NOISE * rng.normal(size=(64, 64)) + share * last
+            last = np.sqrt(1.0 - fraction**2) * NOISE * rng.normal(size=(64, 64)) + fraction * last
             stack.append(np.rint(chip + last).astype(np.uint16))
         assert not find_foreign_frames(stack, MONO)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSource, frame_set_from_arrays
 
@@ -102,9 +103,9 @@ def test_frames_that_cannot_support_a_calibration(frames, problem):
 
 def test_several_gain_settings_are_refused_and_one_of_them_passes(clean):
     frames = [(*entry, None, gain) for gain in (100.0, 400.0) for entry in measurement()]
-    error = error_of(frames)
-    assert "2 gain settings (100, 400)" in error.what
-    assert "at_gain(setting)" in error.hint
+    with pytest.raises(CalibrationError) as caught:
+        calibrate_setting(frame_set(frames))
+    assert caught.value.id == "several-gain-settings"
     assert calibrate(frame_set(frames).at_gain(400)).read_noise_dn == clean.read_noise_dn
 
 
@@ -174,7 +175,11 @@ def test_a_sensor_that_did_not_take_the_frames(virtual, changes, field, value):
 def test_an_argument_that_is_not_a_frame_set(wrong, hint):
     with pytest.raises(InputError) as caught:
         calibrate(wrong)
-    assert (caught.value.what, caught.value.value, caught.value.expected) == ("frames", wrong, "a FrameSet")
+    assert (caught.value.what, caught.value.value, caught.value.expected) == (
+        "frames",
+        wrong,
+        "a FrameSet, or one for each capture by name",
+    )
     assert f"open_frames({hint})" in caught.value.hint
 
 

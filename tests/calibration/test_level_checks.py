@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, Level, clipping_bias
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, Level, clipping_bias
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import frame_set_from_arrays
@@ -59,12 +59,12 @@ def photons(t):
 
 
 def test_the_bias_of_clipping_is_that_of_a_clipped_normal():
-    """At the middles of 100 000 equal shares of a normal; at the accepted share the read noise is 0.5 % low at most."""
+    """At the middles of 100 000 equal fractions of a normal; the read noise is at most 0.5 % low."""
     x = norm.ppf((np.arange(100_000) + 0.5) / 100_000)
-    for fraction in (CLIPPED_DARK_SHARE, 0.05, 0.3):
+    for fraction in (CLIPPED_DARK_FRACTION, 0.05, 0.3):
         clipped = np.maximum(x, norm.ppf(fraction))
         assert clipping_bias(fraction) == pytest.approx(clipped.var() / x.var() - 1, abs=1e-4)
-    assert 1 - np.sqrt(1 + clipping_bias(CLIPPED_DARK_SHARE)) == pytest.approx(0.0045, abs=1e-4)
+    assert 1 - np.sqrt(1 + clipping_bias(CLIPPED_DARK_FRACTION)) == pytest.approx(0.0045, abs=1e-4)
 
 
 def test_flats_that_end_at_the_full_scale_of_a_smaller_converter():

@@ -52,7 +52,7 @@ def light_levels(rng, x, *, wrong=(), response=straight, lamp=2e-4, offset=0.0):
             "mean_variance": of_signal,
             "frame_scatter": np.zeros_like(of_signal),
             "clipped": clipped,
-            "white_share": clipped.astype(float),
+            "white_fraction": clipped.astype(float),
             "group": np.arange(len(x)),
             "trusted": np.ones(len(x), np.bool_),
         }

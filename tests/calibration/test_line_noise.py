@@ -53,7 +53,7 @@ def test_parts_are_unbiased_and_covered(frames, tile, channel):
 
 
 def test_parts_add_up_to_the_temporal_variance():
-    """Except for the share of one line, which the mean of the frame contains."""
+    """Except for the fraction of one line, which the mean of the frame contains."""
     dn = stack(np.random.default_rng(2), 5, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
     assert temporal_parts([level], line_sums(dn), MONO)[0].total.value == pytest.approx(level.variance, rel=2e-3)

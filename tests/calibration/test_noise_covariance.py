@@ -39,7 +39,7 @@ def runs(
 ) -> list[Run]:
     """Return a run of frames with 0.5 DN/e-, 3 DN of read noise and shading, and the stated weights.
 
-    The next frame receives the share `lag` of the charge, and `blend` of the saved frame.
+    The next frame receives the fraction `lag` of the charge, and `blend` of the saved frame.
     """
     shading = 1.0 + 0.3 * np.linspace(-1.0, 1.0, shape[1])
     left: NDArray[np.float64] = electrons * lag * np.ones(shape)
@@ -110,8 +110,8 @@ def test_a_filter_shows_in_dark_frames() -> None:
     assert found.frames is None
 
 
-def next_pixels(share: float) -> NDArray[np.float64]:
-    return np.array([[0.0, share, 0.0], [share, 1.0 - 4.0 * share, share], [0.0, share, 0.0]])
+def next_pixels(fraction: float) -> NDArray[np.float64]:
+    return np.array([[0.0, fraction, 0.0], [fraction, 1.0 - 4.0 * fraction, fraction], [0.0, fraction, 0.0]])
 
 
 @pytest.mark.parametrize("cause", ["charge", "numbers"])

@@ -68,10 +68,10 @@ def test_quiet_pixels_have_no_spread():
     assert found.value is None
 
 
-def blinking_chip(rng: np.random.Generator, share: float, amplitude: float, frames: int, high: float | None = None):
+def blinking_chip(rng: np.random.Generator, fraction: float, amplitude: float, frames: int, high: float | None = None):
     """The estimates of a plain simulation of 20 000 pixels with a noise of 2 DN."""
     pixels = 20_000
-    n = rng.binomial(pixels, share)
+    n = rng.binomial(pixels, fraction)
     part = rng.random((n, 1)) if high is None else np.full((n, 1), high)
     dn = rng.normal(64, 2, (pixels, frames))
     dn[:n] += rng.exponential(amplitude, (n, 1)) * ((rng.random((n, frames)) < part) - part)
@@ -88,15 +88,15 @@ def blinking_chip(rng: np.random.Generator, share: float, amplitude: float, fram
 
 @pytest.mark.slow
 def test_intervals_of_telegraph_noise_cover():
-    """60 chips; a share of 1 % may be taken for another distribution."""
+    """60 chips; a fraction of 1 % may be taken for another distribution."""
     rng = np.random.default_rng(8)
     inside, estimated = np.zeros(2, int), 0
     for _ in range(60):
-        share, amplitude = rng.uniform(0.004, 0.05), rng.uniform(15, 50)
-        found = blinking_chip(rng, share, amplitude, int(rng.integers(24, 60)))
+        fraction, amplitude = rng.uniform(0.004, 0.05), rng.uniform(15, 50)
+        found = blinking_chip(rng, fraction, amplitude, int(rng.integers(24, 60)))
         if found[0].value is not None:
             estimated += 1
-            inside += [covers(found[0], share), covers(found[1], amplitude)]
+            inside += [covers(found[0], fraction), covers(found[1], amplitude)]
     assert estimated >= 54
     assert (inside >= estimated - 9).all()
 
@@ -118,13 +118,13 @@ def test_intervals_of_noisy_chips_cover():
     gain = SENSOR.system_gain_dn_per_e
     inside, read_mv = [], []
     for seed in range(12):
-        read_e, spread, share = rng.uniform(4, 10), rng.uniform(0.1, 0.4), rng.uniform(0.02, 0.1)
+        read_e, spread, fraction = rng.uniform(4, 10), rng.uniform(0.1, 0.4), rng.uniform(0.02, 0.1)
         amplitude_e = read_e * rng.uniform(1, 10)
         sensor = SENSOR.with_(
             read_noise_e=read_e,
             serial=str(seed),
             read_noise_spread={"log_spread": spread},
-            telegraph_noise={"fraction": share, "amplitude_e": amplitude_e},
+            telegraph_noise={"fraction": fraction, "amplitude_e": amplitude_e},
         )
         plan = [("dark", 0.01, 0)] * 40 + [("dark", 1.0, 0)] * 2
         plan += [("light", t, 2e5 * t) for t in np.linspace(0.005, 0.04, 6).tolist() for _ in range(2)]
@@ -134,7 +134,7 @@ def test_intervals_of_noisy_chips_cover():
         ]
         found = calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor.with_(effects=None)), maps=True)
         entries = [getattr(found.temporal, name) for name in names]
-        truth = (spread, read_e * gain, share, amplitude_e * gain)
+        truth = (spread, read_e * gain, fraction, amplitude_e * gain)
         inside.append([e.value is None or covers(e, x) for e, x in zip(entries, truth, strict=True)])
         if entries[3].value is not None:
             read_mv.append(found.sensor.noise.read_noise_mv.value / sensor.noise.read_noise_mv.value)

@@ -242,9 +242,9 @@ def test_brighter_fatter_noise_is_within_the_uncertainty_of_the_gain() -> None:
     """0.2 % of the charge moves to each next pixel at 10 000 electrons; the straight line is 1.4 % low."""
 
     def fatter(charge: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-        share = 0.002 * charge.mean() / 1e4
+        fraction = 0.002 * charge.mean() / 1e4
         next_pixels = np.array([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])
-        return np.asarray(charge + share * convolve(charge, next_pixels, mode="nearest"))
+        return np.asarray(charge + fraction * convolve(charge, next_pixels, mode="nearest"))
 
     camera = replace(CAMERA, electrons_per_s=1e5)
     flats: list[tuple[Kind, float, int]] = [("light", t, 8) for t in (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.spatial.periodic_structure import MOSAIC_SHARE, periodic_offsets, periodic_structure
+from photosite.calibration.spatial.periodic_structure import MOSAIC_FRACTION, periodic_offsets, periodic_structure
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.readout import digital_numbers
 from photosite.values.cfa import NAMED, shifted
@@ -149,7 +149,7 @@ def test_lines_far_apart_belong_to_a_striped_filter():
     assert stripes is not None
     assert stripes.by_lines == "columns"
     assert stripes.of_mosaic()
-    between = found(tiled(flat(rng), [[1.0, 1.0 + 2.0 * MOSAIC_SHARE]]))
+    between = found(tiled(flat(rng), [[1.0, 1.0 + 2.0 * MOSAIC_FRACTION]]))
     assert between is not None
     assert not between.of_mosaic()
     assert "striped color filter" in str(between)

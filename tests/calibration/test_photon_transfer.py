@@ -16,10 +16,10 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 from photosite.values.uncertain import Missing, Uncertain
 
 
-def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_sigma=0.1):
+def levels(signal, shot, *, white_fraction=None, x=None, signal_sigma=1e-3, shot_sigma=0.1):
     signal, shot = np.asarray(signal, float), np.asarray(shot, float)
     m = len(signal)
-    white = np.zeros(m) if white_share is None else np.asarray(white_share, float)
+    white = np.zeros(m) if white_fraction is None else np.asarray(white_fraction, float)
     return LightLevels(
         abscissa="photons_per_pixel",
         x=np.arange(1.0, m + 1) * 100 if x is None else np.asarray(x, float),
@@ -31,13 +31,13 @@ def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_si
         noise=shot + 1.0,
         noise_uncertainty=np.zeros(m),  # all uncertainty is in `shot_covariance`
         dark_noise=(),
-        dark_share=np.zeros((m, 0)),
+        dark_fraction=np.zeros((m, 0)),
         mean=signal + 64,
         spread=np.full(m, 4.0),
         mean_variance=np.full(m, 1e-4),
         frame_scatter=np.zeros(m),
         clipped=white > 1e-3,
-        white_share=white,
+        white_fraction=white,
         group=np.arange(m),
         frames=np.full(m, 2.0),
         trusted=np.ones(m, bool),
@@ -48,7 +48,7 @@ RISING = [100.0, 200.0, 300.0, 400.0]
 
 
 def test_saturation_is_where_the_variance_is_largest():
-    curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_share=[0, 0, 0, 0, 0.3, 1])
+    curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_fraction=[0, 0, 0, 0, 0.3, 1])
     found = find_saturation(curve, white=564)
     assert found.index == 3
     assert found.signal == 400.0
@@ -58,7 +58,7 @@ def test_saturation_is_where_the_variance_is_largest():
 
 def test_the_interval_of_the_largest_variance_is_that_of_all_possible_sensors():
     """Sensors with any clipping level, selected by their largest measured variance at 400."""
-    curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_share=[0, 0, 0, 0, 0.3, 1])
+    curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_fraction=[0, 0, 0, 0, 0.3, 1])
     fine = np.linspace(200.0, 600.0, 4001)
     measured = np.searchsorted(fine, [100.0 * k for k in range(3, 7)])
     possible = []
@@ -82,7 +82,7 @@ def test_a_well_that_fills_below_full_scale_is_saturation_too():
 
 
 def test_single_frames_saturate_at_the_brightest_level():
-    curve = levels([*RISING, 500.2, 500.1], [np.nan] * 6, white_share=[0, 0, 0, 0, 1, 1])
+    curve = levels([*RISING, 500.2, 500.1], [np.nan] * 6, white_fraction=[0, 0, 0, 0, 1, 1])
     found = find_saturation(curve, white=564)
     assert (found.index, found.signal) == (4, 500.2)
     assert "no light level has two frames" in found.x.reason
@@ -102,7 +102,7 @@ def test_scatter_of_the_variance_is_not_saturation():
 
 
 def test_partial_clipping_gives_full_scale():
-    curve = levels(RISING, [20.0, 40.0, 60.0, 55.0], white_share=[0, 0, 0, 0.2])
+    curve = levels(RISING, [20.0, 40.0, 60.0, 55.0], white_fraction=[0, 0, 0, 0.2])
     found = find_saturation(curve, white=470)
     assert found.level_dn.value == 470.0
     assert "20 % of the values in the brightest flat fields" in found.level_method
@@ -143,13 +143,13 @@ def test_a_variance_that_does_not_rise_gives_no_gain():
 
 
 def test_gain_and_read_noise_are_correlated_by_shared_darks():
-    """A high dark variance is subtracted from every level, which makes the gain low by its share in the fit."""
+    """A high dark variance is subtracted from every level, which makes the gain low by its fraction in the fit."""
     dark = Uncertain.of(5.0, 0.2)
     curve = levels(RISING, [20.0, 40.0, 60.0, 80.0], shot_sigma=0.5)
     curve = replace(
         curve,
         dark_noise=(dark,),
-        dark_share=np.ones((4, 1)),
+        dark_fraction=np.ones((4, 1)),
         shot_covariance=np.diag(np.full(4, 0.5**2)) + 0.2**2,
     )
     fit = fit_gain([curve], [np.ones(4, bool)])

@@ -35,9 +35,9 @@ def test_fit_to_plain_frames(tile: np.ndarray, side: float, corner: float) -> No
     light, dark = (noise_covariances(runs(rng, level, charge=kernel), tile) for level in (2000.0, 0.0))
     shot = [a - b for a, b in zip(light, dark, strict=True)]
     found = fit_coupling(shot, tile, [1000.0] * len(shot), seen=True)
-    for share, truth in ((found.side, side), (found.corner, corner)):
-        assert abs(share.value - truth) < 4.0 * share.standard_uncertainty
-        assert share.standard_uncertainty < 0.002
+    for fraction, truth in ((found.side, side), (found.corner, corner)):
+        assert abs(fraction.value - truth) < 4.0 * fraction.standard_uncertainty
+        assert fraction.standard_uncertainty < 0.002
 
 
 def test_unequal_colors() -> None:
@@ -69,8 +69,8 @@ def test_calibration_of_coupled_pixels() -> None:
     effects = found.sensor.effects
     assert effects is not None
     assert effects.interpixel_capacitance is not None
-    share = effects.interpixel_capacitance.coupling_percent
-    assert (share.value, share.standard_uncertainty) == (
+    fraction = effects.interpixel_capacitance.coupling_percent
+    assert (fraction.value, fraction.standard_uncertainty) == (
         found.interpixel_coupling_percent.value,
         found.interpixel_coupling_percent.standard_uncertainty,
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction.quantisation import remaining_share, rounding_error, rounding_uncertainty
+from photosite.calibration.reduction.quantisation import remaining_fraction, rounding_error, rounding_uncertainty
 from photosite.frames.frame_set import frame_set_from_arrays
 
 GAIN, SHAPE = 0.02, (60, 80)
@@ -30,11 +30,11 @@ def test_the_series_is_that_of_rounded_normals(mean, sd):
     from scipy.special import ndtr
 
     steps = np.arange(-5, 20)
-    share = ndtr((steps + 0.5 - mean) / sd) - ndtr((steps - 0.5 - mean) / sd)
-    read = float(share @ steps)
+    fraction = ndtr((steps + 0.5 - mean) / sd) - ndtr((steps - 0.5 - mean) / sd)
+    read = float(fraction @ steps)
     of_mean, of_variance = rounding_error(mean, sd)
     assert float(of_mean) == pytest.approx(read - mean, abs=1e-9)
-    assert float(of_variance) == pytest.approx(float(share @ (steps - read) ** 2) - sd**2 - 1 / 12, abs=1e-9)
+    assert float(of_variance) == pytest.approx(float(fraction @ (steps - read) ** 2) - sd**2 - 1 / 12, abs=1e-9)
 
 
 @pytest.mark.parametrize("black", [6.0, 6.25, 6.5])
@@ -81,5 +81,5 @@ def test_nothing_changes_above_one_step():
 
 def test_pixels_of_many_phases_reduce_the_uncertainty():
     assert rounding_uncertainty(0.2, 1e-3, 1.0)[1] < 0.15 * rounding_uncertainty(0.2, 1e-3, 0.0)[1]
-    assert remaining_share(-1.0) == 1.0
-    assert 0.0 < remaining_share(100.0) < remaining_share(0.01) < 1.0
+    assert remaining_fraction(-1.0) == 1.0
+    assert 0.0 < remaining_fraction(100.0) < remaining_fraction(0.01) < 1.0

@@ -16,7 +16,7 @@ GAIN, PIXELS, FRAMES, TOP_E, READ_E = 0.3, 17_280, 8, 10_000.0, 6.0
 
 
 def power(n):
-    """A share of the signal at the largest signal that grows with a power of the light: response and its slope."""
+    """A fraction of the signal at the largest signal that grows with a power of the light: response and its slope."""
     return lambda e, size: (e * (1.0 + size * e ** (n - 1)), 1.0 + n * size * e ** (n - 1))
 
 
@@ -55,7 +55,7 @@ def light_levels(rng, shape="2nd power", size=0.0, *, levels=12, lamp=0.0, scatt
             "shot_covariance": np.diag((relative * seen) ** 2),
             "noise": seen,
             "noise_uncertainty": relative * seen,
-            "dark_share": np.zeros((levels, 1)),
+            "dark_fraction": np.zeros((levels, 1)),
             "dark_noise": (Uncertain(0.0),),
             "frame_scatter": np.zeros(levels),
             "trusted": np.ones(levels, np.bool_),

@@ -73,7 +73,7 @@ class Measurements:
     dark_exposure: str = "exposure zero"  # of black level and dark variance
     dark_method: str = ""  # of read noise, DSNU and black level, where dark frames are clipped at 0
     linearity: tuple[Linearity | Missing, ...] = ()  # of the channel, or of each channel
-    coupling: Value = NO_LIGHT  # share of the signal in each next pixel, of all channels together
+    coupling: Value = NO_LIGHT  # fraction of the signal in each next pixel, of all channels together
     dark_slope_third: float = 0.0  # third central moment over pixels of the dark slope
     # For all channels together: by the name of a measurement, the channels that it comes from if not all.
     from_channels: Mapping[str, str] = field(default_factory=dict)

@@ -216,8 +216,8 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         **_lines(m, per_e),
         "shading_percent": _deviation(m.shading_variance, Uncertain(100.0), m.method(shading, "shading_variance")),
         "interpixel_coupling_percent": Estimate.of(
-            derive(lambda share: 100.0 * share, m.coupling),
-            "share of the signal in each next pixel, from the covariances of the shot noise of neighboring pixels",
+            derive(lambda fraction: 100.0 * fraction, m.coupling),
+            "fraction of the signal in each next pixel, from the covariances of the shot noise of neighboring pixels",
         ),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
         "dark_current_dn_per_s": Estimate.of(m.dark_slope, slope),

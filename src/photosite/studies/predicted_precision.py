@@ -15,7 +15,7 @@ from photosite.calibration.parameters import Parameters, estimate_parameters
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import fit_gain, gain_value
 from photosite.calibration.reduction.groups import (
-    CLIPPED_DARK_SHARE,
+    CLIPPED_DARK_FRACTION,
     GroupStatistics,
     Level,
     label_tile,
@@ -97,7 +97,7 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
         raise InputError("groups", expected="a plan with at least two dark frames at one exposure", hint=hint)
     for entry in darks:
         low = max(level.low_fraction for level in entry.levels)
-        if low > CLIPPED_DARK_SHARE:
+        if low > CLIPPED_DARK_FRACTION:
             raise InputError(
                 f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be clipped at 0 DN",
                 hint="Use a black level (pedestal) of at least five standard deviations of the dark frames",

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.knees import Piece, find_pieces, line_through, linear_end
-from photosite.calibration.reduction.groups import CLIPPED_SHARE
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION
 from photosite.calibration.withheld import (
     CLIPPED_TOO_FAR,
     COMPANDED_FRAMES,
@@ -51,7 +51,7 @@ _LEAST_NOISE_STEPS = 0.5
 """Standard deviation in steps of the numbers below which rounding hides the noise."""
 
 _STILL = 0.02
-"""Share of the largest variance below which a level is fully saturated."""
+"""Fraction of the largest variance below which a level is fully saturated."""
 
 _OTHER_CODES = 0.3
 """Relative difference of the distances of the codes of two captures."""
@@ -186,7 +186,7 @@ class _Level(NamedTuple):
     variance: float
     uncertainty: float
     step: float  # linear numbers per number of the frame
-    top_share: float  # of the numbers that are the highest of all frames
+    top_fraction: float  # of the numbers that are the highest of all frames
     codes: float | None  # distance of the codes, where the numbers are linear
 
 
@@ -252,7 +252,7 @@ def calibrate_combined(
     uncertainty = np.array([level.uncertainty for level in used])
     if len(used) < 3:
         raise HIDDEN_LEVELS.error(found[0].text, where=frames.source)
-    end, reached = linear_end(signal, variance, np.array([level.top_share > CLIPPED_SHARE for level in used]))
+    end, reached = linear_end(signal, variance, np.array([level.top_fraction > CLIPPED_FRACTION for level in used]))
     saturation = _saturation(used, signal, variance, reached)
     pieces = find_pieces(signal[:end], variance[:end], uncertainty[:end])
     if not pieces:
@@ -306,10 +306,10 @@ def _reduced(frames: FrameSet, group: FrameGroup, companding: Companding | None)
         tops += dn >= top
     count = len(group)
     own = (squares - total**2 / count) / (count - 1)
-    if group.kind == "dark" and zeros.mean() > CLIPPED_SHARE * count:
-        share = 100.0 * zeros.mean() / count
+    if group.kind == "dark" and zeros.mean() > CLIPPED_FRACTION * count:
+        fraction = 100.0 * zeros.mean() / count
         raise CLIPPED_TOO_FAR.error(
-            f"the dark frames are clipped: {share:.3g} % of the numbers are 0",
+            f"the dark frames are clipped: {fraction:.3g} % of the numbers are 0",
             where=frames.source,
             hint="Raise the black level of the output",
         )
@@ -390,7 +390,7 @@ def _saturation(levels: Sequence[_Level], signal: _Array, variance: _Array, reac
             "no flat field reached saturation; take brighter flat fields, up to where they stop rising"
         )
     last = levels[-1]
-    if last.top_share < 1.0 - CLIPPED_SHARE and variance[-1] > _STILL * variance.max():
+    if last.top_fraction < 1.0 - CLIPPED_FRACTION and variance[-1] > _STILL * variance.max():
         return NO_SATURATION.missing("no flat field is fully saturated")
     return Uncertain.of(float(signal[-1]), last.mean_uncertainty)
 

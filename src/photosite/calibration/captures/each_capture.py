@@ -32,7 +32,7 @@ _Array = NDArray[np.float64]
 
 _SHOWN = ("system_gain_dn_per_e", "read_noise_e", "saturation_capacity_e")
 _SIGNAL = "slopes of the signals of neighboring captures at the levels where both are linear"
-# Share of the linear range that is used. Close to saturation, the brightest pixels clip and lower the mean.
+# Fraction of the linear range that is used. Close to saturation, the brightest pixels clip and lower the mean.
 _USED = 0.85
 
 

@@ -26,7 +26,7 @@ def clipped_darks(evidence: Evidence) -> Iterator[Diagnostic]:
     """Dark frames whose numbers are 0 in more pixels than noise explains, or in a few noisy ones."""
     dark = evidence.dark
     if dark.clipped is not None:
-        size = max(found.zero_share for found in dark.clipped.censored)
+        size = max(found.zero_fraction for found in dark.clipped.censored)
         yield CLIPPED_DARKS(dark.clipped.warning(evidence.reduction.names), size)
     if dark.cut is not None and (text := dark.cut.warning()) is not None:
         yield CUT_TAIL(text, dark.cut.zeros)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.calibration.photon_transfer.photon_transfer import STILL_SHARE
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE
+from photosite.calibration.photon_transfer.photon_transfer import STILL_FRACTION
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.exposure import format_exposure
@@ -25,11 +25,11 @@ FARTHEST = 1.5
 """Factor by which a signal may deviate from the proportion of the others; lamps and shutters are better."""
 
 LEAST_SIGNAL = 0.02
-"""Signal, as a share of the brightest in the linear range, below which stray light hides the proportion."""
+"""Signal, as a fraction of the brightest in the linear range, below which stray light hides the proportion."""
 
 AT_THE_TOP, LEAST_BITS = 0.98, 6
-"""Share of a light level's pixels at the full scale of a smaller converter that shows that converter's bit depth, and
-the smallest bit depth that is searched."""
+"""Fraction of a light level's pixels at the full scale of a smaller converter that shows that converter's bit depth,
+and the smallest bit depth that is searched."""
 
 _FACTORS = {1e3: "a thousand", 1e6: "a million", 1e9: "a thousand million", 60.0: "sixty", 3600.0: "3600"}
 
@@ -103,7 +103,7 @@ def impossible_darks(reduction: Reduction) -> None:
             if level.low_fraction == 1.0:
                 hint = "Raise the camera's black level (pedestal) and take the dark frames again"
                 raise reduction.error(BLACK_DARKS, "all numbers are clipped at 0 DN", hint, group, name)
-            if level.high_fraction > CLIPPED_DARK_SHARE:
+            if level.high_fraction > CLIPPED_DARK_FRACTION:
                 raise reduction.error(
                     SATURATED_DARKS,
                     f"{100 * level.high_fraction:.3g} % of the pixels are at {(1 << reduction.frames.bits) - 1} DN, "
@@ -139,7 +139,11 @@ def identical_flats(reduction: Reduction) -> None:
         for entry in repeated:
             level = entry.levels[k]
             brighter = [other.levels[k].variance for other in repeated if other.levels[k].mean > 1.05 * level.mean]
-            if brighter and level.low_fraction < CLIPPED_DARK_SHARE and level.variance < STILL_SHARE * min(brighter):
+            if (
+                brighter
+                and level.low_fraction < CLIPPED_DARK_FRACTION
+                and level.variance < STILL_FRACTION * min(brighter)
+            ):
                 raise reduction.error(
                     IDENTICAL_FRAMES,
                     f"the {level.frames} frames nearly agree (variance {level.variance:.2g} DN^2), but brighter flats "
@@ -161,9 +165,9 @@ def wrong_full_scale(reduction: Reduction) -> None:
         return
     for k, name in enumerate(reduction.names):
         top = reduction.whites[k]
-        share = max(group.levels[k].high_fraction for group in reduction.lights)
-        if share >= AT_THE_TOP and top & (top + 1) == 0 and LEAST_BITS <= top.bit_length() < bits:
-            pixels = "every pixel" if share == 1.0 else f"{100 * share:.3g} % of the pixels"
+        fraction = max(group.levels[k].high_fraction for group in reduction.lights)
+        if fraction >= AT_THE_TOP and top & (top + 1) == 0 and LEAST_BITS <= top.bit_length() < bits:
+            pixels = "every pixel" if fraction == 1.0 else f"{100 * fraction:.3g} % of the pixels"
             raise reduction.error(
                 WRONG_BIT_DEPTH,
                 f"the brightest flat fields{reduction.of_channel(name, ' of channel {}')} have {top} DN in {pixels}, "

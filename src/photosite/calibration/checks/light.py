@@ -54,13 +54,13 @@ def fast_shutter(evidence: Evidence) -> Iterator[Diagnostic]:
         )
 
 
-LEAK_SHARE = 0.3
-"""Share of the flat fields' slope above which the dark frames' slope is as likely a light leak as dark current."""
+LEAK_FRACTION = 0.3
+"""Fraction of the flat fields' slope above which the dark frames' slope is as likely a light leak as dark current."""
 
 LIGHT_LEAK = DiagnosticKind(
     "light-leak",
     "warning",
-    f"The dark signal grows with the exposure time by {100 * LEAK_SHARE:.0f} % of the dimmest flat fields or more.",
+    f"The dark signal grows with the exposure time by {100 * LEAK_FRACTION:.0f} % of the dimmest flat fields or more.",
     "If light falls on the dark frames, dark current and its nonuniformity are too large.",
     "Cover the lens, switch the lamp off, and compare with dark frames in a dark room.",
     _DARK_CURRENT,
@@ -80,7 +80,7 @@ def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
         if isinstance(slope, Missing) or not take.any():
             continue
         rate = float(np.min(levels.signal[take] / levels.exposure_s[take]))
-        if slope.value > LEAK_SHARE * rate and slope.value > BEYOND_CHANCE * (slope.value - slope.interval_95[0]):
+        if slope.value > LEAK_FRACTION * rate and slope.value > BEYOND_CHANCE * (slope.value - slope.interval_95[0]):
             longest = max(evidence.dark.groups, key=lambda entry: entry.group.exposure_s)
             yield LIGHT_LEAK(
                 f"the dark signal grows by {slope.value:.3g} DN/s, {100 * slope.value / rate:.2g} % of the dimmest "
@@ -92,10 +92,10 @@ def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
 
 
 LAMP_DRIFT = 0.01
-"""Shift from frame to frame, as a share of the signal, above which a warning is given."""
+"""Shift from frame to frame, as a fraction of the signal, above which a warning is given."""
 
 FALSE_ALARMS = 0.001
-"""Share of calibrations under a steady lamp that may report an unsteady one; the same for the black level."""
+"""Fraction of calibrations under a steady lamp that may report an unsteady one; the same for the black level."""
 
 UNSTEADY_LIGHT = DiagnosticKind(
     "unsteady-light",
@@ -214,13 +214,13 @@ def stated_levels(evidence: Evidence) -> Iterator[Diagnostic]:
 
 
 FIRST_BY_CHANCE = 5e-4
-"""Share of calibrations with frames in random order in which a difference may be reported."""
+"""Fraction of calibrations with frames in random order in which a difference may be reported."""
 
 FIRST_LEAST_FRAMES = 3
 """Frames of a level that show whether the first one differs."""
 
-FIRST_LEAST_SHARE = 5e-4
-"""Difference, as a share of the signal, below which nothing is reported: it is lost in the uncertainty of the light."""
+FIRST_LEAST_FRACTION = 5e-4
+"""Difference, as a fraction of the signal, that is reported; a smaller one is within the light's uncertainty."""
 
 FIRST_FRAMES = DiagnosticKind(
     "first-frames-differ",
@@ -241,13 +241,13 @@ def first_frames(evidence: Evidence) -> Iterator[Diagnostic]:
     """
     found = _first_frames(evidence.reduction)
     if found is not None:
-        share, extreme, levels = found
+        fraction, extreme, levels = found
         yield FIRST_FRAMES(
-            f"the first frame is the {'highest' if share > 0.0 else 'lowest'} in {extreme} of {levels} "
-            f"levels of light, and its signal differs by {100.0 * share:+.2g} % from that of the other frames: "
+            f"the first frame is the {'highest' if fraction > 0.0 else 'lowest'} in {extreme} of {levels} "
+            f"levels of light, and its signal differs by {100.0 * fraction:+.2g} % from that of the other frames: "
             f"charge of the level before (image lag), or light that is still changing. It shifts responsivity and "
             f"linearity; take more frames and leave out the first ones",
-            share,
+            fraction,
         )
 
 
@@ -258,7 +258,7 @@ def _first_frames(reduction: Reduction) -> tuple[float, int, int] | None:
         return None
     dark = pooled_level(reduction.reference_group.levels).mean
     pixels = reduction.frames.rows * reduction.frames.cols
-    shares, chances, lowest, highest = [], [], 0, 0
+    fractions, chances, lowest, highest = [], [], 0, 0
     for entry in reduction.lights:
         if any(level.clipped for level in entry.levels):
             continue
@@ -269,18 +269,18 @@ def _first_frames(reduction: Reduction) -> tuple[float, int, int] | None:
         lowest += first < min(others)
         highest += first > max(others)
         chances.append(1.0 / len(signal))
-        shares.append(first / float(np.mean(others)) - 1.0)
-    if not shares:
+        fractions.append(first / float(np.mean(others)) - 1.0)
+    if not fractions:
         return None
     from scipy.stats import binom
 
     # The largest of the chances is an upper limit for groups of different sizes.
     extreme = max(lowest, highest)
     by_chance = 2.0 * float(binom.sf(extreme - 1, len(chances), max(chances)))
-    share = float(np.median(shares))
-    if by_chance > FIRST_BY_CHANCE or abs(share) < FIRST_LEAST_SHARE or (share > 0.0) != (highest > lowest):
+    fraction = float(np.median(fractions))
+    if by_chance > FIRST_BY_CHANCE or abs(fraction) < FIRST_LEAST_FRACTION or (fraction > 0.0) != (highest > lowest):
         return None
-    return share, extreme, len(shares)
+    return fraction, extreme, len(fractions)
 
 
 CHECKS = (

@@ -61,7 +61,7 @@ def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
     for taps in found.taps:
         yield TAP_STEPS(str(taps), taps.step, ("dsnu*",) if taps.dark else ("prnu*",))
     for far in found.far:
-        yield FAR_PIXELS(str(far), far.share, (f"{far.what.lower()}*",))
+        yield FAR_PIXELS(str(far), far.fraction, (f"{far.what.lower()}*",))
 
 
 CHECKS = (Check("result", 180, patterns, linear=True),)

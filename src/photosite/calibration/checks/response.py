@@ -80,7 +80,7 @@ def shared_noise(evidence: Evidence) -> Iterator[Diagnostic]:
     noise = evidence.light.noise
     if noise.flicker is not None:
         text = f"{noise.flicker}; its noise was taken off the temporal variances of the flat fields"
-        yield FLICKER(text, noise.flicker.share)
+        yield FLICKER(text, noise.flicker.fraction)
     if noise.shared is not None and noise.shared.seen:
         yield SHARED_NOISE(str(noise.shared), noise.shared.frames or max(noise.shared.neighbors or (0.0,), key=abs))
 

@@ -122,12 +122,12 @@ class _DarkMaps:
         The noise of a group is that of the reference stack plus the shot noise of the dark current during the
         difference in exposure time. Rounding sets a lower limit.
         """
-        share = weights**2 / np.array([entry.frames for entry in self.groups])
-        variance = noise * np.float32(share.sum())
+        fraction = weights**2 / np.array([entry.frames for entry in self.groups])
+        variance = noise * np.float32(fraction.sum())
         if shot is not None:
             longer = np.array([entry.group.exposure_s for entry in self.groups]) - self.exposure_s
-            variance += shot * np.float32(share @ longer)
-        np.maximum(variance, np.float32(QUANTISATION_DN2 * share.sum()), out=variance)
+            variance += shot * np.float32(fraction @ longer)
+        np.maximum(variance, np.float32(QUANTISATION_DN2 * fraction.sum()), out=variance)
         np.sqrt(variance, out=variance)
         return variance
 
@@ -344,11 +344,11 @@ def _with_distribution(
     _, ratio = dark.noisier(_SUSPECT)
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
     frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
-    share, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
-    if share.value is not None and share.interval_95 is not None:
+    fraction, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
+    if fraction.value is not None and fraction.interval_95 is not None:
         ordinary = float(steady.mean())
         unfound, most = (
-            min(max(total - 1.0 + ordinary, 0.0) / ordinary, 0.5) for total in (share.value, share.interval_95[1])
+            min(max(total - 1.0 + ordinary, 0.0) / ordinary, 0.5) for total in (fraction.value, fraction.interval_95[1])
         )
         found = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2, (unfound, most))
         spread, steady_dn = found
@@ -359,7 +359,7 @@ def _with_distribution(
         temporal,
         read_noise_log_spread=spread,
         steady_noise_dn=steady_dn,
-        blinking_fraction=share,
+        blinking_fraction=fraction,
         blinking_amplitude_dn=amplitude,
     )
 

@@ -19,10 +19,10 @@ LEAST_BLINKING = 10
 """Smallest number of blinking pixels from which their distribution is estimated."""
 
 _NOT_OF_THIS_KIND = 0.01
-"""Probability of the blinking pixels' amplitudes or shares of time, below which they are of another distribution."""
+"""Probability of the blinking pixels' amplitudes or fractions of time, below which they are of another distribution."""
 
 _WINDOW = (0.3, 0.7)
-"""Shares of frames in the upper level in which nearly all pixels of enough amplitude are found."""
+"""Fractions of frames in the upper level in which nearly all pixels of enough amplitude are found."""
 _SURE = {12: 16.0, 16: 12.0, 40: 7.0, 150: 5.0, 256: 4.5}
 """Amplitudes, in units of the noise, from which nearly all pixels in the window are found, by number of frames."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(61)
@@ -38,7 +38,7 @@ _STEADY_METHOD = (
 )
 _BLINKING_METHOD = (
     "blinking pixels with {:.3g} DN or more that are in the upper level in {:.0%} to {:.0%} of the frames; amplitudes "
-    "taken as exponential, shares of time as uniform"
+    "taken as exponential, fractions of time as uniform"
 )
 
 
@@ -57,9 +57,9 @@ def read_noise_distribution(
     shared_dn2
         Variance of rounding, dark current, rows and columns.
     blinking
-        Share of these pixels that blink without being found, and its largest plausible value. Faint ones have variances
-        like those of ordinary pixels, others have larger ones: half of the share is taken as larger, and the interval
-        covers none and all of the largest share.
+        Fraction of these pixels that blink without being found, and its largest plausible value. Faint ones have
+        variances like those of ordinary pixels, others have larger ones: half of the fraction is taken as larger, and
+        the interval covers none and all of the largest fraction.
 
     Returns
     -------
@@ -75,10 +75,10 @@ def read_noise_distribution(
     (0.2, True, 5.2)
     """
     as_others = _log_normal(variance, freedom, shared_dn2, 1.0)
-    share, most = blinking
+    fraction, most = blinking
     if most == 0.0 or as_others[0].interval_95 is None:
         return as_others
-    half, above = (_log_normal(variance, freedom, shared_dn2, 1.0 - one) for one in (0.5 * share, most))
+    half, above = (_log_normal(variance, freedom, shared_dn2, 1.0 - one) for one in (0.5 * fraction, most))
     if half[0].value is None or above[0].interval_95 is None:
         return above if half[0].value is not None else half
     return _between(half[0], as_others[0], above[0]), _between(half[1], as_others[1], above[1])
@@ -96,7 +96,7 @@ def _between(value: Estimate, one: Estimate, other: Estimate) -> Estimate:
 def _log_normal(
     variance: NDArray[np.floating], freedom: int, shared_dn2: float, ordinary: float
 ) -> tuple[Estimate, Estimate]:
-    """Estimate spread and root mean square from the pixels of the lowest variances, of a share that is ordinary."""
+    """Estimate spread and root mean square from the pixels of the lowest variances, of a fraction that is ordinary."""
     from scipy.optimize import brentq
     from scipy.special import gammainc
 
@@ -106,7 +106,7 @@ def _log_normal(
         return Estimate(reason=reason, method=_SPREAD_METHOD), Estimate(reason=reason, method=_STEADY_METHOD)
 
     def below(x: float, log_median: float, spread: float) -> float:
-        """Return the share of log variances below x."""
+        """Return the fraction of log variances below x."""
         true = np.exp(log_median + 2.0 * spread * _NODES) + shared_dn2
         return float(_WEIGHTS @ gammainc(0.5 * freedom, 0.5 * freedom * np.exp(x) / true))
 
@@ -118,8 +118,8 @@ def _log_normal(
         log_median = brentq(lambda value: below(at, value, spread) - 0.5, center - 3.0, center + 3.0)
         reach = 4.0 * (2.0 * spread + math.sqrt(2.0 / freedom)) + 1.0
         first, third = (
-            brentq(lambda x, share=share: below(x, log_median, spread) - share, at - reach, at + reach)
-            for share in (0.25, 0.75)
+            brentq(lambda x, fraction=fraction: below(x, log_median, spread) - fraction, at - reach, at + reach)
+            for fraction in (0.25, 0.75)
         )
         return first, third, log_median
 
@@ -161,7 +161,7 @@ def _log_normal(
 def blinking_distribution(
     blinking: Blinking, pixels: int, frames: int, noise_dn: float, least_ratio: float
 ) -> tuple[Estimate, Estimate]:
-    """Estimate the share of the pixels that blink, and the mean distance of their levels.
+    """Estimate the fraction of the pixels that blink, and the mean distance of their levels.
 
     Parameters
     ----------
@@ -175,14 +175,14 @@ def blinking_distribution(
     Returns
     -------
     Estimate, Estimate
-        Share of the pixels; mean amplitude, DN.
+        Fraction of the pixels; mean amplitude, DN.
 
     Notes
     -----
     Small amplitudes are not found, and neither are pixels that are nearly always in one state. Beyond the amplitude
-    A from which all are found, an exponential distribution of mean a has the mean A + a, and the share exp(-A / a).
-    With shares of time that are uniform from 0 to 1, the number of the frames in the upper level is uniform, too, where
-    the states of different frames are independent.
+    A from which all are found, an exponential distribution of mean a has the mean A + a, and the fraction exp(-A / a).
+    With fractions of time that are uniform from 0 to 1, the number of the frames in the upper level is uniform, too,
+    where the states of different frames are independent.
     """
     from scipy.stats import chi2, kstest
 
@@ -199,11 +199,11 @@ def blinking_distribution(
     excess = blinking.amplitude_dn[chosen] - sure
     mean = float(excess.mean())
     within = np.random.default_rng(0).uniform(-0.5, 0.5, count)  # spreads whole numbers of frames evenly
-    share_of_time = (number[chosen] + within - first + 0.5) / (last - first + 1)
+    fraction_of_time = (number[chosen] + within - first + 0.5) / (last - first + 1)
     # Lilliefors' limits for an exponential distribution with an estimated mean at 1 %: 1.25 / sqrt(n)
     uneven = float(kstest(excess / mean, "expon").statistic) * math.sqrt(count) > 1.25
-    if uneven or kstest(share_of_time, "uniform").pvalue < _NOT_OF_THIS_KIND:
-        what = "amplitudes are not exponential" if uneven else "shares of time are not uniform"
+    if uneven or kstest(fraction_of_time, "uniform").pvalue < _NOT_OF_THIS_KIND:
+        what = "amplitudes are not exponential" if uneven else "fractions of time are not uniform"
         reason = f"the {what}; {count} pixels of {sure:.3g} DN or more blink"
         return Estimate(reason=reason, method=method), Estimate(reason=reason, method=method)
     amplitude_ends = tuple(float(2 * count * mean / chi2.isf(tail, 2 * count)) for tail in (0.025, 0.975))
@@ -212,10 +212,10 @@ def blinking_distribution(
     )
     # E[1 / mean of n exponential amplitudes] is n / (n - 1) of the true one
     exponent = sure / mean * (1.0 - 1.0 / count)
-    share = count / pixels * (frames + 1) / (last - first + 1) * math.exp(exponent)
+    fraction = count / pixels * (frames + 1) / (last - first + 1) * math.exp(exponent)
     relative = math.sqrt((1.0 + exponent**2) / count)
-    ends = share * math.exp(-COVERAGE_95 * relative), min(share * math.exp(COVERAGE_95 * relative), 1.0)
-    if share > 1.0:
+    ends = fraction * math.exp(-COVERAGE_95 * relative), min(fraction * math.exp(COVERAGE_95 * relative), 1.0)
+    if fraction > 1.0:
         reason = f"most blinking pixels are below {sure:.3g} DN, from which they are found"
         return Estimate(reason=reason, method=method), amplitude
-    return Estimate(share, share * relative, method=method, interval_95=ends), amplitude
+    return Estimate(fraction, fraction * relative, method=method, interval_95=ends), amplitude

@@ -231,7 +231,7 @@ class TemporalNoise(Shown):
     steady_noise_dn
         Root mean square of the read noise of the pixels that do not blink, without noise of rows, columns and frames.
     blinking_fraction, blinking_amplitude_dn
-        Share of the pixels with random telegraph noise, and the mean distance of their levels, including those whose
+        Fraction of the pixels with random telegraph noise, and the mean distance of their levels, including those whose
         amplitude is too small to be found one by one (`noise_distribution`).
     bands
         "fixed rows", "fixed columns": periods in the mean frame. "temporal rows", "temporal columns": periods whose

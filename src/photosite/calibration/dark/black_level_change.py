@@ -15,7 +15,7 @@ from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 BY_CHANCE = 5e-4
-"""Share of steady black levels that count as shifting, and again as drifting."""
+"""Fraction of steady black levels that count as shifting, and again as drifting."""
 
 FAR_APART = 3.89
 """Distance of the dark currents from mean and variance, in standard uncertainties, that occurs in 1 of 10 000."""

@@ -38,7 +38,7 @@ In units of s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; t
 units of s. The number is the largest over a grid of sensors with a million pixels each."""
 
 MISFIT = 1e-3
-"""Share of sensors that follow the model and may be reported not to."""
+"""Fraction of sensors that follow the model and may be reported not to."""
 
 LEAST_PIXELS = 100
 """Pixels that must be above zero at least once."""
@@ -76,8 +76,8 @@ class ClippedCounts:
         return cls(frames, cells // base, cells % base, pixels, squares)
 
     @property
-    def zero_share(self) -> float:
-        """Share of all numbers that are 0."""
+    def zero_fraction(self) -> float:
+        """Fraction of all numbers that are 0."""
         return float(self.zeros @ self.pixels) / (self.frames * int(self.pixels.sum()))
 
 
@@ -108,7 +108,7 @@ class CensoredDark:
 
     pixels: int
     frames: int
-    zero_share: float  # share of the numbers that are 0
+    zero_fraction: float  # fraction of the numbers that are 0
     black_level: float  # mean of the dark signal, DN; may be negative
     dsnu_variance: float  # over pixels of their means
     read_variance: float  # of a pixel's numbers about its mean, without rounding
@@ -158,9 +158,9 @@ def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[fl
     n1_part = n1 * m * m - 2.0 * m * s
     exponent = n0 * log_p - n1_part / (2.0 * v) - (m - mu) ** 2 / (2.0 * a) + _LOG_WEIGHTS
     top = exponent.max(axis=1, keepdims=True)
-    share = np.exp(exponent - top)
-    whole = share.sum(axis=1, keepdims=True)
-    share /= whole
+    fraction = np.exp(exponent - top)
+    whole = fraction.sum(axis=1, keepdims=True)
+    fraction /= whole
     pixels = counts.pixels.astype(np.float64)
     log_cell = (
         (top + np.log(whole) + np.log(width))[:, 0]
@@ -171,9 +171,9 @@ def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[fl
     away = m - mu
     gradient = np.array(
         [
-            pixels @ (share * away).sum(1) / a,
-            pixels @ ((share * away * away).sum(1) - a) / (2.0 * a * a),
-            pixels @ (share * (-n0 * hazard * z / (2.0 * b) - n1 / (2.0 * v) + n1_part / (2.0 * v * v))).sum(1)
+            pixels @ (fraction * away).sum(1) / a,
+            pixels @ ((fraction * away * away).sum(1) - a) / (2.0 * a * a),
+            pixels @ (fraction * (-n0 * hazard * z / (2.0 * b) - n1 / (2.0 * v) + n1_part / (2.0 * v * v))).sum(1)
             + counts.squares / (2.0 * v * v),
         ]
     )
@@ -195,10 +195,10 @@ def _information(counts: ClippedCounts, theta: NDArray[np.float64]) -> NDArray[n
 
 
 def _start(counts: ClippedCounts) -> NDArray[np.float64]:
-    """Return a start from the share of zeros and the mean of all numbers, for equal DSNU and read noise."""
+    """Return a start from the fraction of zeros and the mean of all numbers, for equal DSNU and read noise."""
     pixels = int(counts.pixels.sum())
     samples = counts.frames * pixels
-    zeros = min(max(counts.zero_share, 0.5 / samples), 1.0 - 0.5 / samples)
+    zeros = min(max(counts.zero_fraction, 0.5 / samples), 1.0 - 0.5 / samples)
     normal = NormalDist()
     z = normal.inv_cdf(1.0 - zeros)
     mean = float(counts.total @ counts.pixels) / samples
@@ -247,7 +247,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     >>> round(dark.dsnu_variance**0.5, 1), round(dark.read_variance**0.5, 1)
     (2.3, 2.2)
     """
-    zeros = f"{100 * counts.zero_share:.3g} % of the numbers are 0"
+    zeros = f"{100 * counts.zero_fraction:.3g} % of the numbers are 0"
     positive = int(counts.pixels[counts.total > 0].sum())
     if positive < LEAST_PIXELS:
         return CLIPPED_TOO_FAR.missing(f"{zeros}, and only {positive} pixels are ever above 0; too little is left")
@@ -279,7 +279,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     return CensoredDark(
         pixels=int(counts.pixels.sum()),
         frames=counts.frames,
-        zero_share=counts.zero_share,
+        zero_fraction=counts.zero_fraction,
         black_level=mu,
         dsnu_variance=a,
         read_variance=b,
@@ -299,9 +299,9 @@ def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float
 
     n, pixels = counts.frames, int(counts.pixels.sum())
     t = np.linspace(-8.0, 8.0, 801)
-    share = np.exp(-0.5 * t * t)
+    fraction = np.exp(-0.5 * t * t)
     below = ndtr((0.5 - mu - math.sqrt(a) * t) / math.sqrt(b))
-    expected = pixels * (binom.pmf(np.arange(n + 1)[:, None], n, below) @ (share / share.sum()))
+    expected = pixels * (binom.pmf(np.arange(n + 1)[:, None], n, below) @ (fraction / fraction.sum()))
     found = np.bincount(counts.zeros, weights=counts.pixels.astype(np.float64), minlength=n + 1)
     # Classes of similar size, each with enough pixels for chi square.
     wanted = max(LEAST_CLASS, pixels / MOST_CLASSES)

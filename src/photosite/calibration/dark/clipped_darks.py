@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from photosite.calibration.dark.censored_likelihood import CensoredDark, count_clipped, fit_censored
 from photosite.calibration.reduction.frame_reader import FrameReader
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.calibration.withheld import CLIPPED_TOO_FAR
@@ -38,7 +38,7 @@ _MOST = 1 << 16
 class _Pixels:
     """Central moments of a clipped and rounded normal, (points,) each, by the true mean of the pixel."""
 
-    share: NDArray[np.float64]  # of the pixels at each true mean; the sum is 1
+    fraction: NDArray[np.float64]  # of the pixels at each true mean; the sum is 1
     offset: NDArray[np.float64]  # true mean less that of the level
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]
@@ -50,7 +50,7 @@ class _Pixels:
         """Return the moments by sums over the probabilities of each number, which are exact for any noise."""
         d, r = math.sqrt(max(dsnu_variance, 0.0)), math.sqrt(read_variance)
         t = np.linspace(-_REACH, _REACH, _POINTS) if d > 0.0 else np.zeros(1)
-        share = np.exp(-0.5 * t * t)
+        fraction = np.exp(-0.5 * t * t)
         offset = d * t
         top = max(2, min(math.ceil(mu + _REACH * (d + r)) + 2, _MOST))  # a solver may try any noise
         y = np.arange(1, top, dtype=np.float64)
@@ -60,7 +60,7 @@ class _Pixels:
         m = raw[0]
         third = raw[2] - 3.0 * m * raw[1] + 2.0 * m**3
         fourth = raw[3] - 4.0 * m * raw[2] + 6.0 * m**2 * raw[1] - 3.0 * m**4
-        return cls(share / share.sum(), offset, m, raw[1] - m**2, third, fourth)
+        return cls(fraction / fraction.sum(), offset, m, raw[1] - m**2, third, fourth)
 
 
 def _moments(mu: float, dsnu_variance: float, read_variance: float) -> NDArray[np.float64]:
@@ -69,11 +69,11 @@ def _moments(mu: float, dsnu_variance: float, read_variance: float) -> NDArray[n
     A negative DSNU variance, an estimate for a chip without DSNU, continues the first order of a small one.
     """
     pixels = _Pixels.of(mu, dsnu_variance, read_variance)
-    mean = float(pixels.share @ pixels.mean)
-    spatial = float(pixels.share @ (pixels.mean - mean) ** 2)
+    mean = float(pixels.fraction @ pixels.mean)
+    spatial = float(pixels.fraction @ (pixels.mean - mean) ** 2)
     if dsnu_variance < 0.0:
         spatial = dsnu_variance * float(ndtr((mu - 0.5) / math.sqrt(read_variance))) ** 2
-    return np.array([mean, float(pixels.share @ pixels.variance), spatial])
+    return np.array([mean, float(pixels.fraction @ pixels.variance), spatial])
 
 
 def moment_slopes(theta: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,8 +139,8 @@ def _influence(
 
     The pixel's own offset is not an error of the level.
     """
-    moments = pixels.mean, pixels.variance, (pixels.mean - float(pixels.share @ pixels.mean)) ** 2
-    change = np.array([moment - pixels.share @ moment for moment in moments])
+    moments = pixels.mean, pixels.variance, (pixels.mean - float(pixels.fraction @ pixels.mean)) ** 2
+    change = np.array([moment - pixels.fraction @ moment for moment in moments])
     influence = back @ change[free]
     return influence[0] - pixels.offset, influence[-1]
 
@@ -154,10 +154,10 @@ def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float6
     for here, other in zip(
         _influence(pixels, back, free), _influence(reference, _inverse(first, free), free), strict=True
     ):
-        size = math.sqrt(float(reference.share @ other**2))
-        along = float((pixels.share * here) @ other) / size if here.size == other.size and size > 0.0 else 0.0
+        size = math.sqrt(float(reference.fraction @ other**2))
+        along = float((pixels.fraction * here) @ other) / size if here.size == other.size and size > 0.0 else 0.0
         shared.append(along / math.sqrt(level.pixels))
-        own.append(max(float(pixels.share @ here**2) - along**2, 0.0) / level.pixels)
+        own.append(max(float(pixels.fraction @ here**2) - along**2, 0.0) / level.pixels)
     mean, mean_variance = float(theta[0]), float(temporal[0, 0]) + own[0]
     restored = replace(level, mean=mean, mean_variance=mean_variance, shared_mean=shared[0], low_fraction=0.0)
     if not level.repeated:
@@ -174,10 +174,10 @@ def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float6
 
 def _temporal_covariance(pixels: _Pixels, n: int) -> NDArray[np.float64]:
     """Return the (3, 3) covariance of mean, temporal and spatial variance over n frames, times the number of pixels."""
-    away = pixels.mean - pixels.share @ pixels.mean
+    away = pixels.mean - pixels.fraction @ pixels.mean
 
     def over(values: NDArray[np.float64]) -> float:
-        return float(pixels.share @ values)
+        return float(pixels.fraction @ values)
 
     mean_mean = over(pixels.variance) / n
     if n == 1:
@@ -249,7 +249,7 @@ class ClippedDarks:
         """Return row, column and pixel parts of the fixed pattern, from those of the clipped mean frame.
 
         A row's offset shifts the mean of its clipped pixels as a common shift does. The total is the DSNU of the
-        censored fit. The high-pass takes the same share of the pixel part with and without clipping.
+        censored fit. The high-pass takes the same fraction of the pixel part with and without clipping.
         """
         if isinstance(plain, Missing):
             return plain, filtered
@@ -269,9 +269,9 @@ class ClippedDarks:
 
     def warning(self, names: Sequence[str]) -> str:
         """Return the warning of a calibration with clipped dark frames."""
-        share = max(dark.zero_share for dark in self.censored)
+        fraction = max(dark.zero_fraction for dark in self.censored)
         text = (
-            f"the dark frames are clipped at 0 (up to {100 * share:.3g} % of their numbers): read noise, DSNU and "
+            f"the dark frames are clipped at 0 (up to {100 * fraction:.3g} % of their numbers): read noise, DSNU and "
             f"black level come from {METHOD}; the same model corrects the dark levels, and light levels with more than "
             f"a few numbers at 0 were left out"
         )
@@ -294,7 +294,7 @@ def correct_clipped_darks(reduction: Reduction, reference: GroupStatistics, read
         If too little of a level is above 0.
     """
     darks = reduction.darks
-    if not any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):
+    if not any(level.low_fraction > CLIPPED_DARK_FRACTION for entry in darks for level in entry.levels):
         return None
     of_group = {id(source) for source in reference.group.frames}
     sources = [entry.source for entry in reduction.used if id(entry.source) in of_group]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from photosite.calibration.reduction.frame_reader import FrameReader
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, Level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.engine.frame_sums import MeanFrame
 from photosite.values.diagnostic import DiagnosticKind
@@ -28,7 +28,7 @@ _WORTH_A_WARNING = 0.5
 
 @dataclass(frozen=True)
 class CutTail:
-    """Temporal variance that is cut off at 0 in dark frames, by channel, DN^2, and the share of zeros.
+    """Temporal variance that is cut off at 0 in dark frames, by channel, DN^2, and the fraction of zeros.
 
     Pixels that are 0 in all frames are not counted.
     """
@@ -48,8 +48,10 @@ class CutTail:
 
     def warning(self) -> str | None:
         """Return the warning of noise that is cut off; None where sampling alone is as uncertain."""
-        shares = zip(self.levels, self.variance, strict=True)
-        if not any(cut.standard_uncertainty > _WORTH_A_WARNING * level.variance_uncertainty for level, cut in shares):
+        fractions = zip(self.levels, self.variance, strict=True)
+        if not any(
+            cut.standard_uncertainty > _WORTH_A_WARNING * level.variance_uncertainty for level, cut in fractions
+        ):
             return None
         noise = float(np.mean([level.variance for level in self.levels]))
         raised, doubt = 50.0 * self.together.value / noise, 50.0 * self.together.standard_uncertainty / noise
@@ -88,7 +90,7 @@ def measure_cut_tail(
         max(level.low_fraction - float(count) / level.pixels, 0.0)
         for level, count in zip(group.levels, always, strict=True)
     ]
-    if not any(_matters(level, share) for level, share in zip(group.levels, zeros, strict=True)):
+    if not any(_matters(level, fraction) for level, fraction in zip(group.levels, zeros, strict=True)):
         return None
     of_group = {id(source) for source in group.group.frames}
     sources = [entry.source for entry in reduction.used if id(entry.source) in of_group]
@@ -120,7 +122,7 @@ def _by_channel(
 
 def _matters(level: Level, zeros: float) -> bool:
     """Return whether zeros beyond those of normal noise may change the variance."""
-    if zeros == 0.0 or zeros > CLIPPED_DARK_SHARE:
+    if zeros == 0.0 or zeros > CLIPPED_DARK_FRACTION:
         return False
     normal = float(ndtr((0.5 - level.mean) / math.sqrt(level.spatial_variance + level.variance)))
     return zeros > _BEYOND_NORMAL * normal and zeros * level.mean**2 > _NEGLIGIBLE * level.variance_uncertainty

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
-from photosite.calibration.reduction.quantisation import differing_share
+from photosite.calibration.reduction.quantisation import differing_fraction
 from photosite.calibration.withheld import ONE_DARK_EXPOSURE, UNKNOWN_DARK_NOISE
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, combined, correlated
@@ -19,7 +19,7 @@ from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, c
 Array = NDArray[np.float64]
 
 BEYOND_SAMPLING = 0.001
-"""Share of ideal measurements whose dark variances may be reported to scatter beyond their sampling."""
+"""Fraction of ideal measurements whose dark variances may be reported to scatter beyond their sampling."""
 
 SAME_EXPOSURE = 1e-6
 """Relative difference up to which two exposure times are equal."""
@@ -40,7 +40,7 @@ class DarkLine:
         (m,) exposure time; measured quantity; its sampling variance; standard uncertainty from clipping and rounding,
         which the points share.
     differing
-        Share of `shared` by which rounding errors of the points may differ.
+        Fraction of `shared` by which rounding errors of the points may differ.
     fit
         The line; None with one exposure only.
     points
@@ -131,7 +131,7 @@ class DarkLine:
 
     @property
     def repetition(self) -> float:
-        """Share of a variance of single points that is left in `at_zero`: the sum of its squared weights."""
+        """Fraction of a variance of single points that is left in `at_zero`: the sum of its squared weights."""
         weight = _inverse(self.variance) if self.fit is None else self.fit.estimator[0]
         return float(weight @ weight)
 
@@ -237,7 +237,7 @@ class DarkLines:
         of_mean, of_variance = (
             np.array([getattr(level, f"shared_{name}") for level in levels])
             if corrected.any()
-            # The same for all: with unequal shares of one cause the fit would use their difference.
+            # The same for all: with unequal fractions of one cause the fit would use their difference.
             else np.full(len(levels), getattr(best_known, f"rounding_{name}"))
             for name in ("mean", "variance")
         )
@@ -245,7 +245,7 @@ class DarkLines:
         differing = (
             0.0
             if corrected.any()
-            else differing_share(y / best_known.step, best_known.rounding_pixel / best_known.step)
+            else differing_fraction(y / best_known.step, best_known.rounding_pixel / best_known.step)
         )
         sampling = np.where(corrected, own, temporal / samples) + moved
         mean = DarkLine.through(t, y, sampling, of_mean, differing=differing)

@@ -21,7 +21,7 @@ from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
-from photosite.calibration.reduction.quantisation import differing_share, with_rounding
+from photosite.calibration.reduction.quantisation import differing_fraction, with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import (
@@ -136,10 +136,10 @@ class SlopeMap:
 
     def _rounded(self, variance: Uncertain, channel: int) -> Uncertain:
         levels = [entry.levels[channel] for entry in self.groups]
-        share = differing_share(
+        fraction = differing_fraction(
             np.array([level.mean for level in levels]), max(level.rounding_pixel for level in levels)
         )
-        return with_rounding(variance, share * self.rounding(self.coefficients, channel))
+        return with_rounding(variance, fraction * self.rounding(self.coefficients, channel))
 
     def moved(self, mean: GroupMean, exposure_s: float) -> GroupMean:
         """Return the mean frame of one of the groups, extrapolated to another exposure time.

@@ -9,7 +9,7 @@ from photosite.calibration.dark.dark_lines import DarkLine, DarkLines
 from photosite.calibration.dark.dark_result import DarkResult, GroupMean, dark_exposure
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.without_darks import SINGLE_DARK_FRAMES, unknown_level, unknown_variance
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
@@ -53,7 +53,7 @@ def _unknown(why: Missing, pixels: int) -> Measurements:
 def measure_single_darks(reduction: Reduction, reference: GroupStatistics, frame: MeanFrame) -> DarkResult:
     """Return level and dark current of dark exposures with one frame each; their noise is an upper limit."""
     darks, channels = reduction.darks, range(len(reduction.names))
-    if any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):
+    if any(level.low_fraction > CLIPPED_DARK_FRACTION for entry in darks for level in entry.levels):
         return unknown_darks(
             reduction, UNKNOWN_DARK_NOISE.missing(f"the dark frames are clipped at 0, and {SINGLE_DARK_FRAMES}")
         )

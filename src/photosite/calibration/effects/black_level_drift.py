@@ -147,23 +147,26 @@ def measure_drift(
     if longest < LEAST_FRAMES or all(np.ptp(y) == 0.0 for y, _ in chosen):
         return None
     # Independent contrasts of each series: their squares, noise variances, and variances per octave's variance
-    squares, noise, shares = [], [], []
+    squares, noise, fractions = [], [], []
     for y, variance in chosen:
         centering = np.eye(len(y)) - 1.0 / len(y)
-        share, vectors = np.linalg.eigh(centering @ step_covariance(len(y)) @ centering)
-        keep = share > 1e-9 * share.max()
+        fraction, vectors = np.linalg.eigh(centering @ step_covariance(len(y)) @ centering)
+        keep = fraction > 1e-9 * fraction.max()
         squares.append((vectors[:, keep].T @ y) ** 2)
-        shares.append(share[keep])
+        fractions.append(fraction[keep])
         noise.append(np.full(int(keep.sum()), variance))
-    square, share, white = (np.concatenate(parts) for parts in (squares, shares, noise))
+    square, fraction, white = (np.concatenate(parts) for parts in (squares, fractions, noise))
     white = np.maximum(white, 1e-12 * float(square.mean()))
 
     def misfit(octave: float) -> float:
-        variance = white + octave * share
+        variance = white + octave * fraction
         return float(np.sum(np.log(variance) + square / variance))
 
     # Over the logarithm, from far below the noise to far above all squares
-    low, high = math.log(1e-6 * float((white / share).min())), math.log(1e3 * float((square / share).max()) + 1e-300)
+    low, high = (
+        math.log(1e-6 * float((white / fraction).min())),
+        math.log(1e3 * float((square / fraction).max()) + 1e-300),
+    )
     grid = np.linspace(low, max(high, low + 1.0), 200)
     values = [misfit(math.exp(x)) for x in grid]
     best = int(np.argmin(values))

@@ -24,7 +24,7 @@ LEAST_PIXELS = 5
 """Smallest number of overflowing pixels from which blooming is estimated."""
 
 _BELOW = 0.8
-"""Share of the saturation signal up to which a shorter exposure shows the dark current of a pixel."""
+"""Fraction of the saturation signal up to which a shorter exposure shows the dark current of a pixel."""
 _BEYOND = 1.2
 """Dark signal over the saturation signal from which a pixel's overflow is used."""
 _REACH, _ORDINARY = 12, 2000
@@ -40,18 +40,18 @@ _Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BloomingResult(Finding, Shown):
-    """Share of the overflow that reaches other pixels of the column.
+    """Fraction of the overflow that reaches other pixels of the column.
 
     Parameters
     ----------
     kept
-        The share; what an anti-blooming drain removes is the rest.
+        The fraction; what an anti-blooming drain removes is the rest.
     overflow_dn, column_dn
         (pixels,) dark signal of each overflowing pixel above saturation, and the charge beside it in its column.
     uncertainty_dn
         Standard uncertainty of the charge in a column.
     seen
-        Whether the share is above zero beyond chance.
+        Whether the fraction is above zero beyond chance.
     """
 
     kept: Estimate
@@ -98,7 +98,7 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
     -----
     In the longest dark frames, a pixel of the dark signal x holds the saturation signal W, and x - W flows over. A
     shorter exposure time at which the pixel is not saturated shows x. The excess charge of the column beside the pixel
-    is the kept share of x - W.
+    is the kept fraction of x - W.
     """
     if evidence.chip is None:
         return NO_MAPS.missing(evidence.no_maps)

@@ -270,7 +270,7 @@ def _noise(charge: Sequence[_Floats], signal: _Floats) -> tuple[_Floats, int]:
     return variance, max(int(freedom.sum()) - 1, 1)
 
 
-def trailing_share(inefficiency: ArrayLike, transfers: int, near: int, behind: int) -> _Floats:
+def trailing_fraction(inefficiency: ArrayLike, transfers: int, near: int, behind: int) -> _Floats:
     """Return the charge in the first `near` lines behind the last one, above the level of the others, over the signal.
 
     Of n lines of equal charge, E[max(X - k, 0)] arrives later than k lines behind the last one, where X of the binomial
@@ -278,7 +278,7 @@ def trailing_share(inefficiency: ArrayLike, transfers: int, near: int, behind: i
 
     Examples
     --------
-    >>> trailing_share([1e-5, 1e-3], 2000, 2, 4).round(4).tolist()
+    >>> trailing_fraction([1e-5, 1e-3], 2000, 2, 4).round(4).tolist()
     [0.02, 0.991]
     """
     from scipy.special import bdtrc
@@ -298,15 +298,15 @@ _GRID = np.append(0.0, np.geomspace(1e-9, 1e-2, 2801))
 
 def _inefficiency(slope: Uncertain, transfers: int, near: int, behind: int, method: str) -> Estimate:
     """Return the inefficiency at which the model gives the slope."""
-    shares = trailing_share(_GRID, transfers, near, behind)
+    fractions = trailing_fraction(_GRID, transfers, near, behind)
     # Beyond the peak, the charge comes so late that it raises the level of the second half.
-    peak = int(np.argmax(shares))
-    if slope.interval_95[1] >= shares[peak]:
+    peak = int(np.argmax(fractions))
+    if slope.interval_95[1] >= fractions[peak]:
         reason = f"the charge of {slope.value:.3g} of the signal reaches beyond the {behind} lines behind the last one"
         return Estimate(reason=reason, method=method)
 
     def inverse(value: float) -> float:
-        return value / transfers if value < 0.0 else float(np.interp(value, shares[: peak + 1], _GRID[: peak + 1]))
+        return value / transfers if value < 0.0 else float(np.interp(value, fractions[: peak + 1], _GRID[: peak + 1]))
 
     reach = slope.standard_uncertainty
     u = 0.5 * (inverse(slope.value + reach) - inverse(slope.value - reach))

@@ -52,8 +52,8 @@ ideal converters."""
 SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.005
 """Errors of the smooth density, as standard uncertainties; a smaller error of a converter is not found."""
 
-LEAST_SHARE = 0.8
-"""Share of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
+LEAST_FRACTION = 0.8
+"""Fraction of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
 
 _WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
 _EXPECTED, _OF_PEAK, _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 25.0, 0.1, 4, 9, 4
@@ -107,8 +107,8 @@ class ConverterCodes(Finding, Shown):
         Root mean squares over the covered codes, noise taken off.
     significant
         Whether there is an error beyond chance.
-    white_dn, share
-        Highest code; share of the codes between the dimmest and the brightest flat field that are covered.
+    white_dn, fraction
+        Highest code; fraction of the codes between the dimmest and the brightest flat field that are covered.
     densities
         Densities of the groups over the codes.
     """
@@ -123,7 +123,7 @@ class ConverterCodes(Finding, Shown):
     inl_rms_lsb: Estimate
     significant: bool
     white_dn: int
-    share: float
+    fraction: float
     densities: tuple[SmoothDensity, ...] = field(repr=False)
 
     def fast_part(self, dnl_lsb: Array) -> tuple[Array, Array]:
@@ -178,7 +178,7 @@ class ConverterCodes(Finding, Shown):
         None within chance, where fewer codes are covered, or where the errors are smaller than their uncertainty.
         """
         rms, noise = self.inl_rms_lsb.value or 0.0, float(np.sqrt((self.inl_uncertainty_lsb**2).mean()))
-        if not self.significant or self.share < LEAST_SHARE or rms < noise:
+        if not self.significant or self.fraction < LEAST_FRACTION or rms < noise:
             return {"converter_error": None}
         upper = np.zeros(self.white_dn + 2)
         upper[self.code + 1] = self.inl_lsb
@@ -321,7 +321,7 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
         inl_rms_lsb=_root(inl, SMOOTH_INL_LSB, len(code) / smooth_codes, "integral nonlinearity"),
         significant=dnl.value > SIGNIFICANT * dnl.standard_uncertainty + SMOOTH_DNL_LSB**2,
         white_dn=len(total) - 1,
-        share=float(inside.sum()) / max(levels_dn[1] - levels_dn[0] + 1.0, 1.0),
+        fraction=float(inside.sum()) / max(levels_dn[1] - levels_dn[0] + 1.0, 1.0),
         densities=smooth,
     )
 

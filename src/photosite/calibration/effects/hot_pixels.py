@@ -1,4 +1,4 @@
-"""Distribution of the dark current over the pixels: share and size of hot pixels, and the others without them."""
+"""Distribution of the dark current over the pixels: fraction and size of hot pixels, and the others without them."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _CELLS, _NODES, _BINS = 240, 25, 100
 _FAR = 1.5
 """Distance of the limit of hot pixels from the median, in units of the distance that no other pixel reaches."""
 _MOSTLY_SEEN = 0.3
-"""Smallest share of the hot pixels above the limit, for which the distribution below it is known."""
+"""Smallest fraction of the hot pixels above the limit, for which the distribution below it is known."""
 _NOT_OF_THIS_KIND = 0.01
 """Probability of the tail's shape below which it is not log-normal."""
 _WIDEST = 0.5
-"""Largest relative uncertainty of the share."""
+"""Largest relative uncertainty of the fraction."""
 _METHOD = "log-normal tail of the pixels' dark currents above {:.3g} DN/s, where no other pixel lies"
 
 NEARLY_SATURATED = 0.95
@@ -50,7 +50,7 @@ class DarkDistribution(Finding, Shown):
     Parameters
     ----------
     fraction, median_dn_per_s, log_spread
-        Share of hot pixels; median of their additional dark current; standard deviation of its natural logarithm.
+        Fraction of hot pixels; median of their additional dark current; standard deviation of its natural logarithm.
     mean_dn_per_s, dcnu_percent
         Mean of the other pixels, and its standard deviation over them relative to it.
     limit_dn_per_s, above, pixels
@@ -261,7 +261,7 @@ def _body(body: _Floats, noise: _Floats, hot_mean: Uncertain, hot_variance: Unce
 class _Tail:
     """Likelihood of the excess dark currents above a limit, in cells of a logarithmic axis.
 
-    Parameters are the logarithms of share, median and spread. The others' dark currents, `nodes`, are added.
+    Parameters are the logarithms of fraction, median and spread. The others' dark currents, `nodes`, are added.
     """
 
     def __init__(self, excess: _Floats, limit: float, highest: float, pixels: int, nodes: _Floats) -> None:
@@ -273,25 +273,25 @@ class _Tail:
         self.limit, self.excess = limit, excess
 
     def _below(self, median: float, spread: float) -> _Floats:
-        """Return the share of hot pixels with an excess below each edge."""
+        """Return the fraction of hot pixels with an excess below each edge."""
         from scipy.special import ndtr
 
         hot = np.maximum(self.edges[:, None] - self.nodes, 1e-300)
         return np.asarray(ndtr((np.log(hot) - median) / spread).mean(axis=1))
 
     def seen(self, x: _Floats) -> float:
-        """Return the share of hot pixels above the limit."""
+        """Return the fraction of hot pixels above the limit."""
         return 1.0 - float(self._below(x[1], math.exp(x[2]))[0])
 
     def negative(self, x: _Floats) -> float:
         """Return the negative logarithm of the likelihood."""
-        share = np.diff(self._below(x[1], math.exp(x[2]))) * math.exp(min(x[0], 0.0))
-        rest = 1.0 - share.sum()
+        fraction = np.diff(self._below(x[1], math.exp(x[2]))) * math.exp(min(x[0], 0.0))
+        rest = 1.0 - fraction.sum()
         filled = self.count > 0
-        if (share[filled] <= 0.0).any() or rest <= 0.0:
+        if (fraction[filled] <= 0.0).any() or rest <= 0.0:
             return 1e12
         left = self.pixels - int(self.count.sum())
-        return -float(self.count[filled] @ np.log(share[filled])) - left * math.log(rest)
+        return -float(self.count[filled] @ np.log(fraction[filled])) - left * math.log(rest)
 
     def solve(self) -> tuple[_Floats, _Floats | None]:
         """Return the best parameters and their covariance; None where the likelihood has no maximum."""
@@ -341,9 +341,9 @@ class _Tail:
     def _moments(self, x: _Floats) -> _Floats:
         from scipy.special import ndtr
 
-        share, median, spread = np.exp(x)
+        fraction, median, spread = np.exp(x)
         place = (math.log(self.limit) - x[1]) / spread
         first, second = (
-            share * median**k * math.exp(0.5 * (k * spread) ** 2) * float(ndtr(place - k * spread)) for k in (1, 2)
+            fraction * median**k * math.exp(0.5 * (k * spread) ** 2) * float(ndtr(place - k * spread)) for k in (1, 2)
         )
         return np.array([first, second - first**2])

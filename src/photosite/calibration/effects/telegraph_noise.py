@@ -46,10 +46,15 @@ class BlinkingPixels(Finding, Shown):
 
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the blinking pixels for a sensor file; those of the base where they could not be measured."""
-        share, amplitude, gain = _positive(self.fraction), _positive(self.amplitude_dn), self.gain
-        if share is None or amplitude is None or _positive(self.steady_noise_dn) is None or isinstance(gain, Missing):
+        fraction, amplitude, gain = _positive(self.fraction), _positive(self.amplitude_dn), self.gain
+        if (
+            fraction is None
+            or amplitude is None
+            or _positive(self.steady_noise_dn) is None
+            or isinstance(gain, Missing)
+        ):
             return {}
-        noise = TelegraphNoise(fraction=min(share.value, 1.0), amplitude_e=amplitude.value / gain.value)
+        noise = TelegraphNoise(fraction=min(fraction.value, 1.0), amplitude_e=amplitude.value / gain.value)
         return {"telegraph_noise": noise}
 
     def subtract(self, changes: SensorChanges) -> dict[str, Any]:
@@ -59,15 +64,16 @@ class BlinkingPixels(Finding, Shown):
             return {}
         lines_mv2 = sum(changes.fields[name].value ** 2 for name in _LINES if name in changes.fields)
         if "telegraph_noise" in changes.fields:
-            share, amplitude, steady = map(_positive, (self.fraction, self.amplitude_dn, self.steady_noise_dn))
-            assert share is not None
+            fraction, amplitude, steady = map(_positive, (self.fraction, self.amplitude_dn, self.steady_noise_dn))
+            assert fraction is not None
             assert amplitude is not None
             assert steady is not None
             read_mv = steady * (changes.mv_per_e / self.gain.value)
             rest = (read_mv * read_mv + lines_mv2).sqrt()
             note = (
-                f"of pixels without telegraph noise: share {share.value:.3g} ± {share.standard_uncertainty:.2g}, "
-                f"mean amplitude {amplitude.value:.3g} ± {amplitude.standard_uncertainty:.2g} DN"
+                f"of pixels without telegraph noise: fraction {fraction.value:.3g} ± "
+                f"{fraction.standard_uncertainty:.2g}, mean amplitude "
+                f"{amplitude.value:.3g} ± {amplitude.standard_uncertainty:.2g} DN"
             )
         else:
             assumed = None if changes.base.effects is None else changes.base.effects.telegraph_noise

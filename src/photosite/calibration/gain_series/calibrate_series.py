@@ -228,11 +228,12 @@ def _irregular(rest: Array, settings: Array) -> list[Diagnostic]:
     off = np.exp(rest - np.median(rest)) - 1.0
     return [
         IRREGULAR_GAIN(
-            f"gain setting {setting:g}: its system gain deviates by {100 * share:+.0f} % from the trend of the others",
-            share,
+            f"gain setting {setting:g}: its system gain deviates by {100 * fraction:+.0f} % from the trend of the "
+            "others",
+            fraction,
         )
-        for setting, share in zip(settings, off, strict=True)
-        if abs(share) > 0.1
+        for setting, fraction in zip(settings, off, strict=True)
+        if abs(fraction) > 0.1
     ]
 
 

@@ -51,7 +51,7 @@ class Flicker(Finding, Shown):
 
     Parameters
     ----------
-    share
+    fraction
         Standard deviation of the rows over the signal, the mean over the channels.
     period_rows
         Period of the bands in rows; None where the rows vary without a period.
@@ -61,7 +61,7 @@ class Flicker(Finding, Shown):
         Amplitude of the light's sine of this frequency over the mean light, where the line time is known.
     """
 
-    share: float
+    fraction: float
     period_rows: float | None
     frequency_hz: Estimate | None = None
     depth: Estimate | None = None
@@ -70,7 +70,7 @@ class Flicker(Finding, Shown):
         """Return the values."""
         estimates = {"frequency_hz": self.frequency_hz, "depth": self.depth}
         found = {name: None if entry is None else entry.to_dict() for name, entry in estimates.items()}
-        return {"share": self.share, "period_rows": self.period_rows, **found}
+        return {"share": self.fraction, "period_rows": self.period_rows, **found}
 
     def __str__(self) -> str:
         period = "" if self.period_rows is None else f", with a period of {self.period_rows:.3g} rows"
@@ -80,7 +80,7 @@ class Flicker(Finding, Shown):
         if self.depth is not None:
             known += f" with a depth of {_with_interval(self.depth, '%', 100.0)}"
         return (
-            f"the light flickers{known}: rows vary by {100 * self.share:.2g} % of the signal from frame to "
+            f"the light flickers{known}: rows vary by {100 * self.fraction:.2g} % of the signal from frame to "
             f"frame{period}, as under a rolling shutter"
         )
 
@@ -113,8 +113,8 @@ def find_flicker(
     limits = (chdtri(freedom, BY_CHANCE / len(extra)) / freedom - 1.0) / np.sqrt(2.0 / freedom)
     if (scores < limits).all():
         return None
-    shares = [max(entry.row, 0.0) / square for entry, square in zip(extra, square_dn2, strict=True)]
-    return Flicker(math.sqrt(float(np.mean(shares))), light[int(np.argmax(scores))].row_period)
+    fractions = [max(entry.row, 0.0) / square for entry, square in zip(extra, square_dn2, strict=True)]
+    return Flicker(math.sqrt(float(np.mean(fractions))), light[int(np.argmax(scores))].row_period)
 
 
 @dataclass(frozen=True)

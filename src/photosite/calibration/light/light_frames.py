@@ -124,7 +124,8 @@ def measure_light_frames(
 def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:
     """Return the channels without levels at which another one saturates, whose charge is a part of theirs.
 
-    Its share stops to grow there, as if their response bent. Channels that have fewer than two levels left keep theirs.
+    Its fraction stops growing there, as if their response bent. Channels that have fewer than two levels left keep
+    theirs.
     """
     below = np.logical_and.reduce([channel.unsaturated for channel in channels])
     left = [channel.used & below for channel in channels]

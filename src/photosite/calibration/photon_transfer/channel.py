@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.calibration.dark.dark_lines import DarkLine, DarkLines, same_exposure
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import (
-    LINEAR_SHARE,
+    LINEAR_FRACTION,
     LightLevels,
     Saturation,
     find_saturation,
@@ -30,7 +30,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 )
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
-from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.withheld import FEW_LEVELS, NO_LINEAR_LEVEL, UNKNOWN_DARK_CURRENT, UNKNOWN_PHOTONS
 from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.exposure import format_exposure
@@ -38,13 +38,13 @@ from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 _UNSATURATED = 0.9
-"""Share of the signal at saturation below which pixels do not saturate, but for very uneven ones."""
+"""Fraction of the signal at saturation below which pixels do not saturate, but for very uneven ones."""
 
 NO_PHOTONS = UNKNOWN_PHOTONS.missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
 
 FAR_CURRENT, LARGEST_DARK = 3.0, 0.1
-"""Standard uncertainties to the largest dark current that the means allow; share of the signal up to which it may be
+"""Standard uncertainties to the largest dark current that the means allow; fraction of the signal up to which it may be
 unknown."""
 
 
@@ -334,10 +334,12 @@ def _dark_curve(line: DarkLine, title: str, y_label: str) -> Curve:
 def linear_range(channel: Channel) -> LinearRange:
     """Return the linear range of a channel that has at least one level in it."""
     levels, used = channel.levels, channel.used & channel.levels.trusted
-    rule = f"at most {100 * CLIPPED_SHARE:g} % of the pixels clipped"
+    rule = f"at most {100 * CLIPPED_FRACTION:g} % of the pixels clipped"
     if channel.saturation.signal is not None:
-        limit = LINEAR_SHARE * channel.saturation.signal
-        rule += f", and signal up to {100 * LINEAR_SHARE:g} % of that at the largest temporal variance, {limit:.1f} DN"
+        limit = LINEAR_FRACTION * channel.saturation.signal
+        rule += (
+            f", and signal up to {100 * LINEAR_FRACTION:g} % of that at the largest temporal variance, {limit:.1f} DN"
+        )
     return LinearRange(
         abscissa=levels.abscissa,
         lowest=float(levels.x[used].min()),

@@ -18,7 +18,7 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.values.diagnostic import DiagnosticKind
 
 BY_CHANCE = 1e-4
-"""Share of channels of ordinary frames that may be reported (Student's t)."""
+"""Fraction of channels of ordinary frames that may be reported (Student's t)."""
 
 LEAST_DIFFERENCE = 0.3
 """Difference of the ratio from 1 that matters: averaged and subtracted frames have 0.5 or 2 at least."""

@@ -13,7 +13,7 @@ from photosite.values.uncertain import Uncertain, correlated
 Array = NDArray[np.float64]
 
 BY_CHANCE = 1.0 / 6.0
-"""Share of ideal measurements whose scatter counts as beyond sampling: one standard deviation, one side."""
+"""Fraction of ideal measurements whose scatter counts as beyond sampling: one standard deviation, one side."""
 
 
 @dataclass(frozen=True)

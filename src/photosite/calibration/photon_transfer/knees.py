@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.calibration.reduction.groups import CLIPPED_SHARE
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION
 from photosite.calibration.withheld import SEVERAL_CAPTURES
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_terms import QUANTISATION_DN2
@@ -36,10 +36,10 @@ LEAST_STEP = 0.03
 
 
 BELOW_SATURATION = 0.85
-"""Share of the saturated signal that is used; brighter pixels clip."""
+"""Fraction of the saturated signal that is used; brighter pixels clip."""
 
 _FALLEN, _STILL_RISING = 0.8, 1.05
-"""Share of the largest variance, and ratio of the signals of the last two levels: saturation is below both."""
+"""Fraction of the largest variance, and ratio of the signals of the last two levels: saturation is below both."""
 
 _LARGE_STEP = 1.5
 """Ratio of the variances on both sides of a knee, or its inverse, with which no system gain holds."""
@@ -179,7 +179,7 @@ def check_knees(channels: Sequence[Channel], source: str) -> None:
             [level.signal for level in levels],
             [level.noise - QUANTISATION_DN2 for level in levels],
             [level.noise_uncertainty for level in levels],
-            [level.clipped | (level.white_share > CLIPPED_SHARE) for level in levels],
+            [level.clipped | (level.white_fraction > CLIPPED_FRACTION) for level in levels],
         )
     )
     order = np.argsort(signal, kind="stable")

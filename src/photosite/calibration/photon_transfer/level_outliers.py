@@ -24,7 +24,7 @@ from photosite.values.diagnostic import DiagnosticKind
 Array = NDArray[np.float64]
 
 BY_CHANCE = 1e-4
-"""Share of sets of levels, of one channel and range, in which a level may be taken for an outlier."""
+"""Fraction of sets of levels, of one channel and range, in which a level may be taken for an outlier."""
 
 LEAST_LEVELS = 4
 """Levels below which no outlier can be found."""
@@ -33,10 +33,10 @@ LEAST_DEVIATION = 0.005
 """Relative deviation below which the scatter of lamp and shutter explains a level, and the fits allow for it."""
 
 LEAST_SIGNAL = 0.02
-"""Signal, as a share of the brightest, below which stray light hides the proportion."""
+"""Signal, as a fraction of the brightest, below which stray light hides the proportion."""
 
 HIGHEST_SIGNAL = 0.95
-"""Signal, as a share of that at the largest variance, up to which levels are compared."""
+"""Signal, as a fraction of that at the largest variance, up to which levels are compared."""
 
 OUT_OF_ORDER = 1.2
 """Factor by which the light of a level too dim or too bright to be compared may be out of order."""
@@ -107,7 +107,9 @@ LIGHT_OUTLIERS = DiagnosticKind(
 
 def outlier_warning(lights: Sequence[GroupStatistics], outliers: Sequence[LightOutlier]) -> str:
     """Return the warning that lists the outliers."""
-    listed = "; ".join(f"{lights[outlier.group].label}: {_share(outlier.stated_over_expected)}" for outlier in outliers)
+    listed = "; ".join(
+        f"{lights[outlier.group].label}: {_fraction(outlier.stated_over_expected)}" for outlier in outliers
+    )
     return (
         f"the stated light of {len(outliers)} of {len(lights)} levels contradicts the others ({listed}); they were "
         f"left out of responsivity, linearity, PRNU and saturation exposure, and only their noise was used; check "
@@ -115,7 +117,7 @@ def outlier_warning(lights: Sequence[GroupStatistics], outliers: Sequence[LightO
     )
 
 
-def _share(ratio: float) -> str:
+def _fraction(ratio: float) -> str:
     if 0.5 < ratio < 2.0:
         return f"{100.0 * abs(ratio - 1.0):.2g} % {'more' if ratio > 1.0 else 'less'} than their signal shows"
     return f"{ratio:.3g} times what their signal shows"

@@ -189,8 +189,8 @@ def _fit(
     # For least relative squares the weights depend on the signals: the line moves (2 line / y - 1) times as far.
     moved = np.divide(2.0 * line, signal, out=np.ones_like(line), where=used) - used if relative else used
     hat = (design @ estimator) * moved
-    share = signal / scale if relative else np.ones_like(x)
-    slopes = 100.0 / scale[:, None] * (np.eye(len(x)) - share[:, None] * hat)
+    fraction = signal / scale if relative else np.ones_like(x)
+    slopes = 100.0 / scale[:, None] * (np.eye(len(x)) - fraction[:, None] * hat)
     uncertainty = np.sqrt(np.sum((slopes @ covariance) * slopes, axis=1))
 
     inside = np.flatnonzero(used)

@@ -169,16 +169,16 @@ REACH = 2
 """Rows and columns to the farthest neighbor whose covariance is summed: crosstalk to the next pixels reaches two."""
 
 BY_CHANCE = 5e-4
-"""Share of calibrations with independent pixels in which correlated noise may be reported."""
+"""Fraction of calibrations with independent pixels in which correlated noise may be reported."""
 
-FILTER_SHARE = 0.3
-"""Correlation of the dark noise, as a share of that of the shot noise, above which a filter may be the cause.
+FILTER_FRACTION = 0.3
+"""Correlation of the dark noise, as a fraction of that of the shot noise, above which a filter may be the cause.
 
 A filter gives 1, crosstalk 0.
 """
 
 FAR_APART = 3.0
-"""Standard uncertainties by which that share must be apart from the limit."""
+"""Standard uncertainties by which that fraction must be apart from the limit."""
 
 SUSPECTED = 2.0
 """Standard uncertainties of the mean correlation with the next pixels above which it widens the gain's uncertainty."""
@@ -187,7 +187,7 @@ LARGEST_IN_DOUBT = 0.1
 """Correction of photon transfer up to which it is made in doubt about the cause."""
 
 IN_DOUBT = 0.5
-"""Standard uncertainty that such a doubt adds, as a share of the correction: the interval then reaches from none to
+"""Standard uncertainty that such a doubt adds, as a fraction of the correction: the interval then reaches from none to
 twice the correction."""
 
 _LAGS = range(-REACH, REACH + 1)
@@ -425,8 +425,8 @@ def _row_noise(means: Sequence[_RowMeans], of_pixels: float) -> tuple[float, flo
     shared = [0.5 * entry.square - of_pixels / entry.cols for entry in means]
     square = 0.5 * float(np.mean([entry.square for entry in means]))
     freedom = float(sum(entry.rows - 1 for entry in means))
-    share = len(_LAGS) / means[0].cols
-    return float(np.mean(shared)), square * math.sqrt(2.0 / freedom) * (1.0 + share) ** 1.5, freedom
+    fraction = len(_LAGS) / means[0].cols
+    return float(np.mean(shared)), square * math.sqrt(2.0 / freedom) * (1.0 + fraction) ** 1.5, freedom
 
 
 def _row_period(means: Sequence[_RowMeans], tile_rows: int) -> float | None:
@@ -733,12 +733,12 @@ def _doubt(
         )
     )
     power = float(of_shot @ of_shot)
-    share = float(of_shot @ of_dark) / power
+    fraction = float(of_shot @ of_dark) / power
     uncertainty = float(np.sqrt(np.sum((of_shot * u_dark) ** 2))) / power
-    if share + FAR_APART * uncertainty < FILTER_SHARE:
+    if fraction + FAR_APART * uncertainty < FILTER_FRACTION:
         return ""
-    if share - FAR_APART * uncertainty < FILTER_SHARE:
-        times = max((FAR_APART * uncertainty / FILTER_SHARE) ** 2, 1.0)
+    if fraction - FAR_APART * uncertainty < FILTER_FRACTION:
+        times = max((FAR_APART * uncertainty / FILTER_FRACTION) ** 2, 1.0)
         return (
             f"and the dark frames are too few to show whether a filter in the camera is the cause (take "
             f"{2 * math.ceil(times)} times as many at the shortest exposure time)"

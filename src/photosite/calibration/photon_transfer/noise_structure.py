@@ -23,7 +23,7 @@ from photosite.calibration.photon_transfer.noise_covariance import (
     noise_covariances,
     seen_correlations,
 )
-from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
+from photosite.calibration.photon_transfer.photon_transfer import LINEAR_FRACTION
 from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling, fit_coupling
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
@@ -193,7 +193,7 @@ def without_flicker(
     line_time_us
         Line time of the sensor, if it is known.
     """
-    lights, shares, bands = [], [], []
+    lights, fractions, bands = [], [], []
     dark_rows = dark.mean.mean(axis=1)
     for group in reduction.lights:
         if group.frames > 1 and not any(level.clipped for level in group.levels):
@@ -210,11 +210,11 @@ def without_flicker(
                 levels.append(
                     replace(level, variance=own.value + of_dark, variance_uncertainty=own.standard_uncertainty)
                 )
-                shares.append((parts.row.value - of_dark) / (level.mean - dark.statistics.levels[k].mean) ** 2)
+                fractions.append((parts.row.value - of_dark) / (level.mean - dark.statistics.levels[k].mean) ** 2)
             group = replace(group, levels=tuple(levels))
         lights.append(group)
-    share = math.sqrt(max(float(np.median(shares)), 0.0))
-    flicker = with_frequency(replace(flicker, share=share or flicker.share), bands, line_time_us)
+    fraction = math.sqrt(max(float(np.median(fractions)), 0.0))
+    flicker = with_frequency(replace(flicker, fraction=fraction or flicker.fraction), bands, line_time_us)
     return replace(reduction, lights=tuple(lights)), flicker
 
 
@@ -228,7 +228,7 @@ def _linear(reduction: Reduction) -> list[GroupStatistics]:
     levels = [pooled_level(entry.levels) for entry in flats]
     reference = reduction.reference_group
     dark = 0.0 if reference is None else pooled_level(reference.levels).mean
-    limit = LINEAR_SHARE * (max(levels, key=lambda level: level.variance).mean - dark)
+    limit = LINEAR_FRACTION * (max(levels, key=lambda level: level.variance).mean - dark)
     signals = [level.mean - dark for level in levels]
     # Without a level in the linear range, the darkest.
     chosen = [k for k, signal in enumerate(signals) if signal <= limit] or [int(np.argmin(signals))]

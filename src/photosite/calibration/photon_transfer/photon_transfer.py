@@ -13,24 +13,24 @@ from scipy.linalg import block_diag
 
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
-from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.withheld import NO_PHOTON_TRANSFER, NO_SATURATION, SINGLE_FLATS
 from photosite.values.uncertain import Source, Uncertain, Value, combined
 
 Array = NDArray[np.float64]
 
-LINEAR_SHARE = 0.7
+LINEAR_FRACTION = 0.7
 """EMVA 1288: the range for gain and responsivity ends at 70 % of the signal at saturation."""
 
-FALLEN_SHARE = 0.8
-"""A brighter level with a shot variance below this share of the largest shows that the maximum is passed."""
+FALLEN_FRACTION = 0.8
+"""A brighter level with a shot variance below this fraction of the largest shows that the maximum is passed."""
 
 NOT_REACHED = NO_SATURATION.missing(
     "no flat field reached saturation; take flat fields up to the level where they stop getting brighter"
 )
 
-STILL_SHARE = 0.02
-"""A level with a shot variance below this share of the largest is fully clipped."""
+STILL_FRACTION = 0.02
+"""A level with a shot variance below this fraction of the largest is fully clipped."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class LightLevels:
     noise, noise_uncertainty
         (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
     dark_noise, dark_share
-        The dark temporal variances, and the (m, darks) share of each that was subtracted.
+        The dark temporal variances, and the (m, darks) fraction of each that was subtracted.
     mean, spread, mean_variance
         (m,) mean including the dark, and standard deviation over pixels and frames, DN; variance of the mean over both,
         fixed pattern included.
@@ -58,7 +58,8 @@ class LightLevels:
         (m,) temporal variance of the mean, from the scatter of the means of frames; 0 where the noise of independent
         pixels explains it.
     clipped, white_share, group, frames
-        (m,) whether the level is clipped; share of numbers at full scale; index of the light group; number of frames.
+        (m,) whether the level is clipped; fraction of numbers at full scale; index of the light group; number of
+        frames.
     trusted
         (m,) whether the amount of light is known: not where it contradicts the other levels (`level_outliers.py`).
     """
@@ -73,13 +74,13 @@ class LightLevels:
     noise: Array
     noise_uncertainty: Array
     dark_noise: tuple[Uncertain, ...]
-    dark_share: Array
+    dark_fraction: Array
     mean: Array
     spread: Array
     mean_variance: Array
     frame_scatter: Array
     clipped: NDArray[np.bool_]
-    white_share: Array
+    white_fraction: Array
     group: NDArray[np.intp]
     frames: Array
     trusted: NDArray[np.bool_]
@@ -115,7 +116,7 @@ class LightLevels:
             shot_covariance=np.outer(factors, factors) * self.shot_covariance + relative**2 * np.outer(shot, shot),
             noise=factors * self.noise,
             noise_uncertainty=factors * self.noise_uncertainty,
-            dark_share=factors[:, None] * self.dark_share,
+            dark_fraction=factors[:, None] * self.dark_fraction,
         )
 
     def with_noise_of_means(self, factors: Array) -> LightLevels:
@@ -158,13 +159,13 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         noise=variance,
         noise_uncertainty=spread,
         dark_noise=dark.variance.points,
-        dark_share=take_variance,
+        dark_fraction=take_variance,
         mean=mean,
         spread=np.sqrt(each("spatial_variance") + np.nan_to_num(each("variance"))),
         mean_variance=over_pixels,
         frame_scatter=np.where(shift > 0.0, shift**2 / each("frames") + each("mean_variance"), 0.0),
         clipped=np.array([level.clipped for level in levels]),
-        white_share=each("high_fraction"),
+        white_fraction=each("high_fraction"),
         group=order,
         frames=each("frames").astype(np.float64),
         trusted=np.array([lights[i].light_trusted for i in order]),
@@ -210,8 +211,8 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
     else:
         peak = int(repeated[np.argmax(levels.shot[repeated])])
         beyond = repeated[repeated > peak]
-        fallen = beyond.size > 0 and levels.shot[beyond].min() < FALLEN_SHARE * levels.shot[peak]
-        reached = bool(fallen or levels.white_share[peak:].max() > CLIPPED_SHARE)
+        fallen = beyond.size > 0 and levels.shot[beyond].min() < FALLEN_FRACTION * levels.shot[peak]
+        reached = bool(fallen or levels.white_fraction[peak:].max() > CLIPPED_FRACTION)
         x = _between_neighbours(levels, peak) if reached else NOT_REACHED
     if not reached:
         return Saturation(None, None, x, level_dn, method)
@@ -221,9 +222,9 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
 def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
     """Return the amount of light at the maximum of the variance, between the levels around the largest one.
 
-    Up to the maximum the variance grows with the light. Beyond it more and more pixels clip, a share ndtr(z) at z
-    relative spreads w past the middle. So the maximum is where that share grows as fast as the light,
-    phi(z) = w ndtr(-z). A level beyond it still has a larger variance than the level before while the share is below
+    Up to the maximum the variance grows with the light. Beyond it more and more pixels clip, a fraction ndtr(z) at z
+    relative spreads w past the middle. So the maximum is where that fraction grows as fast as the light,
+    phi(z) = w ndtr(-z). A level beyond it still has a larger variance than the level before while the fraction is below
     the step between the two. The maximum thus lies from slightly below the largest level to slightly below the next
     one, with a rectangular distribution.
     """
@@ -247,8 +248,8 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
     """Return the digital number of fully clipped pixels: the brightest flat fields without noise, or the full scale."""
     last = len(levels.x) - 1
     shot = levels.shot[levels.repeated]
-    still = levels.repeated[last] and levels.shot[last] < STILL_SHARE * shot.max()
-    if still or levels.white_share[last] > 1.0 - CLIPPED_SHARE:
+    still = levels.repeated[last] and levels.shot[last] < STILL_FRACTION * shot.max()
+    if still or levels.white_fraction[last] > 1.0 - CLIPPED_FRACTION:
         value, variance = Uncertain.of(float(levels.mean[last])), float(levels.mean_variance[last])
         scatter = float(levels.frame_scatter[last])
         if scatter > 0.0:  # row noise, for one, shifts whole frames
@@ -257,9 +258,9 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
             value += Uncertain.of(0.0, math.sqrt(scatter), Source.student(frames - 1.0))
         value += Uncertain.of(0.0, math.sqrt(variance))
         return value, "mean of the brightest flat fields, all pixels clipped"
-    share = float(levels.white_share.max())
-    if share > CLIPPED_SHARE:
-        method = f"full scale of the converter: {100 * share:.3g} % of the values in the brightest flat fields"
+    fraction = float(levels.white_fraction.max())
+    if fraction > CLIPPED_FRACTION:
+        method = f"full scale of the converter: {100 * fraction:.3g} % of the values in the brightest flat fields"
         return Uncertain.of(float(white)), method
     reason = "no flat field is clipped; take flat fields up to the level where they stop getting brighter"
     return NO_SATURATION.missing(reason), "fully clipped flat fields"
@@ -272,7 +273,7 @@ def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.boo
     """
     inside = ~levels.clipped
     if saturation.signal is not None:
-        inside &= levels.signal <= LINEAR_SHARE * saturation.signal
+        inside &= levels.signal <= LINEAR_FRACTION * saturation.signal
     return inside
 
 
@@ -324,8 +325,8 @@ def effect_of_darks(masked: Sequence[tuple[LightLevels, NDArray[np.bool_]]], fit
     dark, start = Uncertain(0.0), 0
     for levels, mask in masked:
         end = start + int(mask.sum())
-        share = fit.estimator[0, start:end] @ levels.dark_share[mask]
-        dark, start = dark - combined(levels.dark_noise, share), end
+        fraction = fit.estimator[0, start:end] @ levels.dark_fraction[mask]
+        dark, start = dark - combined(levels.dark_noise, fraction), end
     return Uncertain(0.0, dark.parts)
 
 

@@ -23,17 +23,17 @@ _LAGS = [(dy, dx) for dy in range(REACH + 1) for dx in range(-REACH, REACH + 1) 
 """Neighbors on one side: those on the other have the same products."""
 
 _MOST = 0.06
-"""Largest share that is fitted: half of the signal in all neighbors."""
+"""Largest fraction that is fitted: half of the signal in all neighbors."""
 
 
 @dataclass(frozen=True)
 class PixelCoupling(Finding, Shown):
-    """Shares of a pixel's signal in each next and in each diagonal neighbor; negative within chance.
+    """Fractions of a pixel's signal in each next and in each diagonal neighbor; negative within chance.
 
     Parameters
     ----------
     side, corner
-        The shares.
+        The fractions.
     seen
         Whether neighbors are correlated beyond chance.
     """
@@ -52,8 +52,8 @@ class PixelCoupling(Finding, Shown):
         if not self.seen or self.side.value <= 0.0:
             return {}
         side, corner = (
-            Measured(max(100.0 * share.value, 0.0), 100.0 * share.standard_uncertainty, source)
-            for share in (self.side, self.corner)
+            Measured(max(100.0 * fraction.value, 0.0), 100.0 * fraction.standard_uncertainty, source)
+            for fraction in (self.side, self.corner)
         )
         return {"interpixel_capacitance": InterpixelCapacitance(coupling_percent=side, diagonal_percent=corner)}
 
@@ -95,8 +95,8 @@ def fit_coupling(
     error = np.array([[entry.uncertainty[place] for place in places] for entry in shot])
     variance = np.array([entry.variance for entry in shot])[:, None]
 
-    def misfit(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        expected = _correlations(shares, tile, np.asarray(signal, float))
+    def misfit(fractions: NDArray[np.float64]) -> NDArray[np.float64]:
+        expected = _correlations(fractions, tile, np.asarray(signal, float))
         return np.asarray(((found / variance - expected) / (error / variance)).ravel())
 
     fit = least_squares(misfit, np.zeros(2), bounds=(-_MOST, _MOST))
@@ -106,10 +106,10 @@ def fit_coupling(
 
 
 def _correlations(
-    shares: NDArray[np.float64], tile: NDArray[np.int64], signal: NDArray[np.float64]
+    fractions: NDArray[np.float64], tile: NDArray[np.int64], signal: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (channels, lags) covariances over the variance, for shares of next and diagonal neighbors."""
-    side, corner = shares
+    """Return (channels, lags) covariances over the variance, for fractions of next and diagonal neighbors."""
+    side, corner = fractions
     row = [corner, side, corner]
     kernel = np.zeros((2 * REACH + 3, 2 * REACH + 3))
     middle = slice(REACH, REACH + 3)

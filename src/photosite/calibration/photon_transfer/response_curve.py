@@ -8,9 +8,9 @@ H(0) = 0 makes K the slope of the signal at small signal. The means of the light
 (`response_shape`), sqrt(2 e) times more precisely than variances could. But non-linear light (lamp, shutter) bends
 means as well, and leaves the variances those of a straight response. So the shape of the sensor is
 
-    H = share H_L + own y,
+    H = fraction H_L + own y,
 
-where the variances determine the share, between about 0 (all of it is the light) and 1 (all of it is the sensor),
+where the variances determine the fraction, between about 0 (all of it is the light) and 1 (all of it is the sensor),
 and a bend of the sensor's own, which another one of the light hides from the means. Both have wide normal priors. Where
 the variances cannot tell sensor from light, the uncertainty of K covers both (docs/theory/estimators.md).
 
@@ -40,8 +40,8 @@ from photosite.values.uncertain import Missing, Source, Uncertain
 
 Array = NDArray[np.float64]
 
-SHARE = (0.5, 0.6)
-"""Mean and standard deviation of the sensor's share of the bend before the variances are seen."""
+FRACTION = (0.5, 0.6)
+"""Mean and standard deviation of the sensor's fraction of the bend before the variances are seen."""
 
 OWN_BEND = 0.5
 """Standard deviation of the sensor's own bend before the variances are seen, relative to the largest H_L.
@@ -49,7 +49,7 @@ OWN_BEND = 0.5
 Where the variances show more, it is OWN_BEND itself: nearly free."""
 
 OWN_BY_CHANCE = (1e-3, 0.03)
-"""Share of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
+"""Fraction of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
 
 LARGEST_BEND = math.log(2.0)
 """Largest H_L that is fitted; beyond it the gain is withheld."""
@@ -219,8 +219,8 @@ def _better(more: Fit, less: Fit, by_chance: float) -> bool:
 class _Joint:
     """Light levels with variances, of all channels together, and the shapes at all signals.
 
-    Effects are share, own bend, share of the read noise that enters before the bend, and the errors of the shapes at
-    all signals: bend and slope.
+    Effects are fraction, own bend, fraction of the read noise that enters before the bend, and the errors of the shapes
+    at all signals: bend and slope.
     """
 
     y: Array
@@ -290,12 +290,12 @@ class _Joint:
         at, t, y = self.at, self.t[self.at], self.y
         n, size = len(self.t), len(self.y)
         mean = np.zeros(3 + 2 * n)
-        mean[0], mean[2] = SHARE[0], 0.5
-        prior = block_diag(np.diag([SHARE[1] ** 2, own**2, 0.25]), self.shape_covariance)
+        mean[0], mean[2] = FRACTION[0], 0.5
+        prior = block_diag(np.diag([FRACTION[1] ** 2, own**2, 0.25]), self.shape_covariance)
         effects, gain = mean.copy(), float(line.parameters[0])
         for _ in range(_ROUNDS):
-            share, bent, before = effects[:3]
-            h, q = share * self.bend[at] + bent * t, 1.0 + share * self.slope[at] + bent * t
+            fraction, bent, before = effects[:3]
+            h, q = fraction * self.bend[at] + bent * t, 1.0 + fraction * self.slope[at] + bent * t
             model, scaled = y * np.exp(-h) / q**2, np.exp(-2.0 * h) / q**2
             # Derivatives of the variances with respect to the effects: through H and through y H'.
             by_h = -gain * model - 2.0 * before * self.read * scaled
@@ -305,7 +305,7 @@ class _Joint:
             design[:, 1] = (by_h + by_q) * t
             design[:, 2] = self.read * (scaled - 1.0)
             rows = np.arange(size)
-            design[rows, 3 + at], design[rows, 3 + n + at] = by_h * share, by_q * share
+            design[rows, 3 + at], design[rows, 3 + n + at] = by_h * fraction, by_q * fraction
             expected = np.maximum(self.noise - self.v + gain * model, 0.0)
             change = self.uncertainty**2 * ((expected / self.noise) ** 2 - 1.0)
             sampling = self.shot + np.diag(change) + gain**2 * self.signal
@@ -327,17 +327,17 @@ class _Joint:
 
     def _result(self, fit: Fit, effects: Array, covariance: Array, with_gain: Array) -> BentGain:
         """Return gain and curves with their common sources."""
-        share, bent = float(effects[0]), float(effects[1])
+        fraction, bent = float(effects[0]), float(effects[1])
         n = len(self.t)
         # From the effects to (H, y H') at all signals.
-        by_share, by_own = np.append(self.bend, self.slope), np.append(self.t, self.t)
-        change = np.column_stack([by_share, by_own, np.zeros(2 * n), share * np.eye(2 * n)])
+        by_fraction, by_own = np.append(self.bend, self.slope), np.append(self.t, self.t)
+        change = np.column_stack([by_fraction, by_own, np.zeros(2 * n), fraction * np.eye(2 * n)])
         scales, vectors = np.linalg.eigh(change @ covariance @ change.T)
         keep = scales > _SMALL * scales[-1]
         loads, keys = vectors[:, keep] * np.sqrt(scales[keep]), [Source() for _ in range(int(keep.sum()))]
         parts = [
             Uncertain(float(value), dict(zip(keys, map(float, row), strict=True)))
-            for value, row in zip(share * by_share + bent * by_own, loads, strict=True)
+            for value, row in zip(fraction * by_fraction + bent * by_own, loads, strict=True)
         ]
         of_gain = (vectors[:, keep] / np.sqrt(scales[keep])).T @ (change @ with_gain)
         dark = effect_of_darks(self.masked, fit)

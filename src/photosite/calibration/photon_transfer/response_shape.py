@@ -25,7 +25,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE, LightLevels
+from photosite.calibration.photon_transfer.photon_transfer import LINEAR_FRACTION, LightLevels
 from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ LEAST_LEVELS = 4
 """Different light levels that a bend needs."""
 
 BY_CHANCE = 1e-3
-"""Share of straight responses under proportional light that may be analyzed as bent."""
+"""Fraction of straight responses under proportional light that may be analyzed as bent."""
 
 LEAST_SIGNAL = 20.0
 """Signal of a level, in its standard uncertainties, from which it shows the shape."""
@@ -181,7 +181,7 @@ TONE_LEAST_LEVELS, LEAST_RANGE = 3, 2.0
 """Light levels, and ratio of the largest to the smallest light, that an exponent needs."""
 
 STILL_RISING = 0.98
-"""Share of the largest signal above which flat fields may all be saturated."""
+"""Fraction of the largest signal above which flat fields may all be saturated."""
 
 QUIETER, LEAST_RISE = 6.0, 0.2
 """Standard uncertainties by which half of the flat fields are quieter than the dark frames, and relative rise of their
@@ -247,7 +247,7 @@ def _exponent(levels: LightLevels) -> float | None:
     lowest, highest = levels.signal[take].min(), levels.signal[take].max()
     rising = take & (levels.signal < STILL_RISING * highest)
     if 2 * quiet[rising].sum() <= rising.sum() or highest < (1.0 + LEAST_RISE) * lowest:
-        take &= levels.signal <= LINEAR_SHARE * levels.signal[take].max()
+        take &= levels.signal <= LINEAR_FRACTION * levels.signal[take].max()
     x, y, v = levels.x[take], levels.signal[take], levels.shot[take]
     if len(np.unique(x)) < TONE_LEAST_LEVELS or x.max() < LEAST_RANGE * x.min():
         return None
@@ -268,5 +268,5 @@ def _falls(levels: LightLevels) -> bool:
     y, v, u = (each[take][order] for each in (levels.signal, levels.shot, np.sqrt(np.diag(levels.shot_covariance))))
     peak = int(v.argmax())
     fallen = y[peak + 1 :][v[peak + 1 :] + FALLEN * np.hypot(u[peak + 1 :], u[peak]) < v[peak]]
-    straight = np.count_nonzero(y <= LINEAR_SHARE * y[peak])
+    straight = np.count_nonzero(y <= LINEAR_FRACTION * y[peak])
     return bool(len(fallen) > 1 and fallen[-1] > RISEN * fallen[0] and straight < LEAST_STRAIGHT)

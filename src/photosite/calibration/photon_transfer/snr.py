@@ -82,7 +82,7 @@ class SnrCurve(Shown):
         x
             Amounts of light above 0, any shape.
         dsnu_dn, prnu
-            DSNU1288 in DN, and PRNU1288 as a share of the signal; a negative one stands for a negative variance.
+            DSNU1288 in DN, and PRNU1288 as a fraction of the signal; a negative one stands for a negative variance.
 
         Examples
         --------

@@ -35,7 +35,7 @@ SINGLE_DARK_FRAMES = (
 )
 
 BY_CHANCE = 1e-3
-"""Share of straight responses under proportional light whose means may count as bent."""
+"""Fraction of straight responses under proportional light whose means may count as bent."""
 
 LARGEST_BEND = 0.5
 """Relative change of the slope from a bend of the means, above which the gain is withheld."""

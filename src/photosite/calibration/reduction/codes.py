@@ -36,7 +36,7 @@ STRETCHED = 1e-3
 """Relative difference within which a gain is that between the full scales of two bit depths."""
 
 BY_CHANCE = 5e-4
-"""Share of clean calibrations in which doubled numbers may be reported."""
+"""Fraction of clean calibrations in which doubled numbers may be reported."""
 
 SMOOTH = 0.7
 """Frequency times standard deviation above which a density of normal noise has no amplitude (exp(-9.7))."""
@@ -306,17 +306,17 @@ def find_sums(white: int, step: float, bits: int) -> Sums | None:
     return None
 
 
-WHITE_LEAST_SHARE, WHITE_LEAST_COUNT = 0.004, 10
-"""Share and number of a group's samples at the white level that show it."""
+WHITE_LEAST_FRACTION, WHITE_LEAST_COUNT = 0.004, 10
+"""Fraction and number of a group's samples at the white level that show it."""
 
 WHITE_PILED = 4.0
 """Counts at the white level over those of each of the three numbers below.
 
-Clipping collects the upper tail of the noise, so that this holds from 12 DN of noise at `WHITE_LEAST_SHARE`, and from
-3 DN where half of the samples are clipped. At the end of a smooth tail 10 counts above 2 occur once in 10^9 cases."""
+Clipping collects the upper tail of the noise, so that this holds from 12 DN of noise at `WHITE_LEAST_FRACTION`, and
+from 3 DN where half of the samples are clipped. At the end of a smooth tail, 10 counts above 2 are a case in 10^9."""
 
 WHITE_MOST_ABOVE = 0.001
-"""Share of samples above the white level that defective pixels may have."""
+"""Fraction of samples above the white level that defective pixels may have."""
 
 
 def find_white_level(lights: Sequence[Counts], channel: int, full_scale: int) -> int:
@@ -339,16 +339,16 @@ def find_white_level(lights: Sequence[Counts], channel: int, full_scale: int) ->
             continue
         total = int(numbers.sum())
         above = total - numbers.cumsum()  # samples above each code
-        at = int((above < WHITE_LEAST_SHARE * total).argmax())
+        at = int((above < WHITE_LEAST_FRACTION * total).argmax())
         most = max(WHITE_LEAST_COUNT, WHITE_PILED * float(numbers[max(at - 3, 0) : at].max(initial=0)))
         if numbers[at] >= most and above[at] <= WHITE_MOST_ABOVE * total:
             found = max(found, int(codes[at]))
-    if found and all(share_above(counts, channel, found) <= WHITE_MOST_ABOVE for counts in lights):
+    if found and all(fraction_above(counts, channel, found) <= WHITE_MOST_ABOVE for counts in lights):
         return min(found, full_scale)
     return full_scale
 
 
-def share_above(counts: Counts, channel: int, code: int) -> float:
-    """Return the share of a channel's samples above a number."""
+def fraction_above(counts: Counts, channel: int, code: int) -> float:
+    """Return the fraction of a channel's samples above a number."""
     codes, numbers = of_channel(counts, channel)
     return float(numbers[codes > code].sum() / max(numbers.sum(), 1))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import fit_linear
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, pooled_level
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.exposure import format_exposure
 
@@ -83,7 +83,7 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
     """Return the dark group whose exposure time is wrong; None where none is, or the frames do not tell which."""
     places = [i for i, entry in enumerate(darks) if entry.frames > 1]
     levels = [pooled_level(darks[i].levels) for i in places]
-    if any(level.low_fraction > CLIPPED_DARK_SHARE for level in levels):
+    if any(level.low_fraction > CLIPPED_DARK_FRACTION for level in levels):
         return None
     exposure_s = np.array([darks[i].group.exposure_s for i in places])
     if len(np.unique(exposure_s)) < LEAST_EXPOSURES:

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
+from photosite.calibration.photon_transfer.photon_transfer import LINEAR_FRACTION
 from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, block_numbers
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.engine.map_statistics import remove_group_means
@@ -27,7 +27,7 @@ POWER = 3.0
 """Covariance of two patterns, in standard uncertainties, from which they are compared."""
 
 SAME = 0.3
-"""Share of the usual covariance that a pattern has with those of its chip at least; those of other chips have none."""
+"""Least fraction of the usual covariance that a pattern has with those of its chip; those of other chips have none."""
 
 SIGNIFICANCE = 8.0
 """Usual covariance with the others, in standard uncertainties, from which its lack in a frame is no chance."""
@@ -40,7 +40,7 @@ NOISE_FRAMES, NOISE_CHANGE, NOISE_SCATTER = 4, 0.3, 8.0
 its scatter, that of the others (median absolute deviation) or of chance."""
 
 CLIPPED = 0.002
-"""Share of a frame's pixels at the highest number of all, above which its noise may be clipped and is not compared."""
+"""Fraction of a frame's pixels at the highest number of all above which its noise, maybe clipped, is not compared."""
 
 HEAVY = 4.0
 """Kurtosis, 3 for normal noise, above which a channel is partly saturated by its wells and is not compared."""
@@ -261,7 +261,7 @@ def find_foreign_groups(
     for i in repeated:
         entry = lights[i]
         signal = np.array([level.mean for level in entry.statistics.levels]) - black
-        dim = peak is not None and levels[i].mean - black.mean() <= LINEAR_SHARE * (peak.mean - black.mean())
+        dim = peak is not None and levels[i].mean - black.mean() <= LINEAR_FRACTION * (peak.mean - black.mean())
         if dim and signal.min() > 0.0 and not any(level.clipped for level in entry.statistics.levels):
             linear.append(i)
             relative.append((entry.mean - subtracted) / signal[labels])

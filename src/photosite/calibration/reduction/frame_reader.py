@@ -438,15 +438,15 @@ class FrameReader:
         digest = hashlib.sha256(sample.tobytes()).hexdigest()
         candidates = [group.frames[i] for i, other in zip(first.used, first.digests, strict=True) if other == digest]
         # Clipped frames may repeat; any other two differ by their noise.
-        if candidates and self._clipped_share(dn := read.whole(), group) <= 0.5:
+        if candidates and self._clipped_fraction(dn := read.whole(), group) <= 0.5:
             for candidate in candidates:
                 if np.array_equal(self._checked(candidate).whole(), dn):
                     return candidate.name
         first.digests.append(digest)
         return None
 
-    def _clipped_share(self, dn: NDArray[np.unsignedinteger], group: FrameGroup) -> float:
-        """Return the share of pixels at 0 or at full scale, which for flat fields is the channel's highest number."""
+    def _clipped_fraction(self, dn: NDArray[np.unsignedinteger], group: FrameGroup) -> float:
+        """Return the fraction of pixels at 0, or of a flat field's at the highest number of the channel."""
         height, width = self.tile.shape
         clipped = 0
         for label in range(int(self.tile.max()) + 1):

@@ -38,16 +38,16 @@ BLOCKS, LEAST_BLOCK = 8, 4
 LEAST_PIXELS = 16
 """Pixels below which a frame is not screened."""
 
-SIGNAL_SHARE = 0.2
-"""Tolerated share of the signal above dark; lamps and shutters are better, broken frames mostly worse."""
+SIGNAL_FRACTION = 0.2
+"""Tolerated fraction of the signal above dark; lamps and shutters are better, broken frames mostly worse."""
 
 LEVEL_NOISE, BLOCK_NOISE, MEAN_NOISE = 6.0, 3.0, 6.0
 """Tolerated deviation of a frame and of a block, in units of a pixel's temporal noise (black level drift, row noise);
 and of a block, in units of the noise of its mean."""
 
-NOISIER, NOISE_SHARE = 3.0, 0.1
-"""Tolerated noise, in units of that of the other frames, and as a share of the signal: near saturation, clipped frames
-have less noise than others."""
+NOISIER, NOISE_FRACTION = 3.0, 0.1
+"""Tolerated noise, in units of that of the other frames, and as a fraction of the signal: near saturation, clipped
+frames have less noise than others."""
 
 LEVEL_SCATTER, BLOCK_SCATTER, MOST = 6.0, 4.0, 2.0
 """Scatter of the group that the limits follow, as multiples, and the largest limit."""
@@ -56,7 +56,7 @@ LEAST_NOISE_DN = 0.5
 """Least noise assumed, DN, where quantization hides it."""
 
 NEAR_COPY = 1 / 512
-"""Share of the sampled pixels up to which a frame that differs from another counts as its copy."""
+"""Fraction of the sampled pixels up to which a frame that differs from another counts as its copy."""
 
 LEAST_COMPARED, LEAST_NUMBERS = 1024, 3
 """Least sampled pixels, and different numbers in the middle 80 % of them, at which copies are looked for."""
@@ -140,15 +140,15 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
     spread = _spread(deviation, off)
     noise = max(float(np.median(spread)) * np.sqrt(n / (n - 1)), LEAST_NOISE_DN)
 
-    level_score = np.abs(means - level) / (SIGNAL_SHARE * signal + LEVEL_NOISE * noise)
+    level_score = np.abs(means - level) / (SIGNAL_FRACTION * signal + LEVEL_NOISE * noise)
     local = np.zeros_like(blocks) if dark_dn is None else np.maximum(blocks - dark_dn, 0.0)
     usual = float(np.median(local))
     # A change of the light scales the pattern; a change of the black level shifts it.
     weight = local / usual if usual > LEVEL_NOISE * noise else np.ones_like(local)
     rest = off - np.median(off, axis=(1, 2), keepdims=True) * weight
     allowed = (BLOCK_NOISE + MEAN_NOISE / np.sqrt(_block_sizes(pattern.shape))) * noise
-    block_score = np.abs(rest / (SIGNAL_SHARE * local + allowed)).max(axis=(1, 2))
-    noise_score = spread / (NOISIER * float(np.median(spread)) + NOISE_SHARE * signal + LEAST_NOISE_DN)
+    block_score = np.abs(rest / (SIGNAL_FRACTION * local + allowed)).max(axis=(1, 2))
+    noise_score = spread / (NOISIER * float(np.median(spread)) + NOISE_FRACTION * signal + LEAST_NOISE_DN)
 
     level_limit = _limit(LEVEL_SCATTER * _NORMAL * float(np.median(level_score)), n)
     block_limit = _limit(BLOCK_SCATTER * float(np.median(block_score)), n)

@@ -17,20 +17,21 @@ from photosite.sensor.noise_terms import QUANTISATION_DN2
 from photosite.values.cfa import Cfa, channel_names
 from photosite.values.uncertain import Source, Uncertain, combined
 
-CLIPPED_SHARE = 0.001
-"""Share of numbers at 0 or at full scale above which a light level is outside the linear range."""
+CLIPPED_FRACTION = 0.001
+"""Fraction of numbers at 0 or at full scale above which a light level is outside the linear range."""
 
-CLIPPED_DARK_SHARE = 0.005
-"""Share of a dark level's numbers at 0 above which the frames count as clipped (`dark/clipped_darks.py`).
+CLIPPED_DARK_FRACTION = 0.005
+"""Fraction of a dark level's numbers at 0 above which the frames count as clipped (`dark/clipped_darks.py`).
 
-At this share the read noise comes out 0.5 % low. Below it, the possible effect of clipping widens the uncertainty."""
+At this fraction the read noise is 0.5 % low. Below it, the possible effect of clipping widens the uncertainty."""
 
 _BEYOND_CHANCE = 4.0
 """Standard uncertainties from which noise that differs between pixels is taken into account."""
 
 
 def clipping_bias(fraction: float) -> float:
-    """Return the relative bias of a normal noise's variance when a share of its lower tail is clipped, 0 or negative.
+    """Return the relative bias of a normal noise's variance when a fraction of its lower tail is clipped, 0 or
+    negative.
 
     With a = z(fraction), it is the clipped variable's second moment about the true mean, less the square of its new
     mean: 1 + a^2 F - (F - a f) - (f + a F)^2 - 1 (F, f: normal distribution and density at a).
@@ -77,8 +78,8 @@ class Level:
     variance: float  # temporal, quantization included, shifts of whole frames excluded; NaN for one frame
     variance_uncertainty: float  # from the spread of the per-pixel variances, so valid for any distribution
     spatial_variance: float  # over pixels of the mean frame, temporal noise included
-    low_fraction: float  # share of the digital numbers at 0
-    high_fraction: float  # share at full scale
+    low_fraction: float  # fraction of the digital numbers at 0
+    high_fraction: float  # fraction at full scale
     frame_shift: float  # standard deviation of the shifts of whole frames; negative where its variance is
     # Part of `variance_uncertainty` from noise that differs between pixels: that of any group of the same chip
     variance_spread: float = 0.0
@@ -90,7 +91,8 @@ class Level:
     # Distance of the converter's codes, DN, and the quantization noise that it causes, DN^2 (`codes.Steps`)
     step: float = 1.0
     quantisation: float = QUANTISATION_DN2
-    # Squared shares of `variance_uncertainty` by source: results computed from this level are correlated through them.
+    # Squared fractions of `variance_uncertainty` by source: results computed from this level are correlated through
+    # them.
     sources: Mapping[Source, float] = field(default_factory=lambda: {Source(): 1.0}, repr=False, compare=False)
 
     @classmethod
@@ -150,7 +152,7 @@ class Level:
         """`variance` with its sources, DN^2, with the quantization noise of steps of 1 DN."""
         u = self.variance_uncertainty
         value = self.variance - (self.quantisation - QUANTISATION_DN2)
-        return Uncertain(value, {source: u * math.sqrt(share) for source, share in self.sources.items()})
+        return Uncertain(value, {source: u * math.sqrt(fraction) for source, fraction in self.sources.items()})
 
     def widened(self, uncertainty: float, source: Source) -> Level:
         """Return the level with a part added to the uncertainty of its variance, DN^2."""
@@ -168,7 +170,7 @@ class Level:
     @property
     def clipped(self) -> bool:
         """Whether a light level is outside the linear range: many numbers are clipped, or all pixels read the same."""
-        return max(self.low_fraction, self.high_fraction) > CLIPPED_SHARE or self.spatial_variance == 0.0
+        return max(self.low_fraction, self.high_fraction) > CLIPPED_FRACTION or self.spatial_variance == 0.0
 
     @property
     def repeated(self) -> bool:
@@ -180,8 +182,8 @@ class Level:
 
         For steady frames the variance of the frame means is variance / pixels, and the quotient of the two estimates
         follows Fisher's F distribution with n - 1 and (n - 1)(P - 1) degrees of freedom (two-way analysis of variance,
-        n frames by P pixels). `false_alarms` is the share of steady levels for which the answer may be True. Row noise
-        counts as a shift here, because it scatters the frame means.
+        n frames by P pixels). `false_alarms` is the fraction of steady levels for which the answer may be True. Row
+        noise counts as a shift here, because it scatters the frame means.
         """
         from scipy.stats import f
 
@@ -196,15 +198,15 @@ class Level:
 def pooled_level(levels: Sequence[Level]) -> Level:
     """Return all channels of a group as one level: means over pixels, spreads within the channels."""
     pixels = sum(level.pixels for level in levels)
-    shares = [(level.pixels / pixels, level) for level in levels]
+    fractions = [(level.pixels / pixels, level) for level in levels]
 
     def mean(name: str, power: int = 1) -> float:
-        return float(sum(share**power * getattr(level, name) for share, level in shares))
+        return float(sum(fraction**power * getattr(level, name) for fraction, level in fractions))
 
     def independent(name: str) -> float:
-        return math.hypot(*(share * getattr(level, name) for share, level in shares))
+        return math.hypot(*(fraction * getattr(level, name) for fraction, level in fractions))
 
-    noise = combined([level.noise for _, level in shares], [share for share, _ in shares])
+    noise = combined([level.noise for _, level in fractions], [fraction for fraction, _ in fractions])
     whole = noise.standard_uncertainty
     sources = {source: (part / whole) ** 2 for source, part in noise.parts.items() if whole > 0.0}
     means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift", "quantisation")

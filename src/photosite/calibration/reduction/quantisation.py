@@ -55,14 +55,14 @@ def _grid() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float6
     return sd**2, *rounding_error(mean, sd)
 
 
-def remaining_share(spatial_variance: float) -> float:
-    """Return the share of the sums that remains where the pixels' means have a variance, DN^2.
+def remaining_fraction(spatial_variance: float) -> float:
+    """Return the fraction of the sums that remains where the pixels' means have a variance, DN^2.
 
-    It is the larger of the shares for normally and for uniformly distributed means (a shaded field).
+    It is the larger of the fractions for normally and for uniformly distributed means (a shaded field).
 
     Examples
     --------
-    >>> remaining_share(0.0), round(remaining_share(1.0), 3)
+    >>> remaining_fraction(0.0), round(remaining_fraction(1.0), 3)
     (1.0, 0.092)
     """
     if spatial_variance <= 0.0:
@@ -113,7 +113,7 @@ def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: 
     analog = variance - 1.0 / 12.0
     if not analog < QUIET:  # includes NaN, the variance of one frame
         return 0.0, 0.0, 0.0
-    left = remaining_share(spatial_variance)
+    left = remaining_fraction(spatial_variance)
     before, of_mean, of_variance = _grid()
     apart = np.abs(before + left * of_variance - analog)
     possible = apart <= max(NEAR + 2.0 * uncertainty, float(apart.min()))
@@ -137,14 +137,14 @@ def with_rounding(variance: Uncertain, of_pixels: float) -> Uncertain:
     return variance + Uncertain.of(0.0, (2.0 * spread + of_pixels) * of_pixels / math.sqrt(2.0))
 
 
-def differing_share(means: NDArray[np.float64], of_pixels: float) -> float:
+def differing_fraction(means: NDArray[np.float64], of_pixels: float) -> float:
     """Return the largest difference of the rounding errors of levels, relative to the largest possible one.
 
     The error is nearly a sine of the mean with a period of 1 DN, and equal for equal means.
 
     Examples
     --------
-    >>> round(differing_share(np.array([64.0, 64.01]), 0.0018), 3), differing_share(np.array([64.0, 65.3]), 0.0018)
+    >>> round(differing_fraction(np.array([64.0, 64.01]), 0.0018), 3), differing_fraction(np.array([64.0, 65.3]), 0.0018)
     (0.047, 1.0)
     """
     return min(math.pi * (float(np.ptp(means)) + 2.0 * math.sqrt(2.0) * of_pixels), 1.0)

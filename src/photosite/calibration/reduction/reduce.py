@@ -16,13 +16,13 @@ from photosite.calibration.reduction.codes import (
     find_steps,
     find_sums,
     find_white_level,
-    share_above,
+    fraction_above,
 )
 from photosite.calibration.reduction.dark_exposures import WRONG_DARK_EXPOSURE, find_wrong_exposure
 from photosite.calibration.reduction.foreign_frames import FOREIGN_FRAMES, GroupSample, find_foreign_groups
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, sample_grid
-from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics, Level, reference_dark
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
@@ -32,7 +32,7 @@ from photosite.values.cfa import channel_names
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
 UNSATURATED = 0.7
-"""Level, as a share of that of the largest variance, up to which all pixels have the noise of the mean."""
+"""Level, as a fraction of that of the largest variance, up to which all pixels have the noise of the mean."""
 
 
 @dataclass(frozen=True)
@@ -214,9 +214,9 @@ def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float6
 def _with_white_level(
     entry: GroupStatistics, counts: Counts, whites: Sequence[int], full_scale: int
 ) -> GroupStatistics:
-    """Return a light group with the share of samples at the white levels below full scale."""
+    """Return a light group with the fraction of samples at the white levels below full scale."""
     levels = tuple(
-        replace(level, high_fraction=share_above(counts, k, white - 1)) if white < full_scale else level
+        replace(level, high_fraction=fraction_above(counts, k, white - 1)) if white < full_scale else level
         for k, (level, white) in enumerate(zip(entry.levels, whites, strict=True))
     )
     return replace(entry, levels=levels)
@@ -237,7 +237,7 @@ def _with_steps(
     """Return a group with the quantization noise of its steps, and of the codes that make one number."""
     levels = list(entry.levels)
     for k, found in enumerate(steps):
-        if found is None or levels[k].high_fraction > CLIPPED_SHARE:
+        if found is None or levels[k].high_fraction > CLIPPED_FRACTION:
             continue
         level = replace(levels[k], step=found.of_groups[index], quantisation=found.quantisation(index)).with_rounding()
         if not found.uniform:
@@ -247,7 +247,7 @@ def _with_steps(
             level = replace(level, rounding_variance=math.hypot(level.rounding_variance, displaced))
         levels[k] = level
     for k, summed in enumerate(sums):
-        if summed is not None and levels[k].high_fraction <= CLIPPED_SHARE:
+        if summed is not None and levels[k].high_fraction <= CLIPPED_FRACTION:
             levels[k] = replace(levels[k], quantisation=summed.number * levels[k].quantisation)
     return replace(entry, levels=tuple(levels))
 

@@ -16,7 +16,7 @@ _Array = NDArray[np.float64]
 
 _FAR = 8.0
 """Distance from the median in standard deviations by the quartiles: 1 of 10^15 pixels of a normal distribution."""
-_SHARE = 0.2
+_FRACTION = 0.2
 _QUARTILE = 0.6745
 _SAMPLES = 1 << 16
 """Pixels of a site from which the quartiles are computed, at least, where it has as many: the limit is known to 1 %."""
@@ -32,17 +32,17 @@ class FarPixels:
         The nonuniformity that the map gives.
     count
         Number of these pixels.
-    share
-        Share of the variance over all pixels that they make.
+    fraction
+        Fraction of the variance over all pixels that they make.
     """
 
     what: str
     count: int
-    share: float
+    fraction: float
 
     def __str__(self) -> str:
         return (
-            f"{self.count} pixels far from all others, such as dead or stuck ones, make {100 * self.share:.3g} % of "
+            f"{self.count} pixels far from all others, such as dead or stuck ones, make {100 * self.fraction:.3g} % of "
             f"the variance of the {self.what}, which is that of all pixels, as are its parts of rows and columns. Maps "
             f"(--maps) list them"
         )
@@ -66,7 +66,7 @@ def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -
     >>> find_far_pixels("DSNU", offsets)
     >>> offsets[:, 7] = 30
     >>> found = find_far_pixels("DSNU", offsets)
-    >>> found.count, round(found.share, 2)
+    >>> found.count, round(found.fraction, 2)
     (100, 0.9)
     """
     sites = list(np.ndindex(tile[0], tile[1]))
@@ -83,4 +83,4 @@ def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -
         low, middle, high = np.array(list(threads.map(quartiles, sites))).T.reshape(3, tile[0], tile[1])
     limit = (_FAR * 0.5 * (high - low) / _QUARTILE) ** 2
     count, far, whole = far_sums(values, np.ascontiguousarray(middle), limit)
-    return FarPixels(what, count, far / whole) if far > _SHARE * whole else None
+    return FarPixels(what, count, far / whole) if far > _FRACTION * whole else None

@@ -65,7 +65,7 @@ from photosite.values.uncertain import Missing, Uncertain, Value, combined, deri
 T = TypeVar("T")
 
 HALF_SATURATION = (0.3, 0.7)
-"""Signal, as a share of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""
+"""Signal, as a fraction of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""
 
 
 @dataclass(frozen=True)
@@ -267,7 +267,9 @@ def measure_fixed_pattern(
             response = why
         shading = response if isinstance(response, Missing) else _shading(planes, k, plans[k], *slope_spreads)
         if light.noise.flicker is not None:
-            bands = Uncertain.of(0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights))
+            bands = Uncertain.of(
+                0.0, light.noise.flicker.fraction**2 * _fraction_left(channels[k], coefficients[k], lights)
+            )
             response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
         contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
         of_dark = _times(dark_planes), *dark_parts
@@ -334,13 +336,13 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None:
         return NO_SATURATION.missing("PRNU at 50 % of saturation needs flat fields that reach saturation")
-    share = levels.signal / saturation.signal
-    near = levels.repeated & ~levels.clipped & (share >= HALF_SATURATION[0]) & (share <= HALF_SATURATION[1])
+    fraction = levels.signal / saturation.signal
+    near = levels.repeated & ~levels.clipped & (fraction >= HALF_SATURATION[0]) & (fraction <= HALF_SATURATION[1])
     if not near.any():
         return NO_HALF_SATURATION.missing(
             "no light level with two frames lies between 30 and 70 % of saturation; take a stack at 50 %, better of 50"
         )
-    best = min(np.flatnonzero(near), key=lambda i: (-lights[int(levels.group[i])].frames, abs(share[i] - 0.5)))
+    best = min(np.flatnonzero(near), key=lambda i: (-lights[int(levels.group[i])].frames, abs(fraction[i] - 0.5)))
     return int(levels.group[best])
 
 
@@ -424,8 +426,8 @@ def _shading(
     return shading_variance(slopes, channel, spread, plan.noise, of_light)
 
 
-def _share_left(channel: Channel, coefficients: Mapping[int, float], lights: Sequence[GroupStatistics]) -> float:
-    """Return the share of the relative variance of single frames that is left in the per-pixel slopes."""
+def _fraction_left(channel: Channel, coefficients: Mapping[int, float], lights: Sequence[GroupStatistics]) -> float:
+    """Return the fraction of the relative variance of single frames that is left in the per-pixel slopes."""
     of_group = {int(i): float(signal) for i, signal in zip(channel.levels.group, channel.levels.signal, strict=True)}
     parts = {i: weight * of_group[i] for i, weight in coefficients.items()}
     return sum(part**2 / lights[i].frames for i, part in parts.items()) / sum(parts.values()) ** 2

@@ -134,7 +134,7 @@ def _plane_parts(
     rows, cols = row_means.shape[1], column_means.shape[1]
     if min(rows, cols) < 2:
         return TemporalParts(whole, Uncertain(0.0), Uncertain(0.0))
-    # Unknowns: pixel, row, column. The frame mean removes a share of the row and column noise from the residuals.
+    # Unknowns: pixel, row, column. The frame mean removes a fraction of the row and column noise from the residuals.
     pixels = rows * cols
     equations = np.array(
         [

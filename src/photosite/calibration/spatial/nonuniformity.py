@@ -185,7 +185,7 @@ def pool_parts(parts: list[Parts], weights: list[float]) -> Parts:
 
 
 @dataclass(frozen=True)
-class _Shares:
+class _Fractions:
     """Variance that independent pixels and lines of variance 1 produce in a plane and in its means."""
 
     pixel: float  # of a pixel of the plane, due to pixels
@@ -197,13 +197,13 @@ class _Shares:
     rows_mean: float
 
     @classmethod
-    def plain(cls, rows: int, cols: int) -> _Shares:
-        """Return the shares of an unfiltered plane: the two-way analysis of variance."""
+    def plain(cls, rows: int, cols: int) -> _Fractions:
+        """Return the fractions of an unfiltered plane: the two-way analysis of variance."""
         return cls(1.0, 1.0, 1 / rows, 1 / cols, 1 / (rows * cols), 1 / cols, 1 / rows)
 
     @classmethod
-    def filtered(cls, rows: int, cols: int) -> _Shares:
-        """Return the shares of a high-pass filtered plane, without its border."""
+    def filtered(cls, rows: int, cols: int) -> _Fractions:
+        """Return the fractions of a high-pass filtered plane, without its border."""
         centre, power = high_pass_kernel()[MARGIN], float(high_pass_kernel() @ high_pass_kernel())
         # Inner products for the mean over n values: plain x plain, plain x smoothed, smoothed x smoothed.
         (r1, r2, r3), (c1, c2, c3) = _mean_products(rows), _mean_products(cols)
@@ -263,24 +263,24 @@ def _site_parts(moments: PlaneMoments, noise: TemporalParts, *, filtered: bool) 
     part.
     """
     (rows, cols), lines, columns, square, fourth = moments
-    share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
+    fraction = (_Fractions.filtered if filtered else _Fractions.plain)(rows, cols)
     sampling = max(fourth - square**2, 0.0) / (rows * cols)  # rounding, on constant planes
-    left = share.pixel - share.column_mean - share.row_mean + share.mean
+    left = fraction.pixel - fraction.column_mean - fraction.row_mean + fraction.mean
     of_pixels = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
 
     def line_variance(means: NDArray[np.float64], from_pixels: float, lost: float) -> Uncertain:
         found = float((means**2).mean())
-        pixels = of_pixels * (from_pixels - share.mean)
+        pixels = of_pixels * (from_pixels - fraction.mean)
         # The variance of few means scatters strongly. Without a pattern, the value expected from the pixels alone gives
         # the better uncertainty.
         expected = max(found, pixels.value)
         # The interval is the chi-square interval of the found value.
         source = Source.mean_square(means.size - 1).scaled(found / expected) if expected > 0.0 else None
         line = Uncertain.of(found, expected * math.sqrt(2.0 / (means.size - 1)), source)
-        return (line - pixels) * (1.0 / (share.line - lost))
+        return (line - pixels) * (1.0 / (fraction.line - lost))
 
-    column = line_variance(columns, share.column_mean, share.columns_mean) - noise.column
-    row = line_variance(lines, share.row_mean, share.rows_mean) - noise.row
+    column = line_variance(columns, fraction.column_mean, fraction.columns_mean) - noise.column
+    row = line_variance(lines, fraction.row_mean, fraction.rows_mean) - noise.row
     alone = of_pixels - noise.pixel
     return Parts(total=alone + column + row, row=row, column=column, pixel=alone)
 
@@ -308,10 +308,10 @@ def without_neighbors(
     [1.0, -4e-06, 0.0, 1.000004]
     """
     rows, cols = (length - 2 * MARGIN * filtered for length in shape)
-    share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
+    fraction = (_Fractions.filtered if filtered else _Fractions.plain)(rows, cols)
     across, down = correlation
-    row = parts.pixel * (2.0 * across * share.row_mean / (share.line - share.rows_mean))
-    column = parts.pixel * (2.0 * down * share.column_mean / (share.line - share.columns_mean))
+    row = parts.pixel * (2.0 * across * fraction.row_mean / (fraction.line - fraction.rows_mean))
+    column = parts.pixel * (2.0 * down * fraction.column_mean / (fraction.line - fraction.columns_mean))
     return Parts(parts.total, parts.row - row, parts.column - column, parts.pixel + row + column)
 
 
@@ -333,8 +333,8 @@ def channel_parts(planes: MapPlanes, channel: int, noise: TemporalParts, *, filt
     return pool_parts(parts, [float(rows * cols) for rows, cols in shapes])
 
 
-SHARE = 0.1
-"""Shading, as a share of PRNU, above which a warning is given."""
+FRACTION = 0.1
+"""Shading, as a fraction of PRNU, above which a warning is given."""
 
 SIGNIFICANCE = 3.29
 """Standard uncertainties of its variance below which shading is chance: fewer than 1 in 1000."""
@@ -374,4 +374,4 @@ def is_large(shading: Value, prnu: Value) -> bool:
     """Return whether shading is beyond chance, and more than a tenth of PRNU; both are variances."""
     if isinstance(shading, Missing) or isinstance(prnu, Missing):
         return False
-    return shading.value > max(SIGNIFICANCE * shading.standard_uncertainty, SHARE**2 * prnu.value)
+    return shading.value > max(SIGNIFICANCE * shading.standard_uncertainty, FRACTION**2 * prnu.value)

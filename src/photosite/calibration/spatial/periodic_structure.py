@@ -31,21 +31,21 @@ MOST_CELLS = 64
 """Cells along each side of the frame that are compared, evenly spaced."""
 
 LEAST_LIGHT = 0.1
-"""Share of the usual signal below which a cell counts as not lit: covered pixels, corners that no light reaches."""
+"""Fraction of the usual signal below which a cell counts as not lit: covered pixels, corners that no light reaches."""
 
-MOSAIC_SHARE = 0.02
-"""Difference between places of a period, as a share of the signal, above which they do not belong to one channel.
+MOSAIC_FRACTION = 0.02
+"""Difference between places of a period, as a fraction of the signal, above which they do not belong to one channel.
 
 The two greens of a Bayer mosaic and the readout channels of a chip differ by less.
 """
 
-FILTER_SHARE = 0.1
+FILTER_FRACTION = 0.1
 """Difference above which rows or columns belong to a striped color filter array: readout channels differ by less."""
 
 SAME_CHANNEL = 0.15
-"""Largest difference within a channel of a tile that fits, as a share of the whole difference."""
+"""Largest difference within a channel of a tile that fits, as a fraction of the whole difference."""
 
-READOUT_SHARE = 0.002
+READOUT_FRACTION = 0.002
 """Difference above which places of a period are reported as readout channels of different response."""
 
 LEAST_DARK_OFFSET = 0.1
@@ -53,7 +53,7 @@ LEAST_DARK_OFFSET = 0.1
 reported."""
 
 BY_CHANCE = 1e-4
-"""Share of mean frames without a period in which one of the places may deviate beyond chance."""
+"""Fraction of mean frames without a period in which one of the places may deviate beyond chance."""
 
 
 UNSTATED_MOSAIC = DiagnosticKind(
@@ -102,7 +102,7 @@ class PeriodicStructure:
 
     @property
     def difference(self) -> float:
-        """Difference between the highest and the lowest place, as a share of the signal or in DN."""
+        """Difference between the highest and the lowest place, as a fraction of the signal or in DN."""
         return float(self.relative.max() - self.relative.min())
 
     @property
@@ -118,7 +118,7 @@ class PeriodicStructure:
 
     def of_mosaic(self) -> bool:
         """Return whether the structure is that of a mosaic whose channels are not stated, or not as they are."""
-        return self.difference > (FILTER_SHARE if self.by_lines else MOSAIC_SHARE)
+        return self.difference > (FILTER_FRACTION if self.by_lines else MOSAIC_FRACTION)
 
     @property
     def of_channels(self) -> NDArray[np.float64]:
@@ -141,7 +141,7 @@ class PeriodicStructure:
                 f"other colors: this mosaic does not tell which; PRNU includes this difference"
             )
         if not self.of_mosaic():
-            filters = " or a striped color filter array that is not stated" * (self.difference > MOSAIC_SHARE)
+            filters = " or a striped color filter array that is not stated" * (self.difference > MOSAIC_FRACTION)
             return (
                 f"the flat fields differ by {percent} with a period of {self.period} {self.by_lines or 'pixels'}, "
                 f"as with readout channels of different gain{filters}; PRNU includes this difference"
@@ -305,7 +305,9 @@ def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = N
         found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark, separable=_separable(labels, period))
         limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
-            if found.difference == 0.0 or found.difference <= (_least_offset(cells, level) if dark else READOUT_SHARE):
+            if found.difference == 0.0 or found.difference <= (
+                _least_offset(cells, level) if dark else READOUT_FRACTION
+            ):
                 return None
             return _with_lines(found, cells, labels, ramp)
     return None
@@ -381,7 +383,7 @@ def _with_lines(found: PeriodicStructure, cells: Array, labels: NDArray[np.int64
 
 
 TAPS_BY_CHANCE = 1e-4
-"""Share of mean frames without a step in which one may be reported."""
+"""Fraction of mean frames without a step in which one may be reported."""
 
 LEAST_STEP = 0.002
 """Step in flat fields, relative to the signal, below which nothing is reported."""

@@ -137,9 +137,9 @@ def slope_noise(
 
     `scatter` is that of the noise between combinations of frames, such as the slope, beyond sampling.
     """
-    share = coefficients**2 / frames
-    noise = float(share @ variance)
-    return Uncertain.of(noise, math.hypot(float(np.linalg.norm(share * variance_uncertainty)), scatter * noise))
+    fraction = coefficients**2 / frames
+    noise = float(fraction @ variance)
+    return Uncertain.of(noise, math.hypot(float(np.linalg.norm(fraction * variance_uncertainty)), scatter * noise))
 
 
 def relative_response_variance(light: SlopeSpread, dark: SlopeSpread | None, seconds_per_unit: float) -> Uncertain:

@@ -106,11 +106,11 @@ class Spectrogram(Shown):
 
     def amplitude(self) -> Array:
         """Return the amplitude (n,) of the sinusoid that alone would produce each power, in the unit of the map."""
-        share = np.full(len(self.frequency), 2.0)
-        share[0] = 1.0
+        fraction = np.full(len(self.frequency), 2.0)
+        fraction[0] = 1.0
         if self.length % 2 == 0:
-            share[-1] = 1.0
-        return np.asarray(share * np.sqrt(self.power / self.length))
+            fraction[-1] = 1.0
+        return np.asarray(fraction * np.sqrt(self.power / self.length))
 
 
 def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, temporal: float = 0.0) -> Spectrogram:
@@ -155,7 +155,7 @@ EXPECTED_BEYOND = 0.1
 """Pixels of the whole map that a normal distribution would have beyond the default threshold for outlier pixels."""
 
 COARSE = 0.1
-"""Step of the values, as a share of their interquartile range, above which it falsifies the range."""
+"""Step of the values, as a fraction of their interquartile range, above which it falsifies the range."""
 
 _QUARTILE = NormalDist().inv_cdf(0.75)
 

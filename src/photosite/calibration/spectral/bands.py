@@ -76,9 +76,9 @@ class Passband(Shown):
         return Passband(Spectrum(self.energy.wavelength_nm + by_nm, self.energy.values), self.centre_nm + by_nm)
 
     def quadrature(self, breaks_nm: ArrayLike = ()) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return wavelengths and shares (points,) for integrals over the band, weighted with its energy.
+        """Return wavelengths and fractions (points,) for integrals over the band, weighted with its energy.
 
-        `shares @ f(wavelengths)` is the mean of f. It is exact if f is quadratic between the band's own entries and
+        `fractions @ f(wavelengths)` is the mean of f. It is exact if f is quadratic between the band's own entries and
         `breaks_nm`, where it may have kinks.
         """
         grid, values = self.energy.wavelength_nm, self.energy.values
@@ -88,20 +88,20 @@ class Passband(Shown):
         edges = np.union1d(grid, breaks[(breaks > grid[0]) & (breaks < grid[-1])])
         middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
         points = (middle[:, None] + width[:, None] / 2 * _GAUSS_NODES).ravel()
-        shares = (width[:, None] * _GAUSS_WEIGHTS).ravel() * np.interp(points, grid, values)
-        return points, shares / shares.sum()
+        fractions = (width[:, None] * _GAUSS_WEIGHTS).ravel() * np.interp(points, grid, values)
+        return points, fractions / fractions.sum()
 
     def mean_of(self, function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> float:
         """Return the mean of a function of wavelength over the band's photons."""
-        points, shares = self.quadrature()
-        photons = photons_from_energy(shares, points)
+        points, fractions = self.quadrature()
+        photons = photons_from_energy(fractions, points)
         return float(photons @ function(points) / photons.sum())
 
     @property
     def photons_per_joule(self) -> float:
         """Number of photons per joule of the band's light."""
-        points, shares = self.quadrature()
-        return float(photons_from_energy(shares, points).sum())
+        points, fractions = self.quadrature()
+        return float(photons_from_energy(fractions, points).sum())
 
     def mean_responsivity_a_per_w(self, responsivity: Spectrum) -> float:
         """Return a photodiode's amperes per watt of the band's light, which its responsivity must cover."""
@@ -113,8 +113,8 @@ class Passband(Shown):
                 value=f"{known[0]:g} to {known[-1]:g} nm",
                 expected=f"known wherever the band has light, {lit[0]:g} to {lit[-1]:g} nm",
             )
-        points, shares = self.quadrature(known)
-        return float(shares @ responsivity.at(points))
+        points, fractions = self.quadrature(known)
+        return float(fractions @ responsivity.at(points))
 
 
 def triangular_passband(centre_nm: float, fwhm_nm: float) -> Passband:
@@ -150,8 +150,8 @@ def band_matrix(bands: tuple[Passband, ...], *, beyond: Literal["level", "zero"]
     centres = np.array([band.centre_nm for band in bands])
     matrix = np.empty((len(bands), len(bands)))
     for row, band in enumerate(bands):
-        points, shares = band.quadrature(centres)
-        photons = photons_from_energy(shares, points)
+        points, fractions = band.quadrature(centres)
+        photons = photons_from_energy(fractions, points)
         end = None if beyond == "level" else 0.0
         hats = np.stack([np.interp(points, centres, unit, end, end) for unit in np.eye(centres.size)])
         matrix[row] = hats @ photons / photons.sum()
@@ -249,9 +249,9 @@ class Band(Shown):
         if (diode := self.photodiode) is None:
             return np.zeros(0)
         known = diode.responsivity_a_per_w.wavelength_nm
-        points, shares = self.passband.quadrature(known)
+        points, fractions = self.passband.quadrature(known)
         # The mean responsivity is linear in the entries; each entry contributes through its hat function.
-        weight = np.array([shares @ np.interp(points, known, unit) for unit in np.eye(known.size)])
+        weight = np.array([fractions @ np.interp(points, known, unit) for unit in np.eye(known.size)])
         mean = self.passband.mean_responsivity_a_per_w(diode.responsivity_a_per_w)
         return np.asarray(weight * diode.standard_uncertainty_a_per_w / mean)
 

@@ -65,10 +65,10 @@ def calibrate_spectral(
     -----
     The mean over a band's photons is m = (light - dark) / (K H A F): digital numbers above dark, divided by system gain
     K, photons per area H, pixel area A and fill factor F. The response q at the bands' centers, linear between them as
-    in a sensor file, follows from all means: q = B^-1 m, where B holds the share of each center's hat function in each
-    band's photons (`band_matrix`). For narrow bands B is the identity. If the inversion would raise the noise more than
-    fivefold, a smoothness prior is added (`smooth_positive_estimate`) and `method` reports it. At the first and last
-    band, the difference between a constant and a zero response beyond them counts as a standard uncertainty.
+    in a sensor file, follows from all means: q = B^-1 m, where B holds the fraction of each center's hat function in
+    each band's photons (`band_matrix`). For narrow bands B is the identity. If the inversion would raise the noise more
+    than fivefold, a smoothness prior is added (`smooth_positive_estimate`) and `method` reports it. At the first and
+    last band, the difference between a constant and a zero response beyond them counts as a standard uncertainty.
 
     The covariance of q contains, per band, frame noise, flicker and readings; common to some bands, shared dark frames,
     the shutter and the photodiode's table; common to all, gain, pixel area, fill factor and the photodiode's scale. The

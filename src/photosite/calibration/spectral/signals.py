@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, CLIPPED_SHARE, Level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, CLIPPED_FRACTION, Level
 from photosite.calibration.spectral.bands import Band, SpectralFrames
 from photosite.calibration.withheld import UNUSABLE_SPECTRAL_FRAMES
 from photosite.engine.frame_sums import FrameSums
@@ -109,7 +109,7 @@ def _check_darks(frames: SpectralFrames, darks: dict[float, tuple[Level, ...]]) 
                 raise UNUSABLE_SPECTRAL_FRAMES.error(
                     "pixels in the region", where=where, value=level.pixels, expected="at least 2"
                 )
-            if level.low_fraction > CLIPPED_DARK_SHARE:
+            if level.low_fraction > CLIPPED_DARK_FRACTION:
                 raise UNUSABLE_SPECTRAL_FRAMES.error(
                     f"{100 * level.low_fraction:.3g} % of the dark values at {exposure_s:g} s are clipped at 0, which "
                     "makes the measured signal too small",
@@ -168,7 +168,7 @@ def _covariance(
 
 def _reason(light: Level, dark: Level, sensor: Sensor) -> str:
     """Return why a channel cannot use a band; empty if it can."""
-    if light.high_fraction > CLIPPED_SHARE:
+    if light.high_fraction > CLIPPED_FRACTION:
         return f"{100 * light.high_fraction:.3g} % of its pixels are saturated; use a shorter exposure time"
     well = sensor.pixel.well_capacity_e
     spread_dn = math.sqrt(max(light.spatial_variance, 0.0))
