@@ -144,7 +144,8 @@ def differing_fraction(means: NDArray[np.float64], of_pixels: float) -> float:
 
     Examples
     --------
-    >>> round(differing_fraction(np.array([64.0, 64.01]), 0.0018), 3), differing_fraction(np.array([64.0, 65.3]), 0.0018)
+    >>> near, far = np.array([64.0, 64.01]), np.array([64.0, 65.3])
+    >>> round(differing_fraction(near, 0.0018), 3), differing_fraction(far, 0.0018)
     (0.047, 1.0)
     """
     return min(math.pi * (float(np.ptp(means)) + 2.0 * math.sqrt(2.0) * of_pixels), 1.0)
