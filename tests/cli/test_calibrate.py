@@ -65,11 +65,11 @@ def test_table_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Pat
     done = photosite("calibrate", stack, "-o", sensor, "--report", report)
     assert done.status == 0
     lines = done.out.splitlines()
-    gain = next(line for line in lines if line.startswith("System gain"))
-    assert "0.12" in gain
-    assert "±" in gain
-    efficiency = next(line for line in lines if line.startswith("quantum_efficiency_percent"))
-    assert "photons per pixel are not known" in efficiency
+    figures = {line.split("  ")[0]: line.split() for line in lines[3:13]}
+    assert "0.12" in figures["System gain K"][3]
+    assert figures["Quantum efficiency"][-1] == "unknown-photons"
+    listed = [line.split()[:2] for line in lines[lines.index("") + 1 :]]
+    assert listed.count(["withheld", "unknown-photons"]) == 1
     assert lines[-2:] == [f"wrote {sensor}", f"wrote {report}"]
     measured = ps.load_sensor(sensor)
     assert measured.noise.read_noise_mv.standard_uncertainty > 0
@@ -79,6 +79,15 @@ def test_table_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Pat
     assert page.startswith("<!DOCTYPE html>")
     assert "Read noise" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
+
+
+def test_all_parameters_with_their_methods(photosite: Any, stack: Path) -> None:
+    done = photosite("calibrate", stack, "--all")
+    found = photosite("calibrate", stack, "--json").json
+    printed = [name for name in found["parameters"] if any(f" {name} " in line for line in done.out.splitlines())]
+    assert printed == [name for name, entry in found["parameters"].items() if entry["value"] is not None]
+    for entry in found["diagnostics"]:
+        assert any(line.split()[1:2] == [entry["id"]] for line in done.out.splitlines())
 
 
 def test_report_of_another_ending_is_refused_before_anything_is_read(photosite: Any, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ SHARED = dump_sensor(ps.load_sensor("nikon-d200").with_(maps=Maps(file="mine.map
 
 def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack: Path, tmp_path: Path) -> None:
     """The offsets of the simulated dark frames are those of the chip that was shot: correlation of 0.7 and more."""
-    done = photosite("calibrate", stack, "--maps", "-o", tmp_path / "mine.sensor.yaml")
+    done = photosite("calibrate", stack, "--maps", "--all", "-o", tmp_path / "mine.sensor.yaml")
     assert done.status == 0, done.err
     for words in ("row noise", "excess kurtosis", "Tukey lambda (0.1356: normal)", "defective pixels", "blinking"):
         assert words in done.out

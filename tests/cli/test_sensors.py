@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import photosite as ps
-from photosite.sensor.io.sensor_file import preset_names
+from photosite.sensor.io.sensor_file import dump_sensor, preset_names
 
 
 def test_lists_every_preset(photosite: Any) -> None:
@@ -134,5 +134,10 @@ def test_compare(photosite: Any, tmp_path: Path) -> None:
     content = photosite(*call, "--json").json
     assert content["sensors"]["nikon-d200"]["snr10_lux"] < content["sensors"]["vendor-2.2um"]["snr10_lux"]
     assert len(content["snr_db"]["nikon-d200"]) == len(content["luminance_cd_m2"])
+    long = tmp_path / f"{'long' * 20}.sensor.yaml"
+    long.write_text(dump_sensor(ps.load_sensor("nikon-d200")), encoding="utf-8")
+    heading, *rows = photosite("sensors", "compare", "nikon-d200", long).out.splitlines()[1:]
+    assert heading.endswith(" snr10_lux")
+    assert rows[0].split()[1:] == rows[1].split()[1:]
     assert photosite("sensors", "compare").status == 2
     assert photosite("sensors", "compare", "nikon-d2000").status == 2

@@ -12,13 +12,10 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, held_warnings, listed, not_listed, say, say_if_compiling, show, table
+from photosite.cli.output import Stages, held_warnings, not_listed, say, say_if_compiling, show, table
 from photosite.errors import printable
 
 if TYPE_CHECKING:
-    from photosite.calibration.calibrate import AnyCalibration
-    from photosite.calibration.captures.combined import CombinedCalibration
-    from photosite.calibration.captures.each_capture import CaptureCalibration
     from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
     from photosite.frames.frame_set import FrameSet
@@ -109,6 +106,7 @@ if TYPE_CHECKING:
     "interrupted run is resumed.",
 )
 @options.workers_options()
+@click.option("--all", "every", is_flag=True, help="Print all parameters with their methods, not ten of them.")
 @options.json_option
 def command(
     paths: tuple[Path, ...],
@@ -129,6 +127,7 @@ def command(
     into: Path | None,
     processes: int,
     scheduler: str | None,
+    every: bool,
     as_json: bool,
     **reading: Any,
 ) -> int | None:
@@ -176,6 +175,7 @@ def command(
     from photosite.calibration.captures.each_capture import CaptureCalibration
     from photosite.calibration.result import Calibration
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
+    from photosite.cli.calibration_text import calibration_text
     from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     if into is not None:
@@ -217,7 +217,7 @@ def command(
         _check_not_saved(output, given)
         if report is not None:
             result.report(report)
-        show(as_json, result.to_dict, lambda: _text_of(result), report=report)
+        show(as_json, result.to_dict, lambda: calibration_text(result, every=every), report=report)
         return None
     if output is not None and isinstance(result, Calibration):
         _ = result.sensor  # raises before anything is written
@@ -229,7 +229,7 @@ def command(
     beside = maps_path(output) if has_maps and output is not None else None
     entry = given.write(result) if given else None
     written = {"sensor": output, "maps": beside, "report": report, "entry": entry}
-    show(as_json, result.to_dict, lambda: _text_of(result), **written)
+    show(as_json, result.to_dict, lambda: calibration_text(result, every=every), **written)
     return None
 
 
@@ -331,154 +331,3 @@ def _camera_line(result: dict[str, Any]) -> str:
         return f"failed: {result[ERROR]}"
     warnings = len(result["warnings"])
     return "calibrated" + (f", {warnings} warning{'s' * (warnings > 1)}" if warnings else "")
-
-
-def _text_of(result: AnyCalibration) -> str:
-    """Return the result for the terminal."""
-    from photosite.calibration.gain_series.result import GainSeries
-    from photosite.calibration.result import Calibration
-
-    if isinstance(result, Calibration):
-        return _text(result)
-    return _series_text(result) if isinstance(result, GainSeries) else _captures_text(result)
-
-
-def _captures_text(found: CaptureCalibration | CombinedCalibration) -> str:
-    content = found.to_dict()
-    names = ("parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "reason")
-    part = content["part"] if "part" in content else content["capture"]
-    cells = zip(part, *(content[name] for name in names), strict=True)
-    rows = [("part", *names), *(tuple(_cell(cell) for cell in row) for row in cells)]
-    lines = [listed("warnings:", found.warnings)] if found.warnings else []
-    return "\n\n".join([table(rows, "<<>>>><"), *lines])
-
-
-def _cell(value: object) -> str:
-    return "" if value is None else f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-def _text(calibration: Calibration) -> str:
-    from photosite.calibration.parameters import PARAMETER_LABELS
-    from photosite.report.tables import format_estimate
-
-    rows = [("parameter", "value", "unit", "name", "method")]
-    missing = [("not estimated", "reason")]
-    for name, entry in calibration.estimates().items():
-        shown = PARAMETER_LABELS[name]
-        if entry.value is None:
-            missing.append((name, entry.reason or ""))
-            continue
-        rows.append((shown.label, format_estimate(entry), shown.unit, name, entry.method))
-    heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
-    parts = [
-        heading,
-        table(rows, "<<<<<"),
-        *([table(missing, "<<")] if len(missing) > 1 else []),
-        *_transfer(calibration),
-        *_chip(calibration),
-    ]
-    for what, lines in (("warnings", calibration.warnings), ("left out", calibration.rejected)):
-        if lines:
-            parts.append(listed(f"{what}:", lines))
-    return "\n\n".join(parts)
-
-
-def _transfer(calibration: Calibration) -> list[str]:
-    """Return the table of the charge transfer inefficiency, where it was looked for."""
-    from photosite.report.tables import format_estimate, interval_text
-
-    found = calibration.charge_transfer
-    if found is None:
-        return []
-    rows = [("charge transfer inefficiency", "value", "95 % interval", "method or reason")]
-    for name, edge in (("parallel", found.parallel), ("serial", found.serial)):
-        entry = edge.inefficiency
-        rows.append((name, format_estimate(entry), interval_text(entry), entry.reason or entry.method))
-    return [table(rows, "<<<<")]
-
-
-def _chip(calibration: Calibration) -> list[str]:
-    """Return the tables of noise, defects and bands, where maps were measured."""
-    from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
-    from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
-    from photosite.report.numbers import format_uncertain
-    from photosite.report.tables import DARK_DISTRIBUTION, format_estimate, interval_text
-    from photosite.sensor.chip import DefectKind
-
-    chip, temporal = calibration.chip, calibration.temporal
-    if chip is None or temporal is None:
-        return []
-    noise = [("dark temporal noise", "value", "unit", "method")]
-    for label, unit, entry in (
-        ("pixel noise", "DN", temporal.pixel_noise_dn),
-        ("row noise", "DN", temporal.row_noise_dn),
-        ("column noise", "DN", temporal.column_noise_dn),
-        ("frame noise", "DN", temporal.frame_noise_dn),
-        ("read noise, log spread", "", temporal.read_noise_log_spread),
-        ("read noise, steady pixels", "DN", temporal.steady_noise_dn),
-        ("blinking pixels, share", "", temporal.blinking_fraction),
-        ("  mean amplitude", "DN", temporal.blinking_amplitude_dn),
-        ("excess kurtosis", "", temporal.shape.excess_kurtosis),
-        ("  within pixels", "", temporal.shape.within_pixels),
-        ("  between pixels", "", temporal.shape.between_pixels),
-        (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "", temporal.shape.tukey_lambda),
-    ):
-        if entry.value is not None and entry.standard_uncertainty is not None:
-            noise.append((label, format_estimate(entry), unit, entry.method))
-    dark = [("dark current over the pixels", "value", "unit", "95 % interval", "method or reason")]
-    if (distribution := calibration.dark_distribution) is not None:
-        for name, (label, unit) in DARK_DISTRIBUTION.items():
-            entry = distribution.estimates[name]
-            why = entry.reason or entry.method
-            dark.append((label, format_estimate(entry), unit, interval_text(entry), why))
-    if (bloom := calibration.blooming) is not None:
-        why = bloom.kept.reason or bloom.kept.method
-        dark.append(
-            ("Share of the overflow that blooms", format_estimate(bloom.kept), "1", interval_text(bloom.kept), why)
-        )
-    defects = [("defective pixels", "number", "shapes")]
-    for kind, count in chip.defects.counts().items():
-        found, size = chip.defects.of(DefectKind[kind.upper()]), (calibration.rows, calibration.cols)
-        shapes = shapes_text(group_defects(found.row, found.col, size)) if count else ""
-        defects.append((kind, str(count), shapes))
-    bands = [
-        (name, f"{band.cycles_per_pixel:.4f}", format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn))
-        for name, found in temporal.bands.items()
-        for band in found
-    ]
-    heading = ("bands", "cycles per pixel", "amplitude, DN")
-    noises = [table(noise, "<<<<"), *([table(dark, "<<<<<")] if len(dark) > 1 else [])]
-    return [*noises, table(defects, "<><"), *([table([heading, *bands], "<><")] if bands else [])]
-
-
-def _series_text(series: GainSeries) -> str:
-    from photosite.calibration.parameters import parameter_label
-    from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
-    from photosite.report.tables import format_estimate
-
-    labels = [parameter_label(name) for name in SERIES_PARAMETERS]
-    rows = [("setting", *(f"{shown.label}, {shown.unit}" for shown in labels))]
-    for step in series.steps:
-        values = [format_estimate(getattr(step.calibration, name)) for name in SERIES_PARAMETERS]
-        rows.append((f"{step.setting:g}", *values))
-    noise = [("settings", "noise before the amplifier, e⁻", "after it, DN", "chi square", "degrees of freedom")]
-    noise += [
-        (
-            f"{mode.settings[0]:g} to {mode.settings[-1]:g}",
-            format_estimate(mode.pre_amplifier_noise_e),
-            format_estimate(mode.post_amplifier_noise_dn),
-            "" if mode.chi_square is None else f"{mode.chi_square:.3g}",
-            "" if mode.degrees_of_freedom is None else str(mode.degrees_of_freedom),
-        )
-        for mode in series.modes
-    ]
-    frames = sum(step.calibration.frame_count for step in series.steps)
-    return "\n\n".join(
-        [
-            f"{series.source}: {frames} frames at {len(series.steps)} gain settings ({series.scale})",
-            table(rows, ">" * len(rows[0])),
-            table(noise, "<>>>>"),
-            f"{switch_sentence(series)}\n{unity_sentence(series)}",
-            *([listed("warnings:", series.warnings)] if series.warnings else []),
-        ]
-    )

@@ -10,7 +10,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Group
-from photosite.cli.output import listed, say, show, table
+from photosite.cli.output import listed, say, show, table, tabular
 from photosite.errors import InputError
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ def compare(files: tuple[Path, ...], as_json: bool, **conditions: Any) -> None:
     if len(set(names)) < len(names):
         raise InputError("name", value=names, expected="different for each camera file")
     found = compare_cameras({name: each.camera for name, each in zip(names, set_ups, strict=True)}, **conditions)
-    show(as_json, found.to_dict(), lambda: repr(found))
+    show(as_json, found.to_dict(), lambda: tabular(found))
 
 
 @command.command("validate")

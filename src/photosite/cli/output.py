@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from photosite.errors import PhotositeWarning, printable
+from photosite.values.shown import Tabular
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -96,6 +97,11 @@ def table(rows: Sequence[Sequence[str]], align: str, width: int | None = None) -
             padded = (f"{part:{side}{size}}" for part, side, size in zip(parts, align, widths, strict=True))
             lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+def tabular(found: Tabular) -> str:
+    """Return the table of a result: as much as fits a terminal, all of it for a file or another program."""
+    return repr(found) if sys.stdout.isatty() else found.to_text()
 
 
 _NARROWEST = 8

@@ -13,7 +13,7 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Group
 from photosite.cli.options import SENSOR_SUFFIXES, Whole, file_option, json_option
-from photosite.cli.output import show, table
+from photosite.cli.output import show, table, tabular
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import parse_yaml
 from photosite.values.cfa import NAMED, tile_name
@@ -249,4 +249,4 @@ def compare(names: tuple[str, ...], as_json: bool, report: Path | None, **condit
     found = compare_sensors({name: load_sensor(name) for name in names}, **conditions)
     if report is not None:
         found.report(report)
-    show(as_json, found.to_dict(), lambda: repr(found), report=report)
+    show(as_json, found.to_dict(), lambda: tabular(found), report=report)

@@ -11,7 +11,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import say_if_compiling, show
+from photosite.cli.output import say_if_compiling, show, tabular
 from photosite.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def command(
         found.save(output)
         shutil.rmtree(partial)
     content = {"name": wanted.name, "fields": found.fields, "measured": found.measured, "rows": _rows(found)}
-    show(as_json, content, lambda: repr(found), output=output, figure=figure)
+    show(as_json, content, lambda: tabular(found), output=output, figure=figure)
 
 
 def _rows(found: Sweep) -> list[list[Any]]:

@@ -148,10 +148,10 @@ class ResultTable:
         chosen = self.rows if rows is None else [self.rows[number] for number in rows]
         return ResultTable(self.title, tuple(columns), [tuple(row[place] for place in places) for row in chosen])
 
-    def text(self) -> str:
-        """Return the table as text that fits a screen; rows that do not fit are counted."""
+    def text(self, *, cut: bool = True) -> str:
+        """Return the table as text that fits a screen; rows that do not fit are counted. Not `cut`: all of it."""
         most = MOST_LINES - 2
-        shown = self.rows if len(self.rows) <= most else self.rows[: most - 1]
+        shown = self.rows if not cut or len(self.rows) <= most else self.rows[: most - 1]
         lines = [self.columns, *(tuple(map(cell_text, row)) for row in shown)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         sides = [">" if self._numeric(place) else "<" for place in range(len(self.columns))]
@@ -160,7 +160,8 @@ class ResultTable:
             for line in lines
         ]
         rest = [f"{_ELLIPSIS} {len(self.rows) - len(shown)} more rows"] if len(shown) < len(self.rows) else []
-        return "\n".join(clipped(text.rstrip()) for text in (self.title, *texts, *rest))
+        lines_of_text = [text.rstrip() for text in (self.title, *texts, *rest)]
+        return "\n".join(map(clipped, lines_of_text) if cut else lines_of_text)
 
     def html(self) -> str:
         """Return the table as HTML for notebooks, with at most 60 rows."""
@@ -233,6 +234,10 @@ class Tabular(Shown):
 
     def _repr_html_(self) -> str:
         return self._table().html()
+
+    def to_text(self) -> str:
+        """Return the table that `repr` shows, with all rows and whole lines."""
+        return self._brief_table().text(cut=False)
 
     def to_dataframe(self) -> DataFrame:
         """Return the table as a pandas data frame.

@@ -1,0 +1,187 @@
+"""A calibration on the terminal: ten figures and what limits them on one screen, or all parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from photosite.calibration.calibrate import AnyCalibration
+from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
+from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.gain_series.result import GainSeries
+from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
+from photosite.calibration.result import Calibration
+from photosite.cli.output import many, table
+from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
+from photosite.report.numbers import format_uncertain
+from photosite.report.tables import DARK_DISTRIBUTION, format_estimate, interval_text
+from photosite.sensor.chip import DefectKind, MeasuredChip
+from photosite.values.diagnostic import Diagnostic
+from photosite.values.estimate import Estimate
+
+_FIGURES = (
+    ("read_noise_e", "read_noise_dn"),
+    ("dsnu_e", "dsnu_dn"),
+    ("prnu_percent",),
+    ("system_gain_dn_per_e",),
+    ("dark_current_e_per_s", "dark_current_dn_per_s"),
+    ("saturation_capacity_e", "saturation_dn"),
+    ("dynamic_range_db",),
+    ("snr_max_db",),
+    ("quantum_efficiency_percent",),
+    ("linearity_error_percent",),
+)
+"""The figures that are printed, each with the parameter that stands in for it where it is missing."""
+_TEXTS = 3
+"""Diagnostics of one kind that are printed."""
+
+
+def calibration_text(result: AnyCalibration, *, every: bool) -> str:
+    """Return a result for the terminal; `every`: all parameters with their methods and all diagnostics."""
+    if isinstance(result, Calibration):
+        parts = _calibration(result, every)
+    elif isinstance(result, GainSeries):
+        parts = _series(result)
+    else:
+        content = result.to_dict()
+        heads = ("parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "reason")
+        part = content["part"] if "part" in content else content["capture"]
+        cells = zip(part, *(content[name] for name in heads), strict=True)
+        parts = [table([("part", *heads), *(tuple(map(_cell, row)) for row in cells)], "<<>>>><")]
+    return "\n\n".join([*parts, *diagnostics_text(result.diagnostics, every=every)])
+
+
+def diagnostics_text(diagnostics: Iterable[Diagnostic], *, every: bool) -> list[str]:
+    """Return a table of the diagnostics, each text once; not `every`: at most three of a kind."""
+    kinds: dict[tuple[str, str], list[str]] = {}
+    for entry in diagnostics:
+        text = entry.text
+        if entry.severity == "withheld":
+            text = f"{', '.join(entry.parameters) if every else many(len(entry.parameters), 'parameter')}: {text}"
+        texts = kinds.setdefault((entry.severity, entry.id), [])
+        if text not in texts:
+            texts.append(text)
+    rows = [("severity", "id", "diagnostic (photosite explain ID)")]
+    for (severity, name), texts in kinds.items():
+        shown = texts if every else texts[:_TEXTS]
+        rows += [(severity, name, text) for text in shown]
+        if len(shown) < len(texts):
+            rows.append((severity, name, f"{len(texts) - len(shown)} more; --all lists them"))
+    return [table(rows, "<<<")] if len(rows) > 1 else []
+
+
+def _calibration(calibration: Calibration, every: bool) -> list[str]:
+    heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
+    if every:
+        return [heading, _parameters(calibration), *_transfer(calibration), *_chip(calibration)]
+    rows = [("parameter", "value", "unit", "95 % interval")]
+    for names in _FIGURES:
+        name = next((name for name in names if getattr(calibration, name).value is not None), names[0])
+        entry, shown = getattr(calibration, name), PARAMETER_LABELS[name]
+        rows.append((shown.label, format_estimate(entry), shown.unit, interval_text(entry) or entry.reason_id))
+    parts = [heading, table(rows, "<<<<")]
+    if calibration.chip is not None:
+        counts = (f"{kind} {count}" for kind, count in calibration.chip.defects.counts().items() if count)
+        parts.append(f"defective pixels: {', '.join(counts) or 'none'}")
+    return parts
+
+
+def _parameters(calibration: Calibration) -> str:
+    rows = [("parameter", "value", "unit", "95 % interval", "name", "method")]
+    for name, entry in calibration.estimates().items():
+        if entry.value is not None:
+            shown, value = PARAMETER_LABELS[name], format_estimate(entry)
+            rows.append((shown.label, value, shown.unit, interval_text(entry), name, entry.method))
+    return table(rows, "<<<<<<")
+
+
+def _transfer(calibration: Calibration) -> list[str]:
+    """Return the table of the charge transfer inefficiency, where it was looked for."""
+    found = calibration.charge_transfer
+    if found is None:
+        return []
+    edges = (("parallel", found.parallel.inefficiency), ("serial", found.serial.inefficiency))
+    rows = [("charge transfer inefficiency", "value", "unit", "95 % interval", "method or reason")]
+    return [table([*rows, *(_row(name, "1", entry) for name, entry in edges)], "<<<<<")]
+
+
+def _row(label: str, unit: str, entry: Estimate) -> tuple[str, ...]:
+    return label, format_estimate(entry), unit, interval_text(entry), entry.reason or entry.method
+
+
+def _chip(calibration: Calibration) -> list[str]:
+    """Return the tables of noise, dark current, defects and bands, where maps were measured."""
+    chip, temporal = calibration.chip, calibration.temporal
+    if chip is None or temporal is None:
+        return []
+    dark: list[Sequence[str]] = [("dark current over the pixels", "value", "unit", "95 % interval", "method or reason")]
+    if (distribution := calibration.dark_distribution) is not None:
+        dark += [_row(*DARK_DISTRIBUTION[name], distribution.estimates[name]) for name in DARK_DISTRIBUTION]
+    if (bloom := calibration.blooming) is not None:
+        dark.append(_row("Share of the overflow that blooms", "1", bloom.kept))
+    bands: list[Sequence[str]] = [("bands", "cycles per pixel", "amplitude, DN")]
+    for name, found in temporal.bands.items():
+        for band in found:
+            amplitude = format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn)
+            bands.append((name, f"{band.cycles_per_pixel:.4f}", amplitude))
+    size = (calibration.rows, calibration.cols)
+    tables = ((_noise(temporal), "<<<<<"), (dark, "<<<<<"), (_defects(chip, size), "<><"), (bands, "<><"))
+    return [table(rows, align) for rows, align in tables if len(rows) > 1]
+
+
+def _noise(temporal: TemporalNoise) -> list[Sequence[str]]:
+    shape = temporal.shape
+    entries = {
+        ("pixel noise", "DN"): temporal.pixel_noise_dn,
+        ("row noise", "DN"): temporal.row_noise_dn,
+        ("column noise", "DN"): temporal.column_noise_dn,
+        ("frame noise", "DN"): temporal.frame_noise_dn,
+        ("read noise, log spread", "1"): temporal.read_noise_log_spread,
+        ("read noise, steady pixels", "DN"): temporal.steady_noise_dn,
+        ("blinking pixels, fraction", "1"): temporal.blinking_fraction,
+        ("  mean amplitude", "DN"): temporal.blinking_amplitude_dn,
+        ("excess kurtosis", "1"): shape.excess_kurtosis,
+        ("  within pixels", "1"): shape.within_pixels,
+        ("  between pixels", "1"): shape.between_pixels,
+        (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "1"): shape.tukey_lambda,
+    }
+    known = (_row(label, unit, entry) for (label, unit), entry in entries.items() if entry.value is not None)
+    return [("dark temporal noise", "value", "unit", "95 % interval", "method"), *known]
+
+
+def _defects(chip: MeasuredChip, size: tuple[int, int]) -> list[Sequence[str]]:
+    rows: list[Sequence[str]] = [("defective pixels", "number", "shapes")]
+    for kind, count in chip.defects.counts().items():
+        found = chip.defects.of(DefectKind[kind.upper()])
+        rows.append((kind, str(count), shapes_text(group_defects(found.row, found.col, size)) if count else ""))
+    return rows
+
+
+def _cell(value: object) -> str:
+    return "" if value is None else f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _series(series: GainSeries) -> list[str]:
+    labels = [parameter_label(name) for name in SERIES_PARAMETERS]
+    rows = [("setting", *(f"{shown.label}, {shown.unit}" for shown in labels))]
+    for step in series.steps:
+        values = [format_estimate(getattr(step.calibration, name)) for name in SERIES_PARAMETERS]
+        rows.append((f"{step.setting:g}", *values))
+    noise = [("settings", "noise before the amplifier, e⁻", "after it, DN", "chi square", "degrees of freedom")]
+    for mode in series.modes:
+        noise.append(
+            (
+                f"{mode.settings[0]:g} to {mode.settings[-1]:g}",
+                format_estimate(mode.pre_amplifier_noise_e),
+                format_estimate(mode.post_amplifier_noise_dn),
+                "" if mode.chi_square is None else f"{mode.chi_square:.3g}",
+                "" if mode.degrees_of_freedom is None else str(mode.degrees_of_freedom),
+            )
+        )
+    frames = sum(step.calibration.frame_count for step in series.steps)
+    return [
+        f"{series.source}: {frames} frames at {len(series.steps)} gain settings ({series.scale})",
+        table(rows, ">" * len(rows[0])),
+        table(noise, "<>>>>"),
+        f"{switch_sentence(series)}\n{unity_sentence(series)}",
+    ]
