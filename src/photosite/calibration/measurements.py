@@ -42,7 +42,7 @@ class Measurements:
     dark_variance_slope: Value  # against exposure
     read_method: str
     # Of the reference dark frames, standard uncertainty where the dark levels do not lie on a line, DN
-    unsure_charge_dn: float = 0.0
+    charge_uncertainty_dn: float = 0.0
     step: float = 1.0  # distance of the converter's codes in the dark frames, DN
     row_variance: Value = NO_LINES  # temporal, of a frame: the parts of the read variance that rows
     column_variance: Value = NO_LINES  # and columns share
@@ -114,7 +114,7 @@ class Measurements:
         )
 
     def without_dark_shot_noise(self, exposure_s: float) -> Measurements:
-        """Return the measurements with the shot noise of the dark current, K (dark slope) t, taken off the read noise.
+        """Return the measurements without the shot noise of the dark current, K (dark slope) t, in the read noise.
 
         A sensor file holds read noise and dark current, and a simulation adds both. Without gain, the slope of the dark
         variance is that of the shot noise. Where the dark slope contradicts the dark variance, the read noise is the
@@ -129,10 +129,10 @@ class Measurements:
         read = self.read_variance
         if isinstance(read, Missing):
             return self
-        # The shot noise of an unsure charge: at most the whole.
-        if self.unsure_charge_dn > 0.0:
-            unsure = math.inf if isinstance(gain, Missing) else gain.value * self.unsure_charge_dn
-            read += Uncertain.of(0.0, min(unsure, max(read.value, 0.0)))
+        # The shot noise of the charge's uncertainty: at most all of the read noise.
+        if self.charge_uncertainty_dn > 0.0:
+            shot = math.inf if isinstance(gain, Missing) else gain.value * self.charge_uncertainty_dn
+            read += Uncertain.of(0.0, min(shot, max(read.value, 0.0)))
         left = derive(lambda gain, slope: read - gain * slope * exposure_s, gain, self.dark_slope)
         if isinstance(left, Missing):
             return replace(self, read_variance=read)

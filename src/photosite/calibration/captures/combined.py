@@ -75,7 +75,7 @@ class CombinedCapture:
     output_gain_dn_per_e
         Linear output per electron of this capture.
     system_gain_dn_per_e
-        Number of its own converter per electron, where the output shows the steps of this converter.
+        Number of this capture's converter per electron, where the output shows the steps of this converter.
     read_noise_e
         Temporal dark noise, less the quantization of its converter where this is known. For a capture that adds the
         charge beyond the well of another one, that of both readings.
@@ -203,7 +203,7 @@ def calibrate_combined(
     Parameters
     ----------
     frames
-        Dark frames and flat fields, each level with two frames or more. A capture needs three levels of its own.
+        Dark frames and flat fields, each level with two frames or more. A capture needs three levels with no other.
     sensor
         The sensor as known before, for its companding table; default `frames.sensor`.
     companding

@@ -43,7 +43,7 @@ class CaptureCalibration(Diagnosed, Reported, Tabular):
     Parameters
     ----------
     captures
-        The calibration of each capture by its name: system gain, read noise, saturation capacity and the others.
+        The calibration of each capture by its name, with all parameters of one gain setting.
     signal_ratio
         Signal of each capture but the first over that of the first at the same light, in digital numbers.
     sensitivity_ratio

@@ -24,7 +24,7 @@ DECODED_NUMBERS = DiagnosticKind(
     "decoded-companding",
     "warning",
     "Neighboring numbers are farther apart at high levels than at low ones: companded numbers were decoded.",
-    "The quantization noise of each level was taken off its temporal variance.",
+    "The quantization noise of each level was subtracted from its temporal variance.",
     "Nothing, or use the companded numbers with their table (--linearize).",
     ("system_gain_dn_per_e",),
     "largest distance of the numbers, DN",
@@ -49,7 +49,7 @@ def digital_gains(evidence: Evidence) -> Iterator[Diagnostic]:
             text += f": numbers of {bits} bits stretched to {reduction.frames.bits} bits"
         yield DIGITAL_GAIN(
             f"{text}; the system gain holds for the numbers of the file, quantization noise of "
-            f"{level.quantisation:.3g} DN² was taken off in place of 1/12 DN², and figures from the converter's "
+            f"{level.quantisation:.3g} DN² was subtracted in place of 1/12 DN², and figures from the converter's "
             f"bit depth (millivolts) are wrong by the gain; use raw numbers if the camera gives them",
             steps.step,
         )

@@ -54,7 +54,7 @@ SATURATED_DARKS = _refusal(
 IDENTICAL_FRAMES = _refusal(
     "identical-frames",
     "The frames of a group differ in no pixel, or much less than brighter ones.",
-    "Use independent frames, not copies.",
+    "Use independent frames.",
 )
 DARK_FLATS = _refusal(
     "dark-flats",
@@ -114,7 +114,7 @@ def impossible_darks(reduction: Reduction) -> None:
                 )
             if level.repeated and level.variance == 0.0:
                 what = f"the {level.frames} frames do not differ in a single pixel"
-                raise reduction.error(IDENTICAL_FRAMES, what, "Use independent frames, not copies", group, name)
+                raise reduction.error(IDENTICAL_FRAMES, what, "Use independent frames", group, name)
 
 
 def dark_flats(reduction: Reduction) -> None:
@@ -148,7 +148,7 @@ def identical_flats(reduction: Reduction) -> None:
                     IDENTICAL_FRAMES,
                     f"the {level.frames} frames nearly agree (variance {level.variance:.2g} DN^2), but brighter flats "
                     f"do ({min(brighter):.2g} DN^2 or more)",
-                    "Use independent frames, not copies",
+                    "Use independent frames",
                     entry,
                     name,
                 )

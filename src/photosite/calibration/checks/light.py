@@ -47,7 +47,7 @@ def fast_shutter(evidence: Evidence) -> Iterator[Diagnostic]:
     explained = len(darks) > 1 and too_short_for_dark_current(darks) is not None
     if shortest < SHORTEST_S and not explained:
         yield FAST_SHUTTER(
-            f"the exposure times range from {shortest:.3g} to {longest:.3g} s, and hardly a shutter is as fast as the "
+            f"the exposure times range from {shortest:.3g} to {longest:.3g} s, shorter than most shutters allow at the "
             f"shortest; in another unit (an EMVA descriptor has nanoseconds), dark current and dark voltage are wrong "
             f"by the same factor; check the unit in the protocol or descriptor",
             shortest,
@@ -85,7 +85,7 @@ def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
             yield LIGHT_LEAK(
                 f"the dark signal grows by {slope.value:.3g} DN/s, {100 * slope.value / rate:.2g} % of the dimmest "
                 f"flats (to {longest.levels[channel.index].mean:.4g} DN at {format_exposure(longest.group.exposure_s)} "
-                f"s), which is much for dark current; a light leak would falsify dark current and DCNU",
+                f"s), unusually high for dark current; a light leak would bias dark current and DCNU",
                 slope.value,
             )
             return

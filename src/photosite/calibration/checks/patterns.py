@@ -1,4 +1,4 @@
-"""Checks of the fixed pattern: periods, taps, and pixels far from all others."""
+"""Checks of the fixed pattern: periods, taps, and outlying pixels."""
 
 from __future__ import annotations
 

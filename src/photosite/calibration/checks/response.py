@@ -66,8 +66,8 @@ def bend_or_light(evidence: Evidence) -> Iterator[Diagnostic]:
 FLICKER = DiagnosticKind(
     "flickering-light",
     "warning",
-    "Rows of flat fields vary from frame to frame, as under a rolling shutter in a light that flickers.",
-    "The noise of the bands was taken off the temporal variances.",
+    "Rows of flat fields vary from frame to frame, as under a rolling shutter in flickering light.",
+    "The noise of the bands was subtracted from the temporal variances.",
     "Use a light with a constant current, or exposure times that are multiples of its period.",
     ("system_gain_dn_per_e", "prnu*"),
     "standard deviation of the rows as a fraction of the signal",
@@ -79,7 +79,7 @@ def shared_noise(evidence: Evidence) -> Iterator[Diagnostic]:
     """Flicker of the light, and noise that pixels or successive frames share."""
     noise = evidence.light.noise
     if noise.flicker is not None:
-        text = f"{noise.flicker}; its noise was taken off the temporal variances of the flat fields"
+        text = f"{noise.flicker}; its noise was subtracted from the temporal variances of the flat fields"
         yield FLICKER(text, noise.flicker.fraction)
     if noise.shared is not None and noise.shared.seen:
         yield SHARED_NOISE(str(noise.shared), noise.shared.frames or max(noise.shared.neighbors or (0.0,), key=abs))

@@ -172,8 +172,8 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
     Parameters
     ----------
     evidence
-        What is known of the frames. There is no map of the response without flat fields, and none of the dark rate with
-        a single dark exposure time.
+        Measured quantities of the frames. The map of the response needs flat fields, that of the dark rate several dark
+        exposure times.
     glow
         The glow, which does not make pixels hot.
     progress

@@ -314,7 +314,7 @@ def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalParts, method
 
 
 def _bands(look: StackResiduals, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:
-    """Find periods in the line means of the mean frame, and of single frames about them."""
+    """Find periods in the line means of the mean frame, and of the deviations of each frame from them."""
     rows, cols = mean.sum.shape
     height, width = tile.shape
     row_means = look.lines[0].sum(axis=2, dtype=np.float64) / cols

@@ -3,7 +3,7 @@
 A camera without a pedestal clips the lower half of its dark noise, so that the remaining spreads are not those of the
 sensor. The model is that of the sensor file: pixel means are normal around the black level (DSNU); a pixel's numbers
 are normal around its mean (read noise), rounded to whole numbers, and 0 below 1/2. The likelihood (a Tobit model with
-two levels) has its maximum at the sensor's values, and its curvature there gives their uncertainty (Tobin, Econometrica
+two levels) is largest at the true values, and its curvature there gives their uncertainty (Tobin, Econometrica
 26 (1958) 24; Amemiya, J. Econometrics 24 (1984) 3).
 """
 

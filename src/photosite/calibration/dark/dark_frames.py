@@ -81,7 +81,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         dsnu = _dsnu_variance(moments, zero, k)
         if zero is not mean and slopes is not None:
             largest = max(reference.levels[k].spatial_variance, dsnu.value)
-            dsnu += _of_unsure_charge(lines[k].mean.unsure, slopes[k], largest)
+            dsnu += _dsnu_uncertainty_from_charge(lines[k].mean.charge_uncertainty_dn, slopes[k], largest)
         measured = replace(
             measure_dark_level(lines[k], reference.levels[k], reference.label),
             dsnu_variance=dsnu,
@@ -178,7 +178,7 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
         dark_variance=derive(lambda variance: variance + of_pixels, lines.variance.at_zero),
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
-        unsure_charge_dn=lines.mean.unsure,
+        charge_uncertainty_dn=lines.mean.charge_uncertainty_dn,
         step=level.step,
         dark_exposure=dark_exposure(lines),
     )
@@ -222,11 +222,11 @@ def _dsnu_variance(moments: Moments, dark: GroupMean, channel: int) -> Uncertain
     return Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
 
 
-def _of_unsure_charge(unsure_dn: float, spread: SlopeSpread, largest: float) -> Uncertain:
-    """Return the uncertainty of DSNU^2 from a dark charge that is off by `unsure_dn`: it spreads as the slopes do."""
-    if unsure_dn == 0.0 or spread.mean == 0.0:
+def _dsnu_uncertainty_from_charge(charge_dn: float, spread: SlopeSpread, largest: float) -> Uncertain:
+    """Return the uncertainty of DSNU^2 from a dark charge that is off by `charge_dn`: it spreads as the slopes do."""
+    if charge_dn == 0.0 or spread.mean == 0.0:
         return Uncertain(0.0)
-    return Uncertain.of(0.0, min(unsure_dn**2 * max(spread.variance.value, 0.0) / spread.mean**2, largest))
+    return Uncertain.of(0.0, min(charge_dn**2 * max(spread.variance.value, 0.0) / spread.mean**2, largest))
 
 
 def _with_censored_fit(

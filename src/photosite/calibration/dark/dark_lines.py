@@ -162,7 +162,7 @@ class DarkLine:
         return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
 
     @property
-    def unsure(self) -> float:
+    def charge_uncertainty_dn(self) -> float:
         """Standard uncertainty of the intercept where the points scatter about the line beyond chance, else 0.
 
         Their exposure times may be wrong then. Few degrees of freedom count by their 95 % interval.

@@ -52,7 +52,7 @@ class BlackLevelSeries(Finding, Shown):
     Parameters
     ----------
     drift_dn, drift_e
-        Standard deviation of the black level over the frames of the longest series, noise taken off.
+        Standard deviation of the black level over the frames of the longest series, without noise.
     frames
         Number of frames of the longest series.
     significant

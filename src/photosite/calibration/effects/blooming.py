@@ -45,7 +45,7 @@ class BloomingResult(Finding, Shown):
     Parameters
     ----------
     kept
-        The fraction; what an anti-blooming drain removes is the rest.
+        The fraction; an anti-blooming drain removes the remainder.
     overflow_dn, column_dn
         (pixels,) dark signal of each overflowing pixel above saturation, and the charge beside it in its column.
     uncertainty_dn

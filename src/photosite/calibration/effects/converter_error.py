@@ -104,7 +104,7 @@ class ConverterCodes(Finding, Shown):
     smooth_codes
         Number of codes over which the moving polynomial extends, at the level with the most noise.
     dnl_rms_lsb, inl_rms_lsb
-        Root mean squares over the covered codes, noise taken off.
+        Root mean squares over the covered codes, without noise.
     significant
         Whether there is an error beyond chance.
     white_dn, fraction
@@ -402,7 +402,7 @@ def _coefficients(reach: int, slope: bool) -> Array:
 def _fast(widths: Array, densities: Sequence[SmoothDensity]) -> Array:
     """Return the widths without what the rounds of `_widths` take for a change of the density.
 
-    A round takes off the moving polynomial of what the rounds before have left out: after n rounds, its n-th power is
+    A round subtracts the moving polynomial of what earlier rounds left: after n rounds, its n-th power is
     missing.
     """
     slow = widths

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
 
 _FAR = 3.29
-"""Distance from theory in standard uncertainties from which the result says so: 1 in 1000."""
+"""Distance from theory in standard uncertainties from which the result has a warning: 1 in 1000."""
 _BY_PHOTONS = "ratio of the responsivities"
 _BY_EXPOSURE = "ratio of the slopes of the signal against the exposure time, in constant light"
 

@@ -195,8 +195,8 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
     places, others = (tuple(PLACES[k] for k in np.flatnonzero(members[n])) for n in (first, second))
     if of_set[first] - of_set[second] < AMBIGUOUS:
         named = " or ".join(" and ".join(found).replace("_", " ") for found in (places, others))
-        unsure = EFFECT_NOT_MEASURED.missing(f"the map of the dark current does not tell where the glow is: {named}")
-        return GlowMap(values, scatter, (rows, cols), places, *(Estimate.of(unsure, _METHOD),) * 3)
+        reason = EFFECT_NOT_MEASURED.missing(f"the map of the dark current does not tell where the glow is: {named}")
+        return GlowMap(values, scatter, (rows, cols), places, *(Estimate.of(reason, _METHOD),) * 3)
     theta, covariance, scatter = _fit(y, places, float(decays[at]), (rows, cols), side)
     peak, log_decay = correlated(theta[1:], covariance[1:, 1:], count - 3.0)
     decay = log_decay.apply(math.exp, math.exp)

@@ -1,4 +1,4 @@
-"""Distribution of the dark current over the pixels: fraction and size of hot pixels, and the others without them."""
+"""Distribution of the dark current over the pixels: fraction and size of hot pixels, and the body without them."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _measure(evidence: Evidence) -> DarkDistribution | Missing:
     if chip is None:
         return NO_MAPS.missing(evidence.no_maps)
     if rate is None or chip.dark_rate_uncertainty_dn_per_s is None:
-        return EFFECT_NOT_MEASURED.missing("there is no map of the dark current")
+        return EFFECT_NOT_MEASURED.missing("the dark current has no map")
     frames = evidence.reduction.frames
     top = (1 << frames.bits) - 1.0
     if parameters.saturation_dn.value is not None:

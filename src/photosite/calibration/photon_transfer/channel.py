@@ -320,7 +320,7 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
 
 
 def _free_line(x: Array, y: Array, uncertainty: Array, used: NDArray[np.bool_]) -> Fit | None:
-    """Return the line with a constant of its own, for points whose dark value is unknown."""
+    """Return the line with a fitted constant, for points whose dark value is unknown."""
     if len(np.unique(x[used])) < 2:
         return None
     return fit_linear(np.vander(x[used], 2, increasing=True), y[used], np.diag(uncertainty[used] ** 2))

@@ -78,7 +78,7 @@ def find_dark_noise_ratio(channels: Sequence[Channel]) -> DarkNoiseRatio | None:
 def _ratio(channel: Channel) -> DarkNoiseRatio | None:
     levels = channel.levels
     take = channel.used & levels.repeated & (levels.signal > 0.0)
-    # Without the bend of the response, as far as it is known.
+    # Without the bend of the response, where that is known.
     straight = channel.straightening()
     y, v = levels.signal[take], (straight * levels.shot)[take]
     if len(np.unique(y)) < LEAST_LEVELS or y.max() < LEAST_RANGE * y.min():

@@ -135,7 +135,8 @@ def linearity(
 
     Full scale (R3.0). The line is that of plain least squares over the same range; the deviation is
     100 (y - a0 - a1 H) / (0.9 y_sat), 0.9 being the range's part of the full scale, and LE is half of the difference
-    between highest and lowest. Small signals hardly count, so it hides the errors of a camera with high dynamic range.
+    between highest and lowest. Small signals have little weight, so it hides the errors of a camera with high dynamic
+    range.
 
     Parameters
     ----------

@@ -184,7 +184,7 @@ SUSPECTED = 2.0
 """Standard uncertainties of the mean correlation with the next pixels above which it widens the gain's uncertainty."""
 
 LARGEST_IN_DOUBT = 0.1
-"""Correction of photon transfer up to which it is made in doubt about the cause."""
+"""Largest correction of photon transfer that is made when its cause is uncertain."""
 
 IN_DOUBT = 0.5
 """Standard uncertainty that such a doubt adds, as a fraction of the correction: the interval then reaches from none to
@@ -510,7 +510,7 @@ class SharedCharge:
         """Standard uncertainty of the factor where a filter in the camera may be the cause."""
         return IN_DOUBT * abs(self.factor.value - 1.0)
 
-    def in_doubt(self) -> SharedCharge:
+    def with_uncertain_cause(self) -> SharedCharge:
         """Return the correction with the uncertainty of a doubt about the cause."""
         return replace(self, factor=self.factor + Uncertain.of(0.0, self.doubt))
 
@@ -567,7 +567,7 @@ class SharedNoise:
 
         The second is missing where the covariances are not the sensor's. The channels share pixel pairs, so the error
         of their factors counts as one, the weighted mean. The covariances of the levels contain the errors as if they
-        were independent, which weights the channels; 1 +- the error has the rest.
+        were independent, which weights the channels; 1 +- the error has the remainder.
         """
         if isinstance(self.charge, Missing):
             return list(channels), self.charge
@@ -668,7 +668,7 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
     if largest > LARGEST_IN_DOUBT:
         why = f"{seen_correlations(neighbors, frames)}, {doubt}, which would change the gain by {100.0 * largest:.2g} %"
         return SharedNoise(neighbors, frames, SHARED_NOISE.missing(why))
-    return SharedNoise(neighbors, frames, tuple(entry.in_doubt() for entry in charge), doubt)
+    return SharedNoise(neighbors, frames, tuple(entry.with_uncertain_cause() for entry in charge), doubt)
 
 
 def _correlation_with_next(shot: Sequence[NoiseCovariance]) -> Uncertain:

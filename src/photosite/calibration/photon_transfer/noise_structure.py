@@ -71,7 +71,7 @@ class NoiseStructure:
         """Return a warning for each kind: its size, and what it means for the results."""
         found = []
         if self.flicker is not None:
-            found.append(f"{self.flicker}; its noise was taken off the temporal variances of the flat fields")
+            found.append(f"{self.flicker}; its noise was subtracted from the temporal variances of the flat fields")
         if self.shared is not None and self.shared.seen:
             found.append(str(self.shared))
         return found

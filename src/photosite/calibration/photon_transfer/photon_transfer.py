@@ -179,8 +179,8 @@ class Saturation:
     Parameters
     ----------
     index, signal
-        The light level with the largest temporal variance (EMVA 1288 R4.0), or the brightest of single frames, and its
-        signal, DN, dark subtracted; None where no level is saturated.
+        The light level with the largest temporal variance (EMVA 1288 R4.0), or the brightest of levels with one frame,
+        and its signal, DN, dark subtracted; None where no level is saturated.
     x
         Amount of light at the largest variance; its uncertainty is that of a step between levels.
     level_dn, level_method

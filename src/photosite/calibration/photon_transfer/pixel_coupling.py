@@ -77,7 +77,7 @@ def fit_coupling(
     """Fit the coupling to the covariances of the shot noise, which are the autocorrelation of its kernel.
 
     The charge of pixels that are coupled by the kernel w has the covariances sum_k w(k) w(k - lag) N(k), where N is the
-    shot noise of the pixel at k: that of its own color.
+    shot noise of the pixel at k: that of its color.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ def unknown_variance(
 
 
 def unknown_dark_current(shortest_s: float, longest_s: float, reason: str) -> Missing | None:
-    """Return why flat fields of a range of exposure times hold an unknown dark current; None where they hardly do."""
+    """Return why flat fields of a range of exposure times hold an unknown dark current; None where it is negligible."""
     if not longest_s - shortest_s > CONSTANT_S:
         return None
     return UNKNOWN_DARK_CURRENT.missing(

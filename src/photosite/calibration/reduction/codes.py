@@ -271,7 +271,7 @@ class Sums:
         return (
             f"the flat fields are clipped at {self.number} times the full scale of {self.bits} bits: each number is "
             f"the sum of {self.number} of the converter's (binned pixels or averaged frames); gain, wells and noise "
-            f"hold for the sums, and the quantization noise of {self.number} codes was taken off"
+            f"hold for the sums, and the quantization noise of {self.number} codes was subtracted"
         )
 
 
@@ -280,7 +280,7 @@ SUMMED_CODES = DiagnosticKind(
     "warning",
     "The flat fields are clipped at a multiple of a smaller converter's full scale.",
     "Each number is the sum of several of the converter's (binned pixels or averaged frames): gain, wells and noise "
-    "are those of the sums, and their quantization noise was taken off.",
+    "are those of the sums, and their quantization noise was subtracted.",
     "Switch binning and averaging off, if single pixels are wanted.",
     ("system_gain_dn_per_e", "saturation_*", "read_noise_*"),
     "number of codes in a sum",

@@ -2,7 +2,7 @@
 
 Dark charge adds to the mean, and its shot noise to the temporal variance. Frames of another exposure time, or frames
 that light fell on, deviate from both lines against exposure by the same charge. A black level that moves leaves the
-variance as it is.
+variance unchanged.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Frames of another chip, gain or binning among the rest, singly or as groups: their pattern or noise is another.
+"""Detect frames from another chip, gain setting or binning, by their pattern and noise.
 
 Frames of one chip share its fixed pattern, so that their deviations from a smooth frame are correlated, by the variance
 of that pattern. Frames of another chip of the same model have the same mean and noise, and no such correlation. Where
@@ -172,7 +172,7 @@ FOREIGN_FRAMES = DiagnosticKind(
     "left out",
     "The fixed pattern of a frame or a group is not that of the others.",
     "It comes from another chip, gain setting or binning, and was left out.",
-    "Remove the frames, or calibrate them by themselves.",
+    "Remove the frames, or calibrate them separately.",
     false_alarms="below 1 of 1000 sets",
 )
 

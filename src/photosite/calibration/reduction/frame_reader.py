@@ -86,7 +86,7 @@ REPEATED_FRAME = DiagnosticKind(
     "repeated-frame",
     "left out",
     "A frame repeats another pixel for pixel.",
-    "The copy was left out: it has no noise of its own.",
+    "The copy was left out: its noise is that of the other frame.",
     "Look for a camera or program that writes a frame twice.",
     false_alarms="none: frames are compared",
 )

@@ -9,7 +9,7 @@ pixels in 8 x 8 blocks. Three scores measure its deviation; a score above 1 mark
 - noise: a pixel's deviation from the median pattern, in units of three times that of the other frames plus 10 % of the
   signal plus half a DN.
 
-Where the frames of a group scatter by themselves (a flickering lamp), the limits rise with them, up to 2: six times the
+Where the frames of a group scatter (a flickering lamp), the limits rise with them, up to 2: six times the
 scatter of the levels by the median absolute deviation, four times the median of the blocks' scores. With steady frames
 and normal noise a score near 1 occurs once in 10^8 blocks; under a lamp that scatters by 5 % from frame to frame, in
 less than one of 10 000 frames. Not detected: a lamp off by less than 20 %, a defect smaller than a sixteenth of the
@@ -80,7 +80,7 @@ NEAR_COPY_FRAME = DiagnosticKind(
     "near-copy",
     "left out",
     "A frame repeats an earlier one in nearly all pixels.",
-    "The copy was left out: it has no noise of its own.",
+    "The copy was left out: its noise is that of the other frame.",
     "Look for a camera or program that writes a frame twice.",
     size="sampled pixels that differ",
     false_alarms="none with a noise of 0.002 DN or more",

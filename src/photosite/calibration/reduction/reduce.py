@@ -91,7 +91,7 @@ SEVERAL_CHIPS = DiagnosticKind(
     "refused",
     "The groups have different fixed patterns, and none has the majority.",
     "There is no result: the frames are those of several chips.",
-    "Calibrate the frames of each chip by themselves.",
+    "Calibrate the frames of each chip separately.",
     ("*",),
 )
 
@@ -100,7 +100,7 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     """Read every frame once and return the statistics of each group.
 
     Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. A few groups of another chip, and
-    dark frames whose exposure time is wrong, are left out, and the others are read again.
+    dark frames whose exposure time is wrong, are left out, and the remaining frames are read again.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def _foreign_groups(
                 SEVERAL_CHIPS,
                 f"the fixed pattern of the {', '.join(entry.label for entry in others)} is not that of the other "
                 f"{others[0].group.kind} frames, and neither has the majority: the frames are those of several chips",
-                "Calibrate the frames of each chip by themselves",
+                "Calibrate the frames of each chip separately",
             )
         foreign += [entry.group for entry in others]
     return foreign

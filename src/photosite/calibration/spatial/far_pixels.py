@@ -1,4 +1,4 @@
-"""Pixels far from all others, such as dead columns and stuck pixels, that make much of a fixed pattern's variance."""
+"""Outlying pixels, such as dead columns and stuck pixels, that dominate the variance of a fixed pattern."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class FarPixels:
 
     def __str__(self) -> str:
         return (
-            f"{self.count} pixels far from all others, such as dead or stuck ones, make {100 * self.fraction:.3g} % of "
+            f"{self.count} outlying pixels, such as dead or stuck ones, make {100 * self.fraction:.3g} % of "
             f"the variance of the {self.what}, which is that of all pixels, as are its parts of rows and columns. Maps "
             f"(--maps) list them"
         )

@@ -1,7 +1,7 @@
 """Stage "spatial": the fixed pattern, from mean frames of the linear range.
 
 The linear range is known once all light levels have been read. To limit memory, mean frames are kept up to a fixed size
-until then, and the others that lie in the linear range are read again.
+until then, and those that lie in the linear range are read again.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def measure_fixed_pattern(
     brightest = max(clear or groups, key=lambda i: lights[i].levels[0].mean, default=None)
     gains: dict[int, Parts | Missing] = {}
     structure = None
-    # The readout channels are those of the brightest flat fields, and are taken off the others.
+    # The readout channels are those of the brightest flat fields, and are subtracted from the others.
     for i in sorted(groups, key=lambda i: i != brightest):
         mean, values = reader.mean(lights[i].group), None
         if i == brightest:
@@ -427,7 +427,7 @@ def _shading(
 
 
 def _fraction_left(channel: Channel, coefficients: Mapping[int, float], lights: Sequence[GroupStatistics]) -> float:
-    """Return the fraction of the relative variance of single frames that is left in the per-pixel slopes."""
+    """Return the fraction of a frame's relative variance that is left in the per-pixel slopes."""
     of_group = {int(i): float(signal) for i, signal in zip(channel.levels.group, channel.levels.signal, strict=True)}
     parts = {i: weight * of_group[i] for i, weight in coefficients.items()}
     return sum(part**2 / lights[i].frames for i, part in parts.items()) / sum(parts.values()) ** 2

@@ -38,7 +38,7 @@ class TemporalParts:
         return self.pixel + self.row + self.column
 
     def with_bands(self) -> TemporalParts:
-        """Return the parts with bands as the noise of rows: their mean over frames scatters as much as it is large."""
+        """Return the parts with bands as the noise of rows: their mean over frames scatters by its own size."""
         return TemporalParts(self.pixel, Uncertain.of(self.row.value, abs(self.row.value)), self.column)
 
     def scaled(self, factor: float) -> TemporalParts:

@@ -59,7 +59,7 @@ BY_CHANCE = 1e-4
 UNSTATED_MOSAIC = DiagnosticKind(
     "unstated-mosaic",
     "warning",
-    "The flat fields differ with the period of a color filter array that is not stated, or not as it is.",
+    "The flat fields differ with the period of a color filter array that is not stated, or wrongly stated.",
     "Figures of the light that compare pixels are withheld or wrong, because pixels of several colors are one channel.",
     "State the color filter array (--cfa).",
     ("prnu*", "shading_percent", "column_gain_percent"),
