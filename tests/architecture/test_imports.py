@@ -53,8 +53,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
 
 
 OPEN_CIRCLES: set[str] = {
-    "photosite.calibration.export.measured_sensor",
-    "photosite.calibration.result",
     "photosite.camera.camera",
     "photosite.camera.gpu_camera",
     "photosite.camera.image_over_time",

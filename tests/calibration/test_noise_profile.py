@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 import photosite as ps
-from photosite.calibration.export.measured_sensor import calibration_noise_profile
+from photosite.calibration.export.noise_profile import calibration_noise_profile
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.values.estimate import Estimate

@@ -19,7 +19,7 @@ from photosite.app.places import Places
 from photosite.app.recorded_warnings import recorded_warnings
 from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.captures.each_capture import CaptureCalibration
-from photosite.calibration.export.measured_sensor import calibration_noise_profile
+from photosite.calibration.export.noise_profile import calibration_noise_profile
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.photon_transfer.channel import Curve

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
-from photosite.calibration.effect import Findings, effects
+from photosite.calibration.effect import effects
 from photosite.calibration.effects.black_level_drift import BlackLevelSeries
 from photosite.calibration.effects.blooming import BloomingResult
 from photosite.calibration.effects.charge_transfer import TransferLoss
@@ -17,8 +16,8 @@ from photosite.calibration.effects.converter_error import ConverterCodes
 from photosite.calibration.effects.glow import GlowMap
 from photosite.calibration.effects.hot_pixels import DarkDistribution
 from photosite.calibration.effects.readout_channels import ChannelDifferences
-from photosite.calibration.effects.response_curve import ResponseCurves
 from photosite.calibration.emva1288 import EMVA1288, emva1288_figures
+from photosite.calibration.export.measured_sensor import MeasuredSensor
 from photosite.calibration.finding import Finding
 from photosite.calibration.light.flicker import Flicker
 from photosite.calibration.parameters import Parameters
@@ -26,17 +25,13 @@ from photosite.calibration.photon_transfer.channel import Curve, LinearRange
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling
-from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.snr import SnrCurve
-from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
 from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
-from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.effects.readout_channels import ReadoutChannels
-from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import Diagnosed, Diagnostic, texts
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Reported, ResultTable, clipped, drawn
-from photosite.values.uncertain import JointCovariance, Missing, Uncertain, Value
+from photosite.values.uncertain import JointCovariance, Missing, Uncertain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +40,7 @@ _Found = TypeVar("_Found", bound=Finding)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration(Diagnosed, Reported, Parameters):
+class Calibration(Diagnosed, Reported, MeasuredSensor):
     """The result of `calibrate`. Each parameter is an attribute: `cal.read_noise_mv.value`.
 
     Parameters
@@ -89,30 +84,18 @@ class Calibration(Diagnosed, Reported, Parameters):
 
     by_line: Parameters
     channels: Mapping[str, Parameters]
-    clipped_electrons: Value
     curves: Mapping[str, Mapping[str, Curve]]
     linear_range: Mapping[str, LinearRange]
     diagnostics: tuple[Diagnostic, ...]
-    frames_used: tuple[UsedFrame, ...]
-    source: str
-    rows: int
-    cols: int
-    bits: int
     cfa: tuple[tuple[str, ...], ...]
-    base: Sensor | None = None
-    findings: Findings = field(repr=False)
-    electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
     dsnu1288_exposure_s: Mapping[str, float] = field(default_factory=dict)
     model: Literal["linear", "general"] = "general"
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
-    chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
     no_maps_reason: str | None = None
-    gain_setting: float | None = None
-    temperature_c: tuple[float, float] | None = None
 
     @property
     def rejected(self) -> tuple[str, ...]:
@@ -122,12 +105,6 @@ class Calibration(Diagnosed, Reported, Parameters):
     def _found(self, name: str, kind: type[_Found]) -> _Found | None:
         found = self.findings[name]
         return found if isinstance(found, kind) else None
-
-    @property
-    def response_curve(self) -> Mapping[str, ResponseCurve]:
-        """Electrons against the signal, for each channel whose response bends."""
-        found = self._found("response_curve", ResponseCurves)
-        return {} if found is None else found.curves
 
     @property
     def readout_channels(self) -> ReadoutChannels | None:
@@ -197,40 +174,6 @@ class Calibration(Diagnosed, Reported, Parameters):
         """
         return emva1288_figures(self.by_line, None if self.base is None else self.base.pixel_area_m2 * 1e12)
 
-    @property
-    def frame_count(self) -> int:
-        """Number of frames used."""
-        return len(self.frames_used)
-
-    @cached_property
-    def frame_digests(self) -> tuple[str, ...]:
-        """One SHA-256 per frame of `frames_used` (`frames_sha256`), computed from the frames on first access.
-
-        Raises
-        ------
-        FileError
-            If a frame is missing or has changed since.
-        """
-        return frames_sha256(self.frames_used)
-
-    @property
-    def frames_sha256(self) -> tuple[str, ...]:
-        """`frame_digests`, sorted, as stored in a sensor file."""
-        return tuple(sorted(self.frame_digests))
-
-    @property
-    def sensor(self) -> Sensor:
-        """The measured sensor: `base` with the measured parameters.
-
-        Raises
-        ------
-        CalibrationError
-            If `base` is None: frames do not show pixel size, spectral response or volts.
-        """
-        from photosite.calibration.export.measured_sensor import measured_sensor
-
-        return measured_sensor(self)
-
     def plot(self, kind: str = "photon_transfer", ax: Axes | None = None) -> Axes:
         """Draw one of `curves` for all channels on Matplotlib axes, new ones by default, and return them.
 
@@ -246,22 +189,6 @@ class Calibration(Diagnosed, Reported, Parameters):
         limits = f", warnings: {len(self.warnings)}" if self.warnings else ""
         title = f"Calibration of {clipped(self.source, 40)}: {self.frame_count} frames of {chip}{limits}"
         return replace(super()._table(), title=title)
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the sensor file, and the chip's maps beside it if there are any.
-
-        Warns of values that the base sensor assumes and these frames do not give: the file keeps them.
-
-        Raises
-        ------
-        CalibrationError
-            If `base` is None.
-        FileError
-            If a file cannot be written.
-        """
-        from photosite.calibration.export.measured_sensor import save_measured_sensor
-
-        save_measured_sensor(self, path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `photosite calibrate --json` prints; `glow` and `converter` are computed if they were not read.

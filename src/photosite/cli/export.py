@@ -151,7 +151,7 @@ class _Source:
 
     def profiles(self) -> Sequence[NoiseProfile]:
         """Return the noise profiles by increasing gain setting, or only that of --gain-setting."""
-        from photosite.calibration.export.measured_sensor import calibration_noise_profile
+        from photosite.calibration.export.noise_profile import calibration_noise_profile
         from photosite.calibration.gain_series.result import GainSeries
         from photosite.sensor.io.sensor_file import load_sensor
         from photosite.sensor.noise_profile import profile_at_setting, sensor_noise_profile

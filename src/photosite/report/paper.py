@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from photosite.calibration.export.measured_sensor import well_capacity
 from photosite.calibration.result import Calibration
 from photosite.report.figures.sensor import noise_budget_figure, spectral_sensitivity_figure
 from photosite.report.numbers import format_number, format_uncertain
@@ -79,7 +78,7 @@ def paper_blocks(calibration: Calibration) -> tuple[Block, ...]:
 def table_1(calibration: Calibration) -> Table:
     """Return Table 1 of the paper with the measured values."""
     paper, base = load_sensor("nikon-d200"), calibration.base
-    estimates = calibration.estimates() | {"well_capacity_e": well_capacity(calibration)}
+    estimates = calibration.estimates() | {"well_capacity_e": calibration.well_capacity}
     rows = []
     for line in _TABLE_1:
         entry = None if line.parameter is None else estimates[line.parameter]
