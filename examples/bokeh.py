@@ -21,14 +21,14 @@ for row, col in zip(random.integers(4, ROWS - 6, 40), random.integers(4, WIDTH -
 grid = np.arange(400.0, 701.0, 50.0)
 lights = ps.pictures.from_rgb(picture, "D65", 20.0, linear=True, wavelength_nm=grid, distance_m=40.0)
 pupils = {
-    "round aperture": ps.Pupil(),
-    "six blades": ps.Pupil(blades=6, rotation_deg=15),
-    "central obscuration of 0.5": ps.Pupil(obscuration=0.5),
+    "round aperture": ps.optics.Pupil(),
+    "six blades": ps.optics.Pupil(blades=6, rotation_deg=15),
+    "central obscuration of 0.5": ps.optics.Pupil(obscuration=0.5),
 }
 base = ps.DiffractionLimited(f_number=2, focal_length_mm=50)
 shown = []
 for name, pupil in pupils.items():
-    lens = ps.Lens(base, ps.Wavefront(pupil=pupil), focus_distance_m=3.0)
+    lens = ps.Lens(base, ps.optics.Wavefront(pupil=pupil), focus_distance_m=3.0)
     shown.append([(name, ps.develop(shoot(ps.Camera(lens, d200(ROWS, WIDTH)), lights)))])
 panels(shown)
 plt.show()

@@ -21,8 +21,8 @@ sensor = d200(ROWS, COLS)
 pixel_m = sensor.pixel.width_um.value * 1e-6
 corner_mm = float(np.hypot(ROWS, COLS)) / 2 * pixel_m * 1e3
 share = np.array([0.0, 0.4, 0.7, 0.9, 1.0, 1.1])
-barrel = ps.Distortion.from_percent(ps.FieldPoints(height_mm=share * corner_mm), -6.0 * share**2)
-fringes = ps.LateralColor.from_magnification([450.0, 550.0, 650.0], [1.01, 1.0, 0.99])
+barrel = ps.optics.Distortion.from_percent(ps.optics.FieldPoints(height_mm=share * corner_mm), -6.0 * share**2)
+fringes = ps.optics.LateralColor.from_magnification([450.0, 550.0, 650.0], [1.01, 1.0, 0.99])
 lenses = {
     "no distortion": ps.Lens(BASE),
     "barrel, 6 % at the corner": ps.Lens(BASE, distortion=barrel),

@@ -27,7 +27,7 @@ wood = replace(wood, weights=np.broadcast_to(wood.weights, (len(wood.weights), R
 field_m = COLS * sensor.pixel.width_um.value * 1e-6 / LENS.magnification(2.0)
 chart = ps.charts.macbeth("D65", 60, distance_m=2.0, width_m=0.6 * field_m)
 leaves = ps.charts.dead_leaves("D65", 60, rows=ROWS, cols=COLS, contrast=10, distance_m=3.0)
-scene = ps.Planes((ps.Plane(wood, opacity), ps.Plane(chart), ps.Plane(leaves)))
+scene = ps.scenes.Planes((ps.scenes.Plane(wood, opacity), ps.scenes.Plane(chart), ps.scenes.Plane(leaves)))
 daylight = ps.Camera(LENS, sensor).as_shot_neutral(ps.charts.uniform("D65", 1.0))  # the light of chart and leaves
 neutral = [float(part) for part in daylight.split(",")]
 shown = []

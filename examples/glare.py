@@ -25,8 +25,8 @@ scene = replace(chart, weights=np.concatenate([chart.weights, beside], axis=2))
 sensor = d200(336, round(WIDTH * scene.shape[1] / (scene.shape[1] - DARK)))
 glares = {
     "no glare": None,
-    "1 %, uniform": ps.VeilingGlare(0.01),
-    "1 %, near the source": ps.VeilingGlare(0.01, spread_m=1.2e-3),
+    "1 %, uniform": ps.optics.VeilingGlare(0.01),
+    "1 %, near the source": ps.optics.VeilingGlare(0.01, spread_m=1.2e-3),
 }
 shown = []
 for name, glare in glares.items():

@@ -17,14 +17,14 @@ from photosite.optics.point_spread import RadialPsf
 NM, HALF_UM, SAMPLES = 550.0, 14.0, 257
 LENS = ps.DiffractionLimited(f_number=4, focal_length_mm=50)
 WAVEFRONTS = {  # Zernike terms by Noll's number, RMS in nm
-    "no aberration": ps.Wavefront(),
-    "defocus": ps.Wavefront({4: 80.0}),
-    "coma": ps.Wavefront({8: 80.0}),
-    "astigmatism": ps.Wavefront({6: 80.0}),
-    "spherical aberration": ps.Wavefront({11: 80.0}),
-    "six blades": ps.Wavefront(pupil=ps.Pupil(blades=6)),
-    "obscured by 0.4": ps.Wavefront(pupil=ps.Pupil(obscuration=0.4)),
-    "obscured by 0.4, four vanes": ps.Wavefront(pupil=ps.Pupil(0.4, vanes=4, vane_width=0.02)),
+    "no aberration": ps.optics.Wavefront(),
+    "defocus": ps.optics.Wavefront({4: 80.0}),
+    "coma": ps.optics.Wavefront({8: 80.0}),
+    "astigmatism": ps.optics.Wavefront({6: 80.0}),
+    "spherical aberration": ps.optics.Wavefront({11: 80.0}),
+    "six blades": ps.optics.Wavefront(pupil=ps.optics.Pupil(blades=6)),
+    "obscured by 0.4": ps.optics.Wavefront(pupil=ps.optics.Pupil(obscuration=0.4)),
+    "obscured by 0.4, four vanes": ps.optics.Wavefront(pupil=ps.optics.Pupil(0.4, vanes=4, vane_width=0.02)),
 }
 
 

@@ -32,28 +32,31 @@ def picture(raw, white):
 
 
 moving = {
-    "at rest": (ps.Motion(), 1 / 1500),
-    "panned: 2500 pixels/s": (ps.Motion(cols_per_s=2500), 1 / 1500),
-    "turned: 2500 degrees/s": (ps.Motion(rotation_deg_per_s=2500), 1 / 1500),
-    "panned, 1/150 s": (ps.Motion(cols_per_s=2500), 1 / 150),
+    "at rest": (ps.scenes.Motion(), 1 / 1500),
+    "panned: 2500 pixels/s": (ps.scenes.Motion(cols_per_s=2500), 1 / 1500),
+    "turned: 2500 degrees/s": (ps.scenes.Motion(rotation_deg_per_s=2500), 1 / 1500),
+    "panned, 1/150 s": (ps.scenes.Motion(cols_per_s=2500), 1 / 150),
 }
 shown = []
 for title, (motion, exposure_s) in moving.items():
     # The exposure of the middle row is about time 0, when the wheel is in the middle.
     start_s = -SIZE / 2 * LINE_S - exposure_s / 2
     dimmed = replace(scene, basis=scene.basis / (1500 * exposure_s))
-    raw = camera.capture(ps.DynamicScene(dimmed, motion=motion), exposure_s, start_s=start_s, seed=2008)
+    raw = camera.capture(ps.scenes.DynamicScene(dimmed, motion=motion), exposure_s, start_s=start_s, seed=2008)
     shown.append((title, picture(raw, np.percentile(raw.dn, 99) - raw.black_level_dn)))
 panels([shown])
 
 exposure_s = 1 / 400
 wall = ps.charts.uniform("D65", 400)
-lamps = {"100 Hz, depth 0.4": ps.SineFlicker(100, depth=0.4), "LED, 100 Hz, duty 0.2": ps.PulseFlicker(100, duty=0.2)}
+lamps = {
+    "100 Hz, depth 0.4": ps.scenes.SineFlicker(100, depth=0.4),
+    "LED, 100 Hz, duty 0.2": ps.scenes.PulseFlicker(100, duty=0.2),
+}
 figure, axes = plt.subplots(1, 3, figsize=(7.36, 2.7), layout="constrained")
 steady_e = camera.mean_electrons(wall, exposure_s)
 for (title, lamp), axis in zip(lamps.items(), axes, strict=False):
-    raw = camera.capture(ps.DynamicScene(wall, flicker=lamp), exposure_s, seed=2008)
-    mean_e = camera.mean_electrons(ps.DynamicScene(wall, flicker=lamp), exposure_s)
+    raw = camera.capture(ps.scenes.DynamicScene(wall, flicker=lamp), exposure_s, seed=2008)
+    mean_e = camera.mean_electrons(ps.scenes.DynamicScene(wall, flicker=lamp), exposure_s)
     axis.imshow(picture(raw, raw.dn.max() - raw.black_level_dn), cmap="gray", vmin=0, vmax=1)
     axis.set_title(title)
     axis.set_axis_off()

@@ -17,7 +17,7 @@ sensor = ps.load_sensor("nikon-d200").with_(rows=PIXELS, cols=PIXELS)
 pitch_um = sensor.pixel.width_um.value
 filtered = sensor.with_(low_pass_filter={"split_x_um": pitch_um, "split_y_um": pitch_um})
 sharp, small, wide = (ps.DiffractionLimited(f_number=n, focal_length_mm=50) for n in (2.8, 8, 2))
-aberrations = ps.Wavefront({7: 70.0, 8: 90.0, 11: 110.0})  # coma and spherical aberration, RMS in nm
+aberrations = ps.optics.Wavefront({7: 70.0, 8: 90.0, 11: 110.0})  # coma and spherical aberration, RMS in nm
 cases = {
     "f/2.8": (sharp, sensor),
     "f/2.8, low-pass filter of one pixel": (sharp, filtered),

@@ -38,7 +38,9 @@ pixel_um = green.pixel.width_um.value
 heights = np.linspace(0, 1, 9)
 psf = np.stack([point_spread(height) for height in heights])[:, None]
 edge_mm = float(np.hypot(ROWS, COLS)) / 2 * pixel_um * 1e-3
-design = ps.LensDesign(np.array([NM]), psf, SPACING_UM, 0 * heights, heights * edge_mm, detail_um=pixel_um, nodes=17)
+design = ps.optics.LensDesign(
+    np.array([NM]), psf, SPACING_UM, 0 * heights, heights * edge_mm, detail_um=pixel_um, nodes=17
+)
 camera = ps.Camera(ps.Lens(BASE, blur=design), green)
 
 star = ps.charts.siemens_star("D65", 100, cycles=24, waveform="square", patches=False, rows=3 * SIDE, cols=3 * SIDE)

@@ -23,19 +23,19 @@ LENS = ps.DiffractionLimited(f_number=2, focal_length_mm=4)
 BATCH, WIDTH = 8, 16
 
 
-def pairs(scenes: list, serials: range, crops: int, seed: int) -> ps.data.PairDataset:
+def pairs(scenes: list, serials: range, crops: int, seed: int) -> ps.training.PairDataset:
     """Return patches of scenes, on chips of several serial numbers."""
     light = {"illuminants": ["D65", "A"], "white_luminance_cd_m2": 200}
-    source = ps.data.Scenes(scenes, LENS, samples_per_pixel=(0.25, 1.0), **light)
+    source = ps.training.Scenes(scenes, LENS, samples_per_pixel=(0.25, 1.0), **light)
     sensor = ps.load_sensor("google-pixel-4a").with_(rows=512, cols=512)
     sensor = sensor.with_(row_noise_mv=0.5 * sensor.noise.read_noise_mv.value)
     chips = [sensor.with_(serial=str(number)) for number in serials]
-    return ps.data.PairDataset(source, chips, crop=(64, 64), crops=crops, exposure_s=(1 / 1000, 1 / 15), seed=seed)
+    return ps.training.PairDataset(source, chips, crop=(64, 64), crops=crops, exposure_s=(1 / 1000, 1 / 15), seed=seed)
 
 
-def tensors(dataset: ps.data.PairDataset) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def tensors(dataset: ps.training.PairDataset) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Return clean and noisy frames (pairs, 4, rows / 2, cols / 2), black 0, and their noise by the sensor's model."""
-    batch = ps.data.collate(list(dataset), "torch", packed=True)
+    batch = ps.training.collate(list(dataset), "torch", packed=True)
     names = "black_level_dn", "noise_slope_dn", "noise_offset_dn2"
     black, slope, offset = (batch.metadata[name].float()[:, None, None, None] for name in names)
     noisy = batch.noisy.float() - black

@@ -162,7 +162,17 @@ def _made_again(kind: type[Any], positional: tuple[Any, ...], fields: dict[str, 
 
 
 class PhotositeError(_Fields):
-    """Base class of the exceptions that photosite raises on purpose."""
+    """Base class of the exceptions that photosite raises on purpose.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> try:
+    ...     ps.DiffractionLimited(f_number=0, focal_length_mm=50)
+    ... except PhotositeError as error:
+    ...     error.what, error.value
+    ('f_number', 0)
+    """
 
     def in_file(
         self, path: str | PathLike[str], line: int | None = None, spelling: Spelling | None = None
@@ -202,7 +212,13 @@ class PhotositeError(_Fields):
 
 
 class InputError(PhotositeError, ValueError):
-    """An argument is invalid."""
+    """An argument is invalid.
+
+    Examples
+    --------
+    >>> print(InputError("exposure_s", value=0.0, expected="above 0", hint="Give seconds, such as 0.005"))
+    exposure_s must be above 0, got 0.0. Give seconds, such as 0.005
+    """
 
 
 class FileError(PhotositeError):
@@ -214,6 +230,11 @@ class FileError(PhotositeError):
         The file, and its line counted from 1, where known.
     what, **fields
         As for the other exceptions; `where` is the section inside the file.
+
+    Examples
+    --------
+    >>> print(FileError("a.sensor.yaml", "rows", 3, value=0, expected="1 or more"))
+    a.sensor.yaml:3: rows must be 1 or more, got 0
     """
 
     def __init__(self, path: str | PathLike[str], what: str, line: int | None = None, **fields: Any) -> None:
@@ -249,15 +270,33 @@ class FileError(PhotositeError):
 
 
 class CalibrationError(PhotositeError):
-    """The frames cannot support the result that was asked for."""
+    """The frames cannot support the result that was asked for.
+
+    Examples
+    --------
+    >>> CalibrationError("all frames are dark", id="no-flats").id
+    'no-flats'
+    """
 
 
 class WorkerError(PhotositeError):
-    """Worker processes died repeatedly, or the scheduler that they belong to was lost."""
+    """Worker processes died repeatedly, or the scheduler that they belong to was lost.
+
+    Examples
+    --------
+    >>> print(WorkerError("4 workers died", hint="See the memory that they have"))
+    4 workers died. See the memory that they have
+    """
 
 
 class PhotositeWarning(_Fields, UserWarning):
-    """The result is valid within a limitation that the user should know."""
+    """The result is valid within a limitation that the user should know.
+
+    Examples
+    --------
+    >>> print(PhotositeWarning("the light is polarized", where="a.exr"))
+    a.exr: the light is polarized
+    """
 
 
 @contextmanager

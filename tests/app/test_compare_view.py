@@ -121,7 +121,7 @@ def test_a_light_from_a_file_changes_the_comparison(tmp_path: Path) -> None:
     found = compare(request, places)
     camera = ps.Camera(ps.DiffractionLimited(2.8, 50), ps.load_sensor("nikon-d200"))
     light = str(tmp_path / "lamp.csv")
-    own = ps.compare_cameras({"nikon-d200": camera}, illuminant=light, exposure_s=1 / 100).to_dict()
+    own = ps.studies.compare_cameras({"nikon-d200": camera}, illuminant=light, exposure_s=1 / 100).to_dict()
     assert found["illuminant"] == "lamp.csv"
     assert found["cameras"] == own["cameras"]
     assert found["cameras"] != compare(Comparison(exposure_s=1 / 100), places)["cameras"]

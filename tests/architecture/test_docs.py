@@ -18,7 +18,7 @@ from photosite.calibration.spectral.protocol import open_spectral
 from photosite.camera.file import load_camera
 from photosite.cli.main import cli
 from photosite.frames.raw_frame import RawFrame
-from photosite.studies.chart_spectral import open_chart
+from photosite.studies.chart_spectral import read_chart
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -82,12 +82,30 @@ def documented() -> list[str]:
     return re.findall(r"^   photosite\.([\w.]+)$", text, re.MULTILINE)
 
 
+def public_names() -> set[str]:
+    """The names that the stubs list, those of a group as `group.name`."""
+    groups = {name: getattr(ps, name) for name in ps.__all__ if inspect.ismodule(getattr(ps, name))}
+    inside = {f"{name}.{inner}" for name, group in groups.items() for inner in group.__all__}
+    return set(ps.__all__) - set(groups) | inside
+
+
+def test_the_page_of_names_lists_the_public_names() -> None:
+    rows = re.findall(
+        r"^\| ([^|]+) \| (`[^|]+) \|$", (DOCS / "reference" / "names.md").read_text("utf-8"), re.MULTILINE
+    )
+    prefix = {subject: f"{subject[4:-1]}." if subject.startswith("`ps.") else "" for subject, _ in rows}
+    listed = [prefix[subject] + name for subject, names in rows for name in re.findall(r"`(\w+)`", names)]
+    assert len(listed) == len(set(listed))
+    assert set(listed) == public_names()
+
+
 def test_the_reference_lists_every_public_name() -> None:
-    assert {name.split(".")[0] for name in documented()} >= set(ps.__all__) - {"__version__"}
+    constants = {name for name in public_names() if name.rpartition(".")[2].isupper()}
+    assert set(documented()) >= public_names() - constants
 
 
 def test_every_public_name_has_a_docstring_with_an_example() -> None:
-    public = [name for name in documented() if name.split(".")[0] in ps.__all__]
+    public = public_names() & set(documented())
     assert not [name for name in public if ">>>" not in (inspect.getdoc(operator.attrgetter(name)(ps)) or "")]
 
 
@@ -182,7 +200,7 @@ def test_the_examples_of_spectral_protocols_load(tmp_path: Path) -> None:
         (tmp_path / light.lower()).mkdir()
         camera.capture(ps.charts.macbeth(light, 40), 1 / 5).save(tmp_path / light.lower() / "1.dng")
     (tmp_path / "chart.yaml").write_text(example("spectral-protocol", number=1))
-    views, _ = open_chart(tmp_path / "chart.yaml")
+    views, _ = read_chart(tmp_path / "chart.yaml")
     assert views.wavelength_nm.tolist() == list(range(400, 701, 20))
     names = {name for model in (_Bands, _Band, _ChartProtocol, _Light) for name in model.model_fields}
     assert names <= fields_in_tables("spectral-protocol")

@@ -17,7 +17,7 @@ SOURCE = Path(__file__).parents[2] / "src" / "photosite"
 VALUES = {"errors", "values", "files"}
 STAGES = VALUES | {"color", "engine", "scene", "optics", "sensor", "frames", "camera"}
 RESULTS = VALUES | {"color", "engine", "sensor", "frames", "calibration", "metrics", "validation"}
-EXPERIMENTS = STAGES | {"data", "library", "calibration", "metrics", "develop", "validation", "report"}
+EXPERIMENTS = STAGES | {"training", "library", "calibration", "metrics", "develop", "validation", "report"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
@@ -33,8 +33,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "calibration": VALUES | {"color", "engine", "sensor", "frames"},
     "metrics": VALUES | {"color", "engine", "sensor", "frames"},
     "develop": VALUES | {"color", "engine", "sensor", "frames"},
-    "data": STAGES,
     "library": VALUES | {"sensor", "frames", "calibration"},
+    "training": STAGES,
     "validation": STAGES | {"calibration", "metrics", "develop"},
     "report": RESULTS | {"scene", "optics", "develop"},
     "studies": EXPERIMENTS,

@@ -10,7 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.effects.blooming import BloomingResult, measure_blooming
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.readout import digital_numbers
 from photosite.values.estimate import Estimate
 
@@ -38,7 +38,7 @@ def measured(seed: int, blooming: Any, well_dn: float = 2000.0, times: Any = (0.
         for k, t in enumerate(times)
         for n in range(4)
     ]
-    listed = frame_set_from_arrays(frames, bits=12)
+    listed = FrameSet.from_arrays(frames, bits=12)
     used = [SimpleNamespace(source=source) for group in listed.groups for source in group.frames]
     levels = {"saturation_dn": Estimate(min(well_dn + 100.0, 4095.0), 0.0), "black_level_dn": Estimate(100.0, 0.0)}
     evidence = SimpleNamespace(
@@ -97,7 +97,7 @@ def test_it_is_in_the_sensor_file(tmp_path: Any) -> None:
         for n, (kind, t, electrons) in enumerate(steps)
     ]
     nominal = SENSOR.with_(hot_pixels=None)
-    calibration = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=nominal), maps=True)
+    calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=nominal), maps=True)
     effects = calibration.sensor.effects
     assert effects is not None
     assert effects.blooming is not None

@@ -9,7 +9,7 @@ from tests.helpers.raising import raises
 import photosite as ps
 from photosite.calibration.captures.each_capture import CaptureCalibration, calibrate_captures
 from photosite.errors import InputError
-from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.capture_readout import part_sensor
 from photosite.sensor.readout import digital_numbers_of_captures
 
@@ -33,7 +33,7 @@ def frames(levels_e: list[float], size: int = 48) -> dict[str, FrameSet]:
         captured = digital_numbers_of_captures(sensor, mean, time_s, seed=5, frame=number)
         for name, dn in captured.items():
             taken[name].append((kind, time_s, dn))
-    return {name: frame_set_from_arrays(list_, bits=12) for name, list_ in taken.items()}
+    return {name: FrameSet.from_arrays(list_, bits=12) for name, list_ in taken.items()}
 
 
 @pytest.fixture(scope="module")

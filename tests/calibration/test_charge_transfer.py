@@ -12,7 +12,7 @@ from scipy.stats import binom, nbinom
 import photosite as ps
 from photosite.calibration.effects.charge_transfer import TransferLoss, measure_charge_transfer, trailing_fraction
 from photosite.calibration.photon_transfer.channel import LinearRange
-from photosite.frames.frame_set import frame_set_from_arrays, without_border
+from photosite.frames.frame_set import FrameSet, without_border
 from photosite.sensor.readout import digital_numbers
 
 BEHIND = 8
@@ -40,7 +40,7 @@ def simulated(seed: int, parallel: float, serial: float, rows: int = 40, cols: i
             signal = down @ charge @ across.T + offset + rng.normal(0.0, 8.0, size)
             signal += rng.normal(0.0, 2.0, (size[0], 1)) + rng.normal(0.0, 2.0, size[1])
             frames.append((kind, exposure_s, np.rint(0.1 * signal + 100).astype(np.uint16)))
-    whole = without_border(frame_set_from_arrays(frames, bits=12), (0, BEHIND, 0, BEHIND))
+    whole = without_border(FrameSet.from_arrays(frames, bits=12), (0, BEHIND, 0, BEHIND))
     used = [SimpleNamespace(source=source) for group in whole.groups for source in group.frames]
     evidence = SimpleNamespace(
         base=CCD,
@@ -136,9 +136,9 @@ def test_without_lines_behind_there_is_a_reason() -> None:
         (kind, t, digital_numbers(small, np.full((24, 24), electrons, np.float32), t, seed=3, frame=n))
         for n, (kind, t, electrons) in enumerate(steps)
     ]
-    calibration = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=small))
+    calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=small))
     assert (calibration.rows, calibration.cols) == (20, 24)
     assert calibration.charge_transfer.parallel.inefficiency.value is not None
     assert "columns at the right" in calibration.charge_transfer.serial.inefficiency.reason
-    plain = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=small.with_(charge_transfer=None)))
+    plain = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=small.with_(charge_transfer=None)))
     assert plain.charge_transfer is None

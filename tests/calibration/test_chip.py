@@ -10,7 +10,7 @@ from scipy import stats
 from virtual_chips import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 from photosite.calibration.calibrate import calibrate
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.report.chip import temporal_blocks
 from photosite.sensor.chip import DefectKind
 from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
@@ -41,7 +41,7 @@ def shoot(sensor, seed, long_darks=(10.0, 20.0), levels=11, stack_s=DARK_S):
         for _ in range(count):
             dn = digital_numbers(sensor, mean, exposure_s, seed=seed, frame=len(frames))
             frames.append((kind, exposure_s, dn))
-    return frame_set_from_arrays(frames, bits=12, cfa=sensor.array.cfa, sensor=sensor)
+    return FrameSet.from_arrays(frames, bits=12, cfa=sensor.array.cfa, sensor=sensor)
 
 
 def measured(sensor, seed, **settings):

@@ -10,7 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.studies.closed_loop import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab
@@ -85,7 +85,7 @@ def test_column_parts_are_corrected_for_clipping():
 
     frames = [("dark", 0.01, shot(0.0)) for _ in range(32)]
     frames += [("light", 0.01 * k, shot(1500.0 * k)) for k in (1, 2, 4, 6, 8) for _ in range(4)]
-    calibration = calibrate(frame_set_from_arrays(frames, bits=12))
+    calibration = calibrate(FrameSet.from_arrays(frames, bits=12))
     for name, spread in (("column", columns.std()), ("row", 0.0), ("pixel", 1.6)):
         low, high = getattr(calibration, f"dsnu1288_{name}_e").interval_95
         assert low <= spread / gain < high, (name, low, spread / gain, high)

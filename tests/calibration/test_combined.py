@@ -15,7 +15,7 @@ from photosite.calibration.captures.combined import CombinedCalibration, calibra
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError, find_pieces
 from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError, InputError
-from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 TABLE = {"linear_dn": [0, 1024, 65536, 2**22 - 1], "companded_dn": [0, 1024, 5000, 65535], "bits": 16}
 SPLIT = {
@@ -50,7 +50,7 @@ def taken(part: dict[str, Any], light_e: np.ndarray[Any, Any]) -> tuple[ps.Senso
                 x = electrons / fraction
                 value = x if value is None else np.where(electrons < 0.8 * 9000, x, value)
             frames.append(("light" if light else "dark", max(light, 1.0) * 1e-6, output(rule, value)))
-    return sensor, frame_set_from_arrays(frames, bits=rule.output_bits)
+    return sensor, FrameSet.from_arrays(frames, bits=rule.output_bits)
 
 
 def within(entry: Any, truth: float) -> bool:
@@ -119,7 +119,7 @@ def test_calibrate_recognizes_combined_frames() -> None:
     deep = taken(SPLIT, LIGHT[:3])[1]
     assert calibration_kind(deep) == calibration_kind(frames, taken(part, LIGHT[:3])[0]) == "combined"
     with raises(CalibrationError, "combined frames need"):
-        calibrate_combined(frame_set_from_arrays([("dark", 1.0, np.full((4, 4), 9, np.uint16))] * 2, bits=12))
+        calibrate_combined(FrameSet.from_arrays([("dark", 1.0, np.full((4, 4), 9, np.uint16))] * 2, bits=12))
 
 
 def test_bends_are_no_knees() -> None:

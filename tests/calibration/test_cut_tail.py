@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 READ, SHAPE, FRAMES = 3.0, (100, 120), 16
 
@@ -23,7 +23,7 @@ def noise(rng, fraction, amplitude):
 
 def calibrated(frames):
     dn = np.clip(np.rint(frames), 0, 4095).astype(np.uint16)
-    return ps.calibrate(frame_set_from_arrays([("dark", 0.01, frame) for frame in dn], bits=12))
+    return ps.calibrate(FrameSet.from_arrays([("dark", 0.01, frame) for frame in dn], bits=12))
 
 
 def test_noise_that_is_cut_off_is_estimated():

@@ -13,7 +13,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.engine.frame_sums import FrameSums
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.uncertain import Uncertain
 
@@ -38,7 +38,7 @@ def frames_of(seed, *, clamped=False, step_dn=0.0):
     for t in np.linspace(0.1, 1.0, 6):
         dark = DARK_E_PER_S * t
         frames += [("light", t, frame(4000.0 * t + dark, dark if clamped else 0.0)) for _ in range(2)]
-    return frame_set_from_arrays(frames, bits=12)
+    return FrameSet.from_arrays(frames, bits=12)
 
 
 def test_the_dark_current_from_the_variance_is_right():
@@ -93,7 +93,7 @@ def reduced(seed, steps, exposures_s=(0.01, 0.1, 1.0), rows=40, cols=48, frames=
         for i in range(count):
             dark = 100.0 + rng.poisson(dark_e_per_s * t, (rows, cols)) + steps(g, i, rng)
             listed.append(("dark", t, np.uint16(np.round(dark + rng.normal(0.0, 2.0, (rows, cols))))))
-    with FrameReader(frame_set_from_arrays(listed, bits=12)) as reader:
+    with FrameReader(FrameSet.from_arrays(listed, bits=12)) as reader:
         return reduce_frames(reader).darks
 
 

@@ -13,7 +13,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.dark_exposures import find_wrong_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource, frame_set_from_arrays
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.sensor.readout import digital_numbers
 from photosite.studies.plain_camera import Effect, PlainCamera
 from photosite.studies.protocol import ShootingProtocol, Step
@@ -125,5 +125,5 @@ def test_hot_pixels_that_saturate_are_not_taken_for_a_shorter_exposure() -> None
         for k, t in enumerate(times_s)
         for n in range(20)
     ]
-    calibration = calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor.with_(hot_pixels=None)))
+    calibration = calibrate(FrameSet.from_arrays(frames, bits=12, sensor=sensor.with_(hot_pixels=None)))
     assert not calibration.rejected

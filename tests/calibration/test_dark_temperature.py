@@ -12,7 +12,7 @@ import photosite as ps
 from photosite.calibration.dark.temperature import dark_temperature
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
 from photosite.sensor.readout import digital_numbers
 from photosite.values.estimate import Estimate
@@ -41,7 +41,7 @@ def calibrated(celsius: float) -> Calibration:
         for n in range(8):
             raw = CAMERA.expose(DARK, time_s, temperature_c=celsius, frame=n, seed=int(celsius))
             frames.append(("dark", time_s, raw.dn, None, 100.0, celsius))
-    return ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=SENSOR))
+    return ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=SENSOR))
 
 
 def test_dark_current_doubles():

@@ -7,7 +7,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.chip_maps.defects import channel_values, deviations, listed, together
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import DefectKind
 from photosite.sensor.readout import digital_numbers
 
@@ -68,7 +68,7 @@ def test_defects_that_make_most_of_the_fixed_pattern_are_named(defects, count) -
         (kind, time_s, digital_numbers(sensor, np.full((96, 120), light, np.float32), time_s, seed=1, frame=n))
         for n, (kind, time_s, light) in enumerate(steps)
     ]
-    calibration = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor.with_(pixel_defects=None)))
+    calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=sensor.with_(pixel_defects=None)))
     named = [int(text.split()[0]) for text in calibration.warnings if "outlying pixels" in text]
     assert set(named) == (set() if count is None else {count})
     assert (calibration.prnu_percent.value > 2.0) == (count is not None)

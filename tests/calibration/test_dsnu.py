@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 GAIN, DARK_E_PER_S, DCNU, PRNU = 0.3, 20.0, 0.53, 0.008
 SHAPE = (64, 80)
@@ -24,7 +24,7 @@ def frames_of(seed, darks, *, read_e=6.0, dsnu_e=3.0, row_e=0.0, black=64.0, dar
 
     frames = [("dark", t, frame(t, 0)) for t, count in darks for _ in range(count)]
     frames += [("light", t, frame(t, 1)) for t in (0.01, 0.02, 0.03, 0.05, 0.06, 0.1) for _ in range(4)]
-    return frame_set_from_arrays(frames, bits=12)
+    return FrameSet.from_arrays(frames, bits=12)
 
 
 LONG = ((1.0, 20), (0.01, 4), (0.1, 4))

@@ -13,7 +13,7 @@ import photosite as ps
 from photosite.calibration.effects.em_gain import EmGainResult, measure_em_gain
 from photosite.cli.main import run
 from photosite.errors import CalibrationError
-from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.effects.em_gain import EmGain
 from photosite.sensor.readout import digital_numbers
 
@@ -46,7 +46,7 @@ def simulated(camera: ps.Sensor, longest_s: float, seed: int, frames: int = 6) -
 
 
 def frame_set(frames: list[tuple[str, float, np.ndarray]]) -> FrameSet:
-    return frame_set_from_arrays(frames, bits=16, sensor=SENSOR)
+    return FrameSet.from_arrays(frames, bits=16, sensor=SENSOR)
 
 
 def measured(seed: int, gain: float, stages: int) -> tuple[EmGainResult, EmGain]:

@@ -7,7 +7,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.light.flicker import Flicker, RowLight, with_frequency
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 LINE_US = 30.0
 LENS = ps.DiffractionLimited(f_number=4, focal_length_mm=50)
@@ -35,13 +35,13 @@ def frames_in(light, cfa="mono", **noise):
     for k, exposure_s in enumerate(EXPOSURES_S):
         clip = camera.record(light, 6, 27.0, exposure_s, start_s=0.31 * k, seed=2 + k)
         stack += [("light", exposure_s, raw.dn) for raw in clip]
-    return frame_set_from_arrays(stack, bits=12, cfa=sensor.array.cfa, sensor=sensor)
+    return FrameSet.from_arrays(stack, bits=12, cfa=sensor.array.cfa, sensor=sensor)
 
 
 @pytest.mark.parametrize("cfa", ["mono", "rggb"])
 def test_flicker_is_named_with_its_frequency_and_depth(cfa) -> None:
     """Limits of 4 standard uncertainties."""
-    frames = frames_in(ps.DynamicScene(STEADY, ps.SineFlicker(120.0, depth=0.08)), cfa)
+    frames = frames_in(ps.scenes.DynamicScene(STEADY, ps.scenes.SineFlicker(120.0, depth=0.08)), cfa)
     found = ps.calibrate(frames)
     flicker = found.flicker
     assert flicker.frequency_hz.value == pytest.approx(120.0, abs=4 * flicker.frequency_hz.standard_uncertainty)
@@ -58,7 +58,7 @@ def test_flicker_is_named_with_its_frequency_and_depth(cfa) -> None:
 
 
 def test_without_a_line_time_there_is_a_period_only() -> None:
-    frames = frames_in(ps.DynamicScene(STEADY, ps.SineFlicker(120.0, depth=0.08)))
+    frames = frames_in(ps.scenes.DynamicScene(STEADY, ps.scenes.SineFlicker(120.0, depth=0.08)))
     flicker = ps.calibrate(frames, frames.sensor.with_(shutter=None)).flicker
     assert flicker.frequency_hz is None
     assert flicker.depth is None
@@ -76,7 +76,7 @@ def bands(rng, depth, rows, lamp=None):
     line_s = np.exp(rng.uniform(np.log(8e-6), np.log(60e-6)))
     cycles = np.exp(rng.uniform(np.log(0.8), np.log(0.2 * rows)))
     frequency = cycles / rows / line_s
-    flicker = ps.SineFlicker(frequency, depth) if lamp is None else lamp(frequency)
+    flicker = ps.scenes.SineFlicker(frequency, depth) if lamp is None else lamp(frequency)
     frames, levels = int(rng.integers(3, 13)), []
     for exposure_s in rng.uniform(0.05, 2.4, int(rng.integers(2, 8))) / frequency:
         start_s = rng.random((frames, 1)) + line_s * np.arange(rows)
@@ -89,7 +89,7 @@ def bands(rng, depth, rows, lamp=None):
 def test_pulses_give_their_frequency_and_the_depth_of_their_first_harmonic() -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        levels, frequency, line_s = bands(rng, 0.0, 500, lambda f: ps.PulseFlicker(f, 0.3))
+        levels, frequency, line_s = bands(rng, 0.0, 500, lambda f: ps.scenes.PulseFlicker(f, 0.3))
         found = with_frequency(Flicker(0.1, None), levels, ps.Measured(1e6 * line_s))
         if found.frequency_hz is not None:  # too few cycles for a light with harmonics
             assert found.frequency_hz.value == pytest.approx(frequency, rel=1e-3)

@@ -9,7 +9,7 @@ import pytest
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError, FileError, InputError
-from photosite.frames.frame_set import FrameGroup, FrameSource, frame_set_from_arrays
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 
 def stack(level, *, noise=2.0, n=4, shape=(24, 32), seed=0):
@@ -24,7 +24,7 @@ def measurement(dark=64.0, lights=((0.01, 500.0), (0.02, 1000.0)), n=4, dark_fra
 
 
 def frame_set(frames, **options):
-    return frame_set_from_arrays(frames, bits=12, **options)
+    return FrameSet.from_arrays(frames, bits=12, **options)
 
 
 def error_of(frames, **options):

@@ -13,7 +13,7 @@ from virtual_gain_series import GainModel, gain_series_lab
 import photosite as ps
 from photosite.calibration.gain_series.calibrate_series import analyse_series, calibrate_series
 from photosite.errors import CalibrationError, InputError
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 SETTINGS = (100, 200, 400, 800, 1600, 3200)
 PRE_MV, POST_DN = 0.2, 1.5
@@ -111,11 +111,11 @@ def test_progress_counts_all_settings():
 
 def test_invalid_series():
     dn = np.zeros((2, 2), np.uint16)
-    one = frame_set_from_arrays([("dark", 0.1, dn, 0.0, 100.0)], bits=12)
+    one = FrameSet.from_arrays([("dark", 0.1, dn, 0.0, 100.0)], bits=12)
     with pytest.raises(CalibrationError) as caught:
         calibrate_series(one)
     assert (caught.value.what, caught.value.value) == ("number of gain settings", 1)
-    mixed = frame_set_from_arrays([("dark", 0.1, dn, 0.0, 100.0), ("dark", 0.1, dn, 0.0)], bits=12)
+    mixed = FrameSet.from_arrays([("dark", 0.1, dn, 0.0, 100.0), ("dark", 0.1, dn, 0.0)], bits=12)
     with pytest.raises(CalibrationError) as caught:
         calibrate_series(mixed)
     assert caught.value.what == "some frames have no gain setting"

@@ -5,7 +5,7 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.general_model import local_slopes
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.values.uncertain import Missing
 
 READ_DN, GAIN = 3.0, 0.5
@@ -26,7 +26,7 @@ def frames_of(signal, exposures, seed, *, photons_per_s=None, slope=None):
             light = photons_per_s * t if photons_per_s else None
             gain = GAIN if slope is None else GAIN * slope(t)
             noisy.append(("light", t, frame(signal(t), 20_000.0 * t, gain).astype(np.uint16), light))
-    return frame_set_from_arrays([entry if entry[3] is not None else entry[:3] for entry in noisy], bits=12)
+    return FrameSet.from_arrays([entry if entry[3] is not None else entry[:3] for entry in noisy], bits=12)
 
 
 def test_slopes_are_exact_on_a_parabola_of_uneven_steps():

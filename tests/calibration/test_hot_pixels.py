@@ -9,7 +9,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.effects.hot_pixels import dark_distribution
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.readout import digital_numbers
 
 NAMES = ("fraction", "median_dn_per_s", "log_spread", "mean_dn_per_s", "dcnu_percent")
@@ -97,7 +97,7 @@ def test_from_frames(tmp_path: Path) -> None:
         for n, (kind, t, electrons) in enumerate(steps)
     ]
     base = sensor.with_(hot_pixels=None, glow=None, dcnu_percent=0, dark_current_e_per_s=0)
-    calibration = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=base), maps=True)
+    calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=base), maps=True)
     assert max(dn.max() for kind, _, dn in frames if kind == "dark") == 4095
     measured = calibration.sensor
     assert measured.effects is not None

@@ -10,7 +10,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, Level, clipping_bias
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 GAIN, BLACK, READ_DN, EFFICIENCY = 0.5, 64.0, 2.0, 0.6
 LEVELS = (200.0, 400.0, 800.0, 1600.0, 2400.0, 3200.0, 5000.0, 7000.0, 9000.0)
@@ -39,7 +39,7 @@ def measurement(
 
 
 def calibrated(frames, bits=12):
-    return calibrate(frame_set_from_arrays(frames, bits=bits))
+    return calibrate(FrameSet.from_arrays(frames, bits=bits))
 
 
 def error_of(frames, bits=12):
@@ -147,17 +147,17 @@ def test_flats_with_the_lens_covered():
 
 
 def test_darks_that_grow_like_flats_give_a_warning():
-    dark = frame_set_from_arrays(measurement(dark_e=lambda t: 0.02 * RATE * min(t, 1.0)), bits=12)
+    dark = FrameSet.from_arrays(measurement(dark_e=lambda t: 0.02 * RATE * min(t, 1.0)), bits=12)
     assert not raised(dark, "light-leak")
     lit = measurement(dark_e=lambda t: 0.6 * RATE * min(t, 0.1), levels=LEVELS[:5])
-    (found,) = raised(frame_set_from_arrays([frame for frame in lit if frame[1] < 0.1], bits=12), "light-leak")
+    (found,) = raised(FrameSet.from_arrays([frame for frame in lit if frame[1] < 0.1], bits=12), "light-leak")
     assert found.size == pytest.approx(0.6 * RATE * GAIN, rel=0.02)
     assert {"dark_current_e_per_s", "dcnu_percent"} < set(found.parameters)
 
 
 def test_exposure_times_too_short_for_a_shutter_give_a_warning():
     frames = [(kind, 1e-6 * t if kind == "light" else 1e-3 * t, dn) for kind, t, dn in measurement()]
-    assert raised(frame_set_from_arrays(frames, bits=12), "exposure-unit")
+    assert raised(FrameSet.from_arrays(frames, bits=12), "exposure-unit")
 
 
 def test_an_unsteady_lamp_gives_a_warning_and_does_not_count_as_noise():
@@ -166,7 +166,7 @@ def test_an_unsteady_lamp_gives_a_warning_and_does_not_count_as_noise():
         listed = [("dark", t, rng.normal(64, 2, (24, 32))) for t in (0.01, 0.02) for _ in range(4)]
         for t, level in ((0.01, 500), (0.02, 1000)):
             listed += [("light", t, np.rint(rng.normal(level, 15, (24, 32))) + flicker * (i % 2)) for i in range(4)]
-        return frame_set_from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in listed], bits=12)
+        return FrameSet.from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in listed], bits=12)
 
     steady, unsteady = calibrate(frames(0)), calibrate(frames(40))
     assert "unsteady-light" in [entry.id for entry in unsteady.diagnostics]
@@ -181,7 +181,7 @@ def test_a_drifting_black_level_is_not_taken_for_an_unsteady_lamp():
     for kind, t, level in (("dark", 0.01, 0), ("dark", 0.02, 0), ("light", 0.01, 30), ("light", 0.02, 60)):
         for _ in range(6):
             listed.append((kind, t, 64 + level + rng.normal(0, 3) + rng.normal(0, 2, (24, 32))))
-    frames = frame_set_from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in listed], bits=12)
+    frames = FrameSet.from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in listed], bits=12)
     unsteady = [entry.id for entry in calibrate(frames).diagnostics if entry.id.startswith("unsteady")]
     assert unsteady == ["unsteady-black-level"]
 
@@ -193,7 +193,7 @@ def small_chip(seed, ripple=0.0):
     for index in range(32):
         signal = 28 * 2 ** (index // 4) * (1 + ripple * (-1) ** index)
         frames.append(("light", 0.01 * 2 ** (index // 4), rng.normal(64 + signal, 15, (8, 8))))
-    return frame_set_from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in frames], bits=12)
+    return FrameSet.from_arrays([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in frames], bits=12)
 
 
 def reported_unsteady(frames):
@@ -238,7 +238,7 @@ def stated():
         )
         for _ in range(4)
     ]
-    return frame_set_from_arrays(frames, bits=12)
+    return FrameSet.from_arrays(frames, bits=12)
 
 
 @pytest.mark.parametrize(("dn", "count"), [(None, 0), (64.0, 0), (61.0, 0), (58.0, 1), (70.0, 1), (0.0, 1)])

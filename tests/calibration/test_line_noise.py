@@ -8,7 +8,7 @@ from photosite.calibration.reduction.groups import Level
 from photosite.calibration.spatial.line_noise import temporal_parts
 from photosite.engine.frame_sums import FrameSums
 from photosite.engine.map_statistics import line_sums
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.studies.plain_camera import Effect, PlainCamera, bands
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.cfa import NAMED
@@ -78,7 +78,7 @@ def test_row_noise_does_not_make_the_pixel_part_negative():
         mean = 200.0 + 400.0 * step
         light = stack(rng, 4, (160, 200), np.sqrt(4.0 + 0.5 * (mean - 200.0)), 1.0, 0.3, mean)
         frames += [("light", 0.01 * step, dn) for dn in light]
-    calibration = calibrate(frame_set_from_arrays(frames, bits=12))
+    calibration = calibrate(FrameSet.from_arrays(frames, bits=12))
     for part in ("pixel", "row", "column"):
         estimate = getattr(calibration, f"dsnu1288_{part}_e")
         low, high = estimate.interval_95

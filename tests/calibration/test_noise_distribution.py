@@ -11,7 +11,7 @@ import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.chip_maps import pixel_noise
 from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_distribution
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import Blinking, DefectKind
 from photosite.sensor.chip_effects import dead_pixels, stuck_pixels
 from photosite.sensor.readout import digital_numbers
@@ -132,7 +132,7 @@ def test_intervals_of_noisy_chips_cover():
             (kind, t, digital_numbers(sensor, np.full((ROWS, COLS), e, np.float32), t, seed=seed, frame=n))
             for n, (kind, t, e) in enumerate(plan)
         ]
-        found = calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor.with_(effects=None)), maps=True)
+        found = calibrate(FrameSet.from_arrays(frames, bits=12, sensor=sensor.with_(effects=None)), maps=True)
         entries = [getattr(found.temporal, name) for name in names]
         truth = (spread, read_e * gain, fraction, amplitude_e * gain)
         inside.append([e.value is None or covers(e, x) for e, x in zip(entries, truth, strict=True)])
@@ -160,7 +160,7 @@ def measured():
         mean = np.full((ROWS, COLS), electrons, np.float32)
         for _ in range(count):
             frames.append((kind, exposure_s, digital_numbers(sensor, mean, exposure_s, seed=2, frame=len(frames))))
-    frame_set = frame_set_from_arrays(frames, bits=12, sensor=sensor)
+    frame_set = FrameSet.from_arrays(frames, bits=12, sensor=sensor)
     calibration = calibrate(frame_set, sensor.with_(effects=None), maps=True)
     return sensor, calibration, calibration.chip, calibration.temporal
 

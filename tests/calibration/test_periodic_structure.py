@@ -5,7 +5,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.spatial.periodic_structure import MOSAIC_FRACTION, periodic_offsets, periodic_structure
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.readout import digital_numbers
 from photosite.values.cfa import NAMED, shifted
 
@@ -97,7 +97,7 @@ def test_greens_that_differ_are_named_where_green_saturates_first():
     frames = [
         (kind, t, digital_numbers(uneven, level * light, t, seed=1, frame=n)) for n, (kind, t, level) in enumerate(plan)
     ]
-    found = ps.calibrate(frame_set_from_arrays(frames, bits=12, sensor=sensor, cfa=sensor.array.cfa))
+    found = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=sensor, cfa=sensor.array.cfa))
     assert any("this mosaic does not tell which" in text for text in found.warnings)
     assert not any("uneven" in text for text in found.warnings)
     assert found.readout_channels is None

@@ -5,7 +5,7 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.quantisation import remaining_fraction, rounding_error, rounding_uncertainty
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 GAIN, SHAPE = 0.02, (60, 80)
 
@@ -20,7 +20,7 @@ def coarse(noise, black, seed=0):
                 signal = GAIN * rng.poisson(electrons * response) if electrons else 0.0
                 dn = np.clip(np.rint(black + signal + noise * rng.standard_normal(SHAPE)), 0, 255).astype(np.uint16)
                 frames.append((kind, 1e-3 * (i + 1), dn, 2.0 * electrons))
-    return calibrate(frame_set_from_arrays(frames, bits=8))
+    return calibrate(FrameSet.from_arrays(frames, bits=8))
 
 
 @pytest.mark.parametrize("mean", [6.0, 6.2, 6.35, 6.5])

@@ -7,7 +7,7 @@ import pytest
 
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range
 from photosite.calibration.photon_transfer.channel import LinearRange
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 TILE = np.array([[0, 1], [1, 2]])
 
@@ -43,7 +43,7 @@ def range_of(lowest, highest):
 
 def flats():
     dn = np.zeros((2, 2), np.uint16)
-    return frame_set_from_arrays(
+    return FrameSet.from_arrays(
         [("dark", 0.1, dn), *(("light", t, dn) for t in (0.1, 0.2, 0.3, 0.4))], bits=12, cfa=(("R", "G"), ("G", "B"))
     )
 

@@ -14,7 +14,7 @@ from photosite.calibration.checks.result_screening import (
 from photosite.calibration.dark.dark_frames import measure_dark_frames
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.values.uncertain import Uncertain
 
 GAIN, BLACK, READ_DN, EFFICIENCY = 0.5, 64.0, 2.0, 0.6
@@ -38,7 +38,7 @@ def measurement(*, dark_e=lambda t: 20.0 * t, photon_factor=None, time_factor=1.
         frames += [("light", time_factor * t, shot(electrons + dark_e(t)), photons) for _ in range(4)]
     if photon_factor is None:
         frames = [frame[:3] for frame in frames]
-    return frame_set_from_arrays(frames, bits=12)
+    return FrameSet.from_arrays(frames, bits=12)
 
 
 def test_plausible_results_pass():

@@ -9,7 +9,7 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.snr import SnrCurve
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.values.uncertain import Missing, Uncertain
 
 K, READ_DN, BLACK = 0.4, 2.5, 100.0
@@ -26,7 +26,7 @@ def frames(photons: bool, seed: int = 11):
             signal = K * rng.poisson(mean, (2, 96, 96)) + rng.normal(BLACK, READ_DN, (2, 96, 96))
             counts = (2.0 * mean,) if photons else ()
             listed += [(kind, exposure, np.rint(dn).astype(np.uint16), *counts) for dn in signal]
-    return frame_set_from_arrays(listed, bits=12)
+    return FrameSet.from_arrays(listed, bits=12)
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["photons", "electrons"])
@@ -90,6 +90,6 @@ def test_one_frame_per_level_gives_a_reason() -> None:
         return np.rint(rng.normal(64 + mean, 3.0, (32, 32))).astype(np.uint16)
 
     listed = [("dark", 0.01, shot(0)) for _ in range(3)] + [("light", t, shot(1e4 * t)) for t in (0.01, 0.02, 0.03)]
-    found = calibrate(frame_set_from_arrays(listed, bits=12)).snr["M"]
+    found = calibrate(FrameSet.from_arrays(listed, bits=12)).snr["M"]
     assert isinstance(found, Missing)
     assert "two frames" in found.reason

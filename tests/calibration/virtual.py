@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_mask, channel_names
 
@@ -125,7 +125,7 @@ def frame_set(sensor, seed, *, photons_known=True, dark_frames=24, stack=16, rep
         add("light", float(exposure_s), repeats, rate * float(exposure_s))
     half = 0.5 * LONGEST_FLAT_S / top
     add("light", half, stack, rate * half)
-    return frame_set_from_arrays(frames, bits=sensor.readout.bits, cfa=sensor.array.cfa, sensor=sensor)
+    return FrameSet.from_arrays(frames, bits=sensor.readout.bits, cfa=sensor.array.cfa, sensor=sensor)
 
 
 def variance_peak_photons(sensor):

@@ -309,7 +309,9 @@ class TestPlanes:
         set_up = load_camera(file)
         near = ps.charts.checkerboard("A", 40, rows=40, cols=60, distance_m=1, width_m=0.4)
         alpha = (mask / 255).astype(np.float32)
-        expected = ps.Planes((ps.Plane(near, alpha), ps.Plane(ps.charts.uniform("D65", 100, distance_m=4))))
+        expected = ps.scenes.Planes(
+            (ps.scenes.Plane(near, alpha), ps.scenes.Plane(ps.charts.uniform("D65", 100, distance_m=4)))
+        )
         camera = ps.Camera(set_up.optics, set_up.sensor.with_(rows=48, cols=72))
         np.testing.assert_array_equal(
             camera.mean_electrons(set_up.scene.scene(), 0.01), camera.mean_electrons(expected, 0.01)

@@ -12,7 +12,9 @@ from photosite.errors import InputError
 @pytest.mark.parametrize(("blades", "distance_m"), [(0, 1.5), (3, 5.0)])
 def test_defocused_point_on_black_is_not_negative(blades: int, distance_m: float) -> None:
     """Rounding of the transforms beside a wide, dim image is not an error, and light is conserved."""
-    lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront(pupil=ps.Pupil(blades=blades)), focus_distance_m=2.0)
+    lens = ps.Lens(
+        ps.DiffractionLimited(2.8, 50), ps.optics.Wavefront(pupil=ps.optics.Pupil(blades=blades)), focus_distance_m=2.0
+    )
     grid = np.array([400.0, 550.0, 700.0])
     weights = np.zeros((1, 128, 192), np.float32)
     weights[0, 64, 96] = 1.0
@@ -27,7 +29,9 @@ def test_defocused_point_on_black_is_not_negative(blades: int, distance_m: float
 
 
 def test_negative_light_is_an_error_for_any_blur() -> None:
-    lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront(pupil=ps.Pupil(blades=6)), focus_distance_m=2.0)
+    lens = ps.Lens(
+        ps.DiffractionLimited(2.8, 50), ps.optics.Wavefront(pupil=ps.optics.Pupil(blades=6)), focus_distance_m=2.0
+    )
     grid = np.arange(400.0, 701.0, 100)
     weights = np.ones((1, 64, 96), np.float32)
     weights[0, 30:34, 40:44] = -1.0

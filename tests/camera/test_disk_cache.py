@@ -22,9 +22,9 @@ r2 = axis[:, None] ** 2 + axis**2
 sizes = np.array([[1.0, 1.3], [1.8, 1.5]])
 psf = np.exp(-r2 / (2 * sizes[:, :, None, None] ** 2))
 blurs = {
-    "design": ps.LensDesign([450.0, 600.0], psf, 0.8, [0.0, 0.0], [0.0, 0.4]),
-    "wavefront": ps.Wavefront({7: 40.0}),
-    "table": ps.PsfTable([450.0, 600.0], psf[0] / psf[0].sum(axis=(1, 2), keepdims=True), 0.8),
+    "design": ps.optics.LensDesign([450.0, 600.0], psf, 0.8, [0.0, 0.0], [0.0, 0.4]),
+    "wavefront": ps.optics.Wavefront({7: 40.0}),
+    "table": ps.optics.PsfTable([450.0, 600.0], psf[0] / psf[0].sum(axis=(1, 2), keepdims=True), 0.8),
 }
 sensor = ps.load_sensor("nikon-d200").with_(rows=24, cols=32)
 scene = ps.charts.macbeth("A", 40, wavelength_nm=np.linspace(400, 700, 7))

@@ -97,7 +97,7 @@ CASES: dict[str, tuple[Any, dict[str, Any], int, Any]] = {
         DiffractionLimited(8, 50),
         {"line_time_us": 100},
         1,
-        ps.DynamicScene(patches(), flicker=ps.SineFlicker(100.0, 0.5)),
+        ps.scenes.DynamicScene(patches(), flicker=ps.scenes.SineFlicker(100.0, 0.5)),
     ),
 }
 

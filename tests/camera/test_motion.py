@@ -59,8 +59,8 @@ def test_a_scene_at_rest_has_the_image_of_a_still_one() -> None:
             ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200").with_(rows=44, cols=64), "trapezoid", cells
         )
         still = shooter.mean_electrons(chart, EXPOSURE_S)
-        for motion in (ps.Motion(), ps.Motion(rotation_deg_per_s=1e-6)):
-            moving = shooter.mean_electrons(ps.DynamicScene(chart, motion=motion), EXPOSURE_S)
+        for motion in (ps.scenes.Motion(), ps.scenes.Motion(rotation_deg_per_s=1e-6)):
+            moving = shooter.mean_electrons(ps.scenes.DynamicScene(chart, motion=motion), EXPOSURE_S)
             assert np.abs(moving - still).max() < 2e-5 * still.max()
 
 
@@ -69,7 +69,9 @@ def test_skew_of_a_vertical_edge(direction) -> None:
     """The edge moves velocity * line time from row to row; its mean place is that at the middle of the exposure."""
     velocity, line_us = 400.0, 250.0
     shooter = camera(line_us, direction=direction)
-    mean = shooter.mean_electrons(ps.DynamicScene(edge(), motion=ps.Motion(cols_per_s=velocity)), EXPOSURE_S)
+    mean = shooter.mean_electrons(
+        ps.scenes.DynamicScene(edge(), motion=ps.scenes.Motion(cols_per_s=velocity)), EXPOSURE_S
+    )
     place = np.array([edge_place(row, mean.max()) for row in mean])
     slope, start = np.polyfit(np.arange(SIZE), place, 1)
     sign = 1 if direction == "top_down" else -1
@@ -79,7 +81,7 @@ def test_skew_of_a_vertical_edge(direction) -> None:
 
 
 def test_motion_widens_an_edge_to_its_length() -> None:
-    scene = ps.DynamicScene(edge(), motion=ps.Motion(rows_per_s=123.0, cols_per_s=-15 / EXPOSURE_S))
+    scene = ps.scenes.DynamicScene(edge(), motion=ps.scenes.Motion(rows_per_s=123.0, cols_per_s=-15 / EXPOSURE_S))
     moving = camera().mean_electrons(scene, EXPOSURE_S)[20]
     assert edge_width(moving, moving.max()) == pytest.approx(15, rel=0.01)
 
@@ -90,8 +92,8 @@ def test_motion_lowers_the_contrast_of_a_wave_by_sinc(length, growth) -> None:
     period = 16.0  # pixels, along the columns
     wave = 1 + 0.8 * np.cos(2 * np.pi * np.arange(8 * SIZE) / (4 * period))
     scene = scene_of(np.tile(wave, (8, 1)).repeat(SIZE, axis=0))
-    motion = ps.Motion(cols_per_s=length / EXPOSURE_S, scale_per_s=growth)
-    rows = [camera().mean_electrons(s, EXPOSURE_S)[20] for s in (scene, ps.DynamicScene(scene, motion=motion))]
+    motion = ps.scenes.Motion(cols_per_s=length / EXPOSURE_S, scale_per_s=growth)
+    rows = [camera().mean_electrons(s, EXPOSURE_S)[20] for s in (scene, ps.scenes.DynamicScene(scene, motion=motion))]
     still, moving = (np.fft.rfft(row)[round(SIZE / period)] for row in rows)
     assert abs(moving) / abs(still) == pytest.approx(np.sinc(length / period), rel=1e-3)
     shift = -np.angle(moving / still) / (2 * np.pi) * period
@@ -108,10 +110,10 @@ def test_moving_frames_are_the_limit_of_many_still_images() -> None:
             rng.uniform(-0.2, 0.2, 8), rng.uniform(-0.2, 0.2, 8), rng.uniform(0, 6, 8), strict=True
         )
     )
-    lamp = ps.SineFlicker(120.0, depth=0.8, phase_deg=50.0)
+    lamp = ps.scenes.SineFlicker(120.0, depth=0.8, phase_deg=50.0)
     velocity, line_us = 500.0, 100.0  # 5 pixels in an exposure, 0.05 from row to row
     shooter = camera(line_us)
-    scene = ps.DynamicScene(scene_of(np.maximum(texture, 0)), lamp, ps.Motion(cols_per_s=velocity))
+    scene = ps.scenes.DynamicScene(scene_of(np.maximum(texture, 0)), lamp, ps.scenes.Motion(cols_per_s=velocity))
     found = shooter.mean_electrons(scene, EXPOSURE_S)
     step_s = 0.25 / velocity  # a quarter of a pixel
     total = np.zeros((SIZE, SIZE))
@@ -142,10 +144,12 @@ def test_a_quarter_turn_and_growth() -> None:
     scene = scene_of(blocks)
     shooter = camera()
     still = shooter.mean_electrons(scene, 1e-5)
-    turned = shooter.mean_electrons(ps.DynamicScene(scene, motion=ps.Motion(rotation_deg_per_s=90)), 1e-5, start_s=1.0)
+    turned = shooter.mean_electrons(
+        ps.scenes.DynamicScene(scene, motion=ps.scenes.Motion(rotation_deg_per_s=90)), 1e-5, start_s=1.0
+    )
     assert np.abs(turned - np.rot90(still, -1)).max() < 2e-3 * still.max()
     grown = shooter.mean_electrons(
-        ps.DynamicScene(scene, motion=ps.Motion(scale_per_s=float(np.log(2)))), 1e-5, start_s=1.0
+        ps.scenes.DynamicScene(scene, motion=ps.scenes.Motion(scale_per_s=float(np.log(2)))), 1e-5, start_s=1.0
     )
     # A pixel in the middle of a block of 8 pixels, now 16, has the light of the block.
     inner = still[24:40, 24:40]
@@ -156,8 +160,8 @@ def test_a_quarter_turn_and_growth() -> None:
 
 def test_a_short_pulse_freezes_an_edge() -> None:
     """Light at 6 ms only: the edge is where it is then, as sharp as at rest."""
-    lamp = ps.PulseFlicker(50.0, duty=0.002, phase_deg=-360 * 50 * 0.006)
-    scene = ps.DynamicScene(edge(), lamp, ps.Motion(cols_per_s=1000))
+    lamp = ps.scenes.PulseFlicker(50.0, duty=0.002, phase_deg=-360 * 50 * 0.006)
+    scene = ps.scenes.DynamicScene(edge(), lamp, ps.scenes.Motion(cols_per_s=1000))
     rows = [camera().mean_electrons(one, EXPOSURE_S)[7] for one in (scene, edge())]
     (place, width), (at_rest, still) = ((edge_place(r, r.max()), edge_width(r, r.max())) for r in rows)
     assert place - at_rest == pytest.approx(6.02, abs=0.05)
@@ -169,25 +173,25 @@ def test_light_is_conserved_and_regions_equal_the_whole_frame() -> None:
     dot[4 * SIZE - 40 : 4 * SIZE, 4 * SIZE - 40 : 4 * SIZE] = 1
     scene = scene_of(dot)
     still = camera().mean_electrons(scene, EXPOSURE_S).sum(dtype=np.float64)
-    for motion in (ps.Motion(300, 900), ps.Motion(100, 50, rotation_deg_per_s=200)):
-        moving = camera(20).mean_electrons(ps.DynamicScene(scene, motion=motion), EXPOSURE_S)
+    for motion in (ps.scenes.Motion(300, 900), ps.scenes.Motion(100, 50, rotation_deg_per_s=200)):
+        moving = camera(20).mean_electrons(ps.scenes.DynamicScene(scene, motion=motion), EXPOSURE_S)
         assert moving.sum(dtype=np.float64) == pytest.approx(still, rel=0.01)
-    moving = ps.DynamicScene(scene, motion=ps.Motion(300, 900))
+    moving = ps.scenes.DynamicScene(scene, motion=ps.scenes.Motion(300, 900))
     whole = camera(20).capture(moving, EXPOSURE_S, seed=4, start_s=0.01)
     part = camera(20).capture(moving, EXPOSURE_S, seed=4, start_s=0.01, region=(3, 40, 11, 51))
     assert (part.dn == whole.dn[3:40, 11:51]).all()
 
 
 def test_what_cannot_move() -> None:
-    motion = ps.Motion(cols_per_s=100)
-    distorting = ps.Camera(ps.Lens(LENS, distortion=ps.Distortion.polynomial(-0.1)), SENSOR)
+    motion = ps.scenes.Motion(cols_per_s=100)
+    distorting = ps.Camera(ps.Lens(LENS, distortion=ps.optics.Distortion.polynomial(-0.1)), SENSOR)
     with raises(InputError, "motion does not apply to a lens"):
-        distorting.capture(ps.DynamicScene(edge(), motion=motion), EXPOSURE_S)
+        distorting.capture(ps.scenes.DynamicScene(edge(), motion=motion), EXPOSURE_S)
     with raises(InputError, "motion"):
-        camera().capture(ps.DynamicScene(edge(), motion=motion), EXPOSURE_S, start_s=1e4)
+        camera().capture(ps.scenes.DynamicScene(edge(), motion=motion), EXPOSURE_S, start_s=1e4)
     with raises(InputError, "motion applies to a flat scene"):
-        ps.DynamicScene(
-            ps.Planes((edge(), ps.Scene.uniform(np.full(GRID.size, 1e14), GRID, distance_m=3))), motion=motion
+        ps.scenes.DynamicScene(
+            ps.scenes.Planes((edge(), ps.Scene.uniform(np.full(GRID.size, 1e14), GRID, distance_m=3))), motion=motion
         )
     with raises(InputError, "cols_per_s"):
-        ps.Motion(cols_per_s=np.inf)
+        ps.scenes.Motion(cols_per_s=np.inf)

@@ -14,11 +14,11 @@ LENS = ps.DiffractionLimited(f_number=4, focal_length_mm=50)
 CAMERA = ps.Camera(LENS, SENSOR)
 ROLLING = ps.Camera(LENS, SENSOR.with_(line_time_us=200))
 WALL = ps.charts.uniform("D65", 200)
-LIT = ps.DynamicScene(WALL, ps.SineFlicker(100.0, depth=0.5))
+LIT = ps.scenes.DynamicScene(WALL, ps.scenes.SineFlicker(100.0, depth=0.5))
 
 
 def test_frames_are_the_captures_at_their_times() -> None:
-    moving = ps.DynamicScene(ps.charts.macbeth("D65", 200), LIT.flicker, ps.Motion(30, 200))
+    moving = ps.scenes.DynamicScene(ps.charts.macbeth("D65", 200), LIT.flicker, ps.scenes.Motion(30, 200))
     for scene in (LIT, moving):
         clip = list(ROLLING.record(scene, 3, 60.0, 1 / 300, start_s=0.5, seed=9, first_frame=4))
         for n, raw in enumerate(clip):
@@ -55,7 +55,7 @@ def test_many_scenes_per_frame_converge_to_the_integral() -> None:
     assert mean / unit == pytest.approx(middle_s, rel=0.01)
     lit = ROLLING._mean_of_scenes(lambda time_s: LIT, 0.3, exposure_s / 3, steps)[1]
     assert lit == pytest.approx(ROLLING.mean_electrons(LIT, exposure_s / 3, start_s=0.3), rel=1e-5)
-    moving = ps.DynamicScene(ps.charts.macbeth("D65", 200), motion=ps.Motion(0, 300))
+    moving = ps.scenes.DynamicScene(ps.charts.macbeth("D65", 200), motion=ps.scenes.Motion(0, 300))
     parts = ROLLING._mean_of_scenes(lambda time_s: moving, 0.01, exposure_s, 5)[1]
     whole = ROLLING.mean_electrons(moving, exposure_s, start_s=0.01)
     assert np.abs(parts - whole).max() < 1e-3 * whole.max()

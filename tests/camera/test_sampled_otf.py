@@ -50,7 +50,7 @@ def test_usual_sizes_give_no_warning() -> None:
 
 def test_absurd_wavefront_is_a_warning() -> None:
     """50 um of coma instead of 50 nm."""
-    lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront({8: 50000}))
+    lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.optics.Wavefront({8: 50000}))
     reach_m = max(lens.point_spread(1.2).reach_m(w) for w in (400.0, 550.0, 700.0))
     with pytest.warns(PhotositeWarning, match="may take minutes"):
         kernel_size(reach_m, CELLS)

@@ -53,7 +53,7 @@ def test_glare_reduces_contrast_by_its_share_of_the_mean_light() -> None:
     scene = replace(chart, weights=np.concatenate([chart.weights, beside], axis=2))
     sensor = D200.with_(rows=140, cols=306)
 
-    def contrast(glare: ps.VeilingGlare | None) -> tuple[float, float]:
+    def contrast(glare: ps.optics.VeilingGlare | None) -> tuple[float, float]:
         lens = ps.Lens(ps.DiffractionLimited(f_number=4, focal_length_mm=50), veiling_glare=glare)
         camera = ps.Camera(lens, sensor)
         mean_e = camera.mean_electrons(scene, 1e-2)
@@ -64,4 +64,4 @@ def test_glare_reduces_contrast_by_its_share_of_the_mean_light() -> None:
     sharp, mean = contrast(None)
     veil = 0.01 * mean / 0.99
     assert veil > 0.1
-    assert contrast(ps.VeilingGlare(0.01))[0] == pytest.approx((1 + veil) / (1 / sharp + veil), rel=1e-3)
+    assert contrast(ps.optics.VeilingGlare(0.01))[0] == pytest.approx((1 + veil) / (1 / sharp + veil), rel=1e-3)

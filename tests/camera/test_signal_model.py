@@ -87,7 +87,7 @@ CAMERAS = {
     "diffraction": ps.Camera(AT_F8, D200),
     "three cells": ps.Camera(ps.DiffractionLimited(2.8, 20, falloff="cos4"), D200, cells_per_pixel=3),
     "all": ps.Camera(ps.DiffractionLimited(4, 6, falloff="cos4"), FULL),
-    "defocus": ps.Camera(ps.Lens(ps.DiffractionLimited(4, 50), ps.Wavefront({4: 80.0})), D200),
+    "defocus": ps.Camera(ps.Lens(ps.DiffractionLimited(4, 50), ps.optics.Wavefront({4: 80.0})), D200),
     "monochrome": ps.Camera(AT_F8, D200.with_(cfa="mono", channels={"M": D200.channels["G"]})),
 }
 
@@ -276,15 +276,15 @@ def test_torch_is_optional(model: SignalModel, monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_camera_without_derivatives_is_an_error() -> None:
     gauss = np.exp(-np.add.outer(np.arange(-9.0, 10) ** 2 / 8, np.arange(-9.0, 10) ** 2 / 16))
-    table = ps.PsfTable([550.0], [gauss / gauss.sum()], spacing_um=0.25)
+    table = ps.optics.PsfTable([550.0], [gauss / gauss.sum()], spacing_um=0.25)
     lens, plain = ps.DiffractionLimited(4, 50), scene()
     wrong: list[tuple[str, Any, Any]] = [
         ("optics", ps.Camera(ps.Lens(lens, table), D200), plain),
-        ("optics.distortion", ps.Camera(ps.Lens(lens, distortion=ps.Distortion.polynomial(-0.1)), D200), plain),
-        ("optics.veiling_glare", ps.Camera(ps.Lens(lens, veiling_glare=ps.VeilingGlare(0.02)), D200), plain),
+        ("optics.distortion", ps.Camera(ps.Lens(lens, distortion=ps.optics.Distortion.polynomial(-0.1)), D200), plain),
+        ("optics.veiling_glare", ps.Camera(ps.Lens(lens, veiling_glare=ps.optics.VeilingGlare(0.02)), D200), plain),
         ("sensor.effects.blooming", ps.Camera(lens, EFFECTS.with_(blooming={"drained": 0.9})), plain),
         ("sensor.captures", ps.Camera(lens, ps.load_sensor("dual-gain-phone").with_(rows=8, cols=8)), plain),
-        ("scene", ps.Camera(lens, D200), ps.DynamicScene(plain, motion=ps.Motion(cols_per_s=3))),
+        ("scene", ps.Camera(lens, D200), ps.scenes.DynamicScene(plain, motion=ps.scenes.Motion(cols_per_s=3))),
     ]
     for what, camera, seen in wrong:
         with pytest.raises(InputError) as caught:

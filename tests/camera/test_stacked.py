@@ -28,7 +28,7 @@ def test_layers_see_the_same_place():
     for k, name in enumerate("BGR"):
         mono = SENSOR.with_(cols=66, stacked=False, cfa="mono", channels={"M": SENSOR.channels[name].model_dump()})
         np.testing.assert_allclose(found[:, k::3], ps.Camera(LENS, mono).mean_electrons(chart, 0.01), rtol=1e-6)
-    panned = ps.DynamicScene(chart, motion=ps.Motion(cols_per_s=200))
+    panned = ps.scenes.DynamicScene(chart, motion=ps.scenes.Motion(cols_per_s=200))
     moving = ps.Camera(LENS, SENSOR).mean_electrons(panned, 0.02)
     green = ps.Camera(LENS, SENSOR.layer("G")).mean_electrons(panned, 0.02)
     np.testing.assert_array_equal(moving[:, 1::3], green)

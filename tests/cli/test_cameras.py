@@ -10,7 +10,7 @@ import pytest
 from camera_files import darktable_content, rawtoaces_content, write_json
 
 import photosite as ps
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_schema_and_refused_entries(photosite: Any, tmp_path: Path) -> None:
 def test_calibrate_contributes(photosite: Any, loop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("photosite.calibration.calibrate.calibrate", lambda *_, **__: loop.calibration)
     dn = np.zeros((2, 2), np.uint16)
-    frames = frame_set_from_arrays([("dark", 1.0, dn), ("dark", 1.0, dn)], bits=12)
+    frames = FrameSet.from_arrays([("dark", 1.0, dn), ("dark", 1.0, dn)], bits=12)
     monkeypatch.setattr("photosite.frames.open.open_frames", lambda *_, **__: frames)
     library = tmp_path / "library"
     call = ("calibrate", tmp_path, "--sensor", "nikon-d200", "--contribute", library)

@@ -13,7 +13,7 @@ import tifffile
 
 import photosite as ps
 from photosite.calibration.result import Calibration
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import Kind
 
 fits = pytest.importorskip("astropy.io.fits")
@@ -32,7 +32,7 @@ def expected(stack: Path, groups: list[tuple[Kind, float, np.ndarray]]) -> Calib
     """The calibration of the frames in memory."""
     frames = [(kind, exposure_s, dn) for kind, exposure_s, both in groups for dn in both]
     sensor = ps.load_sensor(stack / "nominal.sensor.yaml")
-    return ps.calibrate(frame_set_from_arrays(frames, bits=12, cfa=sensor.array.cfa), sensor)
+    return ps.calibrate(FrameSet.from_arrays(frames, bits=12, cfa=sensor.array.cfa), sensor)
 
 
 def one_hdf5(folder: Path, groups: Any) -> list[Any]:

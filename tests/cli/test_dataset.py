@@ -27,7 +27,7 @@ def test_pairs_of_pictures_and_charts(photosite: Any, picture: Path, tmp_path: P
     done = photosite(*call, "-o", tmp_path / "pairs", "--json")
     assert done.status == 0
     assert (done.json["pairs"], done.json["shards"], done.json["rows"], done.json["cols"]) == (8, 3, 32, 48)
-    stored = ps.data.ShardDataset(tmp_path / "pairs")
+    stored = ps.training.ShardDataset(tmp_path / "pairs")
     facts = [pair.metadata for pair in stored]
     assert {fact["scene"] for fact in facts} >= {"a"}
     assert all(1 / 1000 <= fact["exposure_s"] <= 1 / 30 for fact in facts)
@@ -51,7 +51,7 @@ def test_pairs_of_raw_frames_and_electrons(photosite: Any, tmp_path: Path) -> No
     camera.expose(np.full((32, 32), 500.0, np.float32), 0.01).save(tmp_path / "a.dng")
     raw = ["dataset", tmp_path / "a.dng", "--inputs-are", "raw", *call, "--input-sensor", "vendor-2.2um"]
     assert photosite(*raw, "--light", "0.5", "--format", "webdataset", "-o", tmp_path / "b").status == 0
-    assert ps.data.ShardDataset(tmp_path / "b")[0].metadata["own_shot"] == 0.5
+    assert ps.training.ShardDataset(tmp_path / "b")[0].metadata["own_shot"] == 0.5
     refused = photosite(*raw, "--light", "0.5:2", "-o", tmp_path / "c")
     assert refused.status == 2
     assert "--light must be at most 0.998" in refused.err

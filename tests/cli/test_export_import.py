@@ -12,7 +12,7 @@ from short_protocol import short_d200_protocol
 
 import photosite as ps
 from photosite.cli.main import run
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.io.darktable import read_darktable
 
 
@@ -108,7 +108,7 @@ def test_a_gain_setting_that_the_frames_do_not_have(
     photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dark = np.full((2, 3), 64, np.uint16)
-    frames = frame_set_from_arrays([("dark", 0.1, dark, None, 400.0)], bits=12)
+    frames = FrameSet.from_arrays([("dark", 0.1, dark, None, 400.0)], bits=12)
     monkeypatch.setattr("photosite.frames.open.open_frames", lambda *_, **__: frames)
     done = photosite("export", tmp_path, "darktable", "--gain-setting", 100, "-o", tmp_path / "a.json")
     assert done.status == 2

@@ -48,14 +48,16 @@ def test_a_video_of_a_panned_chart_in_flickering_light(photosite: Any, tmp_path:
     assert done.status == 0
     sensor = ps.load_sensor("nikon-d200").with_(rows=66, cols=98, line_time_us=50)
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
-    seen = ps.DynamicScene(ps.charts.macbeth("A", 40), ps.SineFlicker(100.0, 0.3), ps.Motion(-20.0, 300.0))
+    seen = ps.scenes.DynamicScene(
+        ps.charts.macbeth("A", 40), ps.scenes.SineFlicker(100.0, 0.3), ps.scenes.Motion(-20.0, 300.0)
+    )
     for number, expected in enumerate(camera.record(seen, 2, 24.0, 1 / 200)):
         written = ps.read_raw(tmp_path / f"clip-{number + 1}.h5")
         np.testing.assert_array_equal(written.dn, expected.dn)
         assert written.metadata["start_s"] == number / 24
     alone = photosite("simulate", *SMALL, *of_time[:4], "--exposure", "1/200", "-o", tmp_path / "shot.dng")
     assert alone.status == 0
-    lit = ps.DynamicScene(ps.charts.macbeth("A", 40), ps.SineFlicker(100.0, 0.3))
+    lit = ps.scenes.DynamicScene(ps.charts.macbeth("A", 40), ps.scenes.SineFlicker(100.0, 0.3))
     np.testing.assert_array_equal(ps.read_raw(tmp_path / "shot.dng").dn, camera.capture(lit, 1 / 200).dn)
 
 

@@ -36,7 +36,7 @@ def test_the_table_is_that_of_the_library(photosite: Any, file: Path, tmp_path: 
     assert done.status == 0
     camera = ps.Camera(ps.DiffractionLimited(2.8, 4), ps.load_sensor("vendor-2.2um"))
     expected = [
-        [width, number, *ps.snr(changed, luminance_cd_m2=20, exposure_s=1 / 15).values()]
+        [width, number, *ps.studies.snr(changed, luminance_cd_m2=20, exposure_s=1 / 15).values()]
         for width in (1.1, 2.2)
         for number in (2, 4)
         for changed in [ps.Camera(ps.DiffractionLimited(number, 4), camera.sensor.with_pixel_width(width))]
@@ -62,7 +62,7 @@ def test_a_cell_without_a_number_is_empty(photosite: Any, file: Path, tmp_path: 
 def test_figures_of_sensors_and_scenes(photosite: Any, file: Path) -> None:
     file.write_text(TEXT[: TEXT.index("measure")] + "measure: sensor_figures\n")
     found = photosite("sweep", file, "--json").json
-    figures = ps.compare_sensors({"a": ps.load_sensor("vendor-2.2um")}, f_number=2).sensors["a"]
+    figures = ps.studies.compare_sensors({"a": ps.load_sensor("vendor-2.2um")}, f_number=2).sensors["a"]
     row = dict(zip(found["measured"], found["rows"][2][2:], strict=True))
     assert row["snr10_lux"] == pytest.approx(figures.snr10_lux, rel=1e-3)
     text = TEXT.replace("  f_number: [2, 4]", "  mean_luminance_cd_m2: [10, 20]").replace("luminance_cd_m2: 20, ", "")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photosite.color.colorimetry import colour_science, lab, luminance_cd_m2
-from photosite.color.spectrum import Spectrum, integration_weights, photons_from_energy, read_spectrum, wavelength_grid
+from photosite.color.spectrum import Spectrum, integration_weights, load_spectrum, photons_from_energy, wavelength_grid
 from photosite.errors import FileError, InputError
 from photosite.scene import charts
 
@@ -66,13 +66,13 @@ def test_chart_without_visible_light() -> None:
 def test_read_spectrum(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     file.write_text("# a lamp\nnm, Power, u\n400, 1.5, 0.1  # first line\n\n410,2,0.2\n")
-    content = read_spectrum(file)
+    content = load_spectrum(file)
     assert content.spectrum.wavelength_nm.tolist() == [400.0, 410.0]
     assert content.spectrum.values.tolist() == [1.5, 2.0]
     assert content.standard_uncertainty.tolist() == [0.1, 0.2]
     assert content.columns == ("nm", "power", "u")
     file.write_text("400,1\n")
-    assert read_spectrum(file).columns == ()
+    assert load_spectrum(file).columns == ()
 
 
 @pytest.mark.parametrize(
@@ -92,10 +92,10 @@ def test_invalid_spectrum_files(tmp_path: Path, text: str, what: str, line: int 
     file = tmp_path / "a.csv"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
-        read_spectrum(file)
+        load_spectrum(file)
     assert (caught.value.what, caught.value.line) == (what, line)
 
 
 def test_missing_spectrum_file(tmp_path: Path) -> None:
     with pytest.raises(FileError):
-        read_spectrum(tmp_path / "none.csv")
+        load_spectrum(tmp_path / "none.csv")

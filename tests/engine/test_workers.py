@@ -22,9 +22,9 @@ import worker_tasks as tasks
 from process_groups import left_by
 
 import photosite as ps
-from photosite.data import Electrons, PairDataset, write_shards
 from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import InputError, PhotositeWarning, WorkerError
+from photosite.training import Electrons, PairDataset, write_shards
 
 # Right after a test that ends all workers of the shared scheduler
 pytestmark = pytest.mark.filterwarnings("ignore:the scheduler has no workers")
@@ -91,8 +91,8 @@ def test_a_worker_takes_no_more_threads_than_its_share(where: dict[str, Any], mo
 
 @pytest.mark.slow
 def test_sweeps_and_shards_are_the_same(scheduler: str, tmp_path: Path) -> None:
-    alone = ps.sweep(CAMERA, VALUES, progress=False)
-    shared = within(60, lambda: ps.sweep(CAMERA, VALUES, scheduler=scheduler, progress=False))
+    alone = ps.studies.sweep(CAMERA, VALUES, progress=False)
+    shared = within(60, lambda: ps.studies.sweep(CAMERA, VALUES, scheduler=scheduler, progress=False))
     assert shared.rows == alone.rows
     pairs = PairDataset(Electrons([np.full((16, 16), 500.0)]), CAMERA.sensor, draws=4)
     write_shards(pairs, tmp_path / "a", pairs_per_shard=2)

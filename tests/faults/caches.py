@@ -21,7 +21,7 @@ def write_lens(path: Path) -> None:
     axis = np.arange(-10, 11) * 0.5
     r2 = axis[:, None] ** 2 + axis**2
     psf = np.stack([np.exp(-r2 / 2), np.exp(-r2 / 4)])[:, None]
-    blur = ps.LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]))
+    blur = ps.optics.LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]))
     ps.Lens(ps.DiffractionLimited(2.8, 50), blur=blur).save(path)
 
 

@@ -10,7 +10,7 @@ from PIL import Image
 from raising import raises
 
 from photosite.errors import FileError, InputError
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor, write_descriptor
 from photosite.frames.open import open_frames
 
@@ -187,7 +187,7 @@ def measurement(photons=True):
             for _ in range(2):
                 dn = rng.integers(0, 4096, (5, 7)).astype(np.uint16)
                 frames.append((kind, exposure_s, dn, light) if photons else (kind, exposure_s, dn))
-    return frame_set_from_arrays(frames, bits=12)
+    return FrameSet.from_arrays(frames, bits=12)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
@@ -221,7 +221,7 @@ def test_writing_needs_photons(tmp_path):
 
 def test_writing_needs_one_gain_setting(tmp_path):
     dn = np.zeros((2, 2), np.uint16)
-    two = frame_set_from_arrays([("dark", 0.1, dn, 0.0, 100.0), ("dark", 0.1, dn, 0.0, 200.0)], bits=8)
+    two = FrameSet.from_arrays([("dark", 0.1, dn, 0.0, 100.0), ("dark", 0.1, dn, 0.0, 200.0)], bits=8)
     with raises(InputError, "the frames have several gain settings (100, 200)"):
         write_descriptor(two, tmp_path / "set")
 

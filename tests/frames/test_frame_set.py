@@ -9,7 +9,7 @@ import pytest
 from raising import raises
 
 from photosite.errors import InputError
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import FrameSettings
 from photosite.values.cfa import cfa_from
 
@@ -19,7 +19,7 @@ def frame(value: int, shape=(2, 3)) -> np.ndarray:
 
 
 def test_groups_are_sorted_by_kind_exposure_and_photons():
-    frames = frame_set_from_arrays(
+    frames = FrameSet.from_arrays(
         [
             ("light", 0.2, frame(1), 900.0),
             ("light", 0.1, frame(2), 500.0),
@@ -46,7 +46,7 @@ def test_groups_are_sorted_by_kind_exposure_and_photons():
 
 
 def test_gain_settings_separate_groups_and_temperatures_do_not():
-    frames = frame_set_from_arrays(
+    frames = FrameSet.from_arrays(
         [
             ("dark", 0.1, frame(1), None, 400.0, 20.5),
             ("dark", 0.1, frame(2), None, None),
@@ -68,7 +68,7 @@ def test_gain_settings_separate_groups_and_temperatures_do_not():
 
 
 def test_groups_can_be_read_again_and_pickled():
-    frames = frame_set_from_arrays([("dark", 0.1, frame(6))], bits=12, cfa=cfa_from("rggb"))
+    frames = FrameSet.from_arrays([("dark", 0.1, frame(6))], bits=12, cfa=cfa_from("rggb"))
     again = pickle.loads(pickle.dumps(frames))
     for one in (frames, frames, again):
         assert [int(dn.sum()) for dn in one.groups[0]] == [36]
@@ -100,12 +100,12 @@ NAN, INFINITY = float("nan"), float("inf")
 )
 def test_invalid_frames(entries, what):
     with raises(InputError, what):
-        frame_set_from_arrays(entries, bits=12)
+        FrameSet.from_arrays(entries, bits=12)
 
 
 def test_bits_out_of_range():
     with raises(InputError, "bits", value=0):
-        frame_set_from_arrays([("dark", 0.1, frame(1))], bits=0)
+        FrameSet.from_arrays([("dark", 0.1, frame(1))], bits=0)
 
 
 def test_settings_of_a_source_override_those_of_the_next():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.linearization import LinearizationTable, linearize, read_linearization
 
-FRAMES = frame_set_from_arrays([("dark", 0.1, np.arange(4, dtype=np.uint16).reshape(2, 2))], bits=2)
+FRAMES = FrameSet.from_arrays([("dark", 0.1, np.arange(4, dtype=np.uint16).reshape(2, 2))], bits=2)
 
 
 @pytest.mark.parametrize(

@@ -121,8 +121,8 @@ def _saved_lenses(folder: Path) -> dict[str, tuple[bytes, ...]]:
     axis = np.arange(-8, 9) * 0.5
     spots = np.stack([[np.exp(-(axis[:, None] ** 2 + axis**2) / (1 + k))] * 2 for k in range(2)])
     field = FieldPoints(height_mm=np.array([0.0, 9.0]))
-    design = ps.LensDesign(grid, spots, 0.5, np.zeros(2), np.array([0.0, 9.0]), nodes=3)
-    array = ps.Wavefront({8: 30.0}, pupil=ps.Pupil(amplitude=np.pad(np.full((8, 8), 0.5), 4)))
+    design = ps.optics.LensDesign(grid, spots, 0.5, np.zeros(2), np.array([0.0, 9.0]), nodes=3)
+    array = ps.optics.Wavefront({8: 30.0}, pupil=ps.optics.Pupil(amplitude=np.pad(np.full((8, 8), 0.5), 4)))
     tables = {
         "illumination": IlluminationTable(field, np.array([1, 0.8])),
         "distortion": Distortion.from_percent(field, [0, -2]),

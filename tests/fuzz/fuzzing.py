@@ -266,8 +266,7 @@ def targets(folder: Path) -> dict[str, Target]:
     """Return all readers by name; frames that protocols and descriptors refer to are written to the folder."""
     from photosite.calibration.spectral.protocol import open_spectral
     from photosite.camera.file import load_camera
-    from photosite.color.spectrum import read_spectrum
-    from photosite.data.light import Electrons
+    from photosite.color.spectrum import load_spectrum
     from photosite.frames.io.darktable import read_darktable
     from photosite.frames.io.formats import read_frame, read_headers
     from photosite.frames.io.libcamera import read_libcamera
@@ -276,10 +275,12 @@ def targets(folder: Path) -> dict[str, Target]:
     from photosite.library.entry import index_file
     from photosite.library.sources import find_cameras
     from photosite.library.spectra import csv_camera
-    from photosite.optics.io.formats import read_otf_table, read_psf_table
+    from photosite.optics.io.formats import load_psf_table
+    from photosite.optics.io.tables import load_otf_table
     from photosite.sensor.io.sensor_file import load_sensor, read_maps
-    from photosite.studies.chart_spectral import open_chart
+    from photosite.studies.chart_spectral import read_chart
     from photosite.studies.sweep_file import load_sweep
+    from photosite.training.light import Electrons
 
     seeds = seeds_of(folder)
 
@@ -359,7 +360,7 @@ def targets(folder: Path) -> dict[str, Target]:
         return read_linearization(path).values
 
     def psf_pages(path: Path) -> object:
-        return read_psf_table(path, spacing_um=0.5, wavelength_nm=[450.0, 650.0])
+        return load_psf_table(path, spacing_um=0.5, wavelength_nm=[450.0, 650.0])
 
     def electrons(path: Path) -> object:
         return Electrons([path]).shape
@@ -417,8 +418,8 @@ def targets(folder: Path) -> dict[str, Target]:
         "protocol": Target(".yaml", seeds["protocol"], frames, text=True, tree=True),
         "sensor": Target(".yaml", seeds["sensor"], sensor, text=True, tree=True),
         "spectral": Target(".yaml", seeds["spectral"], spectral, text=True, tree=True),
-        "chart": Target(".yaml", seeds["chart"], lambda path: open_chart(path)[0].electrons, text=True, tree=True),
-        "spectrum": Target(".csv", seeds["spectrum"], read_spectrum, text=True),
+        "chart": Target(".yaml", seeds["chart"], lambda path: read_chart(path)[0].electrons, text=True, tree=True),
+        "spectrum": Target(".csv", seeds["spectrum"], load_spectrum, text=True),
         "darktable": Target(".json", seeds["darktable"], lambda path: read_darktable(path, None), text=True, tree=True),
         "libcamera": Target(".json", seeds["libcamera"], read_libcamera, text=True, tree=True),
         "rawtoaces": Target(".json", seeds["rawtoaces"], find_cameras, text=True, tree=True),
@@ -427,9 +428,9 @@ def targets(folder: Path) -> dict[str, Target]:
         "camera": Target(".yaml", seeds["camera"], camera, text=True, tree=True),
         "sweep": Target(".yaml", seeds["sweep"], sweep, text=True, tree=True),
         "linearization": Target(".csv", seeds["linearization"], linearization, text=True),
-        "otf": Target(".csv", seeds["otf"], read_otf_table, text=True),
-        "psf arrays": Target(".npz", seeds["psf arrays"], read_psf_table),
-        "psf hdf5": Target(".h5", seeds["psf hdf5"], read_psf_table),
+        "otf": Target(".csv", seeds["otf"], load_otf_table, text=True),
+        "psf arrays": Target(".npz", seeds["psf arrays"], load_psf_table),
+        "psf hdf5": Target(".h5", seeds["psf hdf5"], load_psf_table),
         "psf tiff": Target(".tif", seeds["psf tiff"], psf_pages),
         "electrons": Target(".npy", seeds["electrons"], electrons),
         "commands": Target(".json", (b'["sensors", "list"]',), command, draw=draw_command),

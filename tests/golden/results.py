@@ -125,7 +125,7 @@ def _condition(name: str, number: int) -> dict[str, Any]:
 def _captures(lab: Any) -> dict[str, Any]:
     from photosite.calibration.captures.combined import calibrate_combined
     from photosite.calibration.captures.each_capture import calibrate_captures
-    from photosite.frames.frame_set import frame_set_from_arrays
+    from photosite.frames.frame_set import FrameSet
 
     sensor = lab.camera.sensor
     taken: dict[str, list[Any]] = {}
@@ -134,9 +134,9 @@ def _captures(lab: Any) -> dict[str, Any]:
         output.append((step.kind, step.exposure_s, raw.dn))
         for name, dn in raw.captures.items():
             taken.setdefault(name, []).append((step.kind, step.exposure_s, dn))
-    sets = {name: frame_set_from_arrays(each, bits=sensor.readout.bits) for name, each in taken.items()}
+    sets = {name: FrameSet.from_arrays(each, bits=sensor.readout.bits) for name, each in taken.items()}
     found = calibrate_captures(sets)
-    together = calibrate_combined(frame_set_from_arrays(output, bits=sensor.output_bits))
+    together = calibrate_combined(FrameSet.from_arrays(output, bits=sensor.output_bits))
     each = {name: _results(one) for name, one in found.captures.items()}
     return {"captures": found.to_dict(), "combined": together.to_dict(), "each": each}
 

@@ -16,7 +16,7 @@ from photosite.calibration.result import Calibration
 from photosite.calibration.spectral.chart import ChartViews
 from photosite.calibration.spectral.result import SpectralCalibration
 from photosite.camera.file import SetUp
-from photosite.frames.frame_set import FrameSet, frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.library.profile import CameraProfile
 from photosite.library.sources import CameraSource
 from photosite.library.spectra import SpectralFile, SpectralSensitivity
@@ -41,40 +41,40 @@ def base() -> ps.DiffractionLimited:
 def lens() -> ps.Lens:
     return ps.Lens(
         ps.DiffractionLimited(4, 50),
-        ps.Wavefront({8: 50.0}),
+        ps.optics.Wavefront({8: 50.0}),
         focus_distance_m=2.0,
-        illumination=ps.IlluminationTable(field(), [1, 0.8]),
-        distortion=ps.Distortion.polynomial(-0.1),
-        lateral_color=ps.LateralColor.from_magnification([450, 650], [1.0002, 1]),
-        veiling_glare=ps.VeilingGlare(0.02),
+        illumination=ps.optics.IlluminationTable(field(), [1, 0.8]),
+        distortion=ps.optics.Distortion.polynomial(-0.1),
+        lateral_color=ps.optics.LateralColor.from_magnification([450, 650], [1.0002, 1]),
+        veiling_glare=ps.optics.VeilingGlare(0.02),
         name="test lens",
     )
 
 
-def field() -> ps.FieldPoints:
-    return ps.FieldPoints(angle_deg=[0, 20])
+def field() -> ps.optics.FieldPoints:
+    return ps.optics.FieldPoints(angle_deg=[0, 20])
 
 
-def psf_table() -> ps.PsfTable:
+def psf_table() -> ps.optics.PsfTable:
     x = np.arange(-20, 21) * 0.5
     gauss = np.exp(-(x[:, None] ** 2 + x**2) / 2)
-    return ps.PsfTable([550.0], [gauss / gauss.sum()], spacing_um=0.5)
+    return ps.optics.PsfTable([550.0], [gauss / gauss.sum()], spacing_um=0.5)
 
 
-def design() -> ps.LensDesign:
+def design() -> ps.optics.LensDesign:
     axis = np.arange(-10, 11) * 0.5
     r2 = axis[:, None] ** 2 + axis**2
     psf = np.stack([np.exp(-r2 / 2), np.exp(-r2 / 4)])[:, None]
-    return ps.LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]))
+    return ps.optics.LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]))
 
 
 def scene() -> ps.Scene:
     return ps.charts.macbeth("D65", 100)
 
 
-def planes() -> ps.Planes:
+def planes() -> ps.scenes.Planes:
     near = ps.Scene(np.ones((1, 8, 8), np.float32), np.full((1, GRID.size), 5e14), GRID, distance_m=1, width_m=0.01)
-    return ps.Planes((near, ps.Scene.uniform(np.full(GRID.size, 1e14), GRID, distance_m=3)))
+    return ps.scenes.Planes((near, ps.Scene.uniform(np.full(GRID.size, 1e14), GRID, distance_m=3)))
 
 
 def camera() -> ps.Camera:
@@ -96,7 +96,7 @@ def frames() -> FrameSet:
         return kind, exposure_s, np.uint16(64.5 + 0.5 * electrons + rng.normal(0, 2, (16, 16)))
 
     mono = sensor().with_(rows=16, cols=16, cfa=(("M",),), channels={"M": sensor().channels["G"]})
-    return frame_set_from_arrays([frame(*entry) for entry in settings for _ in range(4)], bits=12, sensor=mono)
+    return FrameSet.from_arrays([frame(*entry) for entry in settings for _ in range(4)], bits=12, sensor=mono)
 
 
 @functools.cache
@@ -146,8 +146,8 @@ def edge() -> SlantedEdge:
     return ps.slanted_edge_mtf(shot, channel="G")
 
 
-def pairs() -> ps.data.PairDataset:
-    return ps.data.PairDataset(ps.data.Electrons([np.full((4, 4), 100.0)]), sensor(), crop=(2, 2), draws=2)
+def pairs() -> ps.training.PairDataset:
+    return ps.training.PairDataset(ps.training.Electrons([np.full((4, 4), 100.0)]), sensor(), crop=(2, 2), draws=2)
 
 
 def camera_profile() -> CameraProfile:
@@ -163,28 +163,30 @@ INSTANCES: dict[str, Callable[[], Any]] = {
     "Camera": camera,
     "CameraProfile": camera_profile,
     "DiffractionLimited": base,
+    "Diagnostic": lambda: ps.Diagnostic("no-flats", "warning", "no light frames"),
     "Distortion": lambda: lens().distortion,
-    "DynamicScene": lambda: ps.DynamicScene(scene(), flicker=ps.SineFlicker(100.0, 0.2)),
+    "DynamicScene": lambda: ps.scenes.DynamicScene(scene(), flicker=ps.scenes.SineFlicker(100.0, 0.2)),
     "FieldPoints": field,
     "IlluminationTable": lambda: lens().illumination,
     "LateralColor": lambda: lens().lateral_color,
     "Lens": lens,
     "LensDesign": design,
     "Measured": lambda: ps.Measured(0.52, 0.004, source="150 dark frames"),
-    "Motion": lambda: ps.Motion(10.0, 20.0, 5.0, 0.1),
-    "OtfTable": lambda: ps.OtfTable([550.0], [0.0, 50.0, 100.0], [[1.0, 0.5, 0.0]]),
+    "Motion": lambda: ps.scenes.Motion(10.0, 20.0, 5.0, 0.1),
+    "OtfTable": lambda: ps.optics.OtfTable([550.0], [0.0, 50.0, 100.0], [[1.0, 0.5, 0.0]]),
     "Plane": lambda: planes().planes[0],
     "Planes": planes,
     "PsfTable": psf_table,
-    "PulseFlicker": lambda: ps.PulseFlicker(1000.0, 0.1),
-    "Pupil": lambda: ps.Pupil(blades=7),
+    "PulseFlicker": lambda: ps.scenes.PulseFlicker(1000.0, 0.1),
+    "Pupil": lambda: ps.optics.Pupil(blades=7),
     "RawFrame": raw,
+    "Region": lambda: ps.Region("white", 10, 20, 0, 5),
     "Scene": scene,
     "Sensor": sensor,
     "SignalModel": lambda: ps.SignalModel(ps.Camera(base(), sensor()), scene(), 0.01),
-    "SineFlicker": lambda: ps.SineFlicker(100.0, 0.2),
+    "SineFlicker": lambda: ps.scenes.SineFlicker(100.0, 0.2),
     "Spectrum": lambda: ps.Spectrum(GRID, np.sin(GRID)),
-    "TableFlicker": lambda: ps.TableFlicker(100.0, (0.5, 1.0, 1.5, 1.0)),
+    "TableFlicker": lambda: ps.scenes.TableFlicker(100.0, (0.5, 1.0, 1.5, 1.0)),
     "VeilingGlare": lambda: lens().veiling_glare,
     "Wavefront": lambda: lens().blur,
     # returned by public functions and methods

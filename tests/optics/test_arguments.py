@@ -21,7 +21,7 @@ BASE = DiffractionLimited(2.8, 50)
 HEIGHTS = FieldPoints(height_mm=[0, 7, 14])  # type: ignore[arg-type]
 SPOT = np.pad(np.ones((1, 1)), 1)
 LENS: Any = ps.Lens
-WAVEFRONT: Any = ps.Wavefront
+WAVEFRONT: Any = ps.optics.Wavefront
 ANY: Any = DiffractionLimited
 
 
@@ -31,7 +31,7 @@ ANY: Any = DiffractionLimited
         (lambda: LENS(2.8), "base"),
         (lambda: LENS(ps.Lens(BASE)), "base"),
         (lambda: LENS(BASE, {8: 50}), "blur"),
-        (lambda: LENS(BASE, ps.Wavefront), "blur"),
+        (lambda: LENS(BASE, ps.optics.Wavefront), "blur"),
         (lambda: LENS(BASE, focus_distance_m="2"), "focus_distance_m"),
         (lambda: LENS(BASE, illumination=[1, 0.5]), "illumination"),
         (lambda: LENS(BASE, distortion=-2.0), "distortion"),
@@ -46,10 +46,10 @@ ANY: Any = DiffractionLimited
         (lambda: ANY(True, 50), "f_number"),
         (lambda: ANY(None, 50), "f_number"),
         (lambda: ANY(np.array(False), 50), "f_number"),
-        (lambda: ps.Pupil(blades=True), "blades"),
+        (lambda: ps.optics.Pupil(blades=True), "blades"),
         (lambda: ANY(2.8, 50, "0.9"), "transmittance"),
-        (lambda: ps.Pupil(blades=6.5), "blades"),  # type: ignore[arg-type]
-        (lambda: ps.Pupil("0.3"), "obscuration"),  # type: ignore[arg-type]
+        (lambda: ps.optics.Pupil(blades=6.5), "blades"),  # type: ignore[arg-type]
+        (lambda: ps.optics.Pupil("0.3"), "obscuration"),  # type: ignore[arg-type]
         (lambda: VeilingGlare("2 %"), "fraction"),  # type: ignore[arg-type]
         (lambda: IlluminationTable([0, 7], [1, 1]), "field"),  # type: ignore[arg-type]
         (lambda: Distortion([0, 7], [1, 1]), "field"),  # type: ignore[arg-type]
@@ -61,13 +61,13 @@ ANY: Any = DiffractionLimited
         (lambda: FieldPoints(height_mm=[[0], [1, 2]]), "height_mm"),  # type: ignore[arg-type]
         (lambda: Distortion.from_percent(HEIGHTS, "2 %"), "percent"),
         (lambda: Distortion.polynomial("0.1"), "k1"),  # type: ignore[arg-type]
-        (lambda: ps.OtfTable([550], [0, 9], [["a", "b"]]), "values"),  # type: ignore[arg-type]
-        (lambda: ps.OtfTable([550], [0, 9], [[1, 0j]]), "values"),  # type: ignore[arg-type]
-        (lambda: ps.OtfTable([550], ["a", 9], [[1, 0]]), "frequency_per_mm"),  # type: ignore[arg-type]
-        (lambda: ps.PsfTable(["a"], [SPOT], 0.5), "wavelength_nm"),  # type: ignore[arg-type]
-        (lambda: ps.PsfTable([550], [SPOT * 1j], 0.5), "samples"),  # type: ignore[arg-type]
-        (lambda: ps.PsfTable([550], np.zeros((1, 0, 0)), 0.5), "samples"),  # type: ignore[arg-type]
-        (lambda: ps.PsfTable([550], [SPOT], "0.5"), "spacing_um"),  # type: ignore[arg-type]
+        (lambda: ps.optics.OtfTable([550], [0, 9], [["a", "b"]]), "values"),  # type: ignore[arg-type]
+        (lambda: ps.optics.OtfTable([550], [0, 9], [[1, 0j]]), "values"),  # type: ignore[arg-type]
+        (lambda: ps.optics.OtfTable([550], ["a", 9], [[1, 0]]), "frequency_per_mm"),  # type: ignore[arg-type]
+        (lambda: ps.optics.PsfTable(["a"], [SPOT], 0.5), "wavelength_nm"),  # type: ignore[arg-type]
+        (lambda: ps.optics.PsfTable([550], [SPOT * 1j], 0.5), "samples"),  # type: ignore[arg-type]
+        (lambda: ps.optics.PsfTable([550], np.zeros((1, 0, 0)), 0.5), "samples"),  # type: ignore[arg-type]
+        (lambda: ps.optics.PsfTable([550], [SPOT], "0.5"), "spacing_um"),  # type: ignore[arg-type]
         (lambda: LensDesign(np.array([550.0]), [[SPOT]], "0.5", [0], [0]), "spacing_um"),  # type: ignore[arg-type]
     ],
 )
@@ -82,7 +82,7 @@ def test_wrong_types_are_rejected(make: Callable[[], object], what: str) -> None
 def test_numpy_scalars_are_accepted() -> None:
     base = DiffractionLimited(np.float32(2.5), np.int64(50), np.array(0.5))  # type: ignore[arg-type]
     assert ps.Lens(base, focus_distance_m=np.float64(2)).magnification(2.0) == pytest.approx(0.05 / 1.95)
-    assert ps.Pupil(blades=np.int64(6)).area < 1  # type: ignore[arg-type]
+    assert ps.optics.Pupil(blades=np.int64(6)).area < 1  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_objects_out_of_focus_are_rejected_with_the_depth_of_focus() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["Distortion", "FieldPoints", "IlluminationTable", "LateralColor", "VeilingGlare", "read_lens_design"]
+    "name", ["Distortion", "FieldPoints", "IlluminationTable", "LateralColor", "VeilingGlare", "load_lens_design"]
 )
 def test_parts_of_a_lens_are_public(name: str) -> None:
     assert getattr(ps, name).__name__ == name

@@ -19,7 +19,7 @@ ROWS, COLS = 48, 80
 class FirstModes:
     """The first modes of a design, which are its own at that rank."""
 
-    design: ps.LensDesign
+    design: ps.optics.LensDesign
     rank: int
 
     def point_spread(self, base, distance_m, focus_distance_m):
@@ -51,7 +51,7 @@ def frames() -> tuple[np.ndarray, dict[int, np.ndarray]]:
         own = comatic_psf(math.hypot(y, x) / edge_mm, math.atan2(y, x))
         one = np.zeros((ROWS, COLS))
         one[row, col] = every[row, col] = 1.0
-        alone = ps.LensDesign(np.array([WAVELENGTH_NM]), own[None, None], SPACING_UM, np.zeros(1), np.zeros(1))
+        alone = ps.optics.LensDesign(np.array([WAVELENGTH_NM]), own[None, None], SPACING_UM, np.zeros(1), np.zeros(1))
         direct += frame(one, alone)
     return direct, {rank: frame(every, FirstModes(design, rank)) for rank in RANKS}
 

@@ -75,7 +75,7 @@ BLURS: dict[str, Any] = {
     "plane": plane_table(),
     "half plane": plane_table(half=True),
     "psf": PsfTable(np.array([450.0, 650.0]), spots(1)[0], 0.5),
-    "psf to be normalized": PsfTable(np.array([450.0, 650.0]), 3 * spots(1)[0], 0.5, normalise=True),
+    "psf to be normalized": PsfTable(np.array([450.0, 650.0]), 3 * spots(1)[0], 0.5, normalize=True),
     "design": LensDesign(
         np.array([450.0, 650.0]), spots(3), 0.5, np.zeros(3), np.array([0, 4.0, 9.0]), detail_um=2.2, nodes=9
     ),

@@ -16,7 +16,8 @@ from raising import raises
 
 from photosite.errors import FileError, InputError
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.io.formats import read_otf_table, read_psf_table
+from photosite.optics.io.formats import load_psf_table
+from photosite.optics.io.tables import load_otf_table
 from photosite.optics.point_spread import PlanePsf, RadialPsf
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
@@ -172,7 +173,7 @@ def test_invalid_otf_tables(change: dict[str, Any], what: str) -> None:
         ({"samples": [gaussian(2.0) - 1e-4]}, "samples"),
         ({"samples": [np.full((9, 9), np.nan)]}, "samples"),
         ({"samples": [np.zeros((9, 9))]}, "samples"),
-        ({"samples": [-gaussian(2.0)], "normalise": True}, "samples"),
+        ({"samples": [-gaussian(2.0)], "normalize": True}, "samples"),
         ({"spacing_um": 5e-7}, "spacing_um"),
         ({"wavelength_nm": [0.55]}, "wavelength_nm"),
         ({"samples": [gaussian(0.4) / gaussian(0.4).sum()]}, "spacing_um"),
@@ -186,8 +187,8 @@ def test_invalid_psf_tables(change: dict[str, Any], what: str) -> None:
         PsfTable(**{"wavelength_nm": [550.0], "samples": [gaussian(2.0)], "spacing_um": 1.0, **change})
 
 
-def test_normalise_divides_by_the_sum() -> None:
-    table = PsfTable([550.0], [gaussian(2.0) * 40], 1.0, normalise=True)
+def test_normalize_divides_by_the_sum() -> None:
+    table = PsfTable([550.0], [gaussian(2.0) * 40], 1.0, normalize=True)
     assert table.samples.sum() == pytest.approx(1, abs=1e-12)
 
 
@@ -195,7 +196,7 @@ def test_mtf_from_a_file_with_comments(tmp_path: Path) -> None:
     path = tmp_path / "mtf.csv"
     rows = "\n".join(f"{f:g},{a:.6f},{b:.6f}" for f, a, b in zip(PER_MM, *VALUES, strict=True))
     path.write_text(f"# bench 3\nfrequency_per_mm,450nm, 650\n{rows}\n")
-    table = read_otf_table(path)
+    table = load_otf_table(path)
     assert table.wavelength_nm.tolist() == [450, 650]
     assert table.values == pytest.approx(VALUES, abs=1e-6)
 
@@ -210,11 +211,11 @@ def test_2d_table_from_a_file_in_any_order(tmp_path: Path) -> None:
     ]
     np.random.default_rng(1).shuffle(lines)
     path.write_text("real,imag,fx_per_mm,fy_per_mm,wavelength_nm\n" + "\n".join(lines))
-    table = read_otf_table(path)
+    table = load_otf_table(path)
     assert np.abs(table.values[0] - tilted).max() < 1e-7
     path.write_text("real,imag,fx_per_mm,fy_per_mm,wavelength_nm\n" + "\n".join(lines[1:]))
     with raises(FileError, "entries"):
-        read_otf_table(path)
+        load_otf_table(path)
 
 
 @pytest.mark.parametrize(
@@ -236,9 +237,9 @@ def test_invalid_otf_files(tmp_path: Path, text: str, error: tuple[str, int | No
     path = tmp_path / "otf.csv"
     path.write_text(text)
     with raises(FileError, error[0], line=error[1]):
-        read_otf_table(path)
+        load_otf_table(path)
     with raises(FileError, "there is no such file"):
-        read_otf_table(tmp_path / "missing.csv")
+        load_otf_table(tmp_path / "missing.csv")
 
 
 def test_psfs_from_every_format(tmp_path: Path) -> None:
@@ -253,11 +254,11 @@ def test_psfs_from_every_format(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "a.csv", stack[0], delimiter=",")
     stated = {"spacing_um": 1.0, "wavelength_nm": [450.0, 650.0]}
     for name, options in {"a.npz": {}, "a.h5": {"spacing_um": 1.0}, "a.tif": stated}.items():
-        table = read_psf_table(tmp_path / name, **options)
+        table = load_psf_table(tmp_path / name, **options)
         assert table.samples == pytest.approx(stack / stack.sum(axis=(1, 2), keepdims=True), abs=1e-15)
         assert table.wavelength_nm.tolist() == [450, 650]
     for name in ("a.txt", "a.csv"):
-        table = read_psf_table(tmp_path / name, spacing_um=1.0, wavelength_nm=550)
+        table = load_psf_table(tmp_path / name, spacing_um=1.0, wavelength_nm=550)
         assert table.samples[0] == pytest.approx(stack[0] / stack[0].sum(), abs=1e-15)
 
 
@@ -266,7 +267,7 @@ def test_invalid_psf_files(tmp_path: Path) -> None:
 
     def refused(name: str, what: str, **options: Any) -> None:
         with raises(FileError, what):
-            read_psf_table(tmp_path / name, **options)
+            load_psf_table(tmp_path / name, **options)
 
     np.savez(tmp_path / "a.npz", psf=gaussian(2.0))
     refused("a.npz", "does not state its spacing_um")
@@ -313,7 +314,7 @@ def test_damaged_psf_files_raise_file_errors_only(tmp_path: Path, suffix: str) -
     else:
         np.savetxt(good, gaussian(2.0))
     options: dict[str, Any] = {"spacing_um": 1.0, "wavelength_nm": 550.0}
-    assert read_psf_table(good, **options).samples.shape == (1, 61, 61)
+    assert load_psf_table(good, **options).samples.shape == (1, 61, 61)
     data, rng = good.read_bytes(), np.random.default_rng(6)
     for trial in range(40):
         damaged = bytearray(data[: int(rng.integers(0, len(data)))] if trial % 2 else data)
@@ -323,7 +324,7 @@ def test_damaged_psf_files_raise_file_errors_only(tmp_path: Path, suffix: str) -
         path = tmp_path / f"bad{suffix}"
         path.write_bytes(damaged)
         with contextlib.suppress(FileError):  # an error, or a valid table by chance
-            read_psf_table(path, **options)
+            load_psf_table(path, **options)
 
 
 @pytest.mark.parametrize(
@@ -335,7 +336,7 @@ def test_damaged_psf_files_raise_file_errors_only(tmp_path: Path, suffix: str) -
 )
 def test_semicolons_with_commas_or_points(text: str, tmp_path: Path) -> None:
     (tmp_path / "mtf.csv").write_text(text, encoding="utf-8")
-    table = read_otf_table(tmp_path / "mtf.csv")
+    table = load_otf_table(tmp_path / "mtf.csv")
     np.testing.assert_array_equal(table.frequency_per_mm, [0, 40.5, 200])
     np.testing.assert_array_equal(table.values, [[1, 0.7, 0], [1, 0.6, 0]])
 
@@ -343,4 +344,4 @@ def test_semicolons_with_commas_or_points(text: str, tmp_path: Path) -> None:
 def test_ambiguous_decimal_commas_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "mtf.csv").write_text("frequency_per_mm;450\n0;1\n40.5;0,7\n200;0\n", encoding="utf-8")
     with raises(FileError, "entry", line=3):
-        read_otf_table(tmp_path / "mtf.csv")
+        load_otf_table(tmp_path / "mtf.csv")

@@ -9,7 +9,7 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.result import Calibration
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.report.chip import defect_blocks, outlier_pixel_blocks, temporal_blocks
 from photosite.report.page import Details, Images, Page, Paragraph, Section, Table
 from photosite.report.write import render_page
@@ -33,7 +33,7 @@ def calibration() -> Calibration:
 
     frames = [("dark", t, frame(t, 0.0)) for t in (0.01, 0.5) for _ in range(16)]
     frames += [("light", t, frame(t, 1e5 * t)) for t in (0.01, 0.02, 0.03, 0.04) for _ in range(4)]
-    return calibrate(frame_set_from_arrays(frames, bits=12), maps=True)
+    return calibrate(FrameSet.from_arrays(frames, bits=12), maps=True)
 
 
 def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Calibration, read_page) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import photosite as ps
 from photosite.calibration.gain_series.result import ConversionGainSwitch, GainMode, GainSeries, GainStep
 from photosite.calibration.result import Calibration
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import Kind
 from photosite.report.figures.gain_series import gain_series_figure
 from photosite.report.gain_series import gain_series_page, modes_table, settings_table
@@ -37,7 +37,7 @@ def measured() -> Calibration:
         return kind, exposure_s, np.uint16(64.5 + 0.5 * electrons + rng.normal(0, 2, (16, 16)))
 
     settings: list[tuple[Kind, float]] = [("dark", 0.01), ("light", 0.01), ("light", 0.02)]
-    return ps.calibrate(frame_set_from_arrays([frame(*entry) for entry in settings for _ in range(4)], bits=12))
+    return ps.calibrate(FrameSet.from_arrays([frame(*entry) for entry in settings for _ in range(4)], bits=12))
 
 
 def calibration(gain: float, pre_e: float) -> Calibration:

@@ -18,8 +18,8 @@ import photosite as ps
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.writing import TemporaryFolder
-from photosite.scene.io.formats import convert, format_of, open_cube, read_scene, write_scene
-from photosite.scene.options import ReadOptions
+from photosite.scene.io.formats import convert_scene, format_of, open_cube, read_scene, write_scene
+from photosite.scene.options import ReadArguments, ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import Place, SceneRequest, merged_options
 from photosite.scene.weights import MappedWeights
@@ -53,6 +53,10 @@ def small_chart() -> Scene:
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     regions = tuple(Region(r.name, r.r0 // 4, r.r1 // 4, r.c0 // 4, r.c1 // 4) for r in chart.regions)
     return replace(chart, weights=chart.weights[:, ::4, ::4], regions=regions).with_nominal_luminance(40)
+
+
+def test_every_option_of_reading_has_a_type() -> None:
+    assert set(ReadArguments.__annotations__) == set(ReadOptions.model_fields)
 
 
 def difference(one: Scene, other: Scene) -> float:
@@ -129,7 +133,7 @@ def test_a_scene_file_keeps_everything(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "how"), WAYS[1:])
 def test_convert_writes_the_scene_that_read_scene_makes(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
     write_scene(some_scene(), tmp_path / name, **how)
-    done = convert(tmp_path / name, tmp_path / "out.h5", tolerance=1e-2)
+    done = convert_scene(tmp_path / name, tmp_path / "out.h5", tolerance=1e-2)
     read = read_scene(tmp_path / name, tolerance=1e-2)
     kept = read_scene(tmp_path / "out.h5")
     assert np.array_equal(kept.weights, read.weights)
@@ -137,7 +141,7 @@ def test_convert_writes_the_scene_that_read_scene_makes(tmp_path: Path, name: st
     assert done.bands == GRID.size
     assert isinstance(done.scene.weights.base, MappedWeights)  # written straight into the file
     assert (kept.relative_error, kept.name, kept.width_m) == (read.relative_error, read.name, read.width_m)
-    convert(tmp_path / "out.h5", tmp_path / "back.tif")
+    convert_scene(tmp_path / "out.h5", tmp_path / "back.tif")
     assert (
         difference(read_scene(tmp_path / "back.tif", tolerance=1e-6), read) < 1e-2
     )  # negative radiance is written as 0
@@ -159,17 +163,17 @@ def test_convert_does_not_overwrite_its_input(tmp_path: Path) -> None:
         ("c.h5", "link.h5"),
     ]:
         with pytest.raises(FileError, match="would overwrite the input"):
-            convert(tmp_path / source, tmp_path / output)
+            convert_scene(tmp_path / source, tmp_path / output)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()} == before
 
 
 def test_a_tolerance_without_a_reduction_is_an_error(tmp_path: Path) -> None:
     some_scene().save(tmp_path / "scene.h5")
     with pytest.raises(FileError, match="which is not reduced") as caught:
-        convert(tmp_path / "scene.h5", tmp_path / "b.h5", tolerance=0.2)
+        convert_scene(tmp_path / "scene.h5", tmp_path / "b.h5", tolerance=0.2)
     assert caught.value.arguments == {"tolerance": 0.2}
     assert not (tmp_path / "b.h5").exists()
-    assert not convert(tmp_path / "scene.h5", tmp_path / "b.h5").reduced
+    assert not convert_scene(tmp_path / "scene.h5", tmp_path / "b.h5").reduced
 
 
 def test_a_format_is_recognized_by_its_content(tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ def scene(distance_m: float, width_m: float | None = None, rows: int = 4, cols: 
 
 
 def test_the_public_names() -> None:
-    assert ps.Planes is Planes
-    assert ps.Plane is Plane
+    assert ps.scenes.Planes is Planes
+    assert ps.scenes.Plane is Plane
 
 
 def test_a_plane_with_a_width_ends_in_a_dark_border_of_one_sample() -> None:

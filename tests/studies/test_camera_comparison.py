@@ -27,11 +27,11 @@ def found() -> CameraComparison:
         "gray": ps.Camera(LENS, ps.load_sensor("sony-imx174")),
     }
     with pytest.warns(PhotositeWarning):  # the gray one responds to infrared light
-        return ps.compare_cameras(cameras, **LIGHT, distance_m=2.0)
+        return ps.studies.compare_cameras(cameras, **LIGHT, distance_m=2.0)
 
 
 def test_signal_and_noise_are_those_of_compare_sensors(found: CameraComparison) -> None:
-    own = ps.compare_sensors({"d200": ps.load_sensor("nikon-d200")}, f_number=2.8, **LIGHT).sensors["d200"]
+    own = ps.studies.compare_sensors({"d200": ps.load_sensor("nikon-d200")}, f_number=2.8, **LIGHT).sensors["d200"]
     assert found.cameras["wide open"].light.to_dict() == own.to_dict()
     signals = [found.cameras[name].light.electrons_per_cd_m2 for name in ("wide open", "stopped down")]
     assert signals[0] / signals[1] == pytest.approx((1 + 4 * 11**2) / (1 + 4 * 2.8**2), rel=1e-4)
@@ -77,11 +77,13 @@ def test_saturated_patches_and_gray_sensors_have_no_color_errors(found: CameraCo
     assert found.cameras["gray"].colors is None
     assert found.cameras["gray"].reason
     assert found.cameras["gray"].patches is not None
-    bright = ps.compare_cameras({"a": ps.Camera(LENS, ps.load_sensor("nikon-d200"))}, exposure_s=1 / 10)
+    bright = ps.studies.compare_cameras({"a": ps.Camera(LENS, ps.load_sensor("nikon-d200"))}, exposure_s=1 / 10)
     facts = bright.cameras["a"]
     assert 0 < facts.used.sum() < 24
     assert (np.isnan(facts.delta_e_2000) == ~facts.used).all()
-    blown = ps.compare_cameras({"a": ps.Camera(LENS, ps.load_sensor("nikon-d200"))}, exposure_s=2.0).cameras["a"]
+    blown = ps.studies.compare_cameras({"a": ps.Camera(LENS, ps.load_sensor("nikon-d200"))}, exposure_s=2.0).cameras[
+        "a"
+    ]
     assert blown.colors is None
     assert blown.reason
 
@@ -92,6 +94,6 @@ def test_results_are_plain_values_and_a_table(found: CameraComparison) -> None:
     assert len(content["chart"]["wide open"]["delta_e_2000"]) == 24
     assert "stopped down" in repr(found)
     with pytest.raises(InputError):
-        ps.compare_cameras({})
+        ps.studies.compare_cameras({})
     tiny = ps.Camera(LENS, ps.load_sensor("nikon-d200").with_(rows=4, cols=4))
-    assert ps.compare_cameras({"tiny": tiny}).cameras["tiny"].patches is None
+    assert ps.studies.compare_cameras({"tiny": tiny}).cameras["tiny"].patches is None

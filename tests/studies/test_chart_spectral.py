@@ -12,7 +12,7 @@ import photosite as ps
 from photosite.calibration.spectral.chart import calibrate_chart
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.metrics.patches import patch_statistics
-from photosite.studies.chart_spectral import ChartShot, chart_views, is_chart_protocol, open_chart, unit_electrons
+from photosite.studies.chart_spectral import ChartShot, chart_views, is_chart_protocol, read_chart, unit_electrons
 from photosite.studies.virtual_lab import with_pedestal
 from photosite.values.uncertain import Measured
 
@@ -155,7 +155,7 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
     path = tmp_path / "chart.yaml"
     path.write_text(TEXT)
     assert is_chart_protocol(path)
-    read, known = open_chart(path)
+    read, known = read_chart(path)
     assert (known.name, read.light_names, read.frame_count) == (sensor.name, ("A",), 2)
     assert read.unit_electrons.shape == (24, 13)
     for old, new, line in (
@@ -172,7 +172,7 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
     ):
         path.write_text(TEXT.replace(old, new))
         with pytest.raises(FileError) as caught:
-            open_chart(path)
+            read_chart(path)
         assert (caught.value.path, caught.value.line) == (str(path), line), new
 
 

@@ -19,7 +19,7 @@ NAMES = ("nikon-d200", "vendor-2.2um")
 
 @pytest.fixture(scope="module")
 def found() -> Any:
-    return ps.compare_sensors({name: ps.load_sensor(name) for name in NAMES})
+    return ps.studies.compare_sensors({name: ps.load_sensor(name) for name in NAMES})
 
 
 def test_snr10_is_where_the_ratio_is_ten(found: Any) -> None:
@@ -33,7 +33,7 @@ def test_snr10_is_where_the_ratio_is_ten(found: Any) -> None:
 
 def test_snr10_of_a_sensor_without_dark_noise_is_that_of_100_electrons() -> None:
     quiet = ps.load_sensor("vendor-2.2um").with_(read_noise_mv=0, dsnu_mv=0, prnu_percent=0, bits=16)
-    facts = ps.compare_sensors({"quiet": quiet}).sensors["quiet"]
+    facts = ps.studies.compare_sensors({"quiet": quiet}).sensors["quiet"]
     assert facts.snr10_cd_m2 * facts.electrons_per_cd_m2 == pytest.approx(100.0, rel=1e-3)
     assert facts.snr_max_db == pytest.approx(10 * math.log10(quiet.saturation_capacity_e), abs=1e-3)
     # The threshold of EMVA 1288 for no dark noise but a little rounding is about one electron.
@@ -66,7 +66,7 @@ def test_figures_by_hand() -> None:
         dark_current_e_per_s=500.0,
         system_gain_dn_per_e=0.5,
     )
-    facts = ps.compare_sensors({"a": sensor}, f_number=4, exposure_s=2.0, illuminant="A").sensors["a"]
+    facts = ps.studies.compare_sensors({"a": sensor}, f_number=4, exposure_s=2.0, illuminant="A").sensors["a"]
     assert facts.electrons_per_cd_m2 == pytest.approx(2.0 * rate, rel=2e-3)
     # 4000 DN / 0.5 are 8000 electrons, of which the dark current takes 1000.
     assert facts.saturation_cd_m2 == pytest.approx(7000 / (2.0 * rate), rel=2e-3)
@@ -86,18 +86,18 @@ def test_light_beyond_the_table_of_an_illuminant_is_missing_with_a_warning() -> 
         mono = ps.load_sensor("vendor-2.2um").with_(cfa=(("M",),), channels={"M": flat})
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            found[last] = ps.compare_sensors({"m": mono}, illuminant="D65").sensors["m"].electrons_per_cd_m2
+            found[last] = ps.studies.compare_sensors({"m": mono}, illuminant="D65").sensors["m"].electrons_per_cd_m2
         assert len(caught) == (last > 830.0)
     assert found[1000.0] == pytest.approx(found[830.0], rel=1e-3)
     with pytest.raises(InputError) as error:
-        ps.compare_sensors({"a": ps.load_sensor("vendor-2.2um")}, illuminant="D66")
+        ps.studies.compare_sensors({"a": ps.load_sensor("vendor-2.2um")}, illuminant="D66")
     assert error.value.what == "illuminant"
 
 
 def test_limits_that_are_not_reached() -> None:
     sensor = ps.load_sensor("vendor-2.2um")
     patterned, shallow = sensor.with_(prnu_percent=15), sensor.with_(well_capacity_e=200)
-    found = ps.compare_sensors({"patterned": patterned, "shallow": shallow})
+    found = ps.studies.compare_sensors({"patterned": patterned, "shallow": shallow})
     assert [facts.snr10_lux for facts in found.sensors.values()] == [None, None]
     assert "not reached" in _page(found)
 
@@ -116,7 +116,9 @@ def test_curves_end_at_saturation(found: Any) -> None:
 def test_a_monochrome_near_infrared_sensor_sees_sunlight() -> None:
     channel = {"wavelength_nm": (355.0, 700.0, 1000.0), "quantum_efficiency": (0.5, 0.6, 0.2)}
     mono = ps.load_sensor("vendor-2.2um").with_(cfa=(("M",),), channels={"M": channel})
-    sun, day = (ps.compare_sensors({"mono": mono}, illuminant=light).sensors["mono"] for light in ("sunlight", 5500.0))
+    sun, day = (
+        ps.studies.compare_sensors({"mono": mono}, illuminant=light).sensors["mono"] for light in ("sunlight", 5500.0)
+    )
     assert sun.channel == "M"
     assert sun.electrons_per_cd_m2 == pytest.approx(day.electrons_per_cd_m2, rel=0.2)
 
@@ -126,10 +128,10 @@ def test_invalid_conditions() -> None:
     warm = sensor.with_(dark_current_e_per_s=1e4)
     for options in ({"f_number": 0.1}, {"exposure_s": 0}, {"exposure_s": 1}):
         with pytest.raises(InputError) as caught:
-            ps.compare_sensors({"a": warm}, **options)
+            ps.studies.compare_sensors({"a": warm}, **options)
         assert caught.value.what in options
     with pytest.raises(InputError) as caught:
-        ps.compare_sensors({})
+        ps.studies.compare_sensors({})
     assert caught.value.what == "sensors"
 
 

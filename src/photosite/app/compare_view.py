@@ -43,7 +43,7 @@ class CameraChoice(Part):
 
 
 class Comparison(Part):
-    """Cameras in the same light, as for `photosite.compare_cameras`."""
+    """Cameras in the same light, as for `photosite.studies.compare_cameras`."""
 
     cameras: Annotated[tuple[CameraChoice, ...], Field(min_length=1, max_length=8)] = (CameraChoice(),)
     exposure_s: float = Field(1 / 15, gt=0, le=1e5, description="Exposure time in s.")
@@ -117,7 +117,7 @@ def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
         lines.append(f"cameras[{label!r}] = ps.Camera(optics, sensor)")
     conditions = _conditions(request, places)
     arguments = ", ".join(f"{name}={value!r}" for name, value in conditions.items())
-    lines += [f"found = ps.compare_cameras(cameras, {arguments})", "print(found)", "found.plot()"]
+    lines += [f"found = ps.studies.compare_cameras(cameras, {arguments})", "print(found)", "found.plot()"]
     command = ""
     if not any(one.sensor.changed for one in request.cameras):
         names = [f"bench-{number}.camera.yaml" for number in range(1, len(labels) + 1)]

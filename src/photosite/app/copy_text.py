@@ -38,7 +38,7 @@ def python_text(state: CameraState, places: Places) -> str:
     if state.scene.dynamic:
         seen = {name: part for name, part in (("flicker", state.scene.flicker), ("motion", state.scene.motion)) if part}
         made = ", ".join(f"{name}={_dynamic(part)}" for name, part in seen.items())
-        lines.append(f"scene = ps.DynamicScene(scene, {made})")
+        lines.append(f"scene = ps.scenes.DynamicScene(scene, {made})")
     lines.append(f"exposure_s = {taken.exposure_s!r}")
     place: dict[str, Any] = {"seed": taken.seed}
     if taken.temperature_c is not None:

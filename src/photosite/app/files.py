@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from photosite.app.places import Part, is_plain
-from photosite.color.illuminants import read_illuminant
+from photosite.color.illuminants import load_illuminant
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.child import ChildError, call_in_child
 from photosite.frames.io.formats import SUFFIXES as RAW_SUFFIXES
@@ -244,7 +244,7 @@ def content_of(path: Path, kind: FileKind) -> str:
         rows, cols = read_raw(path).shape
         return f"{rows} x {cols} pixels"
     if kind == "lamp":
-        read_illuminant(path)
+        load_illuminant(path)
         return path.name
     try:
         scene = read_scene(path)

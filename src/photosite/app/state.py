@@ -77,7 +77,7 @@ class FlickerState(Part):
 
 
 class MotionState(Part):
-    """Motion of the image, as for `photosite.Motion`."""
+    """Motion of the image, as for `photosite.scenes.Motion`."""
 
     rows_per_s: float = Field(0.0, description="Velocity downwards.", json_schema_extra={"unit": "pixels/s"})
     cols_per_s: float = Field(0.0, description="Velocity to the right.", json_schema_extra={"unit": "pixels/s"})

@@ -225,7 +225,7 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
         *lens_lines(request.lens, places),
         f"values = {_values(request)!r}",
         f"measure = partial({request.measure}, {light})",
-        "table = ps.sweep(ps.Camera(optics, sensor), values, measure)",
+        "table = ps.studies.sweep(ps.Camera(optics, sensor), values, measure)",
         "print(table)",
         "table.plot(y=table.measured[-1])",
     ]

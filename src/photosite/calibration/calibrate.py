@@ -165,9 +165,9 @@ def calibration_kind(frames: FrameSet | Mapping[str, FrameSet], sensor: Sensor |
     Examples
     --------
     >>> import numpy as np
-    >>> from photosite.frames.frame_set import frame_set_from_arrays
+    >>> from photosite.frames.frame_set import FrameSet
     >>> frames = [("dark", 0.1, np.zeros((4, 4), np.uint16))] * 2
-    >>> calibration_kind(frame_set_from_arrays(frames, bits=12))
+    >>> calibration_kind(FrameSet.from_arrays(frames, bits=12))
     'setting'
     """
     if isinstance(frames, Mapping) and all(isinstance(each, FrameSet) for each in frames.values()):

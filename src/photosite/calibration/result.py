@@ -80,6 +80,17 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
         The frames that the result is based on.
     source
         The folder or file that was opened.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import photosite as ps
+    >>> rng = np.random.default_rng(1)
+    >>> levels = [("dark", 0.01, 64.0), *(("light", t, 64 + 5e4 * t) for t in (0.01, 0.02, 0.03))]
+    >>> frames = [(kind, t, np.uint16(rng.normal(mean, 4, (32, 32)))) for kind, t, mean in levels for _ in range(4)]
+    >>> calibration = ps.calibrate(ps.FrameSet.from_arrays(frames, bits=12))
+    >>> round(calibration.read_noise_dn.value)
+    4
     """
 
     by_line: Parameters

@@ -291,7 +291,7 @@ class Camera(Shown):
         >>> import photosite as ps
         >>> sensor = ps.load_sensor("nikon-d200").with_(rows=44, cols=66, line_time_us=100)
         >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
-        >>> panned = ps.DynamicScene(ps.charts.macbeth(), motion=ps.Motion(cols_per_s=-120))
+        >>> panned = ps.scenes.DynamicScene(ps.charts.macbeth(), motion=ps.scenes.Motion(cols_per_s=-120))
         >>> [raw.metadata["start_s"] for raw in camera.record(panned, frames=3, fps=25, exposure_s=1 / 50)]
         [0.0, 0.04, 0.08]
         >>> bracket = camera.record(panned, frames=3, fps=25, exposure_s=[1 / 400, 1 / 100, 1 / 25])

@@ -87,14 +87,14 @@ def command(source: Path, output: Path, as_json: bool, **given: Any) -> None:
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """
-    from photosite.scene.io.formats import convert
+    from photosite.scene.io.formats import convert_scene
     from photosite.scene.options import ReadOptions
 
     read_options = {name: value for name, value in given.items() if value is not None}
     begun = time.perf_counter()
     progress = Stages()
     progress.stage(f"reading {source}")
-    done = convert(source, output, progress=progress, **read_options)
+    done = convert_scene(source, output, progress=progress, **read_options)
     seconds = time.perf_counter() - begun
     scene = done.scene
     tolerance = ReadOptions(**read_options).tolerance if done.reduced else None

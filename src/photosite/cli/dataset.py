@@ -15,8 +15,8 @@ from photosite.errors import FileError, InputError
 from photosite.values.exposure import format_exposure
 
 if TYPE_CHECKING:
-    from photosite.data.light import Source
     from photosite.sensor.model import Sensor
+    from photosite.training.light import Source
 
 
 def _crop(text: str) -> tuple[int, int]:
@@ -136,8 +136,8 @@ def command(
     Example: photosite dataset photos/*.jpg --sensor vendor-2.2um --crop 256x256 --exposure 1/1000:1/30 -o pairs
     Example: photosite dataset clean/*.dng --inputs-are raw --sensor mine.sensor.yaml --light 0.01:0.1 -o pairs
     """
-    from photosite.data.dataset import PairDataset
-    from photosite.data.shards import CARD, write_shards
+    from photosite.training.dataset import PairDataset
+    from photosite.training.shards import CARD, write_shards
 
     for of_kind, settings in _SETTINGS_OF.items():
         if of_kind != kind:
@@ -203,16 +203,16 @@ def _sensors(given: dict[str, Any]) -> list[Sensor]:
 
 def _source(kind: str, inputs: tuple[str, ...], given: dict[str, Any]) -> Source:
     if kind == "electrons":
-        from photosite.data.light import Electrons
+        from photosite.training.light import Electrons
 
         return Electrons(inputs)
     if kind == "raw":
-        from photosite.data.light import RawFrames
         from photosite.sensor.io.sensor_file import load_sensor
+        from photosite.training.light import RawFrames
 
         sensor = None if given["input_sensor"] is None else load_sensor(given["input_sensor"])
         return RawFrames(inputs, sensor, given["averaged"])
-    from photosite.data.scenes import Scenes
+    from photosite.training.scenes import Scenes
 
     if arrays := [name for name in inputs if name.lower().endswith(".npy")]:
         hint = "Add --inputs-are electrons for arrays of mean electrons"

@@ -61,12 +61,12 @@ def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibra
     from photosite.calibration.spectral.chart import calibrate_chart
     from photosite.calibration.spectral.monochromator import calibrate_spectral
     from photosite.calibration.spectral.protocol import open_spectral
-    from photosite.studies.chart_spectral import is_chart_protocol, open_chart
+    from photosite.studies.chart_spectral import is_chart_protocol, read_chart
 
     if not is_chart_protocol(path):
         options.only_for("frames of a chart", "seed")
         return calibrate_spectral(open_spectral(path), sensor, progress=Stages())
-    views, used = open_chart(path, sensor)
+    views, used = read_chart(path, sensor)
     return calibrate_chart(views, used, seed=seed)
 
 

@@ -20,7 +20,7 @@ from photosite.color.spectrum import (
     PLANCK_J_S,
     Spectrum,
     energy_from_photons,
-    read_spectrum,
+    load_spectrum,
     wavelength_grid,
 )
 from photosite.errors import FileError, InputError, did_you_mean
@@ -33,7 +33,7 @@ __all__ = [
     "daylight",
     "illuminant",
     "led",
-    "read_illuminant",
+    "load_illuminant",
     "sunlight",
     "white_led",
 ]
@@ -94,7 +94,7 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
         - a blackbody's temperature: `3200`, `"3200K"` or `"blackbody 3200"`;
         - daylight or a white LED of a color temperature: `"daylight 5600"` or `"D5600"`, `"led 4000"`;
         - the sun with the sky, also in the near infrared: `"sunlight"` or `"AM1.5G"`, or without it: `"AM1.5D"`;
-        - a CSV file, `"lamp.csv"` (`read_illuminant`);
+        - a CSV file, `"lamp.csv"` (`load_illuminant`);
         - a `Spectrum` of relative energy.
     wavelength_nm
         (wavelengths,). Values are linear between the table's entries. CIE tables end at 780 nm, daylight covers 300 to
@@ -126,7 +126,7 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     if temperature := re.fullmatch(r"(?:blackbody[ :]*)?(\d+(?:\.\d+)?) ?k?", text, re.IGNORECASE):
         return _blackbody_illuminant(float(temperature[1]), grid)
     if text.lower().endswith(".csv"):
-        return _interpolated(read_illuminant(text), grid, name)
+        return _interpolated(load_illuminant(text), grid, name)
     if text.lower() in _SUNLIGHT:
         return _interpolated(sunlight(_SUNLIGHT[text.lower()]), grid, name)
     if named := _BY_TEMPERATURE.fullmatch(text):
@@ -384,13 +384,13 @@ def _of_unit_area(shape: Array) -> Array:
     return np.asarray(shape / shape.sum(axis=-1, keepdims=True))  # the steps are 1 nm
 
 
-def read_illuminant(path: str | PathLike[str]) -> Spectrum:
+def load_illuminant(path: str | PathLike[str]) -> Spectrum:
     """Read an illuminant's relative energy from a CSV file.
 
     Parameters
     ----------
     path
-        As for `photosite.color.spectrum.read_spectrum`. The first line must name the columns: `wavelength_nm` and
+        As for `photosite.color.spectrum.load_spectrum`. The first line must name the columns: `wavelength_nm` and
         one of `ENERGY_COLUMNS` or `PHOTON_COLUMNS`. Photons are converted to energy, with a maximum of 1.
 
     Raises
@@ -404,10 +404,10 @@ def read_illuminant(path: str | PathLike[str]) -> Spectrum:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "lamp.csv")
     ...     _ = file.write_text("wavelength_nm,relative_energy\\n380,1\\n780,3\\n")
-    ...     float(read_illuminant(file).at([580.0])[0])
+    ...     float(load_illuminant(file).at([580.0])[0])
     2.0
     """
-    content = read_spectrum(path)
+    content = load_spectrum(path)
     spectrum, columns = content.spectrum, content.columns
     known = (*ENERGY_COLUMNS, *PHOTON_COLUMNS)
     if len(columns) < 2 or columns[0] != "wavelength_nm" or columns[1] not in known:

@@ -171,7 +171,7 @@ class SpectrumFile(Shown):
     columns: tuple[str, ...]
 
 
-def read_spectrum(path: str | PathLike[str]) -> SpectrumFile:
+def load_spectrum(path: str | PathLike[str]) -> SpectrumFile:
     """Read a spectrum from a CSV file.
 
     Parameters
@@ -191,7 +191,7 @@ def read_spectrum(path: str | PathLike[str]) -> SpectrumFile:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "diode.csv")
     ...     _ = file.write_text("wavelength_nm,responsivity_a_per_w\\n400, 0.12\\n500, 0.2\\n")
-    ...     content = read_spectrum(file)
+    ...     content = load_spectrum(file)
     >>> content.spectrum.values.tolist(), content.columns
     ([0.12, 0.2], ('wavelength_nm', 'responsivity_a_per_w'))
     """

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import FunctionCache
+from platformdirs import user_cache_path
 
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _TEMPORARY = ".tmp"
@@ -92,8 +93,7 @@ def kernel_folder() -> Path:
     sources = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         sources.update(path.read_bytes())
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(base) / "photosite" / f"kernels-{sources.hexdigest()[:16]}"
+    folder = user_cache_path("photosite", appauthor=False) / f"kernels-{sources.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable = os.access(folder, os.W_OK)

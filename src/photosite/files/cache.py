@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 
 from photosite.errors import FileError
 from photosite.files.writing import atomic_path
@@ -46,7 +47,8 @@ Arrays = Mapping[str, NDArray[Any]]
 def cache_folder() -> Path | None:
     """Return the folder of the cache, which may not exist yet; None if it is off.
 
-    It is `$PHOTOSITE_CACHE`, else `photosite/arrays` in `$XDG_CACHE_HOME` or `~/.cache`.
+    It is `$PHOTOSITE_CACHE`, else `arrays` in the user's cache folder for photosite, on Linux
+    `$XDG_CACHE_HOME/photosite` or `~/.cache/photosite`.
 
     Examples
     --------
@@ -58,8 +60,7 @@ def cache_folder() -> Path | None:
     named = os.environ.get(CACHE_VARIABLE)
     if named:
         return None if named.lower() == "off" else Path(named)
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(base) / "photosite" / "arrays"
+    return user_cache_path("photosite", appauthor=False) / "arrays"
 
 
 def cached_arrays(

@@ -117,6 +117,13 @@ class FrameSet(Tabular):
     border
         Lines without light around the frames, which only `FrameSource.whole` reads: rows at the top and at the bottom,
         columns at the left and at the right. None if there are none.
+
+    Examples
+    --------
+    >>> dark = np.full((2, 3), 64, np.uint16)
+    >>> frames = FrameSet.from_arrays([("light", 0.1, dark * 2), ("dark", 0.1, dark), ("dark", 0.1, dark)], bits=12)
+    >>> [(group.kind, len(group)) for group in frames.groups]
+    [('dark', 2), ('light', 1)]
     """
 
     groups: tuple[FrameGroup, ...]
@@ -130,6 +137,56 @@ class FrameSet(Tabular):
     notes: tuple[str, ...] = ()
     white_level_dn: float | None = None
     border: Border | None = None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        frames: Sequence[tuple[Kind, float, Numbers, *tuple[float | None, ...]]],
+        *,
+        bits: int,
+        cfa: Cfa = MONOCHROME,
+        sensor: Sensor | None = None,
+    ) -> FrameSet:
+        """Return the frame set of arrays in memory, which are not copied.
+
+        Parameters
+        ----------
+        frames
+            (kind, exposure_s, dn[, photons_per_pixel[, gain_setting[, temperature_c]]]) each; dn is (rows, cols)
+            uint16, or uint32 above 16 bits.
+        bits, cfa, sensor
+            As in `FrameSet`.
+
+        Raises
+        ------
+        InputError
+            If there are no frames, their sizes differ, an array is not two-dimensional uint16 (uint32 above 16 bits) or
+            has values above 2^bits - 1, or a setting is invalid.
+        """
+        check_bits(bits, MOST_BITS)
+        kind_of_numbers = np.uint16 if bits <= 16 else np.uint32
+        listed = []
+        shape: tuple[int, ...] | None = None
+        for number, entry in enumerate(frames):
+            if not 3 <= len(entry) <= 6:
+                raise InputError(
+                    f"frames[{number}]", value=len(entry), expected="3 to 6 values: kind, exposure_s, dn, ..."
+                )
+            kind, exposure_s, dn, *others = entry
+            name = f"frame {number} ({kind}, {format_exposure(exposure_s)} s)"
+            if not isinstance(dn, np.ndarray) or dn.ndim != 2 or dn.size == 0 or dn.dtype != kind_of_numbers:
+                raise InputError("dn", where=name, expected=f"a (rows, cols) array of {kind_of_numbers.__name__}")
+            if (shape := shape or dn.shape) != dn.shape:
+                raise InputError("dn.shape", where=name, value=dn.shape, expected=f"{shape}, as for the other frames")
+            if bits != 16 and (highest := int(dn.max())) >= 1 << bits:
+                raise InputError(
+                    "dn", where=name, value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits"
+                )
+            source = FrameSource(name, partial(_identity, dn), thread_safe=True)
+            listed.append((source, FrameSettings(kind, exposure_s, *others)))
+        groups = group_frames(listed)
+        rows, cols = shape or (0, 0)
+        return cls(groups, rows, cols, bits, cfa, sensor=sensor)
 
     def of_kind(self, kind: Kind) -> tuple[FrameGroup, ...]:
         """Return the groups of one kind, by exposure."""
@@ -169,7 +226,7 @@ class FrameSet(Tabular):
         Examples
         --------
         >>> dn = np.full((2, 3), 64, np.uint16)
-        >>> both = frame_set_from_arrays([("dark", 0.1, dn, None, 100.0), ("dark", 0.1, dn, None, 400.0)], bits=12)
+        >>> both = FrameSet.from_arrays([("dark", 0.1, dn, None, 100.0), ("dark", 0.1, dn, None, 400.0)], bits=12)
         >>> both.gain_settings, both.at_gain(400).frame_count
         ((100.0, 400.0), 1)
         """
@@ -192,7 +249,7 @@ def without_border(frames: FrameSet, border: Border) -> FrameSet:
     Examples
     --------
     >>> dn = np.arange(12, dtype=np.uint16).reshape(3, 4)
-    >>> inside = without_border(frame_set_from_arrays([("dark", 0.1, dn)], bits=12), (0, 1, 2, 0))
+    >>> inside = without_border(FrameSet.from_arrays([("dark", 0.1, dn)], bits=12), (0, 1, 2, 0))
     >>> inside.groups[0].frames[0].read(), inside.rows, inside.cols
     (array([[2, 3],
            [6, 7]], dtype=uint16), 2, 2)
@@ -278,7 +335,7 @@ def split_by_temperature(frames: FrameSet) -> tuple[FrameSet, ...]:
     --------
     >>> dn = np.zeros((2, 2), np.uint16)
     >>> series = [("dark", 1.0, dn, None, None, celsius) for celsius in (20.0, -10.2, -9.9)]
-    >>> [one.groups[0].temperature_c for one in split_by_temperature(frame_set_from_arrays(series, bits=12))]
+    >>> [one.groups[0].temperature_c for one in split_by_temperature(FrameSet.from_arrays(series, bits=12))]
     [-10.05, 20.0]
     """
     listed = [
@@ -304,58 +361,6 @@ def split_by_temperature(frames: FrameSet) -> tuple[FrameSet, ...]:
         replace(frames, groups=group_frames(part), notes=notes, source=source)
         for part, source in zip(parts, sources, strict=True)
     )
-
-
-def frame_set_from_arrays(
-    frames: Sequence[tuple[Kind, float, Numbers, *tuple[float | None, ...]]],
-    *,
-    bits: int,
-    cfa: Cfa = MONOCHROME,
-    sensor: Sensor | None = None,
-) -> FrameSet:
-    """Return a frame set of arrays in memory, which are not copied.
-
-    Parameters
-    ----------
-    frames
-        (kind, exposure_s, dn[, photons_per_pixel[, gain_setting[, temperature_c]]]) each; dn is (rows, cols) uint16,
-        or uint32 above 16 bits.
-    bits, cfa, sensor
-        As in `FrameSet`.
-
-    Raises
-    ------
-    InputError
-        If there are no frames, their sizes differ, an array is not two-dimensional uint16 (uint32 above 16 bits) or has
-        values above 2^bits - 1, or a setting is invalid.
-
-    Examples
-    --------
-    >>> dark = np.full((2, 3), 64, np.uint16)
-    >>> frames = frame_set_from_arrays([("light", 0.1, dark * 2), ("dark", 0.1, dark), ("dark", 0.1, dark)], bits=12)
-    >>> [(group.kind, len(group)) for group in frames.groups]
-    [('dark', 2), ('light', 1)]
-    """
-    check_bits(bits, MOST_BITS)
-    kind_of_numbers = np.uint16 if bits <= 16 else np.uint32
-    listed = []
-    shape: tuple[int, ...] | None = None
-    for number, entry in enumerate(frames):
-        if not 3 <= len(entry) <= 6:
-            raise InputError(f"frames[{number}]", value=len(entry), expected="3 to 6 values: kind, exposure_s, dn, ...")
-        kind, exposure_s, dn, *others = entry
-        name = f"frame {number} ({kind}, {format_exposure(exposure_s)} s)"
-        if not isinstance(dn, np.ndarray) or dn.ndim != 2 or dn.size == 0 or dn.dtype != kind_of_numbers:
-            raise InputError("dn", where=name, expected=f"a (rows, cols) array of {kind_of_numbers.__name__}")
-        if (shape := shape or dn.shape) != dn.shape:
-            raise InputError("dn.shape", where=name, value=dn.shape, expected=f"{shape}, as for the other frames")
-        if bits != 16 and (highest := int(dn.max())) >= 1 << bits:
-            raise InputError("dn", where=name, value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
-        source = FrameSource(name, partial(_identity, dn), thread_safe=True)
-        listed.append((source, FrameSettings(kind, exposure_s, *others)))
-    groups = group_frames(listed)
-    rows, cols = shape or (0, 0)
-    return FrameSet(groups, rows, cols, bits, cfa, sensor=sensor)
 
 
 def _identity(dn: Numbers) -> Numbers:

@@ -136,8 +136,8 @@ def linearize(frames: FrameSet, table: LinearizationTable) -> FrameSet:
 
     Examples
     --------
-    >>> from photosite.frames.frame_set import frame_set_from_arrays
-    >>> frames = frame_set_from_arrays([("dark", 0.1, np.array([[0, 3]], np.uint16))], bits=2)
+    >>> from photosite.frames.frame_set import FrameSet
+    >>> frames = FrameSet.from_arrays([("dark", 0.1, np.array([[0, 3]], np.uint16))], bits=2)
     >>> linear = linearize(frames, LinearizationTable(np.array([0, 1, 4, 9])))
     >>> linear.bits, next(iter(linear.groups[0])).tolist()
     (4, [[0, 9]])

@@ -1,1 +1,5 @@
 """From radiance to irradiance: lenses, wavefronts, tables and distortion."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

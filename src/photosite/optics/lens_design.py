@@ -1,7 +1,7 @@
 """PSFs over the field and wavelength, as lens-design programs compute them.
 
 They become a few modes with weights over the sensor (`low_rank`), which the engine can apply to whole frames.
-`photosite.optics.io.formats.read_lens_design` reads them from the text files of those programs.
+`photosite.optics.io.formats.load_lens_design` reads them from the text files of those programs.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,17 @@ _NEGLIGIBLE_OTF = 0.02
 """Smaller values beyond the diffraction cutoff come from the truncated border of the samples."""
 _SAME_FOCUS_WAVES = 0.25
 _LARGEST_SAMPLES = 1 << 28
+
+
+class LensDesignOptions(TypedDict, total=False):
+    """How PSFs over the field become a low-rank sum, see `LensDesign`; `first_row` of listings is the top or bottom."""
+
+    symmetric: bool
+    tolerance: float
+    rank: int
+    detail_um: float
+    nodes: int
+    first_row: Literal["top", "bottom"]
 
 
 @dataclass(frozen=True, eq=False)

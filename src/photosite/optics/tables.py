@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.optics.checks import camera_wavelengths, number_array
@@ -38,6 +38,14 @@ _LARGEST_END = 0.02
 _COARSE_MODULATION = 0.05
 """Modulation at the Nyquist frequency above which a PSF is undersampled."""
 _ENCLOSED = 0.995
+
+
+class PsfOptions(TypedDict, total=False):
+    """What a file of PSFs need not state, see `PsfTable`."""
+
+    spacing_um: float
+    wavelength_nm: ArrayLike
+    normalize: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +269,7 @@ class PsfTable(Shown):
     wavelength_nm: Array
     samples: Array
     spacing_um: float
-    normalise: bool = False
+    normalize: bool = False
 
     def __post_init__(self) -> None:
         grid = camera_wavelengths(self.wavelength_nm)
@@ -272,8 +280,8 @@ class PsfTable(Shown):
         check_spacing(self.spacing_um)
         sums = np.array([_checked_sum(s, w, self.spacing_um) for s, w in zip(samples, grid, strict=True)])
         for k in np.flatnonzero(np.abs(sums - 1) > _UNITY_TOLERANCE):
-            if not self.normalise:
-                hint = "Divide the samples by their sum, or pass normalise=True"
+            if not self.normalize:
+                hint = "Divide the samples by their sum, or pass normalize=True"
                 raise InputError("samples", where=f"{grid[k]:g} nm", value=sums[k], expected="of sum 1", hint=hint)
         object.__setattr__(self, "wavelength_nm", grid)
         object.__setattr__(self, "samples", samples / sums[:, None, None])

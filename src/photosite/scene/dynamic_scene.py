@@ -33,7 +33,7 @@ class DynamicScene(Shown):
     Examples
     --------
     >>> import photosite as ps
-    >>> lamp = ps.SineFlicker(100.0, depth=0.3)
+    >>> lamp = ps.scenes.SineFlicker(100.0, depth=0.3)
     >>> wall = DynamicScene(ps.charts.uniform("FL11", 100), flicker=lamp)
     >>> sensor = ps.load_sensor("nikon-d200").with_(rows=250, cols=4, line_time_us=40)
     >>> camera = ps.Camera(ps.DiffractionLimited(f_number=4, focal_length_mm=50), sensor)

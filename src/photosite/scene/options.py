@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from os import PathLike
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SkipValidation
 
 from photosite.color.spectrum import Spectrum
@@ -19,6 +20,7 @@ BRIGHTEST_CD_M2 = 1e20
 
 Luminance = Annotated[float, Field(gt=0, le=BRIGHTEST_CD_M2)]
 Replacement = Literal["refuse", "zero"]
+Interleave = Literal["bip", "bsq", "bil"]
 
 _ALIASES = {
     "luminance": "mean_luminance_cd_m2",
@@ -51,6 +53,36 @@ def _range(values: Any) -> Any:
     if ends is not None and not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
         raise ValueError("the first and last wavelength in nm, such as (400, 780)")
     return ends
+
+
+class ReadArguments(TypedDict, total=False):
+    """The fields of `ReadOptions` as keyword arguments."""
+
+    distance_m: float
+    width_m: float
+    tolerance: float
+    illuminant: str | float | Spectrum
+    mean_luminance_cd_m2: float
+    units: str
+    wavelength_nm: ArrayLike
+    band_range_nm: ArrayLike
+    no_data: Replacement
+    negative: Replacement
+    sort_bands: bool
+    interleave: Interleave
+    variable: str
+    patch_cols: int
+    method: Method
+    out_of_gamut: OutOfGamut
+
+
+class WriteArguments(TypedDict, total=False):
+    """Keyword arguments of `photosite.write_scene`; each format has some of them."""
+
+    cube: bool
+    interleave: Interleave
+    version: Literal["5", "7.3"]
+    half: bool
 
 
 class ReadOptions(Validated):
@@ -115,7 +147,7 @@ class ReadOptions(Validated):
     no_data: Replacement = "refuse"
     negative: Replacement = "refuse"
     sort_bands: bool = False
-    interleave: Literal["bip", "bsq", "bil"] | None = None
+    interleave: Interleave | None = None
     variable: str | None = None
     patch_cols: Annotated[int, Field(ge=1)] | None = None
     method: Method | None = None

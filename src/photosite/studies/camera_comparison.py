@@ -276,7 +276,7 @@ def compare_cameras(
     >>> import photosite as ps
     >>> sensor = ps.load_sensor("nikon-d200")
     >>> lenses = {f"f/{n:g}": ps.DiffractionLimited(n, 50) for n in (4, 16)}
-    >>> found = ps.compare_cameras({name: ps.Camera(lens, sensor) for name, lens in lenses.items()})
+    >>> found = ps.studies.compare_cameras({name: ps.Camera(lens, sensor) for name, lens in lenses.items()})
     >>> [round(facts.mtf50_per_mm) for facts in found.cameras.values()]
     [84, 40]
     """

@@ -32,7 +32,7 @@ from pydantic import Field, PlainValidator, model_validator
 from photosite.calibration.spectral.chart import ChartViews
 from photosite.calibration.spectral.protocol import FrameEntry, SpectralProtocol, read_spectral_protocol
 from photosite.camera.camera import Camera
-from photosite.color.spectrum import Spectrum, read_spectrum
+from photosite.color.spectrum import Spectrum, load_spectrum
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.yaml import line_at, line_of, read_yaml
 from photosite.frames.io.formats import read_raw
@@ -224,7 +224,7 @@ class _ChartProtocol(SpectralProtocol):
     lights: tuple[_Light, ...] = Field(min_length=1)
 
 
-def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple[ChartViews, Sensor]:
+def read_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple[ChartViews, Sensor]:
     """Read the patch means of a chart from the protocol of its frames.
 
     Parameters
@@ -258,7 +258,7 @@ def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple
     ...         "wavelength_nm: [400, 700, 50]\\n"
     ...         "lights: [{illuminant: A, mean_luminance_cd_m2: 40, exposure: 1/4, files: a.dng}]\\n"
     ...     )
-    ...     views, _ = open_chart(f"{folder}/chart.yaml", sensor)
+    ...     views, _ = read_chart(f"{folder}/chart.yaml", sensor)
     >>> views.unit_electrons.shape, views.electrons.shape
     ((24, 7), (24, 3))
     """
@@ -289,7 +289,7 @@ def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple
 def _shot(file: Path, protocol: _ChartProtocol, entry: _Light, line: int | None) -> ChartShot:
     light: str | float | Spectrum | None = entry.illuminant
     if entry.spectrum is not None:
-        light = read_spectrum(file.parent / entry.spectrum).spectrum
+        light = load_spectrum(file.parent / entry.spectrum).spectrum
     assert light is not None  # the model requires one of the two
     try:
         scene = charts.macbeth(

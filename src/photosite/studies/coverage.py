@@ -19,7 +19,7 @@ from photosite.calibration.setting import calibrate_setting
 from photosite.engine.jit import threads_for
 from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import CalibrationError, InputError, did_you_mean
-from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_set import FrameSet
 from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTISATION_DN2
@@ -333,8 +333,8 @@ def _measure_captures(lab: VirtualLab) -> _Result:
             taken[name].append((step.kind, step.exposure_s, dn))
     bits = sensor.readout.bits
     try:
-        found = calibrate_captures({name: frame_set_from_arrays(each, bits=bits) for name, each in taken.items()})
-        together = calibrate_combined(frame_set_from_arrays(output, bits=sensor.output_bits))
+        found = calibrate_captures({name: FrameSet.from_arrays(each, bits=bits) for name, each in taken.items()})
+        together = calibrate_combined(FrameSet.from_arrays(output, bits=sensor.output_bits))
     except CalibrationError as error:
         return str(error)
     gains = {name: part_sensor(sensor, name).system_gain_dn_per_e for name in captures.names}

@@ -62,7 +62,7 @@ def snr(
     --------
     >>> import photosite as ps
     >>> camera = ps.Camera(ps.DiffractionLimited(f_number=4, focal_length_mm=50), ps.load_sensor("nikon-d200"))
-    >>> {name: round(value, 1) for name, value in ps.snr(camera).items()}
+    >>> {name: round(value, 1) for name, value in ps.studies.snr(camera).items()}
     {'signal_e': 6097.0, 'noise_e': 107.0, 'snr_db': 35.1}
     """
     time_s = check_exposure(exposure_s)

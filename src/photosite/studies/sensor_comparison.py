@@ -213,7 +213,7 @@ def compare_sensors(
     --------
     >>> import photosite as ps
     >>> names = "vendor-2.2um", "vendor-1.4um"
-    >>> found = ps.compare_sensors({name: ps.load_sensor(name) for name in names})
+    >>> found = ps.studies.compare_sensors({name: ps.load_sensor(name) for name in names})
     >>> [round(facts.snr10_lux, 1) for facts in found.sensors.values()]
     [310.9, 767.8]
     """

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.data.digest import described
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, did_you_mean, message_of
 from photosite.files.writing import FolderLock, atomic_path, sync
 from photosite.scene.scene import Scene
 from photosite.studies.gray_surface import snr
+from photosite.training.digest import described
 from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def sweep(
     --------
     >>> import photosite as ps
     >>> camera = ps.Camera(ps.DiffractionLimited(f_number=2.8, focal_length_mm=4), ps.load_sensor("vendor-2.2um"))
-    >>> table = ps.sweep(camera, {"pixel_width_um": [1.1, 2.2], "f_number": [2, 4]}, measure=ps.snr)
+    >>> table = ps.studies.sweep(camera, {"pixel_width_um": [1.1, 2.2], "f_number": [2, 4]}, measure=ps.studies.snr)
     >>> table["snr_db"].round(1)
     array([12.5,  1.1, 23.6, 12.9])
     """

@@ -17,8 +17,8 @@ from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     Spectrum,
     integration_weights,
+    load_spectrum,
     photons_from_energy,
-    read_spectrum,
 )
 from photosite.errors import FileError, did_you_mean
 from photosite.scene.charts import macbeth_reflectance
@@ -114,7 +114,7 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     20.0
     """
     file = Path(path)
-    content = read_spectrum(file)
+    content = load_spectrum(file)
     spectrum = content.spectrum
     per_unit = _RADIANCE_PER_UNIT[_quantity(file, content.columns)]
     if (spectrum.values < 0).any():

@@ -33,6 +33,11 @@ class Diagnostic(Shown):
         Size of the effect, in the unit that the kind states; None where there is none.
     remedy
         What to do about problems of this kind.
+
+    Examples
+    --------
+    >>> Diagnostic("no-flats", "warning", "no light frames").severity
+    'warning'
     """
 
     id: str

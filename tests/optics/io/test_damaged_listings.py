@@ -12,7 +12,7 @@ from raising import raises
 
 from photosite.errors import FileError, InputError
 from photosite.optics.io import zemax
-from photosite.optics.io.formats import read_lens_design
+from photosite.optics.io.formats import load_lens_design
 from photosite.optics.io.listing import Layout, PsfListing, table_row
 from photosite.optics.point_spread import sample_positions
 
@@ -42,7 +42,7 @@ def test_origin_between_samples(shift: tuple[float, float], axes: str, shape: tu
     write_grid(tmp_path / "a.dat", *shape, origin)
     index = index_of(tmp_path, f"{ENTRY}, origin: [{origin[0] + 1}, {origin[1] + 1}]")
     index.write_text(index.read_text().replace("axes: upright", f"axes: {axes}"))
-    psf = read_lens_design(index).psf[0, 0]
+    psf = load_lens_design(index).psf[0, 0]
     place = sample_positions(psf.shape[0], 0.5)
     assert psf.sum(axis=1) @ place == pytest.approx(0, abs=2e-3)
     assert psf.sum(axis=0) @ place == pytest.approx(0, abs=2e-3)
@@ -54,7 +54,7 @@ def test_one_file_with_two_origins(tmp_path: Path) -> None:
         f"wavelength_nm: {nm}, field_deg: [0, 0], spacing_um: 0.5, origin: [33, {col}]"
         for nm, col in ((450, 33), (550, 45))
     ]
-    psf = read_lens_design(index_of(tmp_path, *entries)).psf[0]
+    psf = load_lens_design(index_of(tmp_path, *entries)).psf[0]
     place = sample_positions(psf.shape[-1], 0.5)
     np.testing.assert_allclose(psf.sum(axis=1) @ place, [0.0, -6.0], atol=2e-2)  # 12 samples of 0.5 um
 
@@ -78,7 +78,7 @@ def test_one_file_with_two_origins(tmp_path: Path) -> None:
 def test_invalid_entries_name_their_line(entry: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with pytest.raises(FileError) as caught:
-        read_lens_design(index_of(tmp_path, entry))
+        load_lens_design(index_of(tmp_path, entry))
     assert (caught.value.what.startswith(error[0]), caught.value.line) == (True, error[1])
     assert len(str(caught.value)) < 300
 
@@ -86,7 +86,7 @@ def test_invalid_entries_name_their_line(entry: str, error: tuple[str, int | Non
 def test_extreme_spacings_give_a_short_error(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with pytest.raises(FileError) as caught:
-        read_lens_design(index_of(tmp_path, ENTRY, ENTRY.replace("550", "650").replace("0.5", "1.0e+300")))
+        load_lens_design(index_of(tmp_path, ENTRY, ENTRY.replace("550", "650").replace("0.5", "1.0e+300")))
     assert caught.value.what.startswith("spacing_um")
     assert len(str(caught.value)) < 300
 
@@ -95,13 +95,13 @@ def test_extreme_spacings_give_a_short_error(tmp_path: Path) -> None:
 def test_booleans_are_not_numbers(key: str, tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with raises(FileError, key, line=4):
-        read_lens_design(index_of(tmp_path, ENTRY, more=f"{key}: true\n"))
+        load_lens_design(index_of(tmp_path, ENTRY, more=f"{key}: true\n"))
 
 
 def test_unknown_option(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with raises(InputError, "unknown option"):
-        read_lens_design(index_of(tmp_path, ENTRY), ranks=1)
+        load_lens_design(index_of(tmp_path, ENTRY), ranks=1)
 
 
 def test_listing_without_a_field() -> None:

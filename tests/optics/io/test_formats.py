@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.optics.io.formats import FORMATS, read, read_lens_design
+from photosite.optics.io.formats import FORMATS, load_lens_design, read
 from photosite.optics.tables import PsfTable
 
 AXIS = np.arange(-8, 9) * 0.5
@@ -31,10 +31,10 @@ def test_a_written_table_is_read_by_the_same_format(tmp_path: Path) -> None:
 
 def test_options_that_a_format_does_not_have(tmp_path: Path) -> None:
     with pytest.raises(InputError) as unknown:
-        read_lens_design(tmp_path, ranks=3)
+        load_lens_design(tmp_path, ranks=3)
     assert unknown.value.what == "unknown option 'ranks'"
     with pytest.raises(FileError) as other:
-        read_lens_design(tmp_path / "a.npz", first_row="top")
+        load_lens_design(tmp_path / "a.npz", first_row="top")
     assert other.value.what == "first_row"
 
 

@@ -17,7 +17,7 @@ from raising import raises
 from photosite.errors import FileError, PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import image_height
-from photosite.optics.io.formats import load_optics, read_lens_design
+from photosite.optics.io.formats import load_lens_design, load_optics
 from photosite.optics.io.iset import read_ray_trace
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
@@ -242,7 +242,7 @@ def test_sections_of_an_optics_file_can_name_the_set(tmp_path: Path) -> None:
     file.write_text(file.read_text().replace("nm: 550", "nm: 0.55"))
     with raises(FileError, "wavelength_nm"):
         load_optics(file)
-    flipped = read_lens_design(tmp_path / "set", first_row="bottom")
+    flipped = load_lens_design(tmp_path / "set", first_row="bottom")
     np.testing.assert_allclose(flipped.psf[-1, 1], lens.blur.psf[-1, 1][::-1], atol=1e-3 * lens.blur.psf[-1, 1].max())
 
 

@@ -12,7 +12,7 @@ from raising import raises
 
 from photosite.errors import FileError
 from photosite.optics.distortion import RadialMapping, image_height
-from photosite.optics.io.formats import load_optics, read_lens_design
+from photosite.optics.io.formats import load_lens_design, load_optics
 from photosite.optics.io.listing import Layout, PsfListing
 from photosite.optics.io.zemax import read_distortion, read_psf, read_relative_illumination
 from photosite.optics.lens import Lens
@@ -157,7 +157,7 @@ def folder_of(path: Path, *, skip: tuple[float, float] | None = None) -> Path:
 
 
 def test_a_folder_of_listings(tmp_path: Path) -> None:
-    design = read_lens_design(folder_of(tmp_path), rank=3)
+    design = load_lens_design(folder_of(tmp_path), rank=3)
     np.testing.assert_allclose(design.wavelength_nm, [450, 650])
     np.testing.assert_allclose(design.field_y, [0, 5, 10])  # the image of a positive angle is at +y: the lower half
     np.testing.assert_array_equal(design.field_x, 0)
@@ -175,14 +175,14 @@ def test_a_folder_of_listings(tmp_path: Path) -> None:
 def test_missing_and_duplicate_psfs(tmp_path: Path) -> None:
     folder_of(tmp_path, skip=(5.0, 0.65))
     with raises(FileError, "has no PSF at"):
-        read_lens_design(tmp_path)
+        load_lens_design(tmp_path)
     (tmp_path / "again.txt").write_text(listing(spot(0.0, 41, 41), wave=0.45, y=0.0), encoding="utf-8")
     with raises(FileError, "has the same field and wavelength"):
-        read_lens_design(tmp_path)
+        load_lens_design(tmp_path)
     empty = tmp_path / "empty"
     empty.mkdir()
     with raises(FileError, "holds no listing of a PSF"):
-        read_lens_design(empty)
+        load_lens_design(empty)
 
 
 INDEX = """photosite_lens_design: 1
@@ -205,7 +205,7 @@ def grids(path: Path, index: str = INDEX) -> Path:
 
 
 def test_index_of_bare_grids(tmp_path: Path) -> None:
-    design = read_lens_design(grids(tmp_path))
+    design = load_lens_design(grids(tmp_path))
     assert isinstance(design, LensDesign)
     np.testing.assert_array_equal(design.field_x, [-4, 4])
     np.testing.assert_array_equal(design.field_y, [-3, -3])
@@ -213,11 +213,11 @@ def test_index_of_bare_grids(tmp_path: Path) -> None:
     middle = design.psf.shape[-1] // 2
     column = design.psf[1, 0, :, middle]
     assert column @ sample_positions(column.size, 0.5) / column.sum() == pytest.approx(-1.0, abs=1e-3)  # upwards
-    turned = read_lens_design(grids(tmp_path, INDEX.replace("upright", "image")))
+    turned = load_lens_design(grids(tmp_path, INDEX.replace("upright", "image")))
     np.testing.assert_array_equal(turned.field_x, [-4, 4])
     np.testing.assert_array_equal(turned.field_y, [3, 3])
     np.testing.assert_allclose(turned.psf[0, 0], design.psf[1, 0, ::-1, ::-1], atol=1e-9)  # the longer tail
-    flipped = read_lens_design(grids(tmp_path, INDEX.replace("axes: upright", "axes: upright\nfirst_row: bottom")))
+    flipped = load_lens_design(grids(tmp_path, INDEX.replace("axes: upright", "axes: upright\nfirst_row: bottom")))
     np.testing.assert_allclose(flipped.psf[0, 0], design.psf[0, 0, ::-1], atol=1e-9)
 
 
@@ -245,7 +245,7 @@ def test_index_of_bare_grids(tmp_path: Path) -> None:
 def test_invalid_indices(old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     assert old in INDEX
     with raises(FileError, error[0], line=error[1]):
-        read_lens_design(grids(tmp_path, INDEX.replace(old, new)))
+        load_lens_design(grids(tmp_path, INDEX.replace(old, new)))
 
 
 RELATIVE = """Listing of Relative Illumination Data

@@ -12,7 +12,7 @@ from scene_files import whole
 
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.scene.io.formats import convert, open_cube, read_scene
+from photosite.scene.io.formats import convert_scene, open_cube, read_scene
 
 envi = pytest.importorskip("spectral.io.envi")
 
@@ -142,7 +142,7 @@ def test_data_of_an_interrupted_overwrite_are_an_error(tmp_path: Path) -> None:
     path = saved(tmp_path, RNG.random((8, 6, 5)).astype(np.float32))
     for factor in (1, 2):
         (tmp_path / str(factor)).mkdir()
-        convert(path, tmp_path / str(factor) / "made.hdr", distance_m=factor, mean_luminance_cd_m2=40 * factor)
+        convert_scene(path, tmp_path / str(factor) / "made.hdr", distance_m=factor, mean_luminance_cd_m2=40 * factor)
     first, second = (tmp_path / str(factor) / "made.hdr" for factor in (1, 2))
     assert read_scene(first).distance_m == 1
     first.with_suffix(".img").write_bytes(second.with_suffix(".img").read_bytes())
@@ -172,7 +172,7 @@ def test_bands_of_a_range(tmp_path: Path) -> None:
     found = np.tensordot(scene.weights, scene.reflectance, axes=(0, 0))
     assert_allclose(found, array[:, :, :3], rtol=1e-5)
     assert read_scene(path, illuminant="A", mean_luminance_cd_m2=100).wavelength_nm[-1] == 1000
-    done = convert(path, tmp_path / "out.h5", **options)
+    done = convert_scene(path, tmp_path / "out.h5", **options)
     assert (done.bands, done.scene.wavelength_nm.size) == (3, 3)
     error_of(path, **options | {"band_range_nm": (410, 420)})
     for bad in ([400], (780, 400), "400:780", (0, 780)):
@@ -184,7 +184,7 @@ def test_bands_of_a_range(tmp_path: Path) -> None:
 def test_the_input_is_not_overwritten_when_bands_are_selected(tmp_path: Path, name: str) -> None:
     path = saved(tmp_path, np.ones((2, 2, 5), np.float32))
     with pytest.raises(FileError):
-        convert(tmp_path / name, path, band_range_nm=(450, 500))
+        convert_scene(tmp_path / name, path, band_range_nm=(450, 500))
 
 
 def test_bad_bands_hold_no_values(tmp_path: Path) -> None:

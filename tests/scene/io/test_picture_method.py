@@ -12,7 +12,7 @@ from PIL import Image
 
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth, ramp
-from photosite.scene.io.formats import convert, read_scene, write_scene
+from photosite.scene.io.formats import convert_scene, read_scene, write_scene
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import SceneRequest
@@ -55,11 +55,11 @@ def test_requests_and_conversions_pass_the_method_on(tmp_path: Path) -> None:
     wanted = read_scene(file, **SMOOTH)
     asked = SceneRequest(str(file), {"method": "jakob-hanika", "mean_luminance_cd_m2": 40.0})
     assert_same(asked.scene(), wanted)
-    coarse = convert(file, tmp_path / "a.h5", tolerance=0.01, **SMOOTH)
+    coarse = convert_scene(file, tmp_path / "a.h5", tolerance=0.01, **SMOOTH)
     assert coarse.components < len(wanted.basis)
     assert len(read_scene(tmp_path / "a.h5").basis) == coarse.components
     with pytest.raises(FileError):
-        convert(file, tmp_path / "a.h5", tolerance=0.01, mean_luminance_cd_m2=40.0)
+        convert_scene(file, tmp_path / "a.h5", tolerance=0.01, mean_luminance_cd_m2=40.0)
 
 
 @pytest.mark.parametrize("name", ["a.h5", "a.hdr", "a.csv", "a.exr"])

@@ -219,7 +219,7 @@ def calibrate_combined(
 
     Examples
     --------
-    >>> from photosite.frames.frame_set import frame_set_from_arrays
+    >>> from photosite.frames.frame_set import FrameSet
     >>> rng = np.random.default_rng(1)
     >>> def frame(light_e):
     ...     part = 1.0 if light_e < 3000 else 0.1  # a small photodiode above 3000 electrons
@@ -227,7 +227,7 @@ def calibrate_combined(
     ...     return np.uint32(4 * electrons / part + 100.5)
     >>> levels = [("dark", 0.1, 0)] + [("light", e / 1e6, e) for e in np.geomspace(100, 60000, 24)]
     >>> taken = [(kind, t, frame(mean)) for kind, t, mean in levels for _ in range(4)]
-    >>> found = calibrate_combined(frame_set_from_arrays(taken, bits=20))
+    >>> found = calibrate_combined(FrameSet.from_arrays(taken, bits=20))
     >>> low, high = found.captures[1].sensitivity_ratio.interval_95
     >>> len(found.captures), low < 0.1 < high, found.captures[0].saturation_capacity_e.reason
     (2, True, 'the frames change to the next capture before this one saturates')

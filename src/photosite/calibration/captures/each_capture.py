@@ -116,14 +116,14 @@ def calibrate_captures(
 
     Examples
     --------
-    >>> from photosite.frames.frame_set import frame_set_from_arrays
+    >>> from photosite.frames.frame_set import FrameSet
     >>> rng = np.random.default_rng(1)
     >>> def frame(electrons):
     ...     return np.uint16(64.5 + 0.5 * rng.poisson(electrons, (48, 48)) + rng.normal(0, 3, (48, 48)))
     >>> def taken(sensitivity):
     ...     levels = [("dark", t, 0) for t in (0.1, 0.2)] + [("light", t / 10, sensitivity * t) for t in range(1, 9)]
     ...     frames = [(kind, t, frame(mean)) for kind, t, mean in levels for _ in range(4)]
-    ...     return frame_set_from_arrays(frames, bits=16)
+    ...     return FrameSet.from_arrays(frames, bits=16)
     >>> found = calibrate_captures({"large": taken(1e4), "small": taken(2500)})
     >>> low, high = found.sensitivity_ratio["small"].interval_95
     >>> low < 0.25 < high, high - low < 0.05

@@ -29,7 +29,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from photosite.calibration.spectral.bands import Band, Passband, Photodiode, SpectralFrames, triangular_passband
-from photosite.color.spectrum import read_spectrum
+from photosite.color.spectrum import load_spectrum
 from photosite.errors import FileError, InputError
 from photosite.files.yaml import check_version, line_at, line_of, read_yaml, validated
 from photosite.frames.frame_file import FrameFile, SetProperties
@@ -89,7 +89,7 @@ class _Photodiode(Section):
     responsivity: str
 
     def read(self, folder: Path) -> Photodiode:
-        table = read_spectrum(folder / self.responsivity)
+        table = load_spectrum(folder / self.responsivity)
         return Photodiode(table.spectrum, table.standard_uncertainty, self.area_mm2)
 
 
@@ -115,7 +115,7 @@ class _Band(FrameEntry):
             passband = triangular_passband(self.centre_nm.value, self.bandwidth_nm.value)
             uncertainty_nm = self.centre_nm.standard_uncertainty
         else:
-            passband = Passband.of_energy(read_spectrum(folder / str(self.passband)).spectrum)
+            passband = Passband.of_energy(load_spectrum(folder / str(self.passband)).spectrum)
         name = f"{passband.centre_nm:g} nm"
         if self.irradiance_w_m2 is not None:
             return Band(name, passband, self.exposure, frames, self.irradiance_w_m2, None, uncertainty_nm)

@@ -163,9 +163,9 @@ def write_descriptor(
     --------
     >>> import tempfile
     >>> import numpy as np
-    >>> from photosite.frames.frame_set import frame_set_from_arrays
+    >>> from photosite.frames.frame_set import FrameSet
     >>> dark = np.full((2, 3), 64, np.uint16)
-    >>> frames = frame_set_from_arrays([("dark", 0.1, dark, 0.0), ("light", 0.1, 2 * dark, 500.0)], bits=12)
+    >>> frames = FrameSet.from_arrays([("dark", 0.1, dark, 0.0), ("light", 0.1, 2 * dark, 500.0)], bits=12)
     >>> with tempfile.TemporaryDirectory() as place:
     ...     print(write_descriptor(frames, f"{place}/set").read_text())
     v 4.0

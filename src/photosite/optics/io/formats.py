@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.small_files import reading
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.io import design_index, iset, optics_file, tables, zemax
 from photosite.optics.lens import Lens
-from photosite.optics.lens_design import LensDesign
-from photosite.optics.tables import OtfTable, PsfTable
+from photosite.optics.lens_design import LensDesign, LensDesignOptions
+from photosite.optics.tables import PsfOptions, PsfTable
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,9 @@ def _is_set(path: Path) -> bool:
     return iset.find_set(path) is not None
 
 
-_PSF_OPTIONS = ("spacing_um", "wavelength_nm", "normalise")
-_SUM_OPTIONS = ("tolerance", "rank", "detail_um", "nodes", "symmetric")
+_PSF_OPTIONS = tuple(PsfOptions.__annotations__)
+_LISTING_OPTIONS = tuple(LensDesignOptions.__annotations__)
+_SUM_OPTIONS = tuple(name for name in _LISTING_OPTIONS if name != "first_row")
 
 FORMATS = (
     Format("iset", "lens", lambda path: iset.read_ray_trace(path).lens(), matches=_is_set),
@@ -74,7 +75,7 @@ FORMATS = (
         lambda path: optics_file.read_optics(path, partial(read, folder=path.parent)),
         write=optics_file.write_optics,
     ),
-    Format("csv", "OTFs", tables.read_otf, options=("beyond",), write=tables.write_otf),
+    Format("csv", "OTFs", tables.load_otf_table, options=("beyond",), write=tables.write_otf),
     Format("npz", "PSFs", _psfs(tables.load_npz), (".npz",), _PSF_OPTIONS, tables.write_psf),
     Format("hdf5", "PSFs", _psfs(tables.load_hdf5), (".h5", ".hdf5"), _PSF_OPTIONS),
     Format("tiff", "PSFs", _psfs(tables.load_tiff), (".tif", ".tiff"), _PSF_OPTIONS),
@@ -83,12 +84,12 @@ FORMATS = (
         "iset",
         "lens design",
         lambda path, **options: iset.read_ray_trace(path).point_spreads(**options),
-        options=("first_row", *_SUM_OPTIONS),
+        options=_LISTING_OPTIONS,
         matches=_is_set,
     ),
     Format("npz", "lens design", tables.read_design, (".npz",), _SUM_OPTIONS, tables.write_design),
-    Format("zemax", "lens design", design_index.read_folder, options=("first_row", *_SUM_OPTIONS), matches=Path.is_dir),
-    Format("index", "lens design", design_index.read_index, options=("first_row", *_SUM_OPTIONS)),
+    Format("zemax", "lens design", design_index.read_folder, options=_LISTING_OPTIONS, matches=Path.is_dir),
+    Format("index", "lens design", design_index.read_index, options=_LISTING_OPTIONS),
     Format("zemax", "relative illumination", zemax.read_relative_illumination),
     Format("iset", "relative illumination", lambda path: iset.read_ray_trace(path).relative_illumination()),
     Format("zemax", "distortion", zemax.read_distortion, options=("wavelength_nm",)),
@@ -208,7 +209,7 @@ def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: st
     return optics_file.parse_optics(data, path, partial(read, folder=Path(path).parent), section)
 
 
-def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
+def load_lens_design(path: str | PathLike[str], **options: Unpack[LensDesignOptions]) -> LensDesign:
     """Return PSFs over the field.
 
     Parameters
@@ -217,8 +218,7 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
         A folder of Zemax listings, an index (`photosite.optics.io.design_index`), an .npz archive, or the
         ISETPARMS.txt, or its folder, of a set that ISET's macros wrote (`photosite.optics.io.iset`).
     **options
-        `tolerance`, `rank`, `detail_um`, `nodes` and `symmetric` of `LensDesign`, and `first_row` of
-        `photosite.optics.io.listing.Layout`; they override those of an index.
+        Of `photosite.optics.lens_design.LensDesignOptions`; they override those of an index.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
     >>> place = {"field_y": [0, 0], "field_x": [0, 8], "unit": "mm"}
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.savez(f"{folder}/lens.npz", wavelength_nm=[550.0], psf=psf, spacing_um=0.5, **place)
-    ...     design = read_lens_design(f"{folder}/lens.npz", rank=1)
+    ...     design = load_lens_design(f"{folder}/lens.npz", rank=1)
     >>> design.psf.shape, design.rank
     ((2, 1, 21, 21), 1)
     """
@@ -244,13 +244,7 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
     return design
 
 
-def read_otf_table(path: str | PathLike[str], **options: Any) -> OtfTable:
-    """Return a table of OTFs from a CSV file, see `photosite.optics.io.tables.read_otf`."""
-    table: OtfTable = read("OTFs", path, **options)
-    return table
-
-
-def read_psf_table(path: str | PathLike[str], **options: Any) -> PsfTable:
+def load_psf_table(path: str | PathLike[str], **options: Unpack[PsfOptions]) -> PsfTable:
     """Return a table of PSFs from an .npz archive, an HDF5 file, a TIFF stack or a matrix of text.
 
     Parameters
@@ -259,12 +253,23 @@ def read_psf_table(path: str | PathLike[str], **options: Any) -> PsfTable:
         .npz or HDF5 with `psf` (L, n, n) or (n, n), `spacing_um` and `wavelength_nm`; in HDF5 the two may be
         attributes. A TIFF stack has a page for each wavelength; a text file (.txt, .csv, .dat) holds one.
     **options
-        `spacing_um` and `wavelength_nm`, if the file does not state them, and `normalise`; see `PsfTable`.
+        `spacing_um` and `wavelength_nm`, if the file does not state them, and `normalize`; see `PsfTable`.
 
     Raises
     ------
     FileError
         If the file is missing or damaged, lacks its spacing or wavelengths, or its content is invalid.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> r2 = np.add.outer(np.arange(-8, 9) ** 2, np.arange(-8, 9) ** 2)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savetxt(f"{folder}/psf.txt", np.exp(-r2 / 8))
+    ...     table = load_psf_table(f"{folder}/psf.txt", spacing_um=0.5, wavelength_nm=550, normalize=True)
+    >>> table.samples.shape
+    (1, 17, 17)
     """
     table: PsfTable = read("PSFs", path, **options)
     return table

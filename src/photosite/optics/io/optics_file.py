@@ -258,7 +258,7 @@ def _blur_section(blur: object, stem: str) -> tuple[Fields, Tables]:
         return {"kind": "otf", "file": name, "beyond": otf.beyond}, {name: lambda path: write_otf(otf, path)}
     if type(blur) is PsfTable:
         psf, name = blur, f"{stem}.psf.npz"
-        section = {"kind": "psf", "file": name, "normalise": bool(psf.normalise)}
+        section = {"kind": "psf", "file": name, "normalise": bool(psf.normalize)}
         return section, {name: lambda path: write_psf(psf, path)}
     if type(blur) is LensDesign:
         design, name = blur, f"{stem}.design.npz"
@@ -583,7 +583,8 @@ class PsfSection(Description):
     normalise: StrictBool = False
 
     def _build(self, info: ValidationInfo) -> Any:
-        return self._read(info, "PSFs", "file", **self.model_dump(exclude={"kind", "file"}))
+        stated = self.model_dump(exclude={"kind", "file", "normalise"})
+        return self._read(info, "PSFs", "file", **stated, normalize=self.normalise)
 
 
 class LensDesignSection(Description):

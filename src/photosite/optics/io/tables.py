@@ -117,7 +117,7 @@ _PLANE = ("wavelength_nm", "fy_per_mm", "fx_per_mm", "real", "imag")
 """First column of a radial OTF table, and columns of a 2-D one."""
 
 
-def read_otf(path: str | PathLike[str], beyond: Literal["zero", "diffraction"] = "zero") -> OtfTable:
+def load_otf_table(path: str | PathLike[str], beyond: Literal["zero", "diffraction"] = "zero") -> OtfTable:
     """Read a table of OTFs from a CSV file.
 
     Parameters
@@ -141,7 +141,7 @@ def read_otf(path: str | PathLike[str], beyond: Literal["zero", "diffraction"] =
     >>> folder = tempfile.TemporaryDirectory()
     >>> path = Path(folder.name) / "mtf.csv"
     >>> _ = path.write_text("frequency_per_mm, 450, 650\\n0, 1, 1\\n40, 0.7, 0.6\\n200, 0, 0\\n")
-    >>> read_otf(path).values
+    >>> load_otf_table(path).values
     array([[1. , 0.7, 0. ],
            [1. , 0.6, 0. ]])
     """
@@ -160,7 +160,7 @@ def read_otf(path: str | PathLike[str], beyond: Literal["zero", "diffraction"] =
 
 
 def write_otf(table: OtfTable, path: Path) -> None:
-    """Write a table of OTFs that `read_otf` reads."""
+    """Write a table of OTFs that `load_otf_table` reads."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         write = csv.writer(stream).writerow
         waves, down = table.wavelength_nm.tolist(), table.frequency_per_mm.tolist()
@@ -181,7 +181,7 @@ def read_psf(
     *,
     spacing_um: float | None = None,
     wavelength_nm: ArrayLike | None = None,
-    normalise: bool = False,
+    normalize: bool = False,
 ) -> PsfTable:
     """Read a table of PSFs.
 
@@ -218,7 +218,7 @@ def read_psf(
     if spacing.size != 1:
         raise FileError(path, "spacing_um", value=spacing.tolist(), expected="one number")
     with in_file(path):
-        return PsfTable(grid, samples[None] if samples.ndim == 2 else samples, float(spacing[0]), normalise)
+        return PsfTable(grid, samples[None] if samples.ndim == 2 else samples, float(spacing[0]), normalize)
 
 
 def write_psf(table: PsfTable, path: Path) -> None:

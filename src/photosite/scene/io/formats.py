@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Unpack
 
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
 from photosite.files.small_files import reading
 from photosite.scene.cube import SpectralCube, select_bands, within_range
 from photosite.scene.io.patch_table import chart_scene
-from photosite.scene.options import ReadOptions
+from photosite.scene.options import ReadArguments, ReadOptions, WriteArguments
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import Reduction, reduce_cube
 from photosite.scene.weights import Progress
@@ -212,7 +212,9 @@ def _first_bytes(path: Path) -> bytes:
 # Reading, writing and conversion of scene files of any known format.
 
 
-def read_scene(path: str | PathLike[str], *, progress: Progress | None = None, **options: Any) -> Scene:
+def read_scene(
+    path: str | PathLike[str], *, progress: Progress | None = None, **options: Unpack[ReadArguments]
+) -> Scene:
     """Read a scene from a file: photosite's own, a spectral cube, a rendering, a measured chart or a picture.
 
     Parameters
@@ -245,7 +247,7 @@ def read_scene(path: str | PathLike[str], *, progress: Progress | None = None, *
     >>> read_scene(f"{folder.name}/grey.h5").basis.shape
     (1, 31)
     """
-    read_options = ReadOptions(**options)
+    read_options = ReadOptions(**dict[str, Any](options))
     file = Path(path)
     found = _opened(file, read_options)
     if isinstance(found, Scene):
@@ -268,7 +270,7 @@ def _opened(path: Path, options: ReadOptions) -> SpectralCube | Scene:
     return select_bands(found, within_range(found.wavelength_nm, options.band_range_nm))
 
 
-def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
+def open_cube(path: str | PathLike[str], **options: Unpack[ReadArguments]) -> SpectralCube:
     """Open a spectral file, to read its values block by block; options as for `read_scene`.
 
     Raises
@@ -278,13 +280,13 @@ def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
     InputError
         If an option is unknown or invalid.
     """
-    found = _opened(Path(path), ReadOptions(**options))
+    found = _opened(Path(path), ReadOptions(**dict[str, Any](options)))
     if isinstance(found, Scene):
         raise FileError(path, "holds a scene, not a cube", hint="Read it with read_scene")
     return found
 
 
-def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None:
+def write_scene(scene: Scene, path: str | PathLike[str], **options: Unpack[WriteArguments]) -> None:
     """Write a scene in the format of the file's suffix.
 
     Parameters
@@ -342,8 +344,12 @@ def _format_to_write(path: Path) -> Format:
     return kind
 
 
-def convert(
-    path: str | PathLike[str], output: str | PathLike[str], *, progress: Progress | None = None, **options: Any
+def convert_scene(
+    path: str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    progress: Progress | None = None,
+    **options: Unpack[ReadArguments],
 ) -> Reduction:
     """Convert a scene file to another format, through the few basis spectra of a scene.
 
@@ -377,11 +383,11 @@ def convert(
     >>> import tempfile, photosite as ps
     >>> folder = tempfile.TemporaryDirectory()
     >>> ps.charts.macbeth("A", 40).save(f"{folder.name}/chart.tif")
-    >>> done = convert(f"{folder.name}/chart.tif", f"{folder.name}/chart.h5", tolerance=0.01)
+    >>> done = convert_scene(f"{folder.name}/chart.tif", f"{folder.name}/chart.h5", tolerance=0.01)
     >>> done.bands, done.components, done.scene.relative_error < 0.01
     (41, 8, True)
     """
-    read_options, source, target = ReadOptions(**options), Path(path), Path(output)
+    read_options, source, target = ReadOptions(**dict[str, Any](options)), Path(path), Path(output)
     kind = _format_to_write(target)
     found = _opened(source, read_options)
     _check_apart(source, found, target)

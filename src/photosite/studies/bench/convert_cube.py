@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from photosite.scene.cube import Block, SpectralCube
-from photosite.scene.io.formats import convert, open_cube
+from photosite.scene.io.formats import convert_scene, open_cube
 from photosite.scene.io.hdf5 import reduce_to_own
 from photosite.scene.scene_cube import Reduction, reduce_cube
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
@@ -81,7 +81,7 @@ def repeated(path: Path, times: int) -> RepeatedCube:
 def work_convert(path: str, output: str, times: int = 1) -> Reduction:
     """Convert the repeated cube to a scene file."""
     if times == 1:
-        return convert(path, output)
+        return convert_scene(path, output)
     return reduce_to_own(lambda store: reduce_cube(repeated(Path(path), times), store=store), Path(output))
 
 

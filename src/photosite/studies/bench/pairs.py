@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import integration_weights, photons_from_energy
-from photosite.data.dataset import PairDataset
-from photosite.data.light import Electrons
-from photosite.data.scenes import Scenes
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.picture_colors import plain_srgb
 from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, srgb_reflectance
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
+from photosite.training.dataset import PairDataset
+from photosite.training.light import Electrons
+from photosite.training.scenes import Scenes
 from photosite.values.cfa import channel_sites
 
 SIZE = 512

@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from photosite.calibration.setting import calibrate_setting
-from photosite.data.dataset import PairDataset
-from photosite.data.light import Electrons
 from photosite.engine.dask_workers import WORKER_ENVIRONMENT
 from photosite.engine.workers import run_tasks
 from photosite.errors import InputError
 from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.frames import benchmark_protocol, write_frames
+from photosite.training.dataset import PairDataset
+from photosite.training.light import Electrons
 
 _PAIRS = 64
 _SIDE = 512

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.data import Electrons, OwnNoise, PairDataset, RawFrames
 from photosite.engine.random_numbers import seed_of_added_noise
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Sensor
+from photosite.training import Electrons, OwnNoise, PairDataset, RawFrames
 
 RAMP = np.linspace(0, 3000, 64 * 96, dtype=np.float32).reshape(64, 96)
 FRAME = RawFrame(np.zeros((2, 2), np.uint16), bits=12)
@@ -67,7 +67,7 @@ def test_a_forked_process_gives_the_same_items(tmp_path: Path) -> None:
 
 
 def test_importing_a_dataset_does_not_import_torch() -> None:
-    code = "import photosite.data, sys; sys.exit('torch' in sys.modules)"
+    code = "import photosite.training, sys; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.data import Electrons, Pair, PairDataset, collate
 from photosite.errors import InputError
+from photosite.training import Electrons, Pair, PairDataset, collate
 
 RAMP = np.linspace(0, 3000, 64 * 64, dtype=np.float32).reshape(64, 64)
 PAIRS = PairDataset(

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.data.pair import Pair
 from photosite.errors import InputError
+from photosite.training.pair import Pair
 from photosite.values.cfa import Cfa, cfa_from
 from photosite.values.validated import check_choice
 
@@ -49,8 +49,8 @@ def collate(pairs: Sequence[Pair], library: Library = "numpy", *, packed: bool =
     Examples
     --------
     >>> import photosite as ps
-    >>> light = ps.data.Electrons([np.full((32, 32), 100.0)])
-    >>> pairs = ps.data.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=3)
+    >>> light = ps.training.Electrons([np.full((32, 32), 100.0)])
+    >>> pairs = ps.training.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=3)
     >>> batch = collate([pairs[0], pairs[2]], packed=True)
     >>> batch.noisy.shape, batch.noisy.dtype, batch.metadata["draw"]
     ((2, 4, 16, 16), dtype('uint16'), array([0, 2]))

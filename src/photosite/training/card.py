@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from photosite.data.dataset import PairDataset
 from photosite.sensor.model import Sensor
+from photosite.training.dataset import PairDataset
 from photosite.values.cfa import tile_text
 from photosite.values.exposure import format_exposure
 

@@ -14,10 +14,10 @@ import pytest
 from PIL import Image
 
 import photosite as ps
-from photosite.data import PairDataset, Scenes
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
 from photosite.studies.bench.pairs import WHITE_CD_M2, lens_electrons_by_numpy
+from photosite.training import PairDataset, Scenes
 
 LENS = ps.DiffractionLimited(f_number=2.8, focal_length_mm=4)
 PICTURE = np.random.default_rng(3).integers(0, 256, (120, 150, 3)).astype(np.uint8)
@@ -85,7 +85,7 @@ def test_lights_and_scale_are_chosen_by_chance() -> None:
     tungsten = [pair for pair in found if pair.metadata["illuminant"] == "A" and pair.metadata["image"] == 0]
     daylight = [pair for pair in found if pair.metadata["illuminant"] == "D65" and pair.metadata["image"] == 0]
 
-    def blue_over_red(pairs: list[ps.data.Pair]) -> float:  # the tile is GB/RG
+    def blue_over_red(pairs: list[ps.training.Pair]) -> float:  # the tile is GB/RG
         return float(np.mean([pair.clean[::2, 1::2].mean() / pair.clean[1::2, ::2].mean() for pair in pairs]))
 
     assert blue_over_red(tungsten) < 0.6 * blue_over_red(daylight)

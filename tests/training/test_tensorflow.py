@@ -13,10 +13,12 @@ import photosite as ps
 tf = pytest.importorskip("tensorflow")
 
 
-def pairs() -> ps.data.PairDataset:
+def pairs() -> ps.training.PairDataset:
     light = np.linspace(0, 3000, 64 * 64, dtype=np.float32).reshape(64, 64)
     sensor = ps.load_sensor("vendor-2.2um")
-    return ps.data.PairDataset(ps.data.Electrons([light]), sensor, crop=(32, 32), crops=6, light=(0.1, 1), seed=4)
+    return ps.training.PairDataset(
+        ps.training.Electrons([light]), sensor, crop=(32, 32), crops=6, light=(0.1, 1), seed=4
+    )
 
 
 def test_a_generator_gives_the_items_in_order() -> None:

@@ -17,10 +17,6 @@ from photosite.camera.mean_image import electrons_per_weight
 from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Spectrum, photons_from_energy
-from photosite.data.digest import described, described_files
-from photosite.data.kept import Kept
-from photosite.data.light import Light, check_exist, listed, place_facts
-from photosite.data.patch import Patch, between
 from photosite.errors import InputError
 from photosite.optics.lens import Optics
 from photosite.scene.io.color_space import RgbSpace
@@ -31,6 +27,10 @@ from photosite.scene.polarization import Polarization
 from photosite.scene.scene import Scene, light_title
 from photosite.scene.scene_request import SceneRequest
 from photosite.sensor.model import Sensor
+from photosite.training.digest import described, described_files
+from photosite.training.kept import Kept
+from photosite.training.light import Light, check_exist, listed, place_facts
+from photosite.training.patch import Patch, between
 from photosite.values.cfa import channel_sites
 from photosite.values.shown import Shown
 
@@ -108,7 +108,7 @@ class Scenes(Shown):
     >>> picture = np.full((96, 96, 3), 128, np.uint8)
     >>> source = Scenes([picture, "macbeth"], ps.DiffractionLimited(f_number=2.8, focal_length_mm=4))
     >>> sensor = ps.load_sensor("vendor-2.2um")
-    >>> pair = ps.data.PairDataset(source, sensor, crop=(32, 32), exposure_s=1 / 30, seed=1)[0]
+    >>> pair = ps.training.PairDataset(source, sensor, crop=(32, 32), exposure_s=1 / 30, seed=1)[0]
     >>> pair.metadata["scene"], pair.clean.shape, bool(pair.clean.min() > pair.metadata["black_level_dn"])
     ('picture 0', (32, 32), True)
     """

@@ -21,15 +21,15 @@ from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 
-from photosite.data.card import card_text
-from photosite.data.dataset import PairDataset, item_number
-from photosite.data.digest import sha256_of
-from photosite.data.pair import Pair
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, message_of, printable
 from photosite.files.hdf5 import create_hdf5, open_hdf5
 from photosite.files.small_files import read_json_object
 from photosite.files.writing import FolderLock, atomic_path, is_temporary, remove_abandoned
+from photosite.training.card import card_text
+from photosite.training.dataset import PairDataset, item_number
+from photosite.training.digest import sha256_of
+from photosite.training.pair import Pair
 from photosite.values.shown import Shown, clipped
 from photosite.values.validated import check_choice
 
@@ -133,8 +133,8 @@ def write_shards(
     --------
     >>> import tempfile
     >>> import photosite as ps
-    >>> light = ps.data.Electrons([np.full((8, 8), 100.0)])
-    >>> pairs = ps.data.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=5)
+    >>> light = ps.training.Electrons([np.full((8, 8), 100.0)])
+    >>> pairs = ps.training.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=5)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     manifest = write_shards(pairs, folder, pairs_per_shard=2)
     ...     sorted(path.name for path in manifest.parent.iterdir())
@@ -334,8 +334,8 @@ class ShardDataset(Shown):
     --------
     >>> import tempfile
     >>> import photosite as ps
-    >>> light = ps.data.Electrons([np.full((8, 8), 100.0)])
-    >>> pairs = ps.data.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=5)
+    >>> light = ps.training.Electrons([np.full((8, 8), 100.0)])
+    >>> pairs = ps.training.PairDataset(light, ps.load_sensor("vendor-2.2um"), draws=5)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = write_shards(pairs, folder, pairs_per_shard=2)
     ...     stored = ShardDataset(folder)

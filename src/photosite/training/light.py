@@ -13,9 +13,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.data.digest import described, described_files
-from photosite.data.kept import Kept
-from photosite.data.patch import Patch
 from photosite.engine.jit import read_only, threads_for
 from photosite.engine.patches import scaled_patch
 from photosite.errors import FileError, InputError, message_of
@@ -24,7 +21,11 @@ from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import NoiseProfile
-from photosite.sensor.own_noise import OwnNoise, check_noisier, largest_light
+from photosite.sensor.own_noise import OwnNoise as OwnNoise
+from photosite.sensor.own_noise import check_noisier, largest_light
+from photosite.training.digest import described, described_files
+from photosite.training.kept import Kept
+from photosite.training.patch import Patch
 from photosite.values.cfa import channel_names, tile_text
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured

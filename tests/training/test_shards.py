@@ -19,9 +19,9 @@ from killed_writers import kill_while_writing
 from process_groups import members
 
 import photosite as ps
-from photosite.data import Electrons, PairDataset, RawFrames, Scenes, ShardDataset, write_shards
-from photosite.data.digest import sha256_of
 from photosite.errors import FileError, InputError
+from photosite.training import Electrons, PairDataset, RawFrames, Scenes, ShardDataset, write_shards
+from photosite.training.digest import sha256_of
 
 RAMP = np.linspace(0, 3000, 64 * 64, dtype=np.float32).reshape(64, 64)
 SENSOR = ps.load_sensor("vendor-2.2um").with_(rows=64, cols=64)
@@ -79,14 +79,14 @@ def test_a_broken_off_folder_is_completed_to_the_same_bytes(tmp_path: Path) -> N
 _SCRIPT = """
 import sys
 from test_shards_script import big
-from photosite.data import write_shards
+from photosite.training import write_shards
 if __name__ == "__main__":
     write_shards(big(), sys.argv[1], pairs_per_shard=2, processes=2)
 """
 _MODULE = """
 import numpy as np
 import photosite as ps
-from photosite.data import Electrons, PairDataset
+from photosite.training import Electrons, PairDataset
 def big():
     sensor = ps.load_sensor("vendor-2.2um").with_(rows=256, cols=256)
     return PairDataset(Electrons([np.full((256, 256), 500.0)]), sensor, draws=200)
@@ -225,7 +225,7 @@ def test_a_missing_input_is_an_error_at_once(source: Any, tmp_path: Path) -> Non
 
 def test_a_folder_that_does_not_exist(tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
-        ps.data.ShardDataset(tmp_path / "nosuch")
+        ps.training.ShardDataset(tmp_path / "nosuch")
     assert caught.value.what == "there is no such folder"
 
 
@@ -278,7 +278,7 @@ def test_a_shard_that_is_not_the_manifests_is_an_error(shard_format: Any, tmp_pa
 def test_a_shard_is_checked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_shards(dataset(), tmp_path, pairs_per_shard=5)
     stored, read = ShardDataset(tmp_path), []
-    monkeypatch.setattr("photosite.data.shards.sha256_of", lambda path: read.append(path.name) or sha256_of(path))
+    monkeypatch.setattr("photosite.training.shards.sha256_of", lambda path: read.append(path.name) or sha256_of(path))
     for index in (0, 4, 9, 1, 5):
         stored[index]
     pickle.loads(pickle.dumps(stored))[2]

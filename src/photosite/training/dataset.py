@@ -13,16 +13,16 @@ from typing import Any, Literal, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.data.digest import described
-from photosite.data.light import Light, Source
-from photosite.data.pair import Pair
-from photosite.data.patch import Patch, between, chances, first_of, flip_offset
 from photosite.engine.random_numbers import seed_of_added_noise
 from photosite.errors import InputError
 from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.sensor.readout import digital_numbers
+from photosite.training.digest import described
+from photosite.training.light import Light, Source
+from photosite.training.pair import Pair
+from photosite.training.patch import Patch, between, chances, first_of, flip_offset
 from photosite.values.cfa import tile_text
 from photosite.values.exposure import check_exposure
 from photosite.values.shown import Shown
@@ -85,7 +85,7 @@ class PairDataset(Shown):
     Examples
     --------
     >>> import photosite as ps
-    >>> from photosite.data import Electrons
+    >>> from photosite.training import Electrons
     >>> sensor = ps.load_sensor("vendor-2.2um")
     >>> ramp = np.linspace(0, 800, 64 * 64, dtype=np.float32).reshape(64, 64)
     >>> pairs = PairDataset(Electrons([ramp]), sensor, crop=(32, 32), crops=4, draws=2, light=(0.1, 1), seed=7)
@@ -112,7 +112,7 @@ class PairDataset(Shown):
 
     def __post_init__(self) -> None:
         if not isinstance(self.source, Source):
-            expected = "Electrons, RawFrames or Scenes of photosite.data"
+            expected = "Electrons, RawFrames or Scenes of photosite.training"
             raise InputError("source", value=type(self.source).__name__, expected=expected)
         given = (self.sensors,) if isinstance(self.sensors, Sensor) else tuple(self.sensors)
         if not given or not all(isinstance(sensor, Sensor) for sensor in given):

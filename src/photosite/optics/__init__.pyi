@@ -1,0 +1,13 @@
+from .distortion import Distortion as Distortion
+from .distortion import LateralColor as LateralColor
+from .field_points import FieldPoints as FieldPoints
+from .illumination import IlluminationTable as IlluminationTable
+from .illumination import VeilingGlare as VeilingGlare
+from .io.formats import load_lens_design as load_lens_design
+from .io.formats import load_psf_table as load_psf_table
+from .io.tables import load_otf_table as load_otf_table
+from .lens_design import LensDesign as LensDesign
+from .pupil import Pupil as Pupil
+from .tables import OtfTable as OtfTable
+from .tables import PsfTable as PsfTable
+from .wavefront import Wavefront as Wavefront
