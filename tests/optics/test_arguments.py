@@ -130,11 +130,3 @@ def test_objects_out_of_focus_are_rejected_with_the_depth_of_focus() -> None:
     with raises(InputError, "distance_m"):
         far.point_spread(1.2)  # (50 mm / 2.8)^2 / 8 / 550 nm / 0.25 = 289.9 m
     far.point_spread(290.0)
-
-
-@pytest.mark.parametrize(
-    "name", ["Distortion", "FieldPoints", "IlluminationTable", "LateralColor", "VeilingGlare", "load_lens_design"]
-)
-def test_parts_of_a_lens_are_public(name: str) -> None:
-    assert getattr(ps, name).__name__ == name
-    assert name in dir(ps)
