@@ -47,7 +47,6 @@ MAY_IMPORT: dict[str, set[str]] = {
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("values/shown.py", "photosite.report"): "the one hook of `.report()`, `.plot()` and notebooks",
     ("values/saved.py", "photosite"): "the one hook of `.save()`",
-    ("__init__.py", "photosite"): "lazy public names",
 }
 """(file, imported module or folder): the reason."""
 
