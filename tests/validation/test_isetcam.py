@@ -139,6 +139,6 @@ def test_photosites_noise_is_that_of_the_formula(case: dict[str, SetUp]) -> None
         camera.expose(mean, 0.1, seed=1, frame=n).dn.astype(float) / sensor.system_gain_dn_per_e for n in (0, 1)
     )
     read_e = sensor.electrons(sensor.noise.read_noise_mv.value)
-    quantised = 1 / 12 / sensor.system_gain_dn_per_e**2
-    expected = math.sqrt(18_000.0 + read_e**2 + quantised)
+    quantized = 1 / 12 / sensor.system_gain_dn_per_e**2
+    expected = math.sqrt(18_000.0 + read_e**2 + quantized)
     assert np.std(one - two) / math.sqrt(2) == pytest.approx(expected, rel=9e-3)

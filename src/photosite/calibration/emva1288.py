@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.withheld import NO_SENSOR_FILE
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Value, derive
 
@@ -48,7 +48,7 @@ def _in_dn(parameter_e: str) -> Callable[[_Input], Value]:
 def _dark_noise_dn(of: _Input) -> Value:
     """Return the temporal dark noise including rounding, as measured in the frames."""
     noise = derive(lambda s, k: s * k, of["temporal_dark_noise_e"], of[_GAIN])
-    return derive(lambda s: (s * s + QUANTISATION_DN2).sqrt(), noise)
+    return derive(lambda s: (s * s + QUANTIZATION_DN2).sqrt(), noise)
 
 
 def _range(of: _Input) -> Value:

@@ -13,7 +13,7 @@ from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.spatial.nonuniformity import Parts, pool_parts
 from photosite.calibration.spatial.pixel_slopes import of_one_sample
 from photosite.calibration.withheld import NO_FLAT_FIELDS, NO_LINE_NOISE
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
 
 NO_LIGHT = NO_FLAT_FIELDS.missing("no light frames")
@@ -121,7 +121,7 @@ class Measurements:
         dark variance at exposure zero. Without both slopes, the measurements are returned unchanged.
         """
         if isinstance(self.dark_slope, Implausible) and isinstance(self.dark_variance_slope, Uncertain):
-            at_zero = derive(lambda v: v - QUANTISATION_DN2, self.dark_variance)
+            at_zero = derive(lambda v: v - QUANTIZATION_DN2, self.dark_variance)
             return replace(self, read_variance=at_zero, read_method="dark temporal variance at exposure zero")
         gain = self.gain
         if isinstance(gain, Missing) and isinstance(self.dark_slope, Uncertain) and self.dark_slope.beyond(3.0):

@@ -11,7 +11,7 @@ from photosite.calibration.photon_transfer.linearity import linearity_estimates
 from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.calibration.withheld import HIDDEN_NOISE, NEGATIVE_DARK_VARIANCE, NO_DARK_CURRENT
 from photosite.errors import InputError, did_you_mean
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Tabular
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -164,7 +164,7 @@ LEAST_DARK_VARIANCE = 0.24
 
 def least_dark_variance(m: Measurements) -> float:
     """Return `LEAST_DARK_VARIANCE` for the step of the converter's codes, with the quantization noise of 1 DN."""
-    return (LEAST_DARK_VARIANCE - QUANTISATION_DN2) * m.step**2 + QUANTISATION_DN2
+    return (LEAST_DARK_VARIANCE - QUANTIZATION_DN2) * m.step**2 + QUANTIZATION_DN2
 
 
 def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
@@ -268,7 +268,7 @@ def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
     if not isinstance(dark, Uncertain) or dark.value >= least or found.value is None:
         return found
     assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
-    limit = max(math.sqrt(least - QUANTISATION_DN2) * scale.value, found.interval_95[1])
+    limit = max(math.sqrt(least - QUANTIZATION_DN2) * scale.value, found.interval_95[1])
     return Estimate(
         reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization "
         f"hides the read noise; its 95 % upper limit is {limit:.3g}",
@@ -294,13 +294,13 @@ def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
     method = (
         f"dark temporal variance at {m.dark_exposure}{_clipping_note(m)}, less 1/12 DN² (EMVA 1288 R4.0, dark noise)"
     )
-    result = _deviation(derive(lambda v: v - QUANTISATION_DN2, m.dark_variance), per_e, method)
+    result = _deviation(derive(lambda v: v - QUANTIZATION_DN2, m.dark_variance), per_e, method)
     if isinstance(m.dark_variance, Missing) or isinstance(per_e, Missing):
         return result
     if m.dark_variance.value >= (least := least_dark_variance(m)):
         return result
     assert result.interval_95
-    limit = max(math.sqrt(least - QUANTISATION_DN2) * per_e.value, result.interval_95[1])
+    limit = max(math.sqrt(least - QUANTIZATION_DN2) * per_e.value, result.interval_95[1])
     return replace(result, upper_limit_95=limit)
 
 

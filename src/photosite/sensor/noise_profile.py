@@ -13,7 +13,7 @@ from statistics import fmean
 
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_terms import QUANTISATION_DN2, NoiseTerms
+from photosite.sensor.noise_terms import QUANTIZATION_DN2, NoiseTerms
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
 
@@ -136,7 +136,7 @@ class NoiseProfile(Shown):
         if self.gain_setting is not None:
             source += f" at gain setting {self.gain_setting:g}"
         analog = _scaled(_mean(profile.offset), profile.span_dn**2)
-        read_dn = _root(replace(analog, value=analog.value - QUANTISATION_DN2), "offset minus rounding")
+        read_dn = _root(replace(analog, value=analog.value - QUANTIZATION_DN2), "offset minus rounding")
         read_mv = _scaled(read_dn, base.mv_per_dn)
         conversion = _scaled(profile.system_gain_dn_per_e, base.mv_per_dn * 1e3)
         kept = base.provenance.source or base.name

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 
-QUANTISATION_DN2 = 1 / 12
+QUANTIZATION_DN2 = 1 / 12
 """Variance of rounding to whole numbers."""
 
 _ITERATIONS = 30
@@ -124,7 +124,7 @@ class NoiseTerms:
             well_e = sensor.pixel.well_capacity_e.value
             at_amplifier = signal * self.multiplication if curve is None else curve.signal_e(signal, well_e)
             steps = output.steps_dn(black + gain * at_amplifier, black, sensor.white_level_dn)
-        return np.asarray(QUANTISATION_DN2 * (steps / (gain * self.multiplication * self.slope(signal))) ** 2)
+        return np.asarray(QUANTIZATION_DN2 * (steps / (gain * self.multiplication * self.slope(signal))) ** 2)
 
     def floor_e2(self, signal_e: ArrayLike = 0.0) -> Array:
         """Return the variance over the pixels of a frame that is there without light, without rounding."""

@@ -22,7 +22,7 @@ from photosite.errors import CalibrationError, InputError, did_you_mean
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.studies import disturbed_lab
 from photosite.studies.disturbed_lab import DisturbedLab, Draw
 from photosite.studies.protocol import ShootingProtocol, Step, series
@@ -364,7 +364,7 @@ def _compare_combined(found: CombinedCalibration, sensor: Sensor) -> dict[str, O
     one = part_sensor(sensor, first)
     read_e = one.electrons(one.noise.read_noise_mv.value)
     if found.captures[0].system_gain_dn_per_e.value is None:  # the quantization of the converter is a part of it
-        read_e = math.hypot(read_e, math.sqrt(QUANTISATION_DN2) / one.system_gain_dn_per_e)
+        read_e = math.hypot(read_e, math.sqrt(QUANTIZATION_DN2) / one.system_gain_dn_per_e)
     scale = capture_scale(sensor, before)
     knee_dn = captures.combination.switch_percent / 100.0 * scale.saturation_dn / scale.dn_per_light_e * per_e
     outcomes = {

@@ -25,7 +25,7 @@ from photosite.frames.io.darktable_scale import (
     slope_and_offset,
 )
 from photosite.frames.raw_frame import RawFrame
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95
 
@@ -83,7 +83,7 @@ class ProfiledCamera(Shown):
     @property
     def offset_covered(self) -> bool:
         """Whether the interval of the offset contains the variance of read noise and rounding."""
-        rounding = QUANTISATION_DN2 / ((1 << BITS) - 1 - BLACK_DN) ** 2
+        rounding = QUANTIZATION_DN2 / ((1 << BITS) - 1 - BLACK_DN) ** 2
         low, high = self.offset_95
         return low <= (self.camera.read_noise_e / self.camera.electrons_at_white) ** 2 + rounding <= high
 

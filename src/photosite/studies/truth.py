@@ -16,7 +16,7 @@ from photosite.scene.scene import Scene
 from photosite.sensor.effects.line_pattern import LinePattern
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.cfa import channel_sites
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     read_e, dsnu_e = sensor.electrons(read_mv), sensor.electrons(dsnu_mv)
     prnu, dcnu = (math.hypot(averaged * spread.value, of_lines) for spread in (noise.prnu_percent, noise.dcnu_percent))
     capacity_e = sensor.saturation_capacity_e
-    threshold_e = math.sqrt(read_e**2 + QUANTISATION_DN2 / gain**2 + 0.25) + 0.5
+    threshold_e = math.sqrt(read_e**2 + QUANTIZATION_DN2 / gain**2 + 0.25) + 0.5
     truth = {
         "read_noise_dn": read_e * gain,
         "read_noise_e": read_e,

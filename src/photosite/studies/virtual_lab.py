@@ -29,7 +29,7 @@ from photosite.sensor.capture_readout import captures_of, part_sensor
 from photosite.sensor.captures import Captures
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.uncertain import Measured
 
@@ -61,7 +61,7 @@ def dark_noise_dn(sensor: Sensor) -> float:
     """
     noise = sensor.noise
     analog = math.hypot(noise.read_noise_mv.value, noise.dsnu_mv.value) / sensor.mv_per_dn
-    return math.sqrt(analog**2 + QUANTISATION_DN2)
+    return math.sqrt(analog**2 + QUANTIZATION_DN2)
 
 
 def with_pedestal(sensor: Sensor) -> Sensor:

@@ -35,7 +35,7 @@ from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.sensor.captures import Companding
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.cfa import channel_mask, channel_names
 from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.estimate import Estimate
@@ -318,7 +318,7 @@ def _reduced(frames: FrameSet, group: FrameGroup, companding: Companding | None)
         site = channel_mask(frames.cfa, channel, first.shape)
         pixels, mean = int(site.sum()), shift + total[site].mean() / count
         step = 1.0 if companding is None else float(companding.step_dn(mean))
-        rounding = QUANTISATION_DN2 * (1.0 + (step**2 if step > 1.0 else 0.0))
+        rounding = QUANTIZATION_DN2 * (1.0 + (step**2 if step > 1.0 else 0.0))
         found.append(
             _Level(
                 group.kind,
@@ -361,7 +361,7 @@ def _split(levels: Sequence[_Level], piece: Piece) -> Iterator[tuple[int, int]]:
 
 def _noise_shown(level: _Level) -> bool:
     """Return whether the noise is more than the rounding of the numbers."""
-    return level.variance > (_LEAST_NOISE_STEPS * level.step) ** 2 - QUANTISATION_DN2 and level.uncertainty > 0.0
+    return level.variance > (_LEAST_NOISE_STEPS * level.step) ** 2 - QUANTIZATION_DN2 and level.uncertainty > 0.0
 
 
 def _hidden(count: int, total: int) -> Diagnostic:
@@ -433,7 +433,7 @@ def _capture(
     seen = [level.codes for level in own if level.codes is not None]
     codes = float(np.median(seen)) if seen and np.median(seen) > _STEPS_SHOWN else None
     method = "slope of the photon transfer curve"
-    variance = intercept if codes is None else intercept - QUANTISATION_DN2 * codes**2
+    variance = intercept if codes is None else intercept - QUANTIZATION_DN2 * codes**2
     noise = variance / (gain * gain)
     how = "intercept of the photon transfer curve"
     read = Estimate.of_variance(noise, how if codes is None else f"{how}, quantization of the converter subtracted")

@@ -49,7 +49,7 @@ def digital_gains(evidence: Evidence) -> Iterator[Diagnostic]:
             text += f": numbers of {bits} bits stretched to {reduction.frames.bits} bits"
         yield DIGITAL_GAIN(
             f"{text}; the system gain holds for the numbers of the file, quantization noise of "
-            f"{level.quantisation:.3g} DN² was subtracted in place of 1/12 DN², and figures from the converter's "
+            f"{level.quantization:.3g} DN² was subtracted in place of 1/12 DN², and figures from the converter's "
             f"bit depth (millivolts) are wrong by the gain; use raw numbers if the camera gives them",
             steps.step,
         )

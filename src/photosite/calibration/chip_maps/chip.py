@@ -31,7 +31,7 @@ from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate, signed_square
 
 CLIPPED_DARK = 1e-3
@@ -127,7 +127,7 @@ class _DarkMaps:
         if shot is not None:
             longer = np.array([entry.group.exposure_s for entry in self.groups]) - self.exposure_s
             variance += shot * np.float32(fraction @ longer)
-        np.maximum(variance, np.float32(QUANTISATION_DN2 * fraction.sum()), out=variance)
+        np.maximum(variance, np.float32(QUANTIZATION_DN2 * fraction.sum()), out=variance)
         np.sqrt(variance, out=variance)
         return variance
 
@@ -140,7 +140,7 @@ class _DarkMaps:
         noise = self.moderated_variance()
         of_mean = np.zeros(len(self.groups))
         of_mean[self.reference] = 1.0
-        read = self.variance - np.float32(QUANTISATION_DN2)
+        read = self.variance - np.float32(QUANTIZATION_DN2)
         if self.rate is not None:
             level -= np.float32(self.exposure_s) * self.rate
             of_mean -= self.exposure_s * self.coefficients
@@ -327,7 +327,7 @@ def _chip(
         defects=found,
         blinking=blinking,
     )
-    shared_dn2 = QUANTISATION_DN2 + signed_square(chip.row_noise_dn) + signed_square(chip.column_noise_dn)
+    shared_dn2 = QUANTIZATION_DN2 + signed_square(chip.row_noise_dn) + signed_square(chip.column_noise_dn)
     shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
     return chip, _with_distribution(replace(temporal, traces=traces), dark, look, blinking, shared_dn2)
 
@@ -402,7 +402,7 @@ def _blinking(
         return no_blinking(), np.zeros(0), ()
     jumps, levels = pixel_noise.find_blinking(look.series)
     row, col = place[0][jumps], place[1][jumps]
-    within = levels.within[jumps] - QUANTISATION_DN2
+    within = levels.within[jumps] - QUANTIZATION_DN2
     if shot is not None:
         within = within - dark.exposure_s * shot[row, col]
     noise = np.copysign(np.sqrt(np.abs(within)), within)

@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Source, Uncertain
 
 Array = NDArray[np.float64]
 
-QUANTISATION_FOURTH = -1.0 / 120.0
+QUANTIZATION_FOURTH = -1.0 / 120.0
 """Fourth cumulant of rounding to integers, DN^4: that of a uniform distribution."""
 
 BLOCKS = 16
@@ -110,9 +110,9 @@ def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n
 def _kurtosis(part: int, sums: Array) -> float:
     """Return the excess kurtosis (part 0), or its part within (1) or between (2) pixels, corrected for rounding."""
     variance, fourth, squared = (float(x) for x in sums[1:] / sums[0])
-    exact = variance - QUANTISATION_DN2
-    within = (fourth - QUANTISATION_FOURTH) / exact**2
-    between = 3.0 * ((squared - 2 * QUANTISATION_DN2 * variance + QUANTISATION_DN2**2) / exact**2 - 1.0)
+    exact = variance - QUANTIZATION_DN2
+    within = (fourth - QUANTIZATION_FOURTH) / exact**2
+    between = 3.0 * ((squared - 2 * QUANTIZATION_DN2 * variance + QUANTIZATION_DN2**2) / exact**2 - 1.0)
     return (within + between, within, between)[part]
 
 

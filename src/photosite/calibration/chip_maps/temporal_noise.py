@@ -16,7 +16,7 @@ from photosite.calibration.spatial.line_noise import LineSums, TemporalParts, po
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import read_only, threads_for
 from photosite.engine.map_statistics import add_residuals, line_sums
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Uncertain
@@ -291,7 +291,7 @@ def measure_temporal_noise(
     return TemporalNoise(
         frames=stack.frames,
         exposure_s=stack.group.exposure_s,
-        pixel_noise_dn=Estimate.of_variance(parts.pixel - QUANTISATION_DN2 + Uncertain.of(0.0, rounding), method),
+        pixel_noise_dn=Estimate.of_variance(parts.pixel - QUANTIZATION_DN2 + Uncertain.of(0.0, rounding), method),
         row_noise_dn=Estimate.of_variance(parts.row, method),
         column_noise_dn=Estimate.of_variance(parts.column, method),
         frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),

@@ -22,7 +22,7 @@ from scipy.special import log_ndtr, ndtr
 
 from photosite.calibration.withheld import CLIPPED_TOO_FAR
 from photosite.engine.frame_sums import FrameSums
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.uncertain import Missing
 
 LEAST_READ_NOISE = 0.5
@@ -131,7 +131,7 @@ def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[fl
     log-concave; the gradient is the expectation over the same weights (Fisher's identity).
     """
     mu, a, b = theta
-    r, v = math.sqrt(b), b + QUANTISATION_DN2
+    r, v = math.sqrt(b), b + QUANTIZATION_DN2
     n0 = counts.zeros[:, None].astype(np.float64)
     n1 = counts.frames - n0
     s = counts.total[:, None].astype(np.float64)
@@ -275,7 +275,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     if uncertain > MOST_UNCERTAIN:
         return CLIPPED_TOO_FAR.missing(f"{zeros}; the noise of the rest is known to ±{100 * uncertain:.0f} % only")
     misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
-    rounding = ROUNDING_ERROR / (2880.0 * (b + QUANTISATION_DN2) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
+    rounding = ROUNDING_ERROR / (2880.0 * (b + QUANTIZATION_DN2) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
     return CensoredDark(
         pixels=int(counts.pixels.sum()),
         frames=counts.frames,

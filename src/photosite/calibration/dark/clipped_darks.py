@@ -23,7 +23,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.nonuniformity import Parts
 from photosite.calibration.withheld import CLIPPED_TOO_FAR
 from photosite.errors import CalibrationError
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_mean
 
@@ -162,7 +162,7 @@ def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float6
     restored = replace(level, mean=mean, mean_variance=mean_variance, shared_mean=shared[0], low_fraction=0.0)
     if not level.repeated:
         return restored
-    numbers = float(theta[2]) + QUANTISATION_DN2
+    numbers = float(theta[2]) + QUANTIZATION_DN2
     return replace(
         restored,
         variance=numbers,

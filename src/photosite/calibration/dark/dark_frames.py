@@ -27,7 +27,7 @@ from photosite.calibration.photon_transfer.without_darks import (
 )
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.reduction.quantisation import with_rounding
+from photosite.calibration.reduction.quantization import with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
 from photosite.calibration.spatial.line_noise import TemporalParts, pool_temporal
 from photosite.calibration.spatial.pixel_slopes import (
@@ -36,7 +36,7 @@ from photosite.calibration.spatial.pixel_slopes import (
 )
 from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
 from photosite.engine.map_statistics import Moments, label_moments
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive, weighted_mean
 
@@ -165,7 +165,7 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
     black, slope = lines.mean.line
     slope = screen_dark_slope(slope, lines.mean.exposure_s)
     noise_slope = screen_dark_slope(lines.variance.line[1], lines.variance.exposure_s, of_variance=True)
-    read = level.noise + Uncertain.of(-QUANTISATION_DN2, level.clipping_uncertainty)
+    read = level.noise + Uncertain.of(-QUANTIZATION_DN2, level.clipping_uncertainty)
     # The sensor's mean noise is that of its pixels, which are the same in all groups: only sampling averages out.
     spread = level.variance_spread
     of_pixels = Uncertain.of(0.0, spread and spread * math.sqrt(max(1.0 - lines.variance.repetition, 0.0)))

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
-from photosite.calibration.reduction.quantisation import differing_fraction
+from photosite.calibration.reduction.quantization import differing_fraction
 from photosite.calibration.withheld import ONE_DARK_EXPOSURE, UNKNOWN_DARK_NOISE
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, combined, correlated
 
 Array = NDArray[np.float64]
@@ -217,7 +217,7 @@ class DarkLines:
         rounding = max(level.single_rounding for level in levels)
         t, y = np.asarray(exposure_s, dtype=np.float64), np.array([level.mean for level in levels])
         mean = DarkLine.through(
-            t, y, np.maximum(spread, QUANTISATION_DN2) / pixels, np.full(len(t), rounding), differing=1.0
+            t, y, np.maximum(spread, QUANTIZATION_DN2) / pixels, np.full(len(t), rounding), differing=1.0
         )
         return cls(mean, variance)
 

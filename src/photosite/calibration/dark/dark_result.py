@@ -21,7 +21,7 @@ from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
-from photosite.calibration.reduction.quantisation import differing_fraction, with_rounding
+from photosite.calibration.reduction.quantization import differing_fraction, with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import (

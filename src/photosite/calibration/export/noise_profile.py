@@ -6,7 +6,7 @@ from photosite.calibration.parameters import Parameters
 from photosite.calibration.result import Calibration
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_profile import NoiseProfile
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Measured
 
@@ -33,7 +33,7 @@ def calibration_noise_profile(calibration: Calibration, gain_setting: float | No
     offsets = []
     for parameters in channels.values():
         squares = [_square(_needed(parameters, name)) for name in ("read_noise_dn", "dsnu_dn")]
-        total = sum(s.value for s in squares) + QUANTISATION_DN2
+        total = sum(s.value for s in squares) + QUANTIZATION_DN2
         u_total = sum(s.standard_uncertainty**2 for s in squares) ** 0.5
         uncertainty = (u_total**2 + (2 * abs(total) * u_span) ** 2) ** 0.5
         offsets.append(Measured(total / span**2, uncertainty / span**2))

@@ -32,7 +32,7 @@ from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.withheld import FEW_LEVELS, NO_LINEAR_LEVEL, UNKNOWN_DARK_CURRENT, UNKNOWN_PHOTONS
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -131,7 +131,7 @@ class Channel:
         low, high, dark_s = 0.0, math.inf, float(dark.mean.exposure_s[0])
         noise = dark.variance.at_zero
         if isinstance(self.gain, Uncertain) and isinstance(noise, Uncertain) and dark_s > 0.0:
-            high = max(noise.interval_95[1] - QUANTISATION_DN2, 0.0) / (self.gain.value * dark_s)
+            high = max(noise.interval_95[1] - QUANTIZATION_DN2, 0.0) / (self.gain.value * dark_s)
         design = np.column_stack([self.levels.x[take], seconds])
         if self.curve is None and np.linalg.matrix_rank(design / np.abs(design).max(axis=0)) == 2:
             found = fit_linear(design, self.levels.signal[take], self.levels.signal_covariance[np.ix_(take, take)])

@@ -18,7 +18,7 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION
 from photosite.calibration.withheld import SEVERAL_CAPTURES
 from photosite.errors import CalibrationError
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 
 _Array = NDArray[np.float64]
 
@@ -177,7 +177,7 @@ def check_knees(channels: Sequence[Channel], source: str) -> None:
         np.concatenate([each[level.repeated] for level, each in zip(levels, values, strict=True)])
         for values in (
             [level.signal for level in levels],
-            [level.noise - QUANTISATION_DN2 for level in levels],
+            [level.noise - QUANTIZATION_DN2 for level in levels],
             [level.noise_uncertainty for level in levels],
             [level.clipped | (level.white_fraction > CLIPPED_FRACTION) for level in levels],
         )

@@ -36,7 +36,7 @@ from scipy.special import gammainccinv, gammaincinv
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
 from photosite.engine.jit import THREADS
 from photosite.engine.noise_products import DifferenceProducts, difference_products, frame_products
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain, Value
 
@@ -716,8 +716,8 @@ def _doubt(
     seen = seen_correlations(neighbors, frames)
     if frames is not None and frames < 0.0:
         return SHARED_NOISE.missing(f"{seen}, which image lag does not explain: the noise is not the sensor's")
-    noise = [entry.variance - QUANTISATION_DN2 for entry in dark]
-    if min(noise) <= QUANTISATION_DN2:
+    noise = [entry.variance - QUANTIZATION_DN2 for entry in dark]
+    if min(noise) <= QUANTIZATION_DN2:
         return "and rounding hides whether the dark noise is too, as after a filter in the camera (take a higher gain)"
 
     def chosen(of_neighbors: NDArray[np.float64], of_frames: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -34,7 +34,7 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
 from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
 from photosite.calibration.withheld import WRONG_PROPORTION
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Source, Uncertain
 
@@ -262,7 +262,7 @@ class _Joint:
             uncertainty,
             block_diag(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked]),
             block_diag(*[levels.signal_covariance[np.ix_(mask, mask)] for levels, mask in masked]),
-            np.maximum(noise - v - QUANTISATION_DN2, 0.0),
+            np.maximum(noise - v - QUANTIZATION_DN2, 0.0),
             masked,
             np.concatenate([start + np.flatnonzero(mask) for start, (_, mask) in zip(starts, masked, strict=False)]),
             tuple(signals),

@@ -77,7 +77,7 @@ class Steps:
         """The largest step."""
         return max(self.of_groups)
 
-    def quantisation(self, group: int) -> float:
+    def quantization(self, group: int) -> float:
         """Return the quantization noise at a group's level, DN^2."""
         step = self.of_groups[group]
         again = self.uniform and step != round(step)

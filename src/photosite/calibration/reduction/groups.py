@@ -10,10 +10,10 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.reduction.quantisation import rounding_uncertainty, second_rounding
+from photosite.calibration.reduction.quantization import rounding_uncertainty, second_rounding
 from photosite.engine.frame_sums import LabelTotals
 from photosite.frames.frame_set import FrameGroup
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.cfa import Cfa, channel_names
 from photosite.values.uncertain import Source, Uncertain, combined
 
@@ -90,7 +90,7 @@ class Level:
     rounding_pixel: float = 0.0
     # Distance of the converter's codes, DN, and the quantization noise that it causes, DN^2 (`codes.Steps`)
     step: float = 1.0
-    quantisation: float = QUANTISATION_DN2
+    quantization: float = QUANTIZATION_DN2
     # Squared fractions of `variance_uncertainty` by source: results computed from this level are correlated through
     # them.
     sources: Mapping[Source, float] = field(default_factory=lambda: {Source(): 1.0}, repr=False, compare=False)
@@ -151,7 +151,7 @@ class Level:
     def noise(self) -> Uncertain:
         """`variance` with its sources, DN^2, with the quantization noise of steps of 1 DN."""
         u = self.variance_uncertainty
-        value = self.variance - (self.quantisation - QUANTISATION_DN2)
+        value = self.variance - (self.quantization - QUANTIZATION_DN2)
         return Uncertain(value, {source: u * math.sqrt(fraction) for source, fraction in self.sources.items()})
 
     def widened(self, uncertainty: float, source: Source) -> Level:
@@ -209,7 +209,7 @@ def pooled_level(levels: Sequence[Level]) -> Level:
     noise = combined([level.noise for _, level in fractions], [fraction for fraction, _ in fractions])
     whole = noise.standard_uncertainty
     sources = {source: (part / whole) ** 2 for source, part in noise.parts.items() if whole > 0.0}
-    means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift", "quantisation")
+    means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift", "quantization")
     return Level(
         pixels=pixels,
         frames=levels[0].frames,

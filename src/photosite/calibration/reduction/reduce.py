@@ -239,7 +239,7 @@ def _with_steps(
     for k, found in enumerate(steps):
         if found is None or levels[k].high_fraction > CLIPPED_FRACTION:
             continue
-        level = replace(levels[k], step=found.of_groups[index], quantisation=found.quantisation(index)).with_rounding()
+        level = replace(levels[k], step=found.of_groups[index], quantization=found.quantization(index)).with_rounding()
         if not found.uniform:
             # Decoded numbers are rounded each by itself, which displaces them by sqrt(1/12) DN, and so bends the
             # response over the few numbers within a standard deviation.
@@ -248,7 +248,7 @@ def _with_steps(
         levels[k] = level
     for k, summed in enumerate(sums):
         if summed is not None and levels[k].high_fraction <= CLIPPED_FRACTION:
-            levels[k] = replace(levels[k], quantisation=summed.number * levels[k].quantisation)
+            levels[k] = replace(levels[k], quantization=summed.number * levels[k].quantization)
     return replace(entry, levels=tuple(levels))
 
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.reduction.quantisation import with_rounding
+from photosite.calibration.reduction.quantization import with_rounding
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread
 from photosite.calibration.withheld import SMALL_FRAMES
@@ -170,7 +170,7 @@ class Parts:
         return Parts(*(part * factor for part in self.values))
 
     def with_rounding(self, of_pixels: float) -> Parts:
-        """Return all parts with the uncertainty from rounding (`quantisation.with_rounding`)."""
+        """Return all parts with the uncertainty from rounding (`quantization.with_rounding`)."""
         return Parts(*(with_rounding(part, of_pixels) for part in self.values))
 
     @property

@@ -18,7 +18,7 @@ from photosite.report.page import Block, Column, Details, Listing, Paragraph, Su
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.sensor.noise_terms import QUANTISATION_DN2
+from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.studies.farrell2008.cameras import D200, ILLUMINANT, VENDOR, Case, MeasuredCamera, frame_key
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, listing, paragraph, text
 from photosite.studies.progress import NoProgress, Progress
@@ -425,7 +425,7 @@ def eight_frames(lab: VirtualLab, calibration: Calibration) -> EightFrames:
     read, dsnu = calibration.read_noise_mv.measured("darks"), calibration.dsnu_mv.measured("darks")
     pixels, freedom = mean.size, count - 1
     # The temporal variance of a frame includes that of rounding.
-    once = read.value**2 + QUANTISATION_DN2 * sensor.mv_per_dn**2
+    once = read.value**2 + QUANTIZATION_DN2 * sensor.mv_per_dn**2
     left = once / count
     error = mean - pattern
     times = np.repeat([g.exposure_s for g in frames.of_kind("dark")], [len(g) for g in frames.of_kind("dark")])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction.quantisation import remaining_fraction, rounding_error, rounding_uncertainty
+from photosite.calibration.reduction.quantization import remaining_fraction, rounding_error, rounding_uncertainty
 from photosite.frames.frame_set import FrameSet
 
 GAIN, SHAPE = 0.02, (60, 80)
