@@ -50,7 +50,7 @@ def test_the_luminance_of_a_chart_file_is_that_of_its_patches(photosite: Any, tm
     ps.charts.macbeth("A", 40).save(tmp_path / "chart.h5")
     assert photosite("scenes", "show", tmp_path / "chart.h5", *message).out == made.out
     done = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "again.h5", *message, "--json").json
-    assert done["patches_luminance_cd_m2"] == pytest.approx(50)
+    assert done["mean_luminance_cd_m2"] == pytest.approx(50)
     assert "mean luminance 50 cd/m2, darkest" in photosite("scenes", "show", "siemens-star", *message).out
     for command in (("simulate",), ("scenes", "show"), ("convert",)):
         assert "of a chart's patches" in " ".join(photosite(*command, "--help").out.split())

@@ -52,7 +52,7 @@ def small_chart() -> Scene:
     """The ColorChecker at a quarter of its samples."""
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     regions = tuple(Region(r.name, r.r0 // 4, r.r1 // 4, r.c0 // 4, r.c1 // 4) for r in chart.regions)
-    return replace(chart, weights=chart.weights[:, ::4, ::4], regions=regions).with_nominal_luminance(40)
+    return replace(chart, weights=chart.weights[:, ::4, ::4], regions=regions).with_mean_luminance(40)
 
 
 def test_every_option_of_reading_has_a_type() -> None:
@@ -86,7 +86,7 @@ def test_reflectance_survives(tmp_path: Path, name: str, how: dict[str, Any]) ->
     write_scene(chart, tmp_path / name, **how)
     again = read_scene(tmp_path / name, illuminant="D65", mean_luminance_cd_m2=25, tolerance=1e-4)
     day = chart.with_illuminant("D65")  # only photosite's own format stores that it is a chart
-    expected = day.with_nominal_luminance(25) if again.patches else day.with_mean_luminance(25)
+    expected = day.with_mean_luminance(25) if again.patches else day.with_sample_luminance(25)
     assert again.patches == (name == "scene.h5" and not how)
     assert difference(again, expected) < 2e-3
     assert again.width_m is None
@@ -123,7 +123,7 @@ def test_a_scene_file_keeps_everything(tmp_path: Path) -> None:
     for light in (None, "D65"):
         again = read_scene(tmp_path / "chart.h5", mean_luminance_cd_m2=7, illuminant=light)
         np.testing.assert_allclose(again.basis, ps.charts.macbeth(light or "A", 7).basis, rtol=1e-9)
-    assert moved.nominal_luminance_cd_m2() == pytest.approx(7)
+    assert moved.mean_luminance_cd_m2() == pytest.approx(7)
     star, dim = (ps.charts.siemens_star("A", luminance, rows=96, cols=96) for luminance in (40, 7))
     star.save(tmp_path / "star.h5")
     again = read_scene(tmp_path / "star.h5", mean_luminance_cd_m2=7)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Spectrum, photons_from_energy
@@ -118,17 +119,21 @@ def test_another_light_changes_the_name() -> None:
     assert bare.with_illuminant("A").name == "illuminant D65, a picture of it"
 
 
-def test_nominal_luminance_of_charts_and_other_scenes() -> None:
+def test_the_luminance_of_a_chart_is_the_mean_of_its_patches() -> None:
     for chart in (charts.macbeth("A", 30), charts.hdr_patches("A", 30), charts.color_checker_sg("A", 30)):
-        assert chart.nominal_luminance_cd_m2() == pytest.approx(30, rel=2e-6)
-        assert chart.mean_luminance_cd_m2() < 27
-        day = chart.with_illuminant("D65").with_nominal_luminance(7)
-        assert day.nominal_luminance_cd_m2() == pytest.approx(7, rel=1e-9)
+        assert chart.mean_luminance_cd_m2() == pytest.approx(30, rel=2e-6)
+        assert chart.sample_luminance_cd_m2() < 27
+        day = chart.with_illuminant("D65").with_mean_luminance(7)
+        assert day.mean_luminance_cd_m2() == pytest.approx(7, rel=1e-9)
+    chart = charts.macbeth.chart()
+    for scene in (chart.under("D65", 40), chart.under("A", 7).with_illuminant("D65", 40)):
+        assert scene.mean_luminance_cd_m2() == pytest.approx(40, rel=1e-6)
+        assert scene.sample_luminance_cd_m2() == pytest.approx(40 / 1.375, rel=1e-6)
     star = charts.siemens_star("A", 30, rows=96, cols=96)
     assert star.regions
-    assert star.nominal_luminance_cd_m2() == star.mean_luminance_cd_m2() == pytest.approx(30, rel=1e-6)
-    with pytest.raises(InputError, match="dark scene"):
-        charts.macbeth("A", 0).with_nominal_luminance(7)
+    assert star.mean_luminance_cd_m2() == star.sample_luminance_cd_m2() == pytest.approx(30, rel=1e-6)
+    with raises(InputError, "a dark scene"):
+        charts.macbeth("A", 0).with_mean_luminance(7)
     with pytest.raises(InputError) as caught:
         Scene(np.ones((1, 4, 4)), np.ones((1, 2)), [500, 600], regions=(Region("p", 0, 5, 0, 4),), patches=True)
     assert caught.value.what == "regions"

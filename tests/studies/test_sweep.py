@@ -82,7 +82,7 @@ def test_fields_of_every_part() -> None:
             "blur": camera.optics.blur.defocus_um,
             "cells": camera.cells_per_pixel,
             "far": scene.distance_m,
-            "light": scene.nominal_luminance_cd_m2(),
+            "light": scene.mean_luminance_cd_m2(),
         }
 
     values = {"read_noise_mv": 1.5, "f_number": 5.6, "focus_distance_m": 3.0, "defocus_um": 7.0}

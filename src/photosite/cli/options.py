@@ -562,18 +562,13 @@ def options_of_scene(given: Mapping[str, Any]) -> dict[str, Any]:
     return merged_options(own, dict(given["options"]))
 
 
-def patches_luminance(scene: Scene) -> float | None:
-    """Return the mean luminance of a chart's patches; None for other scenes."""
-    return scene.nominal_luminance_cd_m2() if scene.patches and scene.regions else None
-
-
 def scene_facts(scene: Scene) -> dict[str, Any]:
     """Return a scene's properties for JSON."""
     return {
         "rows": scene.shape[0],
         "cols": scene.shape[1],
         "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
-        "patches_luminance_cd_m2": patches_luminance(scene),
+        "sample_luminance_cd_m2": scene.sample_luminance_cd_m2(),
         "relative_error": scene.relative_error,
         "distance_m": scene.distance_m,
         "width_m": scene.width_m,
@@ -582,11 +577,10 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
 
 def luminance_line(scene: Scene) -> str:
     """Return a scene's mean luminance as text, with what it is the mean of."""
-    over_all = f"{scene.mean_luminance_cd_m2():.4g} cd/m2"
-    patches = patches_luminance(scene)
-    if patches is None:
-        return f"mean luminance {over_all}"
-    return f"mean luminance {patches:.4g} cd/m2 of the patches, {over_all} of all samples"
+    mean = f"mean luminance {scene.mean_luminance_cd_m2():.4g} cd/m2"
+    if not (scene.patches and scene.regions):
+        return mean
+    return f"{mean} of the patches, {scene.sample_luminance_cd_m2():.4g} cd/m2 of all samples"
 
 
 # Sensors

@@ -100,7 +100,7 @@ class ReadOptions(Validated):
         Light on reflectances, as for `photosite.color.illuminants.illuminant`.
     mean_luminance_cd_m2
         Luminance to scale the scene to: the mean of a chart's patches (`Scene.patches`: measured charts, and charts in
-        photosite's own file), of all samples of any other scene. `Scene.nominal_luminance_cd_m2` returns it. Required
+        photosite's own file), of all samples of any other scene. `Scene.mean_luminance_cd_m2` returns it. Required
         where the values of the file are relative, or its light has no absolute scale.
     units
         Of the values: see `photosite.scene.units.parse_units`. They override the units of the file, with a warning.

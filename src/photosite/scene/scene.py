@@ -188,30 +188,26 @@ class Scene(Shown):
         return self.weights[:, row, col].astype(np.float64) @ self.basis
 
     def mean_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
-        """Return the mean luminance of all samples in cd/m2, a chart's black gaps included."""
-        return float(luminance_cd_m2(component_means(self.weights) @ self.basis, self.wavelength_nm, rule))
-
-    def nominal_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
-        """Return the luminance that a scene is specified by: the mean of a chart's patches, else of all samples.
+        """Return the mean luminance in cd/m2: of the patches of a chart of patches, of all samples of any other scene.
 
         Examples
         --------
         >>> from photosite.scene.charts import macbeth
         >>> chart = macbeth("A", 40)
-        >>> round(chart.nominal_luminance_cd_m2(), 4), round(chart.mean_luminance_cd_m2(), 4)
+        >>> round(chart.mean_luminance_cd_m2(), 4), round(chart.sample_luminance_cd_m2(), 4)
         (40.0, 29.0909)
         """
         if not (self.patches and self.regions):
-            return self.mean_luminance_cd_m2(rule)
+            return self.sample_luminance_cd_m2(rule)
         means = [component_means(self.weights[:, part.r0 : part.r1, part.c0 : part.c1]) for part in self.regions]
         return float(luminance_cd_m2(np.mean(means, axis=0) @ self.basis, self.wavelength_nm, rule))
 
-    def with_nominal_luminance(self, luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
-        """Return the scene scaled to a `nominal_luminance_cd_m2`."""
-        return self._scaled_to(luminance_cd_m2, self.nominal_luminance_cd_m2(rule))
+    def sample_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
+        """Return the mean luminance of all samples in cd/m2, a chart's black gaps included."""
+        return float(luminance_cd_m2(component_means(self.weights) @ self.basis, self.wavelength_nm, rule))
 
     def with_mean_luminance(self, mean_luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
-        """Return the scene scaled to a mean luminance of all samples.
+        """Return the scene scaled to a `mean_luminance_cd_m2`.
 
         Raises
         ------
@@ -219,6 +215,10 @@ class Scene(Shown):
             If the luminance is negative, or the scene is dark.
         """
         return self._scaled_to(mean_luminance_cd_m2, self.mean_luminance_cd_m2(rule))
+
+    def with_sample_luminance(self, sample_luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
+        """Return the scene scaled to a `sample_luminance_cd_m2`."""
+        return self._scaled_to(sample_luminance_cd_m2, self.sample_luminance_cd_m2(rule))
 
     def _scaled_to(self, wanted_cd_m2: float, now_cd_m2: float) -> Scene:
         if not (np.isfinite(wanted_cd_m2) and wanted_cd_m2 >= 0):
@@ -275,7 +275,7 @@ class Scene(Shown):
         illuminant
             As for `photosite.color.illuminants.illuminant`.
         mean_luminance_cd_m2
-            Mean of all samples under the new light; None keeps the scene's mean.
+            `mean_luminance_cd_m2` under the new light; None keeps the scene's.
         rule
             Integration rule of the luminance.
 
@@ -289,9 +289,8 @@ class Scene(Shown):
         --------
         >>> from photosite.scene.charts import macbeth
         >>> chart = macbeth("A", 40)
-        >>> dusk = chart.with_illuminant("D75")
-        >>> round(dusk.mean_luminance_cd_m2() / chart.mean_luminance_cd_m2(), 9)
-        1.0
+        >>> round(chart.with_illuminant("D75").mean_luminance_cd_m2(), 4)
+        40.0
         """
         reflectance = self.known_reflectance()
         wanted = self.mean_luminance_cd_m2(rule) if mean_luminance_cd_m2 is None else mean_luminance_cd_m2
@@ -303,7 +302,7 @@ class Scene(Shown):
 
     def _repr_html_(self) -> str:
         size = f"{self.shape[0]} x {self.shape[1]} samples of {self.weights.shape[0]} spectra"
-        return thumbnail_html(thumbnail(self), f"{self.name}: {size}, {self.nominal_luminance_cd_m2():.4g} cd/m2")
+        return thumbnail_html(thumbnail(self), f"{self.name}: {size}, {self.mean_luminance_cd_m2():.4g} cd/m2")
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the scene as an eye would see it on Matplotlib axes, new ones by default, and return them."""

@@ -172,7 +172,7 @@ def apply_options(scene: Scene, options: ReadOptions) -> Scene:
     if options.illuminant is not None:
         scene = scene.with_illuminant(options.illuminant)
     wanted = options.mean_luminance_cd_m2
-    return scene if wanted is None else scene.with_nominal_luminance(wanted)
+    return scene if wanted is None else scene.with_mean_luminance(wanted)
 
 
 def _in_range(scene: Scene, options: ReadOptions) -> Scene:

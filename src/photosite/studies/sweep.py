@@ -149,7 +149,7 @@ def sweep(
     values
         Field to values. Fields of the sensor, such as `read_noise_mv` or `rows`; of the lens, such as `f_number`, also
         of the parts of a `Lens`; of the camera; of the scene: `distance_m`, `width_m`, `illuminant` and
-        `mean_luminance_cd_m2`, that of `Scene.with_nominal_luminance`. `pixel_width_um` scales the pixel by
+        `mean_luminance_cd_m2`, that of `Scene.with_mean_luminance`. `pixel_width_um` scales the pixel by
         `Sensor.with_pixel_width`, which keeps its noise in electrons; `gain_setting` is one of the sensor's. Fields are
         changed in the given order.
     measure
@@ -294,7 +294,7 @@ def _with(camera: Camera, scene: Scene | None, name: str, value: Any) -> tuple[C
     if name == "illuminant":
         return camera, scene.with_illuminant(value)
     if name == "mean_luminance_cd_m2":
-        return camera, scene.with_nominal_luminance(value)
+        return camera, scene.with_mean_luminance(value)
     return camera, replace(scene, **{name: value})
 
 

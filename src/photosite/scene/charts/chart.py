@@ -82,7 +82,7 @@ class Chart(Shown):
     def under(
         self,
         illuminant: str | float | Spectrum,
-        luminance_cd_m2: float = DEFAULT_LUMINANCE_CD_M2,
+        mean_luminance_cd_m2: float = DEFAULT_LUMINANCE_CD_M2,
         *,
         wavelength_nm: ArrayLike | None = None,
         distance_m: float = DEFAULT_DISTANCE_M,
@@ -95,7 +95,7 @@ class Chart(Shown):
         ----------
         illuminant
             As for `photosite.color.illuminants.illuminant`.
-        luminance_cd_m2
+        mean_luminance_cd_m2
             Mean luminance of the patches of a chart of patches, of all samples of any other chart.
         wavelength_nm
             (wavelengths,) of the scene, for gray charts; a colored chart has its own.
@@ -126,14 +126,14 @@ class Chart(Shown):
             patches=self.patches,
         )
         if self.patch_reflectance is None:
-            return scene.with_mean_luminance(luminance_cd_m2 * self.luminance_factor, rule)
-        if not (math.isfinite(luminance_cd_m2) and luminance_cd_m2 >= 0):
-            raise InputError("mean_luminance_cd_m2", value=luminance_cd_m2, expected="0 or more")
+            return scene.with_sample_luminance(mean_luminance_cd_m2 * self.luminance_factor, rule)
+        if not (math.isfinite(mean_luminance_cd_m2) and mean_luminance_cd_m2 >= 0):
+            raise InputError("mean_luminance_cd_m2", value=mean_luminance_cd_m2, expected="0 or more")
         # The patches have equal areas, so their mean luminance is that of the mean spectrum.
         mean = float(luminance_of((self.patch_reflectance * light).mean(axis=0), grid, rule))
         if not mean > 0:
             raise InputError(f"'{self.name}' under this light has no luminance, so it cannot be scaled to one")
-        return scene.scaled(luminance_cd_m2 / mean)
+        return scene.scaled(mean_luminance_cd_m2 / mean)
 
 
 def grey_chart(pattern: NDArray[np.floating], name: str, **fields: Any) -> Chart:
