@@ -51,19 +51,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
 """(file, imported module or folder): the reason."""
 
 
-OPEN_CIRCLES: set[str] = {
-    "photosite.camera.camera",
-    "photosite.camera.gpu_camera",
-    "photosite.camera.image_over_time",
-    "photosite.camera.mean_image",
-    "photosite.camera.signal_model",
-    "photosite.camera.torch_signal",
-    "photosite.sensor.binning",
-    "photosite.sensor.model",
-}
-"""Files in circles that are not yet broken."""
-
-
 def module_name(path: Path) -> str:
     parts = ("photosite", *path.relative_to(SOURCE).with_suffix("").parts)
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
@@ -151,7 +138,7 @@ def circles() -> list[list[str]]:
 
 
 def test_no_circles_between_files() -> None:
-    assert {module for members in circles() for module in members} <= OPEN_CIRCLES
+    assert not circles()
 
 
 def test_numba_is_configured_in_one_place() -> None:

@@ -11,7 +11,8 @@ from photosite.calibration.captures.each_capture import CaptureCalibration, cali
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.capture_readout import part_sensor
-from photosite.sensor.readout import digital_numbers_of_captures
+from photosite.sensor.readout import read_captures
+from photosite.sensor.shot import Shot
 
 PARTS = [
     {"name": "high"},
@@ -30,7 +31,7 @@ def frames(levels_e: list[float], size: int = 48) -> dict[str, FrameSet]:
     settings = [("dark", time_s, 0.0) for time_s in (0.01, 0.1)] + [("light", e / 1e6, e) for e in levels_e]
     for number, (kind, time_s, mean_e) in enumerate(setting for setting in settings for _ in range(4)):
         mean = np.full((size, size), mean_e, np.float32)
-        captured = digital_numbers_of_captures(sensor, mean, time_s, seed=5, frame=number)
+        captured = read_captures(sensor, None, mean, time_s, Shot(seed=5, frame=number))
         for name, dn in captured.items():
             taken[name].append((kind, time_s, dn))
     return {name: FrameSet.from_arrays(list_, bits=12) for name, list_ in taken.items()}

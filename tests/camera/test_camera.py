@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.camera.camera import color_matrix, noise_profile
+from photosite.camera.color_matrix import color_matrix
+from photosite.camera.frame_fields import noise_profile
 from photosite.color.colorimetry import color_matching_functions
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM
 from photosite.errors import InputError, PhotositeWarning

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.camera.camera import color_matrix
+from photosite.camera.color_matrix import color_matrix
 from photosite.color.colorimetry import XYZ_FROM_SRGB, delta_e_2000
 from photosite.scene.charts.color_checker import MACBETH_NAMES
 from photosite.sensor.assumed_channels import assumed_channels

@@ -11,7 +11,8 @@ from raising import raises
 import photosite as ps
 from photosite.errors import InputError
 from photosite.sensor.capture_readout import capture_scale, combined
-from photosite.sensor.readout import digital_numbers_of_captures
+from photosite.sensor.readout import read_captures
+from photosite.sensor.shot import Shot
 
 
 def mono(name: str, **changes: Any) -> ps.Sensor:
@@ -53,7 +54,7 @@ def test_closed_forms_agree_with_captures(name: str) -> None:
     rule = sensor.captures.combination
     for index, level in enumerate(light):
         mean = np.full((300, 300), level, np.float32)
-        frames = digital_numbers_of_captures(sensor, mean, time_s, seed=index)
+        frames = read_captures(sensor, None, mean, time_s, Shot(seed=index))
         for part, curve in budget.captures_db.items():
             scale = capture_scale(sensor, part)
             if np.isnan(curve[index]) or (part == "capacitor"):

@@ -16,7 +16,9 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.capture_readout import combined, part_sensor
 from photosite.sensor.captures import Companding
 from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
-from photosite.sensor.readout import digital_numbers, digital_numbers_of_captures
+from photosite.sensor.io.sensor_file import load_measured_chip
+from photosite.sensor.readout import digital_numbers, read_captures
+from photosite.sensor.shot import Shot
 
 BASE = ps.load_sensor("nikon-d200").with_(rows=100, cols=120, black_level_dn=64, prnu_percent=0, dsnu_mv=0)
 fits = pytest.importorskip("astropy.io.fits")
@@ -39,7 +41,7 @@ SENSOR = BASE.with_(well_capacity_e=60000, captures=SPLIT)
 
 def numbers(sensor: ps.Sensor, mean_e: float, **options: Any) -> dict[str, np.ndarray[Any, np.dtype[np.uint16]]]:
     mean = np.full((sensor.array.rows, sensor.array.cols), mean_e, np.float32)
-    return digital_numbers_of_captures(sensor, mean, 0.01, seed=3, **options)
+    return read_captures(sensor, load_measured_chip(sensor), mean, 0.01, Shot(seed=3, **options))
 
 
 def test_captures_have_their_gain_noise_and_light() -> None:
@@ -64,7 +66,7 @@ def test_first_capture_is_that_of_the_sensor_without_the_others() -> None:
     mean = np.full((100, 120), 9000, np.float32)
     captures = {"parts": [{"name": "only"}], "combination": {"dn_per_e": 1}}
     alone = digital_numbers(BASE, mean, 0.01, seed=3)
-    assert (digital_numbers_of_captures(BASE.with_(captures=captures), mean, 0.01, seed=3)["only"] == alone).all()
+    assert (read_captures(BASE.with_(captures=captures), None, mean, 0.01, Shot(seed=3))["only"] == alone).all()
 
 
 def test_combination_of_known_numbers() -> None:
@@ -246,9 +248,7 @@ def test_interpixel_capacitance_acts_on_each_capture() -> None:
         one = part_sensor(SENSOR, name)
         read = (one.electrons(one.noise.read_noise_mv.value) * one.system_gain_dn_per_e) ** 2 + 1 / 12
         assert dn.var() == pytest.approx(kept * (plain.var() - read) + read, rel=0.05)
-    region = digital_numbers_of_captures(
-        coupled, np.full((100, 120), 12000, np.float32), 0.01, seed=3, region=(3, 20, 5, 30)
-    )
+    region = numbers(coupled, 12000.0, region=(3, 20, 5, 30))
     assert all((region[name] == dn[3:20, 5:30]).all() for name, dn in numbers(coupled, 12000.0).items())
     light = np.array([2000.0, 12000.0])
     drop = ps.capture_budget(coupled, light).captures_db["high"] - ps.capture_budget(SENSOR, light).captures_db["high"]
@@ -262,7 +262,7 @@ def test_captures_get_warm() -> None:
     parts = [{"name": "a"}, {"name": "b", "relative_sensitivity": 0.1, "dark_current_e_per_s": 500}]
     sensor = BASE.with_(**dark, captures={"parts": parts, "combination": {"dn_per_e": 1}})
     black = np.zeros((100, 120), np.float32)
-    cold, warm = (digital_numbers_of_captures(sensor, black, 1.0, seed=1, temperature_c=t) for t in (20, 30))
+    cold, warm = (read_captures(sensor, None, black, 1.0, Shot(seed=1, temperature_c=t)) for t in (20, 30))
     for name, rate in (("a", 1000), ("b", 500)):
         rise = (warm[name].astype(float) - cold[name]).mean() / sensor.system_gain_dn_per_e
         assert rise == pytest.approx(rate, rel=0.03)

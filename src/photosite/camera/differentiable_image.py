@@ -18,7 +18,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
@@ -27,15 +26,13 @@ from scipy.sparse import csr_array
 
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
 from photosite.camera.optical_stack import low_pass_split_m
+from photosite.camera.parts import CameraParts
 from photosite.engine.layers import WORKERS, Grid
 from photosite.engine.transfer import Sampling
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import RadialPsf
 from photosite.scene.scene import Scene
 from photosite.values.cfa import channel_sites
-
-if TYPE_CHECKING:
-    from photosite.camera.camera import Camera
 
 Array = NDArray[np.float64]
 
@@ -51,7 +48,7 @@ class ImageValues:
     focal_length_mm: float | None = None
 
     @classmethod
-    def of_camera(cls, camera: Camera) -> ImageValues:
+    def of_camera(cls, camera: CameraParts) -> ImageValues:
         """Return a camera's values."""
         fill_factor, lens = float(camera.sensor.pixel.fill_factor.value), camera.optics
         if type(lens) is not DiffractionLimited:
@@ -66,7 +63,7 @@ class DifferentiableImage:
     `SignalModel`.
     """
 
-    def __init__(self, camera: Camera, scene: Scene, values: ImageValues) -> None:
+    def __init__(self, camera: CameraParts, scene: Scene, values: ImageValues) -> None:
         lens = camera.optics
         factor = values.fill_factor / camera.sensor.pixel.fill_factor.value
         if values.f_number is not None and values.focal_length_mm is not None:

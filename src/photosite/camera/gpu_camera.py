@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.image_over_time import AnyScene
+from photosite.camera.frame_fields import frame_fields
+from photosite.camera.image_over_time import AnyScene, exposure_image
 from photosite.camera.mean_image import (
     apply_relative_illumination,
     brightest_sample,
@@ -22,17 +24,16 @@ from photosite.camera.mean_image import (
     warn_of_missing_light,
 )
 from photosite.camera.optical_stack import apply_angular_response, crosstalk_shares, warn_of_transmittance_range
+from photosite.camera.parts import CameraParts
 from photosite.engine.device_mosaic import gathered_on_device, mosaic_on_device, runs_on_device
 from photosite.errors import InputError
 from photosite.frames.gpu_frame import GpuFrame
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.scene import Scene
 from photosite.sensor.device import Gpu
-from photosite.sensor.readout import Rectangle, digital_numbers
+from photosite.sensor.readout import read_frame
+from photosite.sensor.shot import Rectangle, SequenceOptions, Shot
 from photosite.values.exposure import check_exposure, check_start, exposure_sequence
-
-if TYPE_CHECKING:
-    from photosite.camera.camera import Camera
 
 
 class GpuCamera:
@@ -54,7 +55,7 @@ class GpuCamera:
         If the sensor has several captures.
     """
 
-    def __init__(self, camera: Camera, gpu: Gpu) -> None:
+    def __init__(self, camera: CameraParts, gpu: Gpu) -> None:
         if camera.sensor.captures is not None:
             hint = "Use Camera.capture with device='cuda'"
             raise InputError("captures are combined on the host, not on a GPU", hint=hint)
@@ -97,7 +98,7 @@ class GpuCamera:
         """
         time_s, start_s = check_exposure(exposure_s), check_start(start_s)
         if not self.computes(scene):
-            return self._gpu.put(self.camera.mean_electrons(scene, exposure_s, start_s=start_s))
+            return self._gpu.put(exposure_image(scene, self.camera, start_s, time_s).electrons(start_s, time_s))
         still = scene.scene if isinstance(scene, DynamicScene) else scene
         assert isinstance(still, Scene)
         rate = self._rate(still)
@@ -120,27 +121,32 @@ class GpuCamera:
         temperature_c: float | None = None,
     ) -> GpuFrame:
         """Return a raw frame of a scene; see `Camera.capture` for arguments and errors."""
-        mean = self.mean_electrons(scene, exposure_s, start_s=start_s)
-        place: dict[str, Any] = {"seed": seed, "frame": frame, "region": region, "temperature_c": temperature_c}
-        return self.expose(mean, exposure_s, scene=scene, **place)
+        shot = Shot(seed, frame, region, self._gpu, temperature_c)
+        return self._expose(self.mean_electrons(scene, exposure_s, start_s=start_s), exposure_s, shot, scene)
 
     def stream(
-        self, scene: AnyScene, exposures_s: float | Iterable[float], frames: int = 1, **options: Any
+        self,
+        scene: AnyScene,
+        exposures_s: float | Iterable[float],
+        frames: int = 1,
+        *,
+        start_s: float = 0.0,
+        first_frame: int = 0,
+        **shot: Unpack[SequenceOptions],
     ) -> Iterator[GpuFrame]:
         """Yield raw frames of a scene that all start at one time; the mean image of an exposure is computed once.
 
         Parameters
         ----------
-        scene, exposures_s, frames
+        scene, exposures_s, frames, start_s, first_frame
             As for `Camera.stream`.
-        **options
-            `start_s`, `seed`, `first_frame`, `region` and `temperature_c` of `Camera.stream`.
+        **shot
+            `seed`, `region` and `temperature_c` of `Camera.capture`.
         """
-        start_s, first_frame = options.pop("start_s", 0.0), options.pop("first_frame", 0)
         for exposure_s, numbers in exposure_sequence(exposures_s, frames, first_frame):
             mean = self.mean_electrons(scene, exposure_s, start_s=start_s)
             for number in numbers:
-                yield self.expose(mean, exposure_s, frame=number, scene=scene, **options)
+                yield self._expose(mean, exposure_s, replace(Shot(**shot, frame=number), device=self._gpu), scene)
 
     def expose(
         self,
@@ -168,12 +174,12 @@ class GpuCamera:
         InputError
             As `Camera.expose`.
         """
-        place: dict[str, Any] = {"seed": seed, "frame": frame, "region": region, "temperature_c": temperature_c}
-        electrons = self._gpu.put(mean_electrons)
-        numbers: Any = digital_numbers(
-            self.camera.sensor, electrons, check_exposure(exposure_s), device=self._gpu, **place
-        )
-        return GpuFrame(numbers, self.camera.frame_fields(exposure_s, scene=scene, **place), self._gpu.arrays)
+        return self._expose(mean_electrons, exposure_s, Shot(seed, frame, region, self._gpu, temperature_c), scene)
+
+    def _expose(self, mean_electrons: Any, exposure_s: float, shot: Shot, scene: AnyScene | None) -> GpuFrame:
+        camera, electrons = self.camera, self._gpu.put(mean_electrons)
+        numbers = read_frame(camera.sensor, camera.measured_chip, electrons, check_exposure(exposure_s), shot)
+        return GpuFrame(numbers, frame_fields(camera, exposure_s, shot, scene), self._gpu.arrays)
 
     def wait(self) -> None:
         """Wait until the GPU has done all work; the other methods return before, as CuPy does."""

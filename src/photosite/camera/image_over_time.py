@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from photosite.camera.mean_image import (
     planes_electron_rate,
 )
 from photosite.camera.optical_stack import warn_of_transmittance_range
+from photosite.camera.parts import CameraParts
 from photosite.camera.sampled_otf import Progress
 from photosite.engine.jit import threads_for
 from photosite.engine.moving_rows import Cells, in_phases, sampled_rows, translated_rows
@@ -35,9 +35,6 @@ from photosite.scene.flicker import Flicker
 from photosite.scene.motion import Motion
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from photosite.camera.camera import Camera
 
 Array = NDArray[np.float64]
 Mosaic = NDArray[np.float32]
@@ -98,7 +95,7 @@ class StaticImage:
 class MovingImage:
     """The image of a flat scene in affine motion."""
 
-    camera: Camera
+    camera: CameraParts
     scene: Scene
     motion: Motion
     flicker: Flicker | None
@@ -178,7 +175,15 @@ class StackedImage:
 AnyImage = StaticImage | MovingImage | StackedImage
 
 
-def image_over_time(scene: AnyScene, camera: Camera, times_s: Span, progress: Progress | None = None) -> AnyImage:
+def exposure_image(
+    scene: AnyScene, camera: CameraParts, start_s: float, longest_s: float, progress: Progress | None = None
+) -> AnyImage:
+    """Return the image of a scene for a frame that starts at a time, or for all frames until `longest_s` later."""
+    end_s = start_s + float(camera.sensor.row_start_s.max()) + longest_s
+    return image_over_time(scene, camera, (start_s, end_s), progress)
+
+
+def image_over_time(scene: AnyScene, camera: CameraParts, times_s: Span, progress: Progress | None = None) -> AnyImage:
     """Return the image of a scene from which all exposures between two times follow."""
     if camera.sensor.array.stacked:
         sensors = [camera.sensor.layer(name) for name in camera.sensor.channel_names]
@@ -189,7 +194,7 @@ def image_over_time(scene: AnyScene, camera: Camera, times_s: Span, progress: Pr
 
 
 def _image_of_mosaic(
-    scene: AnyScene, camera: Camera, times_s: Span, progress: Progress | None
+    scene: AnyScene, camera: CameraParts, times_s: Span, progress: Progress | None
 ) -> StaticImage | MovingImage:
     warn_of_transmittance_range(camera.optics, camera.sensor)
     still = scene if not isinstance(scene, DynamicScene) else scene.scene
@@ -211,7 +216,7 @@ def _image_of_mosaic(
     return MovingImage(camera, still, motion, flicker, cells)
 
 
-def _check_lens(scene: Scene, camera: Camera) -> None:
+def _check_lens(scene: Scene, camera: CameraParts) -> None:
     """Reject lenses whose image of a scene in motion is not the image at rest in motion."""
     distance_m = scene.distance_m
     varies = isinstance(camera.optics.point_spread(distance_m), FieldPsf)
@@ -223,7 +228,7 @@ def _check_lens(scene: Scene, camera: Camera) -> None:
         raise InputError(f"motion does not apply to a lens whose {what}", hint=hint)
 
 
-def _margin(camera: Camera, motion: Motion, times_s: Span) -> tuple[int, int]:
+def _margin(camera: CameraParts, motion: Motion, times_s: Span) -> tuple[int, int]:
     """Return the pixels (rows, cols) beyond the frame's borders that its pixels see between two times."""
     array, n = camera.sensor.array, camera.cells_per_pixel
     turn_deg = abs(motion.rotation_deg_per_s) * (times_s[1] - times_s[0])

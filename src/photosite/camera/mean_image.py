@@ -22,13 +22,14 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.channel_transfers import ReducedTransfer, reduced_transfers
 from photosite.camera.optical_stack import apply_optical_stack, low_pass_split_m
+from photosite.camera.parts import CameraParts
 from photosite.camera.sampled_otf import Progress, field_scale
 from photosite.camera.veiling_glare import add_glare
 from photosite.color.spectrum import integration_weights
@@ -47,9 +48,6 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_sites
 from photosite.values.region import Region
-
-if TYPE_CHECKING:
-    from photosite.camera.camera import Camera
 
 Mosaic = NDArray[np.float32]
 
@@ -76,7 +74,7 @@ Pitch = tuple[float, float]
 Array = NDArray[np.float64]
 
 
-def electron_rate(scene: Scene, camera: Camera, progress: Progress | None = None) -> Mosaic:
+def electron_rate(scene: Scene, camera: CameraParts, progress: Progress | None = None) -> Mosaic:
     """Return (rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
     warn_of_missing_light(scene, camera.sensor)
     relative_error = scene.relative_error + low_rank_error(camera.optics, scene.distance_m)
@@ -84,7 +82,7 @@ def electron_rate(scene: Scene, camera: Camera, progress: Progress | None = None
 
 
 def image_rate(
-    scene: Scene, camera: Camera, occluders: Sequence[Scene] = (), progress: Progress | None = None
+    scene: Scene, camera: CameraParts, occluders: Sequence[Scene] = (), progress: Progress | None = None
 ) -> Mosaic:
     """Return (rows, cols) electrons per second of a scene's image; rounding may leave values slightly below 0.
 
@@ -103,7 +101,7 @@ def image_rate(
     return mosaic
 
 
-def checked_coupling(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+def checked_coupling(scene: Scene, camera: CameraParts) -> NDArray[np.float64]:
     """Return `electrons_per_weight`; raise `InputError` if it is beyond the range of 32-bit floats."""
     coupling = electrons_per_weight(scene, camera)
     if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS_PER_S:
@@ -117,7 +115,7 @@ def checked_coupling(scene: Scene, camera: Camera) -> NDArray[np.float64]:
 
 
 def fine_images(
-    scene: Scene, camera: Camera, margin: tuple[int, int], progress: Progress | None = None
+    scene: Scene, camera: CameraParts, margin: tuple[int, int], progress: Progress | None = None
 ) -> NDArray[np.float32]:
     """Return (channels, R, C) electrons per second that a pixel of each channel collects at each cell of a field.
 
@@ -152,13 +150,13 @@ def fine_images(
     return images
 
 
-def finish_moving_mosaic(mosaic: Mosaic, camera: Camera, scene: Scene) -> Mosaic:
+def finish_moving_mosaic(mosaic: Mosaic, camera: CameraParts, scene: Scene) -> Mosaic:
     """Apply what stays with the camera to a mosaic from `fine_images`; the mosaic may be changed."""
     apply_relative_illumination(mosaic, camera, scene.distance_m)
     return finish_mosaic(mosaic, camera, [scene], 0.0)
 
 
-def finish_mosaic(mosaic: Mosaic, camera: Camera, scenes: Sequence[Scene], relative_error: float) -> Mosaic:
+def finish_mosaic(mosaic: Mosaic, camera: CameraParts, scenes: Sequence[Scene], relative_error: float) -> Mosaic:
     """Check that a mosaic is not negative, then apply veiling glare and the sensor's optical stack.
 
     - `mosaic`: (rows, cols) electrons per second; may be changed.
@@ -184,7 +182,7 @@ def pitch_m(sensor: Sensor) -> tuple[float, float]:
     return sensor.pixel.height_um.value * 1e-6, sensor.pixel.width_um.value * 1e-6
 
 
-def placement(scene: Scene, camera: Camera) -> Placement:
+def placement(scene: Scene, camera: CameraParts) -> Placement:
     """Return where the scene's samples fall on the sensor's pixels."""
     pixel, array = camera.sensor.pixel, camera.sensor.array
     samples = None
@@ -198,13 +196,13 @@ def placement(scene: Scene, camera: Camera) -> Placement:
     return place(scene.shape, (array.rows, array.cols), pixel_aspect=aspect, cols_per_pixel=samples)
 
 
-def image_regions(scene: Scene, camera: Camera) -> tuple[Region, ...]:
+def image_regions(scene: Scene, camera: CameraParts) -> tuple[Region, ...]:
     """Return the scene's regions in pixels of the frame; see `Camera.image_regions`."""
     mapping = camera.optics.mapping(scene.distance_m)
     return warped_regions(mapping, placement(scene, camera), scene.regions, pitch_m(camera.sensor))
 
 
-def electrons_per_weight(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+def electrons_per_weight(scene: Scene, camera: CameraParts) -> NDArray[np.float64]:
     """Return the coupling: (channels, K, wavelengths) electrons per second in a pixel for weight 1.
 
     The sum over wavelength is the integral; the integration weights are included. So is the response of polarizers to
@@ -234,7 +232,7 @@ def polarization_maps(scene: Scene, sensor: Sensor) -> list[tuple[NDArray[np.flo
 
 def _blurred_mosaic(
     scene: Scene,
-    camera: Camera,
+    camera: CameraParts,
     coupling: NDArray[np.float64],
     occluders: Sequence[Scene],
     progress: Progress | None,
@@ -258,7 +256,7 @@ class MosaicParts(NamedTuple):
 
 def mosaic_parts(
     scene: Scene,
-    camera: Camera,
+    camera: CameraParts,
     coupling: NDArray[np.float64],
     occluders: Sequence[Scene] = (),
     progress: Progress | None = None,
@@ -290,7 +288,7 @@ def _layer(reduced: ReducedTransfer, views: tuple[View, ...], field: Field | Non
 
 
 def _view(
-    scene: Scene, weights: Mosaic, camera: Camera, node_nm: float, reach_m: float, occluders: tuple[View, ...] = ()
+    scene: Scene, weights: Mosaic, camera: CameraParts, node_nm: float, reach_m: float, occluders: tuple[View, ...] = ()
 ) -> View:
     """Return a scene's maps as the lens places them on the frame at a wavelength."""
     where, pitch, array = placement(scene, camera), pitch_m(camera.sensor), camera.sensor.array
@@ -327,7 +325,7 @@ def uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> Mosaic:
     return mosaic
 
 
-def apply_relative_illumination(mosaic: Mosaic, camera: Camera, distance_m: float) -> None:
+def apply_relative_illumination(mosaic: Mosaic, camera: CameraParts, distance_m: float) -> None:
     """Multiply by the lens's relative illumination, in strips, because a map in double precision is large.
 
     It is computed in a quarter of the frame. The others are mirror images.
@@ -364,7 +362,7 @@ def clip_negative(mosaic: Mosaic, relative_error: float, full_scale: Callable[[]
     np.maximum(mosaic, np.float32(0), out=mosaic)
 
 
-def brightest_sample(scene: Scene, camera: Camera) -> float:
+def brightest_sample(scene: Scene, camera: CameraParts) -> float:
     """Return the electrons per second of a pixel that sees nothing but the brightest sample.
 
     Errors of the transforms are proportional to this, not to the brightest pixel: the image of a point is far darker.
@@ -475,7 +473,7 @@ _FREQUENCIES = 33
 _DIRECTIONS = 8
 
 
-def planes_electron_rate(planes: Planes, camera: Camera, progress: Progress | None = None) -> NDArray[np.float32]:
+def planes_electron_rate(planes: Planes, camera: CameraParts, progress: Progress | None = None) -> NDArray[np.float32]:
     """Return (rows, cols) mean electrons from light per second of a scene in depth; see `Camera.mean_electrons`."""
     sensor = camera.sensor
     for plane in planes.planes:
@@ -495,7 +493,7 @@ def planes_electron_rate(planes: Planes, camera: Camera, progress: Progress | No
     return finish_mosaic(mosaic, camera, scenes, relative_error)
 
 
-def _groups(planes: tuple[Plane, ...], camera: Camera) -> list[tuple[Plane, ...]]:
+def _groups(planes: tuple[Plane, ...], camera: CameraParts) -> list[tuple[Plane, ...]]:
     """Group neighboring planes that the lens blurs alike."""
     groups: list[tuple[Plane, ...]] = []
     for plane in planes:
@@ -506,7 +504,7 @@ def _groups(planes: tuple[Plane, ...], camera: Camera) -> list[tuple[Plane, ...]
     return groups
 
 
-def _alike(camera: Camera, one: Scene, other: Scene) -> bool:
+def _alike(camera: CameraParts, one: Scene, other: Scene) -> bool:
     """Return whether the transfer functions of two scenes differ by at most `_ALIKE` below the Nyquist frequency."""
     if one.distance_m == other.distance_m:
         return True
@@ -532,7 +530,9 @@ def _samples(
     return np.concatenate([spread.otf(fy, fx, float(w)).ravel() for w in wavelength_nm])
 
 
-def _occlude(mosaic: NDArray[np.float32], group: tuple[Plane, ...], behind: tuple[Plane, ...], camera: Camera) -> None:
+def _occlude(
+    mosaic: NDArray[np.float32], group: tuple[Plane, ...], behind: tuple[Plane, ...], camera: CameraParts
+) -> None:
     """Attenuate the image of what is behind a group of planes by the group's opacity, in place."""
     spectrum, grid = _mean_light(behind)
     covers = [plane.cover(True, spectrum, grid) for plane in group]

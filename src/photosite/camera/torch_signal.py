@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from photosite.errors import InputError
 
-if TYPE_CHECKING:
-    from photosite.camera.signal_model import SignalModel
+
+class Differentiable(Protocol):
+    """A model with a vector-Jacobian product, such as `SignalModel`."""
+
+    def __call__(self, values: Mapping[str, Any]) -> tuple[Any, Any]: ...
+
+    def vjp(
+        self, values: Mapping[str, Any], cotangents: tuple[Any, Any], parameters: Iterable[str]
+    ) -> dict[str, Any]: ...
 
 
-def torch_moments(model: SignalModel, values: Mapping[str, Any]) -> tuple[Any, Any]:
+def torch_moments(model: Differentiable, values: Mapping[str, Any]) -> tuple[Any, Any]:
     """Return mean and variance as tensors; see `SignalModel.torch`."""
     try:
         torch = importlib.import_module("torch")
@@ -36,7 +43,7 @@ def _function(torch: Any) -> Any:
 
     class Moments(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
-        def forward(ctx: Any, model: SignalModel, names: tuple[str, ...], *tensors: Any) -> Any:
+        def forward(ctx: Any, model: Differentiable, names: tuple[str, ...], *tensors: Any) -> Any:
             ctx.model, ctx.names = model, names
             ctx.save_for_backward(*tensors)
             return tuple(torch.from_numpy(np.array(each)) for each in model(_arrays(names, tensors)))

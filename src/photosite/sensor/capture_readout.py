@@ -20,10 +20,11 @@ from photosite.engine.random_numbers import CAPTURES, philox4x32
 from photosite.errors import InputError
 from photosite.sensor.captures import Captures
 from photosite.sensor.chip import MeasuredChip
-from photosite.sensor.device import Computer
-from photosite.sensor.drawn_readout import Part, drawn_frame
+from photosite.sensor.device import Backend
+from photosite.sensor.drawn_readout import drawn_frame
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
+from photosite.sensor.shot import Part
 from photosite.sensor.staged_readout import charge_stages, collected_charge, converted_charge, fixed_pattern
 
 CombinedNumbers = NDArray[np.uint16] | NDArray[np.uint32]
@@ -76,7 +77,7 @@ def capture_numbers(
     mean_electrons: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
-    on: Computer,
+    backend: Backend,
 ) -> dict[str, NDArray[np.uint16]]:
     """Return the digital numbers of each capture of a rectangle.
 
@@ -105,22 +106,22 @@ def capture_numbers(
         chip = measured if each.name == first else None
         light_e = None if each.charge_of is not None else read_only(photo_e * np.float32(captures.light(each.name)))
         if light_e is not None and one.effects is None and chip is None and each.name not in read_again:
-            out[each.name] = drawn_frame(one, light_e, part, own, on)
+            out[each.name] = drawn_frame(one, light_e, part, own, backend)
             continue
         wide = own._replace(first_row=around[0].start, first_col=around[1].start)
         pattern = fixed_pattern(one, chip, around, wide)
         if light_e is not None:
             largest = wide._replace(well_capacity_e=_largest_well_e(captures, sensors, each.name))
-            charges[each.name] = collected_charge(pattern, light_e, largest, on)
+            charges[each.name] = collected_charge(pattern, light_e, largest, backend)
         charge_e = charges[each.charge_of or each.name]
         if each.charge == "overflow":
             charge_e = np.maximum(charge_e - np.float32(_well_e(sensors[str(each.charge_of)])), np.float32(0.0))
         read_e = np.minimum(charge_e, np.float32(own.well_capacity_e))
         for kernel, order, *arguments in stages:
-            read_e = on.computed(kernel, read_only(read_e[order]), *arguments)[order]
+            read_e = backend.run(kernel, read_only(read_e[order]), *arguments)[order]
         if around != part:
             read_e, pattern = read_e[inside], fixed_pattern(one, chip, part, own)
-        out[each.name] = converted_charge(one, pattern, read_only(read_e), part, own, on)
+        out[each.name] = converted_charge(one, pattern, read_only(read_e), part, own, backend)
     return out
 
 

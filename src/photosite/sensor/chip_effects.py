@@ -18,7 +18,6 @@ from photosite.engine.pixel_draws import chosen_pixels, single_deviate, telegrap
 from photosite.engine.pixel_model import DEVIATE_STEP, Exposure, line_deviates
 from photosite.engine.random_numbers import DEFECTS, DRIFT, HOT_PIXELS, LINE_PATTERN, TELEGRAPH, key_from_seed
 from photosite.sensor.chip import Blinking, read_noise_deviates, serial_seed
-from photosite.sensor.drawn_readout import Part
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.hot_pixels import HotPixels
@@ -27,6 +26,7 @@ from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.model import Sensor
+from photosite.sensor.shot import Part
 from photosite.values.region import Border
 
 FloatMap = NDArray[np.float32]

@@ -49,7 +49,7 @@ def clean_numbers(sensor: Sensor, mean_electrons: NDArray[np.float32]) -> NDArra
     if sensor.effects is None and mean_electrons.dtype == np.float32:
         levels_dn = sensor.readout.black_level_dn.value, sensor.white_level_dn
         constants = map(np.float32, (sensor.pixel.well_capacity_e.value, sensor.system_gain_dn_per_e, *levels_dn))
-        clean: NDArray[np.float32] = Cpu().computed(clean_frame, read_only(mean_electrons), *constants)
+        clean: NDArray[np.float32] = Cpu().run(clean_frame, read_only(mean_electrons), *constants)
         return clean
     effects = sensor.effects or Effects()
     dn = _converted(sensor, _clean_charge(sensor, effects, mean_electrons))
@@ -70,7 +70,7 @@ def _clean_charge(sensor: Sensor, effects: Effects, mean_electrons: NDArray[np.f
             assert effects.em_gain is not None
             charge_e = np.minimum(charge_e * np.float32(effects.em_gain.gain), np.float32(arguments[0].well_e))
         else:
-            charge_e = Cpu().computed(kernel, read_only(charge_e[order]), *arguments)[order]
+            charge_e = Cpu().run(kernel, read_only(charge_e[order]), *arguments)[order]
     return charge_e
 
 

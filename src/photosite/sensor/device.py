@@ -30,7 +30,7 @@ class Cpu:
         """Return values on the host: themselves."""
         return values
 
-    def computed(self, kernel: Callable[..., Any], *arguments: Any) -> Any:
+    def run(self, kernel: Callable[..., Any], *arguments: Any) -> Any:
         """Return the result of a kernel of the engine, whose first argument has an entry for each pixel."""
         with threads_for(arguments[0].size):
             return kernel(*arguments)
@@ -73,8 +73,8 @@ class Gpu:
         """Return a copy of an array of the device on the host."""
         return self.arrays.get(values)
 
-    def computed(self, kernel: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of a kernel of the engine as `Cpu.computed`, on the device."""
+    def run(self, kernel: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the result of a kernel of the engine as `Cpu.run`, on the device."""
         try:
             return self._cuda.run(self.arrays, kernel.__name__, *arguments)
         except self._cuda.NoCudaError as error:
@@ -88,17 +88,17 @@ class GpuToHost(Gpu):
         """Return values as a contiguous array of the host."""
         return read_only(values)
 
-    def computed(self, kernel: Callable[..., Any], *arguments: Any) -> Any:
+    def run(self, kernel: Callable[..., Any], *arguments: Any) -> Any:
         """Return the result of a kernel on the host."""
-        return self.get(super().computed(kernel, *arguments))
+        return self.get(super().run(kernel, *arguments))
 
 
-Computer = Cpu | Gpu
+Backend = Cpu | Gpu
 """What runs kernels, and where their arrays are."""
 
 
-def computer(device: Device | Gpu) -> Computer:
-    """Return what computes on a device.
+def backend_for(device: Device | Gpu) -> Backend:
+    """Return the backend of a device.
 
     Raises
     ------

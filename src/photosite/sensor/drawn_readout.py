@@ -9,15 +9,13 @@ from photosite.engine.jit import T, read_only
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn, line_deviates
 from photosite.engine.random_numbers import LINES
 from photosite.sensor.chip import draw_chip
-from photosite.sensor.device import Computer
+from photosite.sensor.device import Backend
 from photosite.sensor.model import Sensor
-
-Part = tuple[slice, slice]
-"""Rows and columns of a rectangle."""
+from photosite.sensor.shot import Part
 
 
 def drawn_frame(
-    sensor: Sensor, photo_e: NDArray[np.float32], part: Part, exposure: Exposure, on: Computer
+    sensor: Sensor, photo_e: NDArray[np.float32], part: Part, exposure: Exposure, backend: Backend
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a sensor; `photo_e` is that of the rectangle."""
     chip = draw_chip(sensor)
@@ -29,7 +27,7 @@ def drawn_frame(
     )
     read_noise_e = sensor.electrons(sensor.noise.pixel_noise_mv)
     constants = DrawnConstants(float(chip.prnu.scale), float(chip.offset_e.scale), float(read_noise_e))
-    frame_dn: NDArray[np.uint16] = on.computed(expose_drawn, photo_e, maps, constants, exposure)
+    frame_dn: NDArray[np.uint16] = backend.run(expose_drawn, photo_e, maps, constants, exposure)
     return frame_dn
 
 

@@ -22,6 +22,7 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
+from photosite.sensor.binning import Binning, binned_values, extra_bits
 from photosite.sensor.captures import Captures
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.file_units import (
@@ -57,18 +58,15 @@ from photosite.sensor.sections import (
     Readout,
 )
 from photosite.sensor.shutter import Shutter
-from photosite.values.cfa import channel_names, tile_text
+from photosite.values.cfa import binned, channel_names, tile_text
 from photosite.values.limits import check_magnitude
 from photosite.values.saved import write
 from photosite.values.shown import ResultTable, Tabular, drawn
 from photosite.values.uncertain import Measured
-from photosite.values.validated import NonNegativeNumber, Section, input_error
+from photosite.values.validated import NonNegativeNumber, Section, check_choice, input_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from photosite.sensor.binning import Binning
-
 
 _ZERO_KELVIN_C = 273.15
 _MOST_DOUBLINGS = 100.0
@@ -710,11 +708,33 @@ class Sensor(Tabular, Section):
         (6.83, 12)
         (14.26, 14)
         """
-        from photosite.sensor.binning import binned_description
-
         self._check_single_capture()
+        check_choice("kind", kind, Binning)
+        if factor > min(self.array.rows, self.array.cols):
+            expected = f"at most the chip's {self.array.rows} rows and {self.array.cols} columns"
+            raise InputError("factor", value=factor, expected=expected)
+        cfa, bits = binned(self.array.cfa, factor), extra_bits(factor**2, kind)
+        if self.optical_stack is not None and self.optical_stack.crosstalk is not None:
+            hint = "Pass with_(crosstalk=None) first"
+            raise InputError("a sensor with crosstalk cannot be binned", where="optical_stack", hint=hint)
+        if self.effects is not None:
+            raise InputError("a sensor with effects cannot be binned", hint="Pass with_(effects=None) first")
+        if self.readout.bits + bits > 16:
+            expected = f"at most {16 - bits} for a sum of {factor**2} pixels"
+            raise InputError("bits", where="readout", value=self.readout.bits, expected=expected, hint="Use 'mean'")
+        values = binned_values(self.measured, (self.noise.pixel_noise_mv, self.mv_per_dn), factor, kind)
+        data = self.model_dump() | {"maps": None, "gain_settings": ()}
+        data["array"] |= {"rows": self.array.rows // factor, "cols": self.array.cols // factor, "cfa": cfa}
+        data["readout"]["bits"] += bits
+        if self.covariance is not None:
+            data["covariance"] = self.covariance.without(set(values))
+        if self.shutter is not None and self.shutter.line_time_us is not None and kind != "charge":
+            line, note = self.shutter.line_time_us, values["analog_gain"].source
+            data["shutter"]["line_time_us"] = Measured(factor * line.value, factor * line.standard_uncertainty, note)
+        for section in SECTIONS:
+            data[section] |= {name: value for name, value in values.items() if name in data[section]}
         try:
-            changed = Sensor.model_validate(binned_description(self, factor, kind))
+            changed = Sensor.model_validate(data)
         except ValidationError as error:
             raise input_error(error) from None
         changed._written = self._written.renamed()

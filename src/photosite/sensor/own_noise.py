@@ -12,9 +12,10 @@ from photosite.engine.jit import read_only
 from photosite.engine.pixel_model import Exposure, MeasuredMaps
 from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
-from photosite.sensor.drawn_readout import Part, line_noise, line_noise_dn
+from photosite.sensor.drawn_readout import line_noise, line_noise_dn
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import NoiseTerms
+from photosite.sensor.shot import Part
 from photosite.values.shown import Shown
 
 Map = NDArray[np.float32]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from numbers import Integral
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +22,13 @@ from photosite.engine.random_numbers import key_from_seed
 from photosite.errors import InputError
 from photosite.sensor.capture_readout import CombinedNumbers, capture_numbers, combined
 from photosite.sensor.chip import Blinking, MeasuredChip
-from photosite.sensor.device import Computer, Cpu, Device, Gpu, GpuToHost, computer
+from photosite.sensor.device import Backend, Gpu, GpuToHost, backend_for
 from photosite.sensor.drawn_readout import drawn_frame, line_noise
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
 from photosite.sensor.own_noise import OwnNoise, check_noisier, drawn_maps, missing_light, with_missing_noise
+from photosite.sensor.shot import Part, Shot, ShotOptions
 from photosite.sensor.staged_readout import staged_frame
-
-Rectangle = tuple[int, int, int, int]
-"""(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
 
 
 def digital_numbers(
@@ -39,12 +36,8 @@ def digital_numbers(
     mean_electrons: NDArray[np.float32],
     exposure_s: float,
     *,
-    seed: int,
-    frame: int = 0,
-    region: Rectangle | None = None,
-    device: Device | Gpu = "cpu",
-    temperature_c: float | None = None,
     own_noise: OwnNoise | None = None,
+    **shot: Unpack[ShotOptions],
 ) -> CombinedNumbers:
     """Return one frame of a sensor, or a rectangle of it, (rows, cols) uint16.
 
@@ -58,30 +51,21 @@ def digital_numbers(
     ----------
     mean_electrons
         (rows, cols) float32 electrons from light, not negative; of the whole chip, or, for a sensor without effects and
-        captures, of the region.
+        captures, of the region. With a `Gpu` as the device, they may be an array on the GPU.
     exposure_s
         Exposure time, for the dark current.
-    seed
-        Key of the temporal noise, 0 to 2^64 - 1.
-    frame
-        Frame number, 0 to 2^32 - 1.
-    region
-        (r0, r1, c0, c1) of the chip; None is the whole chip. Its digital numbers are those of the whole frame.
-    device
-        "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`). With a `Gpu`, the electrons may be an array on the GPU, and
-        the digital numbers stay there; this needs a sensor without captures.
-    temperature_c
-        Temperature of the sensor, for the dark current; default that of the description.
     own_noise
         Noise that the electrons have, if they were measured; only the missing noise is added, and electrons may be
         negative. None: they are exact means.
+    **shot
+        `seed`, `frame`, `region`, `device` and `temperature_c` of a `Shot`.
 
     Raises
     ------
     InputError
         If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region is out of range, the
-        device is unknown or missing, measured maps have another size, or the well capacity is below half a digital
-        number, or the sensor does not state what a temperature needs
+        device is unknown or missing, or a `Gpu` and the sensor has captures, measured maps have another size, or the
+        well capacity is below half a digital number, or the sensor does not state what a temperature needs
         (`Sensor.dark_current_ratio`), or the electrons have noise that the sensor does not have.
     FileError
         If a file of measured maps is missing, or is not the file that the sensor file names by its hash.
@@ -93,105 +77,100 @@ def digital_numbers(
     >>> digital_numbers(sensor, np.full((2, 2), 7980, np.float32), 0.01, seed=1).shape
     (2, 2)
     """
-    on, light_e = computer(device), mean_electrons
+    return read_frame(sensor, load_measured_chip(sensor), mean_electrons, exposure_s, Shot(**shot), own_noise)
+
+
+def read_frame(
+    sensor: Sensor,
+    chip: MeasuredChip | None,
+    mean_electrons: NDArray[np.float32],
+    exposure_s: float,
+    shot: Shot,
+    own_noise: OwnNoise | None = None,
+) -> CombinedNumbers:
+    """Return `digital_numbers` of a sensor whose measured chip, None without maps, has been loaded."""
+    light_e = mean_electrons
     if own_noise is not None:
         check_noisier(sensor, own_noise)
         light_e = missing_light(mean_electrons, own_noise)
-    photo_e, part, exposure = _checked(sensor, light_e, exposure_s, seed, frame, region, on)
-    sensor, measured = _at_temperature(sensor, temperature_c)
     if sensor.captures is not None:
-        if on is device:
+        if isinstance(shot.device, Gpu):
             hint = "Use Camera.capture with device='cuda'"
             raise InputError("captures are combined on the host, not on a GPU", hint=hint)
-        return combined(sensor, capture_numbers(sensor, measured, mean_electrons, part, exposure, _through_host(on)))
+        return combined(sensor, read_captures(sensor, chip, mean_electrons, exposure_s, shot))
+    backend = backend_for(shot.device)
+    photo_e, part, exposure = _checked(sensor, light_e, exposure_s, shot, backend)
+    sensor, chip = _at_temperature(sensor, chip, shot.temperature_c)
     if sensor.effects is not None:
-        out = staged_frame(sensor, measured, mean_electrons, part, exposure, on)
-    elif measured is None and own_noise is None:
-        out = drawn_frame(sensor, photo_e, part, exposure, on)
+        out = staged_frame(sensor, chip, mean_electrons, part, exposure, backend)
+    elif chip is None and own_noise is None:
+        out = drawn_frame(sensor, photo_e, part, exposure, backend)
     else:
-        out = _mapped_frame(sensor, measured, mean_electrons, photo_e, part, exposure, on, own_noise)
-    return out if on is device else on.get(out)
+        out = _mapped_frame(sensor, chip, mean_electrons, photo_e, part, exposure, backend, own_noise)
+    return out if backend is shot.device else backend.get(out)
 
 
-def _through_host(on: Computer) -> Computer:
-    """Return what computes on the same device, with results on the host."""
-    return GpuToHost(on.arrays) if isinstance(on, Gpu) else on
+def read_captures(
+    sensor: Sensor, chip: MeasuredChip | None, mean_electrons: NDArray[np.float32], exposure_s: float, shot: Shot
+) -> dict[str, NDArray[np.uint16]]:
+    """Return one frame, or a rectangle of it, of each capture of a sensor with captures, by name.
+
+    Arguments and errors are those of `read_frame`; `mean_electrons` and the exposure time are those of a photodiode of
+    relative sensitivity and exposure 1.
+    """
+    backend = backend_for(shot.device)
+    _, part, exposure = _checked(sensor, mean_electrons, exposure_s, shot, backend)
+    sensor, chip = _at_temperature(sensor, chip, shot.temperature_c)
+    on_host = GpuToHost(backend.arrays) if isinstance(backend, Gpu) else backend
+    return capture_numbers(sensor, chip, mean_electrons, part, exposure, on_host)
 
 
 def _mapped_frame(
     sensor: Sensor,
-    measured: MeasuredChip | None,
+    chip: MeasuredChip | None,
     mean_electrons: NDArray[np.float32],
     photo_e: NDArray[np.float32],
-    part: tuple[slice, slice],
+    part: Part,
     exposure: Exposure,
-    on: Computer,
+    backend: Backend,
     own_noise: OwnNoise | None,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a measured chip, or of light that has noise."""
-    maps = drawn_maps(sensor, part, exposure) if measured is None else _measured_maps(measured, sensor, part, exposure)
+    maps = drawn_maps(sensor, part, exposure) if chip is None else _measured_maps(chip, sensor, part, exposure)
     if own_noise is not None:
         electrons = mean_electrons if mean_electrons.shape == photo_e.shape else mean_electrons[part]
         maps, exposure = with_missing_noise(maps, exposure, electrons, own_noise)
-    out: NDArray[np.uint16] = on.computed(expose_measured, photo_e, maps, exposure)
-    if measured is not None and len(measured.blinking):
-        blinking = _blinking_within(measured.blinking, (part[0].start, part[1].start), photo_e.shape)
-        out = on.computed(expose_blinking, out, blinking, photo_e, maps, exposure)
+    out: NDArray[np.uint16] = backend.run(expose_measured, photo_e, maps, exposure)
+    if chip is not None and len(chip.blinking):
+        blinking = _blinking_within(chip.blinking, (part[0].start, part[1].start), photo_e.shape)
+        out = backend.run(expose_blinking, out, blinking, photo_e, maps, exposure)
     return out
 
 
-def digital_numbers_of_captures(
-    sensor: Sensor,
-    mean_electrons: NDArray[np.float32],
-    exposure_s: float,
-    *,
-    seed: int,
-    frame: int = 0,
-    region: Rectangle | None = None,
-    device: Device = "cpu",
-    temperature_c: float | None = None,
-) -> dict[str, NDArray[np.uint16]]:
-    """Return one frame, or a rectangle of it, of each capture of a sensor with captures, by name.
-
-    The arguments and errors are those of `digital_numbers`; `mean_electrons` and the exposure time are those of a
-    photodiode of relative sensitivity and exposure 1.
-    """
-    on = computer(device)
-    _, part, exposure = _checked(sensor, mean_electrons, exposure_s, seed, frame, region, Cpu())
-    return capture_numbers(*_at_temperature(sensor, temperature_c), mean_electrons, part, exposure, _through_host(on))
-
-
-def _at_temperature(sensor: Sensor, temperature_c: float | None) -> tuple[Sensor, MeasuredChip | None]:
-    """Return a sensor and its measured chip, None without maps, at a temperature; None for that of the description."""
-    measured = load_measured_chip(sensor)
-    if measured is not None:
-        _check_size(measured, sensor)
+def _at_temperature(
+    sensor: Sensor, chip: MeasuredChip | None, temperature_c: float | None
+) -> tuple[Sensor, MeasuredChip | None]:
+    """Return a sensor and its measured chip at a temperature; None for that of the description."""
+    size = sensor.array.rows, sensor.array.cols
+    if chip is not None and chip.shape != size:
+        hint = "Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip"
+        raise InputError("maps", value=chip.shape, expected=f"of the sensor's size {size}", hint=hint)
     if temperature_c is None:
-        return sensor, measured
-    if measured is not None and measured.dark_rate_dn_per_s is not None:
+        return sensor, chip
+    if chip is not None and chip.dark_rate_dn_per_s is not None:
         ratio = np.float32(sensor.dark_current_ratio(temperature_c).value)
-        measured = replace(measured, dark_rate_dn_per_s=measured.dark_rate_dn_per_s * ratio)
-    return sensor.at_temperature(temperature_c), measured
+        chip = replace(chip, dark_rate_dn_per_s=chip.dark_rate_dn_per_s * ratio)
+    return sensor.at_temperature(temperature_c), chip
 
 
 def _checked(
-    sensor: Sensor,
-    mean_electrons: NDArray[np.float32],
-    exposure_s: float,
-    seed: int,
-    frame: int,
-    region: Rectangle | None,
-    on: Computer,
-) -> tuple[NDArray[np.float32], tuple[slice, slice], Exposure]:
+    sensor: Sensor, mean_electrons: NDArray[np.float32], exposure_s: float, shot: Shot, backend: Backend
+) -> tuple[NDArray[np.float32], Part, Exposure]:
     """Return the light and the place of a rectangle, and what its pixels share; see `digital_numbers` for errors."""
     rows, cols = sensor.array.rows, sensor.array.cols
-    r0, r1, c0, c1 = region or (0, rows, 0, cols)
-    if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
-        expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
-        raise InputError("region", value=region, expected=expected)
-    part = slice(r0, r1), slice(c0, c1)
+    part = shot.part(rows, cols)
     shape, plain = mean_electrons.shape, sensor.effects is None and sensor.captures is None
-    if shape != (rows, cols) and not (plain and shape == (r1 - r0, c1 - c0)):
+    if shape != (rows, cols) and not (plain and shape == tuple(side.stop - side.start for side in part)):
         raise InputError("mean_electrons", value=shape, expected=f"of shape ({rows}, {cols})")
     part_e = mean_electrons[part] if shape == (rows, cols) else mean_electrons
     if isinstance(mean_electrons, np.ndarray):
@@ -201,16 +180,12 @@ def _checked(
         with threads_for(used.size):
             valid = all_light(used)
     else:
-        valid = float(on.xp.min(mean_electrons)) >= 0 and float(on.xp.max(mean_electrons)) < np.inf
+        valid = float(backend.xp.min(mean_electrons)) >= 0 and float(backend.xp.max(mean_electrons)) < np.inf
     if not valid:
-        xp: Any = np if isinstance(mean_electrons, np.ndarray) else on.xp
+        xp: Any = np if isinstance(mean_electrons, np.ndarray) else backend.xp
         limits = float(xp.min(mean_electrons)), float(xp.max(mean_electrons))
         raise InputError("mean_electrons", value=limits, expected="finite and not negative")
-    photo_e = on.put(part_e) if plain else part_e
-    for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
-        whole = isinstance(number, Integral) and not isinstance(number, bool)
-        if not (whole and 0 <= number < 1 << bits):
-            raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
+    photo_e = backend.put(part_e) if plain else part_e
     _check_full_well(sensor)
     exposure = Exposure(
         float(exposure_s),
@@ -218,11 +193,11 @@ def _checked(
         float(sensor.system_gain_dn_per_e),
         float(sensor.readout.black_level_dn.value),
         float(sensor.white_level_dn),
-        int(r0),
-        int(c0),
+        int(part[0].start),
+        int(part[1].start),
         cols,
-        np.uint32(frame),
-        *key_from_seed(int(seed)),
+        np.uint32(shot.frame),
+        *key_from_seed(int(shot.seed)),
     )
     return photo_e, part, exposure
 
@@ -239,15 +214,7 @@ def _check_full_well(sensor: Sensor) -> None:
         raise InputError("well_capacity_e", where=name, value=well.value, expected=expected, hint=hint)
 
 
-def _check_size(chip: MeasuredChip, sensor: Sensor) -> None:
-    """Refuse maps of another size than the sensor's."""
-    size = sensor.array.rows, sensor.array.cols
-    if chip.shape != size:
-        hint = "Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip"
-        raise InputError("maps", value=chip.shape, expected=f"of the sensor's size {size}", hint=hint)
-
-
-def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice], exposure: Exposure) -> MeasuredMaps:
+def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: Part, exposure: Exposure) -> MeasuredMaps:
     """Return a rectangle of a measured chip's maps, and the line noise of one frame.
 
     The maps replace read noise, DSNU, PRNU and dark voltage of the sensor's description. A map that was not measured is

@@ -32,10 +32,11 @@ from photosite.sensor.chip_effects import (
     stuck_numbers,
     whole,
 )
-from photosite.sensor.device import Computer
-from photosite.sensor.drawn_readout import Part, line_noise, line_noise_dn, within
+from photosite.sensor.device import Backend
+from photosite.sensor.drawn_readout import line_noise, line_noise_dn, within
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
+from photosite.sensor.shot import Part
 
 _ANY_CHARGE_E = 1e15
 """Well capacity of pixels whose charge flows over into others."""
@@ -58,7 +59,7 @@ def staged_frame(
     mean_electrons: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
-    on: Computer,
+    backend: Backend,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a sensor with effects; `mean_electrons` is that of the chip."""
     effects = sensor.effects or Effects()
@@ -70,14 +71,14 @@ def staged_frame(
     if effects.blooming is not None:
         wider = wider._replace(well_capacity_e=_ANY_CHARGE_E)
     pattern = fixed_pattern(sensor, measured, around, wider)
-    photo_e = on.put(mean_electrons[around])
-    charge_e = collected_charge(pattern, photo_e, wider, on)
+    photo_e = backend.put(mean_electrons[around])
+    charge_e = collected_charge(pattern, photo_e, wider, backend)
     for kernel, order, *arguments in stages:
-        charge_e = on.computed(kernel, on.put(charge_e[order]), *arguments)[order]
+        charge_e = backend.run(kernel, backend.put(charge_e[order]), *arguments)[order]
     if around != part:
         inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(part, around, strict=True))
         charge_e, pattern = charge_e[inside], fixed_pattern(sensor, measured, part, exposure)
-    return converted_charge(sensor, pattern, charge_e, part, exposure, on)
+    return converted_charge(sensor, pattern, charge_e, part, exposure, backend)
 
 
 def fixed_pattern(sensor: Sensor, measured: MeasuredChip | None, part: Part, exposure: Exposure) -> FixedPattern:
@@ -165,10 +166,10 @@ def _overscan(sensor: Sensor, part: Part) -> list[Part]:
 
 
 def collected_charge(
-    pattern: FixedPattern, photo_e: NDArray[np.float32], exposure: Exposure, on: Computer
+    pattern: FixedPattern, photo_e: NDArray[np.float32], exposure: Exposure, backend: Backend
 ) -> NDArray[np.float32]:
     """Return the charge of the pixels of a rectangle, electrons."""
-    charge_e: NDArray[np.float32] = on.computed(
+    charge_e: NDArray[np.float32] = backend.run(
         collect_charge, photo_e, pattern.prnu, pattern.dark_rate_e_per_s, exposure
     )
     return charge_e
@@ -180,15 +181,15 @@ def converted_charge(
     charge_e: NDArray[np.float32],
     part: Part,
     exposure: Exposure,
-    on: Computer,
+    backend: Backend,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of the charge of a rectangle."""
     effects = sensor.effects or Effects()
     maps = _conversion(sensor, effects, pattern, part, exposure)
-    frame_dn: NDArray[np.uint16] = on.computed(convert_charge, on.put(charge_e), maps, exposure)
+    frame_dn: NDArray[np.uint16] = backend.run(convert_charge, backend.put(charge_e), maps, exposure)
     if effects.pixel_defects is not None and sensor.maps is None:
         stuck = stuck_numbers(effects.pixel_defects, sensor, part, maps.output_dn)
-        frame_dn = on.computed(replace_pixels, frame_dn, *stuck)
+        frame_dn = backend.run(replace_pixels, frame_dn, *stuck)
     return frame_dn
 
 

@@ -219,8 +219,9 @@ class PairDataset(Shown):
             electrons[inside] = seen.electrons
         # Frames with noise of their own may be virtual ones that were drawn with the same seed.
         seed = int(self.seed) if seen.own_noise is None else seed_of_added_noise(int(self.seed))
-        place: dict[str, Any] = {"seed": seed, "frame": frame, "region": region}
-        noisy = digital_numbers(sensor, electrons, exposure_s, own_noise=seen.own_noise, **place)
+        noisy = digital_numbers(
+            sensor, electrons, exposure_s, own_noise=seen.own_noise, seed=seed, frame=frame, region=region
+        )
         return clean_numbers(sensor, electrons)[inside], noisy
 
     @cached_property
