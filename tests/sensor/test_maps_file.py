@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import pickle
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -14,8 +15,10 @@ import numpy as np
 import pytest
 from raising import raises
 
+from photosite.camera.camera import Camera
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.writing import is_temporary
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.io import sensor_file
 from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor, write_sensor
@@ -157,6 +160,23 @@ def test_maps_of_another_sensor_file_are_not_replaced(tmp_path: Path) -> None:
     other.unlink()
     write_sensor(load_sensor(path).with_(name="again"), path, chip(row_noise_dn=0.6))
     same(load_measured_chip(load_sensor(path)), chip(row_noise_dn=0.6))
+
+
+def test_a_capture_reads_no_file(tmp_path: Path) -> None:
+    base = load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS)
+    lens, dark = DiffractionLimited(8, 50), np.zeros((ROWS, COLS), np.float32)
+    cameras = [
+        Camera(lens, base.with_(maps=chip(row_noise_dn=noise).save(tmp_path / f"{noise}.maps.h5")))
+        for noise in (0.1, 0.2, 0.3)  # more than the cache of chips holds
+    ]
+    wanted = cameras[0].expose(dark, 0.1, seed=1)
+    copied = pickle.loads(pickle.dumps(cameras[0]))
+    assert (copied.expose(dark, 0.1, seed=1).dn == wanted.dn).all()
+    for camera in cameras:
+        Path(camera.sensor.maps.file).unlink()
+    assert (cameras[0].expose(dark, 0.1, seed=1).dn == wanted.dn).all()
+    with raises(FileError, "there is no such file of maps"):
+        Camera(lens, cameras[0].sensor.with_(maps=Maps(file="none.h5", sha256="0" * 64)))
 
 
 def test_missing_and_changed_maps(tmp_path) -> None:
