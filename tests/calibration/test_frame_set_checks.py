@@ -10,6 +10,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.values.diagnostic import Diagnostic
 
 
 def stack(level, *, noise=2.0, n=4, shape=(24, 32), seed=0):
@@ -109,9 +110,11 @@ def test_several_gain_settings_are_refused_and_one_of_them_passes(clean):
     assert calibrate(frame_set(frames).at_gain(400)).read_noise_dn == clean.read_noise_dn
 
 
-def test_notes_of_the_frame_set_are_among_the_warnings():
-    noted = replace(frame_set(measurement()), notes=("the lamp hummed",))
-    assert calibrate(noted).warnings[0] == "the lamp hummed"
+def test_diagnostics_of_the_frame_set_are_those_of_the_calibration():
+    noted = Diagnostic("kind-by-level", "warning", "the lamp hummed")
+    found = calibrate(replace(frame_set(measurement()), diagnostics=(noted,)))
+    assert found.diagnostics[0] == noted
+    assert found.warnings[0] == noted.text
 
 
 def test_one_exposure_with_several_photon_counts_is_valid():

@@ -47,7 +47,7 @@ def test_a_border_that_contradicts_the_black_level_gives_a_warning(tmp_path):
         assert read_raw(tmp_path / "dark.dng").black_level_dn == 64.0
     with pytest.warns(PhotositeWarning, match=line):
         frames = open_frames(tmp_path)
-    assert line in frames.notes[0]
+    assert line in frames.warnings[0]
     assert frames.black_level_dn == 64.0
 
 

@@ -99,7 +99,7 @@ def test_classifying_a_folder_gives_a_warning(tmp_path):
         ("dark", ["0", "2"]),
         ("light", ["1", "3"]),
     ]
-    assert "classified by level" in frames.notes[0]
+    assert "classified by level" in frames.warnings[0]
 
 
 def test_patterns_override_metadata(tmp_path):

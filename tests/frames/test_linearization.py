@@ -58,7 +58,7 @@ def test_values_that_are_not_whole_are_scaled_to_16_bits():
     table = LinearizationTable(np.array([0.0, 0.1, 0.5, 2.0]))
     assert table.numbers.tolist() == [0, 3277, 16384, 65535]
     assert table.scale == 65535 / 2.0
-    assert "32767.5" in linearize(FRAMES, table).notes[-1]
+    assert "32767.5" in linearize(FRAMES, table).warnings[-1]
 
 
 def test_a_table_shorter_than_the_codes_is_refused():

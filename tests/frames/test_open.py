@@ -135,9 +135,9 @@ def test_bits_and_cfa_from_the_caller(tmp_path):
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / "a.png")
     assumed = open_frames(tmp_path)
     assert assumed.bits == 16
-    assert [note.split(";")[0] for note in assumed.notes] == ["the bit depth is not stated"]
+    assert [note.split(";")[0] for note in assumed.warnings] == ["the bit depth is not stated"]
     frames = open_frames(tmp_path, bits=10, cfa=[["G", "R"], ["B", "G"]])
-    assert frames.notes == ()
+    assert frames.diagnostics == ()
     assert (frames.bits, frames.cfa) == (10, cfa_from("grbg"))
 
 

@@ -230,8 +230,8 @@ def test_different_temperatures_give_a_warning(tmp_path):
         for n, celsius in ((1, 20), (2, 22))
     )
     put(tmp_path, "1.png", "2.png")
-    assert open_frames(protocol(tmp_path, f"photosite_protocol: 1\nframes:\n{entries}")).notes == ()
+    assert open_frames(protocol(tmp_path, f"photosite_protocol: 1\nframes:\n{entries}")).diagnostics == ()
     path = protocol(tmp_path, f"photosite_protocol: 1\nframes:\n{entries.replace('22', '22.1')}")
     with pytest.warns(PhotositeWarning, match=r"temperature varied from 20 to 22\.1 degrees Celsius"):
         frames = open_frames(path)
-    assert "from 20 to 22.1" in frames.notes[0]
+    assert "from 20 to 22.1" in frames.warnings[0]

@@ -78,7 +78,7 @@ def list_frames(request: FolderRequest, places: Places, progress: Progress | Non
         for group in frames.groups
     ]
     own = {name: getattr(frames, name) for name in ("rows", "cols", "bits", "black_level_dn")}
-    notes = [*frames.notes, *texts]
+    notes = [*frames.warnings, *texts]
     sensor = None if frames.sensor is None else frames.sensor.name
     kinds: dict[str, set[str]] = {}
     for group in frames.groups:

@@ -61,7 +61,7 @@ def command(
     """
     from photosite.calibration.dark.temperature import dark_temperature
     from photosite.calibration.setting import calibrate_setting
-    from photosite.frames.frame_set import STEADY_TEMPERATURE_C, TEMPERATURE_VARIED, split_by_temperature
+    from photosite.frames.frame_set import STEADY_TEMPERATURE_C, split_by_temperature
     from photosite.frames.open import open_frames
 
     held = click.get_current_context().with_resource(held_warnings())
@@ -69,7 +69,7 @@ def command(
         raise click.UsageError("-o needs the sensor file to complete: give --sensor")
     if temperature_c is not None and len(temperature_c) != len(paths):
         raise click.UsageError(f"--at must have a temperature for each of {len(paths)} paths, got {len(temperature_c)}")
-    sets = [open_frames(path, **reading) for path in paths]
+    opened = sets = [open_frames(path, **reading) for path in paths]
     if temperature_c is None:
         sets = [part for frames in sets for part in split_by_temperature(frames)]
     else:
@@ -84,7 +84,7 @@ def command(
     say_if_compiling()
     calibrations = [calibrate_setting(frames, sensor, progress=Stages()) for frames in sets]
     found = dark_temperature(calibrations, temperature_c)
-    not_listed(held, (*found.warnings, TEMPERATURE_VARIED))
+    not_listed(held, (*found.warnings, *(text for frames in opened for text in frames.warnings)))
     completed = None if output is None or sensor is None else found.applied_to(sensor)
     if report is not None:
         found.report(report)

@@ -19,6 +19,7 @@ from photosite.frames.raw_frame import MOST_BITS, Numbers, check_bits
 from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, shifted, tile_text
+from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.region import Border
 from photosite.values.shown import ResultTable, Shown, Tabular, clipped
@@ -91,7 +92,7 @@ class FrameGroup(Shown):
 
 
 @dataclass(frozen=True)
-class FrameSet(Tabular):
+class FrameSet(Diagnosed, Tabular):
     """All frames of a measurement.
 
     Parameters
@@ -110,8 +111,8 @@ class FrameSet(Tabular):
         Known properties of the sensor (pixel size, voltage swing, nominal spectra), or None.
     black_level_dn
         The black level that files or protocol state, or None.
-    notes
-        Assumptions and problems found when the frames were listed, for reports.
+    diagnostics
+        Assumptions and problems found when the frames were listed.
     white_level_dn
         The saturation level that the files state, or None.
     border
@@ -134,7 +135,7 @@ class FrameSet(Tabular):
     source: str = "memory"
     sensor: Sensor | None = None
     black_level_dn: float | None = None
-    notes: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     white_level_dn: float | None = None
     border: Border | None = None
 
@@ -199,7 +200,8 @@ class FrameSet(Tabular):
         return {
             **own,
             "cfa": [list(row) for row in self.cfa],
-            "notes": list(self.notes),
+            "notes": list(self.warnings),
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
             "groups": self._table().to_dict(),
         }
 
@@ -319,7 +321,15 @@ def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[F
 STEADY_TEMPERATURE_C = 2.0
 """Range of temperatures in a set above which a warning is given: dark current then changes by a fifth."""
 
-TEMPERATURE_VARIED = "the sensor's temperature varied"
+TEMPERATURE_VARIED = DiagnosticKind(
+    "temperature-varied",
+    "warning",
+    "The sensor's temperature varied from frame to frame.",
+    "The dark current, which doubles about every 7 degrees Celsius, is that of a mean temperature.",
+    "Keep the temperature steady, or measure each temperature by itself: photosite temperature.",
+    ("dark_*",),
+    size="range of the temperatures, degrees Celsius",
+)
 """Beginning of that warning."""
 
 
@@ -355,10 +365,10 @@ def split_by_temperature(frames: FrameSet) -> tuple[FrameSet, ...]:
             group.kind, group.exposure_s, group.photons_per_pixel, group.gain_setting, temperature_c=celsius
         )
         parts[bisect_right(starts, celsius or 0.0) - 1].append((source, settings))
-    notes = tuple(note for note in frames.notes if TEMPERATURE_VARIED not in note)
+    steady = tuple(entry for entry in frames.diagnostics if entry.id != TEMPERATURE_VARIED.id)
     sources = [f"{frames.source} (from {celsius:g} °C)" if len(starts) > 1 else frames.source for celsius in starts]
     return tuple(
-        replace(frames, groups=group_frames(part), notes=notes, source=source)
+        replace(frames, groups=group_frames(part), diagnostics=steady, source=source)
         for part, source in zip(parts, sources, strict=True)
     )
 

@@ -31,6 +31,7 @@ from photosite.frames.raw_frame import Numbers, masked_border_note, stated_borde
 from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
 Value = TypeVar("Value", bound=object)
 
@@ -50,6 +51,39 @@ class _OpenedFrame:
     file: FrameFile
     header: FrameHeader
     stamp: tuple[int, ...] | None  # `file_stamp` before the header was read
+
+
+KIND_BY_LEVEL = DiagnosticKind(
+    "kind-by-level",
+    "warning",
+    "Neither files nor names state the kind of the frames; they were classified as dark or light by their level.",
+    "All results are wrong if the classification is.",
+    "Name the files after their kind, pass the patterns of dark and of light frames, or write a protocol.",
+)
+OTHER_EXPOSURE = DiagnosticKind(
+    "other-exposure-stated",
+    "warning",
+    "Files state another exposure time than the one listed for them, which is used.",
+    "Dark current and responsivity are wrong by the ratio of the two times if the listed one is wrong.",
+    "Check the unit of the listed exposure times.",
+    ("dark_current*", "dark_voltage*", "responsivity*", "quantum_efficiency*"),
+)
+LIT_BORDER = DiagnosticKind(
+    "black-level-of-border",
+    "warning",
+    "The masked border around a frame and its stated black level, or its image, do not agree.",
+    "The stated black level may be wrong.",
+    "Take dark frames: a calibration measures the black level from them.",
+    ("black_level_dn",),
+)
+ASSUMED_BITS = DiagnosticKind(
+    "assumed-bit-depth",
+    "warning",
+    "The bit depth of the converter is not stated; that of the files is assumed.",
+    "The saturation and all that follows from it are wrong if the converter has fewer bits.",
+    "State the bits in a protocol or with --bits.",
+    ("saturation_*", "dynamic_range*"),
+)
 
 
 def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: SetProperties) -> FrameSet:
@@ -95,12 +129,18 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         groups = group_frames(zip(sources, settings, strict=True))
     except InputError as error:
         raise error.in_file(source) from None
-    found = [level_warning, _exposure_warning(frames), _temperature_warning(settings), *border_warnings]
-    notes = []
-    for warning in filter(None, found):
-        notes.append(str(warning))
-        warning.where = source
-        warnings.warn(warning, stacklevel=3)
+    found = (
+        (KIND_BY_LEVEL, level_warning),
+        (OTHER_EXPOSURE, _exposure_warning(frames)),
+        (TEMPERATURE_VARIED, _temperature_warning(settings)),
+        *((LIT_BORDER, each) for each in border_warnings),
+    )
+    diagnostics = []
+    for kind, warning in found:
+        if warning is not None:
+            diagnostics.append(kind(str(warning)))
+            warning.where = source
+            warnings.warn(warning, stacklevel=3)
     stated_black = _shared([f.header.black_level_dn for f in frames])
     opened = FrameSet(
         groups,
@@ -110,7 +150,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         source,
         sensor=properties.sensor,
         black_level_dn=stated_black if properties.black_level_dn is None else properties.black_level_dn,
-        notes=(*notes, *_bits_notes(frames, properties)),
+        diagnostics=(*diagnostics, *_assumed_bits(frames, properties)),
         white_level_dn=_shared([f.header.white_level_dn for f in frames]),
         border=beside,
     )
@@ -236,16 +276,18 @@ def _bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int:
     return _common("bit depth", frames, [f.header.resolve_bits(f.file.path, stated) for f in frames], None)
 
 
-def _bits_notes(frames: Sequence[_OpenedFrame], properties: SetProperties) -> tuple[str, ...]:
-    """Return a note if the bit depth is assumed and larger than that of most converters."""
+def _assumed_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic if the bit depth is assumed and larger than that of most converters."""
     assumed = [f.header.stored_bits for f in frames if f.header.bits is None]
     if not assumed or assumed[0] is None or assumed[0] <= 8:
         return ()
     if properties.bits is not None or properties.sensor is not None:
         return ()
     return (
-        f"the bit depth is not stated; the {assumed[0]} bits that the files store are assumed, with saturation at "
-        f"{(1 << assumed[0]) - 1} DN. If the converter has fewer bits, state them: saturation depends on them",
+        ASSUMED_BITS(
+            f"the bit depth is not stated; the {assumed[0]} bits that the files store are assumed, with saturation at "
+            f"{(1 << assumed[0]) - 1} DN. If the converter has fewer bits, state them: saturation depends on them"
+        ),
     )
 
 
@@ -321,7 +363,7 @@ def _temperature_warning(settings: Sequence[FrameSettings]) -> PhotositeWarning 
     if not stated or max(stated) - min(stated) <= STEADY_TEMPERATURE_C:
         return None
     return PhotositeWarning(
-        f"{TEMPERATURE_VARIED} from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
+        f"the sensor's temperature varied from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
         "doubles about every 7, so its estimate holds for a mean temperature"
     )
 

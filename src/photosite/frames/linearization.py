@@ -15,6 +15,7 @@ from photosite.errors import FileError, InputError
 from photosite.files.small_files import read_small
 from photosite.frames.frame_set import FrameSet, FrameSource
 from photosite.frames.raw_frame import Numbers
+from photosite.values.diagnostic import DiagnosticKind
 
 MOST_BYTES = 8 << 20
 """Largest file of a table."""
@@ -124,6 +125,15 @@ def read_linearization(path: str | PathLike[str]) -> LinearizationTable:
         raise FileError(path, str(error)) from None
 
 
+LINEARIZED = DiagnosticKind(
+    "linearized",
+    "note",
+    "The numbers of the frames were replaced by those of a table.",
+    "All results are those of the replaced numbers.",
+    "Check that the table undoes the tone curve of these frames.",
+)
+
+
 def linearize(frames: FrameSet, table: LinearizationTable) -> FrameSet:
     """Return the frame set with each code replaced by its linear digital number.
 
@@ -163,7 +173,7 @@ def linearize(frames: FrameSet, table: LinearizationTable) -> FrameSet:
         bits=max(int(numbers[-1]).bit_length(), 1),
         black_level_dn=black,
         white_level_dn=white,
-        notes=(*frames.notes, note),
+        diagnostics=(*frames.diagnostics, LINEARIZED(note)),
     )
 
 

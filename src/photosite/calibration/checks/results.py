@@ -26,19 +26,9 @@ _DARK_CURRENT = ("dark_current_*", "dark_voltage_*", "dcnu_percent")
 _BY_LIGHT = ("responsivity_*", "quantum_efficiency_*")
 
 
-READING = DiagnosticKind(
-    "reading-frames",
-    "warning",
-    "Something was assumed when the frames were read: their kind, bit depth, order or metadata.",
-    "The results hold if the assumption is right.",
-    "State what was assumed in a protocol, or with an option of the command.",
-)
-
-
-def reading(evidence: Evidence) -> Iterator[Diagnostic]:
+def reading(evidence: Evidence) -> tuple[Diagnostic, ...]:
     """What was assumed when the frames were read."""
-    for note in evidence.reduction.frames.notes:
-        yield READING(note)
+    return evidence.reduction.frames.diagnostics
 
 
 def implausible(evidence: Evidence) -> Iterator[Diagnostic]:
