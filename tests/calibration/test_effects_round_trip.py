@@ -4,7 +4,7 @@ import numpy as np
 
 from photosite.calibration.calibrate import calibrate
 from photosite.sensor.io.sensor_file import dump_sensor, parse_sensor
-from photosite.studies.coverage import CONDITIONS, FULL
+from photosite.studies.conditions import CONDITIONS, FULL
 from photosite.studies.virtual_lab import virtual_lab
 
 

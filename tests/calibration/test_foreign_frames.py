@@ -10,7 +10,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.foreign_frames import find_foreign_frames
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
-from photosite.studies.coverage import CONDITIONS
+from photosite.studies.conditions import CONDITIONS
 
 MONO, RGGB = np.zeros((64, 64), np.int64), np.tile([[0, 1], [1, 2]], (32, 32))
 NOISE = 8.0

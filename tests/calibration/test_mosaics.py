@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.studies.coverage import FEW, FULL, compare, condition
+from photosite.studies.conditions import FEW, FULL, condition
+from photosite.studies.coverage import compare
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import virtual_lab
 from photosite.values.cfa import NAMED, channel_names

@@ -17,7 +17,7 @@ from photosite.calibration.photon_transfer.pixel_coupling import fit_coupling
 from photosite.calibration.result import Calibration
 from photosite.errors import CalibrationError
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
-from photosite.studies.coverage import condition
+from photosite.studies.conditions import condition
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.virtual_lab import nominal_sensor, virtual_lab
 

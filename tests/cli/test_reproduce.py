@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from photosite.cli.reproduce import CONDITION_NAMES
-from photosite.studies.coverage import CONDITIONS
+from photosite.studies.conditions import CONDITIONS
 from photosite.studies.farrell2008 import fill_factor
 
 

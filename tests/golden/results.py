@@ -30,7 +30,7 @@ from photosite.report import style
 from photosite.report.page import Details, Heading, Images, Listing, Notice, Page, Paragraph, Subheading, Table
 from photosite.report.pages import page
 from photosite.sensor.io.sensor_file import dump_sensor
-from photosite.studies.coverage import CONDITIONS
+from photosite.studies.conditions import CONDITIONS
 from photosite.studies.imperfect_stacks import KINDS
 from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal

@@ -13,7 +13,7 @@ from virtual_monochromator import MonochromatorRun, without_spectra
 import photosite as ps
 from photosite.camera.optical_stack import channel_mixing
 from photosite.sensor.model import Sensor
-from photosite.studies.coverage import condition
+from photosite.studies.conditions import condition
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.truth import measured_truth, true_parameters
 from photosite.studies.virtual_lab import nominal_sensor, virtual_lab

@@ -14,7 +14,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.engine.jit import threads_for
 from photosite.errors import InputError
-from photosite.studies.coverage import CONDITIONS
+from photosite.studies.conditions import CONDITIONS
 from photosite.studies.planning import Design, Want, plan_frames, plan_protocol, step_from
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 

@@ -48,8 +48,19 @@ CONDITION_NAMES = (
     "shaded-mono-12",
     "level-mono-12",
     "captures-mono-12",
+    "blooming-mono-12",
+    "transfer-mono-12",
+    "em-mono-16",
+    "converter-mono-10",
+    "output-mono-14",
+    "tail-mono-12",
+    "dead-mono-12",
+    "glow-mono-12",
+    "drift-mono-12",
+    "covered-mono-12",
+    "lag-mono-12",
 )
-"""Names in `photosite.studies.coverage`, copied so that --help stays fast; a test compares the two."""
+"""Names in `photosite.studies.conditions`, copied so that --help stays fast; a test compares the two."""
 
 
 @click.group("reproduce", cls=Group)
@@ -252,7 +263,8 @@ def coverage(
 
     Example: photosite reproduce coverage --quick --condition few-mono-12
     """
-    from photosite.studies.coverage import condition, coverage_study
+    from photosite.studies.conditions import condition
+    from photosite.studies.coverage import coverage_study
 
     if quick and sensors is not None:
         raise click.UsageError("give one of --quick and --sensors")
@@ -273,7 +285,8 @@ def coverage(
 
 
 def _text(study: CoverageStudy) -> str:
-    from photosite.studies.coverage import CONDITIONS, FALSE_ALARM
+    from photosite.studies.conditions import CONDITIONS
+    from photosite.studies.coverage import FALSE_ALARM
 
     lines = []
     for name in dict.fromkeys([*(row.condition for row in study.rows), *study.refused]):

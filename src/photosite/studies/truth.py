@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.result import Calibration
 from photosite.camera.optical_stack import channel_mixing
 from photosite.color.spectrum import integration_weights
 from photosite.optics.lens import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.effects.line_pattern import LinePattern
-from photosite.sensor.effects.model import Effects
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
+from photosite.studies.effect_study import TrueTerms, true_terms
+from photosite.studies.virtual_lab import VirtualLab
 from photosite.values.cfa import channel_sites
-
-if TYPE_CHECKING:
-    from photosite.calibration.result import Calibration
-    from photosite.studies.virtual_lab import VirtualLab
-
-AT_SATURATION = (
-    *("saturation_dn", "saturation_capacity_e", "saturation_capacity_photons"),
-    *("snr_max_db", "dynamic_range_db"),
-)
-"""Parameters at saturation."""
 
 
 def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics | None = None) -> dict[str, float]:
@@ -68,108 +59,75 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     (0.52, 17.33, 2.172)
     """
     noise, pixel = sensor.noise, sensor.pixel
-    gain = sensor.system_gain_dn_per_e
-    coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
-    averaged = 1.0 if coupling is None else math.sqrt(coupling.variance_share)
-    offset_e, of_lines = _lines(sensor)
-    pattern = (sensor.effects or Effects()).line_pattern or LinePattern()
-    telegraph = None if sensor.effects is None else sensor.effects.telegraph_noise
-    blinking_e = 0.0 if telegraph is None else math.sqrt(telegraph.variance_e2)
+    efficiencies = None if light is None or optics is None else channel_efficiencies(sensor, light, optics)
+    terms = true_terms(sensor, efficiencies)
+    scale = math.prod(each.digital_scale for each in terms)
+    gain = sensor.system_gain_dn_per_e * scale
+    blinking_e = math.sqrt(sum(each.read_variance_e2 for each in terms))
+    offset_e, of_lines = _offset_e(terms), 100.0 * math.sqrt(sum(each.gain_variance for each in terms))
     read_mv, dsnu_mv = (
         math.hypot(spread.value, more_e / sensor.electrons(1.0))
         for spread, more_e in ((noise.read_noise_mv, blinking_e), (noise.dsnu_mv, offset_e))
     )
     read_e, dsnu_e = sensor.electrons(read_mv), sensor.electrons(dsnu_mv)
-    prnu, dcnu = (math.hypot(averaged * spread.value, of_lines) for spread in (noise.prnu_percent, noise.dcnu_percent))
+    pixel_prnu = math.hypot(math.prod(each.prnu_factor for each in terms) * noise.prnu_percent.value, of_lines)
+    prnu = math.hypot(pixel_prnu, 100.0 * math.sqrt(sum(each.border_gain**2 for each in terms)))
+    dark_e, dcnu = _dark_current(sensor, terms, of_lines)
     capacity_e = sensor.saturation_capacity_e
     threshold_e = math.sqrt(read_e**2 + QUANTIZATION_DN2 / gain**2 + 0.25) + 0.5
     truth = {
         "read_noise_dn": read_e * gain,
         "read_noise_e": read_e,
         "read_noise_mv": read_mv,
-        **_line_noise(sensor),
         "dsnu_dn": dsnu_e * gain,
         "dsnu_e": dsnu_e,
         "dsnu_mv": dsnu_mv,
         "prnu_percent": prnu,
-        **{name: entry.value for name, entry in pattern},
-        "interpixel_coupling_percent": 0.0 if coupling is None else coupling.coupling_percent.value,
-        "dark_voltage_mv_per_s": noise.dark_voltage_mv_per_s.value,
-        "dark_current_dn_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value) * gain,
-        "dark_current_e_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value),
+        **dict.fromkeys(LinePattern.model_fields, 0.0),
+        "interpixel_coupling_percent": 0.0,
+        "dark_voltage_mv_per_s": dark_e / sensor.electrons(1.0),
+        "dark_current_dn_per_s": dark_e * gain,
+        "dark_current_e_per_s": dark_e,
         "dcnu_percent": dcnu,
-        "black_level_dn": sensor.readout.black_level_dn.value,
+        "black_level_dn": (sensor.readout.black_level_dn.value + sum(each.black_shift_dn for each in terms)) * scale,
         "system_gain_dn_per_e": gain,
         "conversion_gain_uv_per_e": pixel.conversion_gain_uv_per_e.value,
         "saturation_dn": full_well_reading_dn(sensor),
         "saturation_capacity_e": capacity_e,
         "temporal_dark_noise_e": read_e,
         "dsnu1288_e": dsnu_e,
-        "prnu1288_percent": prnu,
+        "prnu1288_percent": pixel_prnu,
         "snr_max_db": 10 * math.log10(capacity_e),
         "dynamic_range_db": 20 * math.log10(capacity_e / threshold_e),
     }
-    if light is not None and optics is not None:
-        efficiencies = channel_efficiencies(sensor, light, optics)
+    if efficiencies is not None:
         tile = [name for row in sensor.array.cfa for name in row]
         shares = [len(channel_sites(sensor.array.cfa, name)) / len(tile) for name in sensor.channel_names]
         mean = float(np.dot(efficiencies, shares))
-        if coupling is not None:
-            signal = [[efficiencies[sensor.channel_names.index(name)] for name in row] for row in sensor.array.cfa]
-            averaged, border = _averaged(coupling.kernel(), np.array(signal), (sensor.array.rows, sensor.array.cols))
-            prnu = math.hypot(averaged * noise.prnu_percent.value, of_lines)
-            truth |= {"prnu_percent": math.hypot(prnu, 100.0 * border), "prnu1288_percent": prnu}
         truth |= {
             "quantum_efficiency_percent": 100 * mean,
             "responsivity_dn_per_photon": gain * mean,
             "sensitivity_threshold_photons": threshold_e / mean,
             "saturation_capacity_photons": capacity_e / max(efficiencies),
         }
+    for each in terms:
+        truth |= each.parameters
     return truth
 
 
-def _averaged(kernel: NDArray[np.float64], signal: NDArray[np.float64], shape: tuple[int, int]) -> tuple[float, float]:
-    """Return what a 3 x 3 kernel leaves of a PRNU of 1, and the relative spread of the mean signal at the borders.
-
-    Both are the root mean square over the pixels. `signal` is the mean signal of a tile before the kernel: a pixel
-    receives signal and pattern of neighbors of other colors. Beyond the borders the outer pixels repeat, so that the
-    outer pixels of a mosaic have neighbors of their own color.
-    """
-    tiles = [-(-size // step) for size, step in zip(shape, signal.shape, strict=True)]
-    padded = np.pad(np.tile(signal, tiles)[: shape[0], : shape[1]], 1, "edge")
-    mean, square = np.zeros(shape), np.zeros(shape)
-    for (row, column), share in np.ndenumerate(kernel):
-        part = share * padded[row : row + shape[0], column : column + shape[1]]
-        mean += part
-        square += part**2
-    rows, columns = signal.shape
-    sites = [mean[row::rows, column::columns] for row in range(rows) for column in range(columns)]
-    border = np.mean([(site.std() / site.mean()) ** 2 for site in sites])
-    return float(np.sqrt(np.mean(square / mean**2))), float(np.sqrt(border))
+def _offset_e(terms: Sequence[TrueTerms]) -> float:
+    """Return the standard deviation of the offsets that effects add to the pixels, in electrons."""
+    return math.sqrt(sum(each.offset_variance_e2 for each in terms))
 
 
-def _channels(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return gains of the readout channels, with the mean 1, and their offsets in electrons."""
-    channels = None if sensor.effects is None else sensor.effects.readout_channels
-    if channels is None:
-        return np.ones(1), np.zeros(1)
-    relative, offset_e = channels.tables()
-    return relative / relative.mean(), offset_e
-
-
-def _lines(sensor: Sensor) -> tuple[float, float]:
-    """Return the standard deviations of rows, columns and readout channels: offsets in electrons, gains in percent."""
-    offset, gain = (0.0, 0.0) if sensor.effects is None else sensor.effects.line_variances
-    return math.sqrt(offset), 100.0 * math.sqrt(gain)
-
-
-def _line_noise(sensor: Sensor) -> dict[str, float]:
-    truth: dict[str, float] = {}
-    for name in ("row_noise", "column_noise"):
-        mv = getattr(sensor.noise, f"{name}_mv").value
-        electrons = sensor.electrons(mv)
-        truth |= {f"{name}_dn": electrons * sensor.system_gain_dn_per_e, f"{name}_e": electrons, f"{name}_mv": mv}
-    return truth
+def _dark_current(sensor: Sensor, terms: Sequence[TrueTerms], of_lines: float) -> tuple[float, float]:
+    """Return mean (e-/s) and nonuniformity (percent) of the dark current over all pixels."""
+    usual_e = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value)
+    percent = math.prod(each.dcnu_factor for each in terms) * sensor.noise.dcnu_percent.value
+    mean_e, variance = usual_e + sum(x.dark_e_per_s for x in terms), sum(x.dark_variance for x in terms)
+    if variance:
+        percent = math.hypot(percent * usual_e, 100.0 * math.sqrt(variance)) / mean_e
+    return mean_e, math.hypot(percent, of_lines)
 
 
 def full_well_reading_dn(sensor: Sensor) -> float:
@@ -185,11 +143,11 @@ def full_well_reading_dn(sensor: Sensor) -> float:
     >>> full_well_reading_dn(d200), round(full_well_reading_dn(d200.with_(well_capacity_e=7980)), 3)
     (4095.0, 1000.0)
     """
-    full_e = well_e = sensor.pixel.well_capacity_e.value
-    if sensor.effects is not None and (curve := sensor.effects.response_curve) is not None:
-        full_e = float(curve.signal_e(well_e, well_e))
+    terms = true_terms(sensor)
+    signals = [each.signal_of_well_e for each in terms if each.signal_of_well_e is not None]
+    full_e = signals[0] if signals else sensor.pixel.well_capacity_e.value
     mean = sensor.readout.black_level_dn.value + full_e * sensor.system_gain_dn_per_e
-    offset_dn = _lines(sensor)[0] * sensor.system_gain_dn_per_e
+    offset_dn = _offset_e(terms) * sensor.system_gain_dn_per_e
     spread_mv = math.hypot(sensor.noise.read_noise_mv.value, sensor.noise.dsnu_mv.value)
     sigma = math.hypot(spread_mv / sensor.mv_per_dn, offset_dn)
     top = int(sensor.white_level_dn)
@@ -228,18 +186,17 @@ def variance_peak_e(sensor: Sensor) -> float:
     """
     from scipy.special import ndtr
 
-    noise = sensor.noise
+    noise, terms = sensor.noise, true_terms(sensor)
     read_e = sensor.electrons(noise.read_noise_mv.value)
-    dsnu_e = math.hypot(sensor.electrons(noise.dsnu_mv.value), _lines(sensor)[0])
+    dsnu_e = math.hypot(sensor.electrons(noise.dsnu_mv.value), _offset_e(terms))
     limit_e = sensor.saturation_capacity_e
     by_well = sensor.pixel.well_capacity_e.value <= limit_e
     # The well clips electrons before read noise and offset are added; the converter clips their sum.
     inside, outside = (0.0, read_e**2) if by_well else (read_e**2, 0.0)
     nodes, weights = np.polynomial.hermite_e.hermegauss(21)
-    gains = _channels(sensor)[0].ravel()
-
-    lines = (sensor.effects or Effects()).line_pattern or LinePattern()
-    response = math.hypot(noise.prnu_percent.value, lines.column_gain_percent.value) / 100
+    (gains,) = [each.gains for each in terms if each.gains.size > 1] or [np.ones(1)]
+    at_random = sum(each.gain_variance for each in terms) - float(gains.var())
+    response = math.hypot(noise.prnu_percent.value / 100, math.sqrt(max(at_random, 0.0)))
 
     def variance(electrons: NDArray[np.float64], limit_e: float) -> NDArray[np.float64]:
         mean = electrons + nodes * np.hypot(response * electrons, 0.0 if by_well else dsnu_e)
@@ -270,29 +227,29 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
     """Return true parameters with the definitions that a calibration used.
 
     Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
-    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames. Where pixels are
-    coupled, their mean clips in another way: parameters at saturation are left out.
+    DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames. Parameters that
+    have no true value with an effect of the sensor are left out.
     """
-    truth = dict(truth)
+    terms = true_terms(sensor)
     spread = truth["dark_current_e_per_s"] * truth["dcnu_percent"] / 100
     exposures = [calibration.dsnu1288_exposure_s.get(name, math.nan) for row in sensor.array.cfa for name in row]
-    truth["dsnu1288_e"] = math.sqrt(truth["dsnu_e"] ** 2 + spread**2 * float(np.mean(np.square(exposures))))
-    of_channels = 100.0 * float(_channels(sensor)[0].std())
-    truth |= {
+    dsnu1288_e = math.sqrt(truth["dsnu_e"] ** 2 + spread**2 * float(np.mean(np.square(exposures))))
+    of_channels = 100.0 * math.sqrt(sum(float(each.gains.var()) for each in terms))
+    defined = {
+        **truth,
+        "dsnu1288_e": dsnu1288_e,
         "dsnu1288_row_e": truth["row_offset_e"],
         "dsnu1288_column_e": truth["column_offset_e"],
-        "dsnu1288_pixel_e": _less(truth["dsnu1288_e"], truth["row_offset_e"], truth["column_offset_e"]),
+        "dsnu1288_pixel_e": _less(dsnu1288_e, truth["row_offset_e"], truth["column_offset_e"]),
         "prnu1288_row_percent": 0.0,
         "prnu1288_column_percent": truth["column_gain_percent"],
         "prnu1288_pixel_percent": _less(truth["prnu1288_percent"], of_channels, truth["column_gain_percent"]),
         "prnu1288_unfiltered_percent": truth["prnu_percent"],
     }
-    if of_channels:
-        # Lines that alternate pass the high-pass filter in full, unlike lines at random.
-        for name in ("prnu1288_percent", "prnu1288_row_percent", "prnu1288_column_percent"):
-            del truth[name]
-    if truth["interpixel_coupling_percent"]:
-        return {name: value for name, value in truth.items() if name not in AT_SATURATION}
+    undefined = {name for each in terms for name in each.undefined}
+    truth = {name: value for name, value in defined.items() if name not in undefined}
+    if "saturation_capacity_e" not in truth:
+        return truth
     if "largest temporal variance" in calibration.saturation_capacity_e.method:
         old, new = truth["saturation_capacity_e"], variance_peak_e(sensor)
         truth["saturation_capacity_e"] = new

@@ -55,6 +55,9 @@ SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.005
 LEAST_FRACTION = 0.8
 """Fraction of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
 
+OF_WELL = 0.9
+"""Part of the signal of full wells up to which a flat field has a smooth density: its brightest pixels are not full."""
+
 _WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
 _EXPECTED, _OF_PEAK, _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 25.0, 0.1, 4, 9, 4
 _METHOD = "code density of flat fields against a smooth one (IEEE 1241), {}"
@@ -238,7 +241,8 @@ def _chosen(reduction: Reduction) -> list[GroupStatistics] | Missing:
         return EFFECT_NOT_MEASURED.missing(
             "the numbers are not the converter's codes: some are left out, doubled or summed"
         )
-    chosen = [entry for entry in reduction.lights if entry.frames > 1 and _smooth(entry)]
+    limits = _full_wells(reduction.lights)
+    chosen = [entry for entry in reduction.lights if entry.frames > 1 and _smooth(entry, limits)]
     if not chosen:
         return EFFECT_NOT_MEASURED.missing(
             f"no repeated flat field below saturation has {LEAST_NOISE_DN:g} DN of noise or more"
@@ -266,8 +270,24 @@ def _least_noise(entry: GroupStatistics) -> float:
     return min(math.sqrt(level.variance) for level in entry.levels)
 
 
-def _smooth(entry: GroupStatistics) -> bool:
-    return all(level.variance >= LEAST_NOISE_DN**2 and level.high_fraction == 0.0 for level in entry.levels)
+def _full_wells(lights: Sequence[GroupStatistics]) -> Sequence[float]:
+    """Return for each channel the mean number of full wells, where the variance is no longer the largest; or infinity.
+
+    Numbers at the end of the converter's range are no sign of full wells.
+    """
+    below = [entry.levels for entry in lights if all(level.high_fraction == 0.0 for level in entry.levels)]
+    limits = []
+    for levels in zip(*below, strict=True):
+        brightest, noisiest = max(level.mean for level in levels), max(levels, key=lambda level: level.variance)
+        limits.append(OF_WELL * brightest if noisiest.mean < brightest else math.inf)
+    return limits
+
+
+def _smooth(entry: GroupStatistics, limits: Sequence[float]) -> bool:
+    return all(
+        level.variance >= LEAST_NOISE_DN**2 and level.high_fraction == 0.0 and level.mean <= limit
+        for level, limit in zip(entry.levels, limits, strict=False)
+    )
 
 
 def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]) -> ConverterCodes | Missing:

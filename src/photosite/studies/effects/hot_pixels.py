@@ -1,0 +1,54 @@
+"""Hot pixels: a log-normal tail of the dark current, or pixels of one dark current."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from photosite.sensor.effects.hot_pixels import HotPixels
+from photosite.sensor.model import Sensor
+from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms, log_uniform
+from photosite.studies.plain_camera import Effect
+
+
+def _draw(drawing: Drawing, fraction: Range) -> dict[str, Any]:
+    share, median = drawing.between(*fraction), drawing.between(200.0, 1000.0)
+    return {"hot_pixels": {"fraction": share, "median_e_per_s": median, "log_spread": drawing.between(0.3, 0.8)}}
+
+
+def _terms(hot: HotPixels, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
+    share, median, width = hot.fraction.value, hot.median_e_per_s.value, hot.log_spread.value
+    first, second = (share * median**k * math.exp(0.5 * (k * width) ** 2) for k in (1, 2))
+    return TrueTerms(dark_e_per_s=first, dark_variance=second - first**2)
+
+
+def _truth(hot: HotPixels, sensor: Sensor) -> Mapping[str, float]:
+    gain = sensor.system_gain_dn_per_e
+    if sensor.effects is not None and sensor.effects.blooming is not None:
+        return {}  # the charge that flows over is dark current elsewhere
+    return {
+        "fraction": hot.fraction.value,
+        "median_dn_per_s": hot.median_e_per_s.value * gain,
+        "log_spread": hot.log_spread.value,
+        "mean_dn_per_s": sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain,
+        "dcnu_percent": sensor.noise.dcnu_percent.value,
+    }
+
+
+def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+    """Draw 0.3 to 1 % hot pixels with 100 to 500 e-/s."""
+    share, hot = log_uniform(rng, 0.003, 0.01), log_uniform(rng, 100.0, 500.0)
+    usual, spread = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value), sensor.noise.dcnu_percent.value / 100.0
+    mean = (1.0 - share) * usual + share * hot
+    variance = (1.0 - share) * ((spread * usual) ** 2 + (usual - mean) ** 2) + share * (hot - mean) ** 2
+    names = "dark_current_e_per_s", "dark_current_dn_per_s", "dark_voltage_mv_per_s"
+    return Effect(hot=(share, hot)), {
+        **dict.fromkeys(names, mean / usual),
+        "dcnu_percent": math.sqrt(variance) / mean / spread,
+    }
+
+
+STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth, disturb=_disturb)

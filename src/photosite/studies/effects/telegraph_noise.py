@@ -1,0 +1,27 @@
+"""Pixels that blink, with amplitudes of 1 to 10 times the read noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from photosite.sensor.effects.telegraph_noise import TelegraphNoise
+from photosite.sensor.model import Sensor
+from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms
+
+
+def _draw(drawing: Drawing, fraction: Range) -> dict[str, Any]:
+    share = drawing.between(*fraction)
+    return {"telegraph_noise": {"fraction": share, "amplitude_e": drawing.read_noise_e * drawing.between(1.0, 10.0)}}
+
+
+def _terms(noise: TelegraphNoise, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
+    return TrueTerms(read_variance_e2=noise.variance_e2)
+
+
+def _truth(noise: TelegraphNoise, sensor: Sensor) -> Mapping[str, float]:
+    amplitude_dn = noise.amplitude_e * sensor.system_gain_dn_per_e
+    return {"blinking_fraction": noise.fraction, "blinking_amplitude_dn": amplitude_dn}
+
+
+STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth)
