@@ -35,8 +35,6 @@ from photosite.studies.imperfect_stacks import KINDS
 from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 
-style.svg_bytes = lambda figure: b""  # figures are made but not rendered, which takes most of the time
-
 DIGESTS = Path(__file__).with_name("digests.json")
 SENSORS, SEEDS = 2, 2
 """Virtual sensors of each condition of the coverage study; seeds of each kind of imperfect stack."""
@@ -229,6 +227,11 @@ def digests(texts: dict[str, str]) -> dict[str, str]:
     return {part: hashlib.sha256(text.encode()).hexdigest()[:16] for part, text in texts.items()}
 
 
+def _without_rendering() -> None:
+    """Make figures without rendering them, which takes most of the time."""
+    style.svg_bytes = lambda figure, below=None: b""
+
+
 def main() -> int:
     """Write or compare the digests."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -238,7 +241,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", default=(), help="parts of the names of cases; default all")
     arguments = parser.parse_args()
     names = [name for name in CASES if not arguments.only or any(part in name for part in arguments.only)]
-    with ProcessPoolExecutor(arguments.processes) as pool:
+    with ProcessPoolExecutor(arguments.processes, initializer=_without_rendering) as pool:
         found = dict(zip(names, pool.map(results, names), strict=True))
     if arguments.keep:
         arguments.keep.mkdir(parents=True, exist_ok=True)
