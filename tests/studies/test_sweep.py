@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import multiprocessing
 import shutil
 import signal
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -159,7 +159,7 @@ def test_plot_has_a_line_for_each_other_field() -> None:
 
 
 def test_progress_is_shown_on_standard_error(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    monkeypatch.setattr(sys.modules["photosite.studies.sweep"], "_BAR_AFTER_S", 0.0)
+    monkeypatch.setattr(importlib.import_module("photosite.studies.sweep"), "_BAR_AFTER_S", 0.0)
     ps.studies.sweep(CAMERA, {"f_number": [2, 4]}, read_noise_e)
     shown = capsys.readouterr()
     assert "cameras" in shown.err
