@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from killed_writers import kill_while_writing, temporaries
+from raising import raises
 
 from photosite.errors import FileError
 from photosite.files.writing import TemporaryFolder, atomic_folder, atomic_path, remove_abandoned
@@ -69,14 +70,14 @@ def test_a_link_stays_a_link(tmp_path):
 @pytest.mark.parametrize("place", [".", os.devnull])
 def test_folders_and_devices_are_not_replaced(tmp_path, monkeypatch, place):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(FileError, match="a folder or a device"), atomic_path(place):
+    with raises(FileError, "cannot be written"), atomic_path(place):
         pytest.fail("nothing may be written")
     assert Path(os.devnull).is_char_device()
 
 
 def test_a_missing_folder(tmp_path):
     with (
-        pytest.raises(FileError, match=r"nowhere.a\.txt: cannot be written: No such file"),
+        raises(FileError, "cannot be written", path=str(tmp_path / "nowhere" / "a.txt")),
         atomic_path(tmp_path / "nowhere" / "a.txt"),
     ):
         pytest.fail("nothing may be written")
@@ -116,23 +117,23 @@ def test_failure_leaves_nothing(tmp_path: Path, failure: type[BaseException]) ->
 def test_what_is_there_stays(tmp_path: Path) -> None:
     (tmp_path / "stack").mkdir()
     (tmp_path / "stack" / "mine").write_text("mine")
-    with pytest.raises(FileError, match="not an empty folder"), atomic_folder(tmp_path / "stack"):
+    with raises(FileError, "exists already"), atomic_folder(tmp_path / "stack"):
         pytest.fail("the block must not run")
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(FileError, match="not an empty folder"), atomic_folder(tmp_path / "file"):
+    with raises(FileError, "exists already"), atomic_folder(tmp_path / "file"):
         pytest.fail("the block must not run")
     assert (tmp_path / "stack" / "mine").read_text() == (tmp_path / "file").read_text() == "mine"
 
 
 def test_filled_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
     """Somebody else made the folder while this one was written: theirs stays."""
-    with pytest.raises(FileError, match="cannot be written"):
+    with raises(FileError, "cannot be written"):
         _write(tmp_path / "stack", meanwhile=tmp_path / "stack" / "b")
     assert [file.name for file in tmp_path.rglob("*")] == ["stack", "b"]
 
 
 def test_no_folder_above(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="cannot be written"), atomic_folder(tmp_path / "nowhere" / "stack"):
+    with raises(FileError, "cannot be written"), atomic_folder(tmp_path / "nowhere" / "stack"):
         pytest.fail("the block must not run")
 
 
@@ -187,7 +188,7 @@ def test_added_to_what_is_there(tmp_path: Path) -> None:
             if failing:
                 raise KeyError("b")
 
-    with pytest.raises(KeyError, match="b"):
+    with pytest.raises(KeyError):
         adds(failing=True)
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"mine": "mine", "a": "of last time"}
     adds(failing=False)
@@ -299,7 +300,10 @@ def test_a_sync_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.Monke
 
     (tmp_path / "a.txt").write_text("before")
     monkeypatch.setattr(os, "fsync", fails)
-    with pytest.raises(FileError, match=os.strerror(errno.EIO)), atomic_path(tmp_path / "a.txt") as temporary:
+    with (
+        raises(FileError, f"cannot be written: {os.strerror(errno.EIO)}"),
+        atomic_path(tmp_path / "a.txt") as temporary,
+    ):
         temporary.write_text("after")
     assert (tmp_path / "a.txt").read_text() == "before"
     assert names(tmp_path) == ["a.txt"]

@@ -7,6 +7,7 @@ import imagecodecs
 import numpy as np
 import pytest
 import tifffile
+from raising import raises
 
 from photosite import read_raw, read_scene
 from photosite.errors import FileError
@@ -32,7 +33,7 @@ def test_jpeg_larger_than_its_strip(tmp_path, read):
     read(tmp_path / "a.tif")
     write_strip(tmp_path / "a.tif", strip[:at] + b"\x40\x00\x40\x00" + strip[at + 4 :], 7)
     tracemalloc.start()
-    with pytest.raises(FileError, match="damaged"):
+    with raises(FileError, "is damaged"):
         read(tmp_path / "a.tif")
     assert tracemalloc.get_traced_memory()[1] < 1 << 24
     tracemalloc.stop()
@@ -45,7 +46,7 @@ def test_tiles_larger_than_the_file_holds(tmp_path, read):
     with tifffile.TiffFile(tmp_path / "a.tif", mode="r+") as file:
         file.pages.first.tags["TileWidth"].overwrite(65520)
         file.pages.first.tags["TileLength"].overwrite(65520)
-    with pytest.raises(FileError, match="damaged"):
+    with raises(FileError, "is damaged"):
         read(tmp_path / "a.tif")
 
 

@@ -1,14 +1,22 @@
-"""A context manager that checks the fields of photosite's exceptions."""
+"""Context managers that check the fields of photosite's exceptions and warnings."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
-from photosite.errors import PhotositeError
+from photosite.errors import PhotositeError, PhotositeWarning
+
+
+def check(error: Any, what: str, fields: dict[str, Any]) -> None:
+    assert error.what.startswith(what), error
+    for name, value in fields.items():
+        assert getattr(error, name) == value, (name, error)
+    assert "\n" not in str(error)
 
 
 @contextmanager
@@ -23,8 +31,13 @@ def raises(kind: type[PhotositeError], what: str, **fields: Any) -> Iterator[pyt
     """
     with pytest.raises(kind) as caught:
         yield caught
-    error = caught.value
-    assert error.what.startswith(what), error
-    for name, value in fields.items():
-        assert getattr(error, name) == value, (name, error)
-    assert "\n" not in str(error)
+    check(caught.value, what, fields)
+
+
+@contextmanager
+def warns(what: str, **fields: Any) -> Iterator[list[warnings.WarningMessage]]:
+    """Expect warnings of photosite, each with a `what` that begins with a text, and with equal other fields."""
+    with pytest.warns(PhotositeWarning) as caught:
+        yield caught.list
+    for entry in caught.list:
+        check(entry.message, what, fields)

@@ -173,7 +173,7 @@ def test_an_invalid_file_of_a_folder_is_skipped(profiles: Path) -> None:
     assert len(find_cameras(profiles.parent)) == 4
     (profiles.parent / "cut.json").write_text("{")
     (profiles.parent / "table.csv").write_text("a,b")
-    with pytest.warns(PhotositeWarning, match="skipped") as caught:
+    with pytest.warns(PhotositeWarning) as caught:
         assert len(find_cameras(profiles.parent)) == 4
     assert len(caught) == 2
 
@@ -216,7 +216,7 @@ def test_levels_apply_to_noise_profiles_only(tmp_path: Path, given: dict[str, An
 def test_coefficients_that_are_not_three_numbers(tmp_path: Path, a: Any) -> None:
     content = darktable_content()
     content["noiseprofiles"][0]["models"][0]["profiles"][0]["a"] = a
-    with pytest.raises(FileError, match="'a' must be"):
+    with raises(FileError, "the file is not"):
         find_cameras(write_json(tmp_path / "a.json", content))
 
 

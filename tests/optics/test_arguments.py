@@ -119,7 +119,7 @@ def test_the_smallest_lenses_are_accepted() -> None:
 def test_frames_larger_than_a_table_give_a_warning(part: dict[str, Any]) -> None:
     camera = ps.Camera(ps.Lens(BASE, **part), ps.load_sensor("nikon-d200").with_(rows=22, cols=34))
     scene = ps.charts.slanted_edge("D65", 40, rows=40, cols=60)
-    with pytest.warns(PhotositeWarning, match="known up to"):
+    with pytest.warns(PhotositeWarning):
         camera.mean_electrons(scene, 0.01)
 
 

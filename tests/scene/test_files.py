@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from raising import raises, warns
 from scene_files import radiance
 
 import photosite as ps
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError
 from photosite.files.writing import TemporaryFolder
 from photosite.scene.io.formats import convert_scene, format_of, open_cube, read_scene, write_scene
 from photosite.scene.options import ReadArguments, ReadOptions
@@ -96,7 +97,7 @@ def test_reflectance_survives(tmp_path: Path, name: str, how: dict[str, Any]) ->
 def test_negative_radiance_is_not_written(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
     bad = Scene(np.array([[[1.0, -0.01]]], np.float32), np.full((1, GRID.size), 1e15), GRID)
     if name != "scene.h5" and how.get("version") != "5":  # those keep weights and basis
-        with pytest.raises(InputError, match=r"negative radiance, of 1\.0e-02 of its RMS"):
+        with raises(InputError, "the scene"):
             write_scene(bad, tmp_path / name, **how)
         assert not list(tmp_path.iterdir())
 
@@ -162,14 +163,14 @@ def test_convert_does_not_overwrite_its_input(tmp_path: Path) -> None:
         ("b.dat", "b.hdr"),
         ("c.h5", "link.h5"),
     ]:
-        with pytest.raises(FileError, match="would overwrite the input"):
+        with raises(FileError, "would overwrite the input"):
             convert_scene(tmp_path / source, tmp_path / output)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()} == before
 
 
 def test_a_tolerance_without_a_reduction_is_an_error(tmp_path: Path) -> None:
     some_scene().save(tmp_path / "scene.h5")
-    with pytest.raises(FileError, match="which is not reduced") as caught:
+    with raises(FileError, "holds a scene of", arguments={"tolerance": 0.2}) as caught:
         convert_scene(tmp_path / "scene.h5", tmp_path / "b.h5", tolerance=0.2)
     assert caught.value.arguments == {"tolerance": 0.2}
     assert not (tmp_path / "b.h5").exists()
@@ -190,21 +191,21 @@ def test_open_cube_reads_block_by_block(tmp_path: Path) -> None:
     assert (cube.shape, cube.quantity) == ((37, 29, 31), "photon radiance")
     assert [(first, block.shape) for first, block in cube.blocks(20)] == [(0, (20, 29, 31)), (20, (17, 29, 31))]
     some_scene().save(tmp_path / "scene.h5")
-    with pytest.raises(FileError, match="holds a scene, not a cube"):
+    with raises(FileError, "holds a scene"):
         open_cube(tmp_path / "scene.h5")
 
 
 def test_files_of_no_known_format(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="no such file"):
+    with raises(FileError, "there is no such"):
         read_scene(tmp_path / "missing.h5")
-    with pytest.raises(FileError, match="it is a folder"):
+    with raises(FileError, "cannot be read"):
         read_scene(tmp_path)
     (tmp_path / "a.xyz").write_text("hello")
-    with pytest.raises(FileError, match=r"has the unknown suffix '\.xyz'") as caught:
+    with raises(FileError, "has the unknown suffix") as caught:
         format_of(tmp_path / "a.xyz")
     assert "HDF5 (.h5)" in str(caught.value.hint)
     (tmp_path / "numbers").write_bytes(bytes(64))
-    with pytest.raises(FileError, match="has no suffix") as caught:
+    with raises(FileError, "has no suffix") as caught:
         format_of(tmp_path / "numbers")
     assert "give the .hdr" in str(caught.value.hint)
 
@@ -236,9 +237,8 @@ def test_invalid_options_of_reading(option: str, value: Any) -> None:
 
 @pytest.mark.parametrize(("name", "meant"), [("unit", "units"), ("luminance", "mean_luminance_cd_m2")])
 def test_unknown_options_of_reading(name: str, meant: str) -> None:
-    with pytest.raises(InputError, match=f"no option '{name}'") as caught:
+    with raises(InputError, f"reading a scene has no option '{name}'", hint=f"Did you mean '{meant}'?"):
         read_scene("a.h5", **{name: 1})
-    assert caught.value.hint == f"Did you mean '{meant}'?"
 
 
 def test_options_accept_numpy_values() -> None:
@@ -248,19 +248,19 @@ def test_options_accept_numpy_values() -> None:
 
 
 def test_invalid_outputs(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"one of the suffixes \.h5, \.mat"):
+    with raises(FileError, "cannot be written"):
         some_scene().save(tmp_path / "scene.png")
-    with pytest.raises(InputError, match="no option 'interleav'") as caught:
+    with raises(InputError, "writing .hdr has no") as caught:
         write_scene(some_scene(), tmp_path / "a.hdr", interleav="bsq")
     assert caught.value.hint == "Did you mean 'interleave'?"
-    with pytest.raises(FileError, match="cannot be written"):
+    with raises(FileError, "cannot be written"):
         some_scene().save(tmp_path / "no" / "scene.h5")
 
 
 @pytest.mark.parametrize(("name", "how"), [*(way for way in WAYS if way != ("scene.h5", {})), ("a.exr", {})])
 def test_given_units_override_the_files_with_a_warning(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
     write_scene(Scene.uniform(np.full(GRID.size, 1e15), GRID), tmp_path / name, **how)
-    with pytest.warns(PhotositeWarning, match="units='uW/cm2/sr/nm' overrides"):
+    with warns("the file states the"):
         scene = read_scene(tmp_path / name, units="uW/cm2/sr/nm")
     number = energy_from_photons(1e15, GRID) if name.endswith("exr") else 1e15
     assert scene.radiance(0, 0) == pytest.approx(photons_from_energy(np.full(GRID.size, number * 1e-2), GRID), rel=1e-3)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from raising import raises
 from scene_files import radiance
 
 from photosite.color.colorimetry import luminance_cd_m2
@@ -101,8 +102,8 @@ def test_invalid_lights(lights: list[object], field: str) -> None:
 
 def test_a_scene_without_reflectance_cannot_be_relit() -> None:
     field = Scene.uniform(np.ones(3), [500, 550, 600], name="a lamp")
-    with pytest.raises(InputError, match="the light of 'a lamp' cannot be changed"):
+    with raises(InputError, "the light of"):
         mixed(field, [("D65", 1.0, None)])
     for call in (lambda: gradient(-1.0), lambda: spot(radius=0.0)):
-        with pytest.raises(InputError, match="got "):
+        with pytest.raises(InputError):
             call()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.color.colorimetry import XYZ_FROM_SRGB, delta_e_2000, encode_srgb, luminance_cd_m2, xyz
 from photosite.color.illuminants import illuminant
@@ -152,9 +153,9 @@ def test_white_is_white_in_every_space() -> None:
 
 def test_colours_outside_srgb() -> None:
     picture = np.array([[[0.0, 1.0, 0.0], [0.5, 0.5, 0.5], [0.6, 0.3, 0.3], [0.1, 0.75, 0.1]]])
-    with pytest.raises(InputError, match="2 of 4 pixels have colors outside sRGB") as caught:
+    both = {"out_of_gamut": "clip", "method": "jakob-hanika"}
+    with raises(InputError, "2 of 4 pixels", arguments=both):
         from_rgb(picture, space="Display P3")
-    assert caught.value.arguments == {"out_of_gamut": "clip", "method": "jakob-hanika"}
     clipped = from_rgb(picture, space="Display P3", out_of_gamut="clip")
     assert clipped.weights.min() == 0.0
     assert clipped.weights.max() <= 1.0
@@ -163,7 +164,7 @@ def test_colours_outside_srgb() -> None:
     linear = linear_srgb_of(picture[:, 1:], "Display P3", linear=False)
     assert linear.min() < -0.01
     assert differences(scene, linear).max() < 0.1
-    with pytest.raises(InputError, match="than a surface can be"):
+    with raises(InputError, "1 colors are brighter"):
         from_rgb(picture, space="BT.2020", method="jakob-hanika")
 
 
@@ -206,30 +207,30 @@ def test_light_has_its_colours() -> None:
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "what"),
     [
-        (lambda: from_hdr(np.ones((2, 2, 3))), "needs one luminance"),
-        (lambda: from_hdr(np.ones((2, 2, 3)), 1.0, mean_luminance_cd_m2=2.0), "needs one luminance"),
-        (lambda: from_hdr(np.ones((2, 2, 3), np.uint8), 1.0), "of uint8"),
-        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "4 of 4 pixels have colors outside sRGB"),
-        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0, out_of_gamut="clip"), "black picture"),
-        (lambda: from_hdr(np.full((2, 2, 3), np.inf), 1.0), "finite everywhere"),
-        (lambda: from_hdr(np.zeros((2, 2, 3)), 1.0), "black picture"),
-        (lambda: from_hdr(np.full((2, 2, 3), 1e39), 1.0), "3e38"),
-        (lambda: from_hdr(np.ones((2, 2, 3)), -1.0), "white_luminance_cd_m2 must be above 0"),
-        (lambda: from_hdr(np.eye(3)[None], 1.0, space="Display P3"), "outside sRGB"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), space="sRGBB"), "Did you mean 'sRGB'"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), space=None), "space must be the name of an RGB space"),  # type: ignore[arg-type]
-        (lambda: from_rgb(np.full((2, 2, 3), np.inf), out_of_gamut="clip"), "finite everywhere"),
-        (lambda: from_rgb(np.full((2, 2, 3), 1.5)), "picture must be from 0 to 1"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanica"), "Did you mean 'jakob-hanika'"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), out_of_gamut="cut"), "'refuse' or 'clip'"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", tolerance=0), "between 0 and 1"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", wavelength_nm=[300, 500]), "within 380 to 780"),
+        (lambda: from_hdr(np.ones((2, 2, 3))), "a picture of light needs one luminance"),
+        (lambda: from_hdr(np.ones((2, 2, 3)), 1.0, mean_luminance_cd_m2=2.0), "a picture of light needs one luminance"),
+        (lambda: from_hdr(np.ones((2, 2, 3), np.uint8), 1.0), "picture"),
+        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "4 of 4 pixels"),
+        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0, out_of_gamut="clip"), "a black picture"),
+        (lambda: from_hdr(np.full((2, 2, 3), np.inf), 1.0), "picture"),
+        (lambda: from_hdr(np.zeros((2, 2, 3)), 1.0), "a black picture"),
+        (lambda: from_hdr(np.full((2, 2, 3), 1e39), 1.0), "picture"),
+        (lambda: from_hdr(np.ones((2, 2, 3)), -1.0), "white_luminance_cd_m2"),
+        (lambda: from_hdr(np.eye(3)[None], 1.0, space="Display P3"), "2 of 3 pixels"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), space="sRGBB"), "space"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), space=None), "space"),  # type: ignore[arg-type]
+        (lambda: from_rgb(np.full((2, 2, 3), np.inf), out_of_gamut="clip"), "picture"),
+        (lambda: from_rgb(np.full((2, 2, 3), 1.5)), "picture"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanica"), "method"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), out_of_gamut="cut"), "out_of_gamut"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", tolerance=0), "tolerance"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", wavelength_nm=[300, 500]), "wavelength_nm"),
     ],
 )
-def test_invalid_arguments(call: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_invalid_arguments(call: object, what: str) -> None:
+    with raises(InputError, what):
         call()  # type: ignore[operator]
 
 
@@ -273,22 +274,22 @@ def test_integers_of_8_and_16_bits_and_floats_are_one_picture() -> None:
 
 
 @pytest.mark.parametrize(
-    ("picture", "message"),
+    ("picture", "what"),
     [
-        (np.zeros((4, 5)), r"\(rows, cols, 3\)"),
-        (np.zeros((4, 5, 4), np.uint8), r"\(rows, cols, 3\)"),
-        (np.zeros((0, 5, 3), np.uint8), r"\(rows, cols, 3\)"),
-        (np.zeros((4, 5, 3), np.int64), "unsigned integers"),
-        (np.full((4, 5, 3), 1.01), "from 0 to 1"),
-        (np.full((4, 5, 3), np.nan), "finite everywhere"),
-        (np.zeros((4, 5, 3), np.uint8), "black picture"),
+        (np.zeros((4, 5)), "picture"),
+        (np.zeros((4, 5, 4), np.uint8), "picture"),
+        (np.zeros((0, 5, 3), np.uint8), "picture"),
+        (np.zeros((4, 5, 3), np.int64), "picture"),
+        (np.full((4, 5, 3), 1.01), "picture"),
+        (np.full((4, 5, 3), np.nan), "picture"),
+        (np.zeros((4, 5, 3), np.uint8), "a black picture"),
     ],
 )
-def test_invalid_pictures(picture: np.ndarray, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_invalid_pictures(picture: np.ndarray, what: str) -> None:
+    with raises(InputError, what):
         from_rgb(picture)
 
 
 def test_wavelengths_outside_the_table() -> None:
-    with pytest.raises(InputError, match="within 380 to 780 nm"):
+    with raises(InputError, "wavelength_nm", value=(370.0, 700.0)):
         srgb_reflectance([370.0, 700.0])

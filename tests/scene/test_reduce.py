@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from raising import raises
 from scene_files import radiance
 
 import photosite.scene.weights as weights_module
@@ -67,7 +68,7 @@ def test_large_weights_are_stored_in_a_file_and_mapped(monkeypatch: pytest.Monke
     assert isinstance(mapped.weights.base, MappedWeights)
     np.testing.assert_allclose(mapped.weights, in_memory.weights, rtol=1e-6, atol=1e-12)
     monkeypatch.setattr(weights_module.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10})())
-    with pytest.raises(ValueError, match="Set TMPDIR to a larger disk"):
+    with raises(ValueError, "the scene"):
         reduce_cube(cube_of(array))
 
 
@@ -79,7 +80,7 @@ def test_energy_becomes_photons() -> None:
 
 
 def test_relative_values_need_a_luminance() -> None:
-    with pytest.raises(FileError, match="holds relative values") as caught:
+    with raises(FileError, "holds relative values", arguments={"mean_luminance_cd_m2": 100}) as caught:
         reduce_cube(cube_of(values(), "relative"))
     assert list(caught.value.arguments) == ["mean_luminance_cd_m2"]
     array = values()
@@ -92,10 +93,10 @@ def test_relative_values_need_a_luminance() -> None:
 
 def test_reflectances_stay_exact_under_any_light() -> None:
     array = values() / 10
-    with pytest.raises(FileError, match="holds reflectances") as caught:
+    with raises(FileError, "holds reflectances") as caught:
         reduce_cube(cube_of(array, "reflectance"))
     assert list(caught.value.arguments) == ["illuminant", "mean_luminance_cd_m2"]
-    with pytest.raises(FileError, match="holds reflectances") as caught:
+    with raises(FileError, "holds reflectances", arguments={"mean_luminance_cd_m2": 100}) as caught:
         reduce_cube(cube_of(array, "reflectance"), ReadOptions(illuminant="A"))
     assert list(caught.value.arguments) == ["mean_luminance_cd_m2"]
     options = ReadOptions(illuminant="A", mean_luminance_cd_m2=40, tolerance=1e-3)
@@ -120,14 +121,14 @@ def test_a_radiance_under_a_known_light_can_be_relit() -> None:
     wanted = array * photons_from_energy(illuminant("D65", GRID), GRID)
     wanted *= 40 / luminance_cd_m2(wanted, GRID).mean()
     assert rms(radiance(scene) - wanted) <= 1e-3 * rms(wanted)
-    with pytest.raises(FileError, match="radiance under an unknown light"):
+    with raises(FileError, "holds radiance under an", arguments={"illuminant": "D65", "units": "reflectance"}):
         reduce_cube(cube_of(array), ReadOptions(illuminant="D65"))
 
 
 def test_bands_are_sorted_where_wanted() -> None:
     array, order = values(), RNG.permutation(GRID.size)
     mixed = cube_of(array[:, :, order], wavelength_nm=GRID[order])
-    with pytest.raises(FileError, match="not sorted"):
+    with raises(FileError, "its wavelengths are not", arguments={"sort_bands": True}):
         reduce_cube(mixed)
     scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=1e-5)).scene
     assert scene.wavelength_nm.tolist() == GRID.tolist()
@@ -164,9 +165,10 @@ def test_missing_and_negative_values_are_an_error_or_replaced_by_0(bad: float) -
     array = values()
     array[5, 3, 7] = bad
     option = "no_data" if np.isnan(bad) else "negative"
-    with pytest.raises(FileError, match=r"at row 5, column 3, band 8 \(470 nm\)") as caught:
+    with pytest.raises(FileError) as caught:
         reduce_cube(cube_of(array))
     assert caught.value.arguments == {option: "zero"}
+    assert "row 5, column 3, band 8" in caught.value.what
     done = reduce_cube(cube_of(array), ReadOptions(tolerance=1e-5, **{option: "zero"}))
     assert (done.no_data_values, done.negative_values) == ((1, 0) if np.isnan(bad) else (0, 1))
     array[5, 3, 7] = 0.0
@@ -177,7 +179,7 @@ def test_infinite_values_are_always_an_error() -> None:
     array = values()
     array[0, 0, 0] = np.inf
     for no_data in ("refuse", "zero"):
-        with pytest.raises(FileError, match="infinite value at row 0, column 0, band 1 ") as caught:
+        with raises(FileError, "has an infinite value") as caught:
             reduce_cube(cube_of(array), ReadOptions(no_data=no_data))  # type: ignore[arg-type]
         assert not caught.value.arguments
 
@@ -186,7 +188,7 @@ def test_infinite_values_are_always_an_error() -> None:
 @pytest.mark.parametrize("size", [1e99, 1e200, 1.7e308])
 @pytest.mark.parametrize("quantity", ["photon radiance", "energy radiance"])
 def test_values_too_large_to_be_squared_or_summed(size: float, quantity: str) -> None:
-    with pytest.raises(FileError, match="far above any light"):
+    with raises(FileError, "holds values far above"):
         reduce_cube(cube_of(np.full((20, 30, GRID.size), size), quantity))
 
 
@@ -194,7 +196,7 @@ def test_a_dark_cube_is_dark() -> None:
     scene = reduce_cube(cube_of(np.zeros((4, 5, GRID.size)))).scene
     assert not scene.weights.any()
     assert scene.relative_error == 0.0
-    with pytest.raises(FileError, match="is dark"):
+    with raises(FileError, "is dark", arguments={"mean_luminance_cd_m2": 3.0}):
         reduce_cube(cube_of(np.zeros((4, 5, GRID.size))), ReadOptions(mean_luminance_cd_m2=3))
 
 
@@ -209,7 +211,7 @@ class FailingCube(SpectralCube):
 
 def test_a_disk_that_fails_is_an_error() -> None:
     cube = FailingCube(name="cube.hdr", shape=(2, 2, GRID.size), wavelength_nm=GRID, quantity="photon radiance")
-    with pytest.raises(FileError, match=r"cube.hdr: cannot be read: Input/output error"):
+    with raises(FileError, "cannot be read"):
         reduce_cube(cube)
 
 

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from raising import raises, warns
 
 from photosite.color.illuminants import blackbody
 from photosite.color.spectrum import energy_from_photons
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError
 from photosite.scene.render import EXAMPLE, example_scene, render_mitsuba
 from photosite.scene.scene import Scene
 
@@ -194,7 +195,7 @@ def test_seed_and_variant() -> None:
 @pytest.mark.parametrize("light", [{"type": "rgb", "value": [1.0, 0.5, 1.0]}, {"type": "d65"}, 1.0])
 def test_lights_without_an_absolute_scale_give_a_warning(light: Any) -> None:
     scene = seen_by(light={"type": "constant", "radiance": light})
-    with pytest.warns(PhotositeWarning, match="no absolute scale"):
+    with warns("light of", arguments={"mean_luminance_cd_m2": 100}, where="rendering"):
         render_mitsuba(scene, spp=1, wavelength_nm=[500])
     bright = render_mitsuba(scene, spp=4, mean_luminance_cd_m2=50, wavelength_nm=FEW)
     assert bright.mean_luminance_cd_m2() == pytest.approx(50, rel=1e-6)
@@ -215,7 +216,7 @@ def test_example_scene() -> None:
 def test_scene_file_and_its_parameters() -> None:
     scene = render_mitsuba(str(EXAMPLE), spp=1, wavelength_nm=[500], parameters={"rows": 5, "cols": 7})
     assert scene.shape == (5, 7)
-    with pytest.raises(FileError, match=r"unused parameters: \$colums"):
+    with raises(FileError, "Mitsuba rejects the scene"):
         render_mitsuba(str(EXAMPLE), spp=1, wavelength_nm=[500], parameters={"colums": 7})
 
 
@@ -271,8 +272,8 @@ def test_invalid_arguments(wrong: dict[str, Any], field: str) -> None:
 
 
 def test_missing_file_and_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(FileError, match="there is no such file"):
+    with raises(FileError, "cannot be read"):
         render_mitsuba(tmp_path / "none.xml")
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    with pytest.raises(InputError, match="extra 'render' is not installed"):
+    with raises(InputError, "the extra"):
         example_scene()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.color.colorimetry import XYZ_FROM_SRGB, color_matching_functions, colour_science
 from photosite.color.illuminants import illuminant
@@ -70,5 +71,5 @@ def test_every_srgb_colour_has_a_valid_reflectance() -> None:
 
 
 def test_colours_that_no_surface_has() -> None:
-    with pytest.raises(InputError, match="1 colors are brighter or more saturated"):
+    with raises(InputError, "1 colors are brighter"):
         sigmoid_coefficients([[0.2, 0.2, 0.2], [0.9, 0.1, 0.0]], weights(), GRID)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.scene.units import Units, parse_units
@@ -37,24 +38,24 @@ def test_known_units(text: str, quantity: str, scale: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("text", "part"),
     [
-        ("W/m2/nm", "steradian missing"),
-        ("W/sr/m2", "wavelength missing"),
-        ("photons/sr/m2/nm", "second missing"),
-        ("W/sr/m2/nm/nm", "repeats the wavelength"),
-        ("DN", "'DN' does not fit"),
-        ("MW/sr/m2/nm", "'MW' does not fit"),
-        ("W sr m2 nm", "'sr' does not fit"),
-        ("W/sr/m3/nm", "'m-3' does not fit"),
+        ("W/m2/nm", "steradian"),
+        ("W/sr/m2", "wavelength"),
+        ("photons/sr/m2/nm", "second"),
+        ("W/sr/m2/nm/nm", "wavelength"),
+        ("DN", "'DN'"),
+        ("MW/sr/m2/nm", "'MW'"),
+        ("W sr m2 nm", "'sr'"),
+        ("W/sr/m3/nm", "'m-3'"),
         ("", "missing"),
-        ("17", "'17' is not a unit"),
+        ("17", "'17'"),
     ],
 )
-def test_unknown_units(text: str, why: str) -> None:
-    with pytest.raises(InputError, match=why) as caught:
+def test_unknown_units(text: str, part: str) -> None:
+    with raises(InputError, "units", value=text) as caught:
         parse_units(text)
-    assert (caught.value.what, caught.value.value) == ("units", text)
+    assert part in str(caught.value.expected)
     assert "photons/s/sr/m2/nm" in str(caught.value.hint)
 
 
@@ -91,5 +92,5 @@ def test_a_quantity_with_the_unit_of_another_is_an_error(text: str) -> None:
 
 
 def test_ambiguous_units_are_an_error() -> None:
-    with pytest.raises(InputError, match=r"'sr' could be in the numerator or the denominator"):
+    with raises(InputError, "units", value="W/m^2 sr nm"):
         parse_units("W/m^2 sr nm")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
 from photosite.color.colorimetry import colour_science
@@ -94,9 +95,9 @@ def test_frames_without_a_chart_are_rejected():
     few = boxes.copy()
     few[150:] = 100.0
     two_rows = RawFrame(rng.poisson(few).astype(np.uint16), 12)
-    with pytest.raises(InputError, match="no ColorChecker found"):
+    with raises(InputError, "no ColorChecker found"):
         find_chart(noise)
-    with pytest.raises(InputError, match="not that of a ColorChecker"):
+    with raises(InputError, "the brightness of the"):
         find_chart(gray)
-    with pytest.raises(InputError, match=r"no ColorChecker found: \d+ of its 24 patches"):
+    with raises(InputError, "no ColorChecker found"):
         find_chart(two_rows)

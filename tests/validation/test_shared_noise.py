@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import warns
 
-from photosite.errors import PhotositeWarning
 from photosite.frames.raw_frame import RawFrame
 from photosite.validation.validate import validate
 from photosite.values.region import Region
@@ -52,7 +52,7 @@ def test_a_shared_pattern_hides_no_difference() -> None:
 
 def test_the_same_frames_give_a_warning() -> None:
     frames = stack(pattern(1, 20.0), 3)
-    with pytest.warns(PhotositeWarning, match="the same in every pixel"):
+    with warns("measured and simulated frames"):
         found = validate(frames, frames, chart=None, regions=PATCHES)
     assert found.means.statistic == 0.0
     assert found.noise.statistic == 0.0
@@ -69,12 +69,12 @@ def test_frames_of_one_seed_are_tested_as_independent(frames: int) -> None:
     shot = stack(chip, 3, frames, seed=7, frame=0)
     for factor, agrees in ((1.0002, True), (1.005, False)):
         other = stack(factor * chip, 3, frames, seed=7, frame=0)
-        with pytest.warns(PhotositeWarning, match="seed 7"):
+        with warns("measured and simulated frames"):
             found = validate(shot, other, chart=None, regions=PATCHES)
         assert found.agrees is agrees
         assert found.means.statistic / found.means.degrees_of_freedom < 0.1 or not agrees
     noisier = stack(chip, 3, frames, noise=12.0, seed=7, frame=0)
-    with pytest.warns(PhotositeWarning, match="seed 7"):
+    with warns("measured and simulated frames"):
         found = validate(shot, noisier, chart=None, regions=PATCHES)
     assert found.noise.p_value < 1e-6
 
@@ -83,7 +83,7 @@ def test_frames_of_one_seed_give_a_warning() -> None:
     """Seeds that a file states are text."""
     one = stack(pattern(1, 20.0), 3, seed=7, frame=0)
     other = stack(pattern(2, 20.0), 3, seed="7", frame="0")
-    with pytest.warns(PhotositeWarning, match="seed 7"):
+    with warns("measured and simulated frames"):
         found = validate(one, other, chart=None, regions=PATCHES)
     assert "seed 7" in found.notes[0]
     for metadata in ({"seed": 8, "frame": 0}, {"seed": 7, "frame": 1}, {"seed": 7}, {}):

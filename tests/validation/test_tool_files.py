@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
+from raising import raises
 from scipy.io import savemat
 
 from photosite.errors import FileError
@@ -120,14 +121,14 @@ def test_damaged_mat_files(tmp_path):
         (tmp_path / f"{name}.mat").write_bytes(content)
         with pytest.raises(FileError):
             read_mat(tmp_path / f"{name}.mat", ELECTRONS)
-    with pytest.raises(FileError, match="no such file"):
+    with raises(FileError, "there is no such"):
         read_mat(tmp_path / "none.mat", ELECTRONS)
 
 
 def test_version_7_3_is_named(tmp_path):
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     (tmp_path / "a.mat").write_bytes(header + bytes(400))
-    with pytest.raises(FileError, match=r"version 7\.3"):
+    with raises(FileError, "is a MATLAB file"):
         read_mat(tmp_path / "a.mat", ELECTRONS)
 
 
@@ -139,7 +140,7 @@ def test_plain_tiff_is_read_as_the_sensor_says(tmp_path):
     mosaic = read_tool_file(tmp_path / "a.tif", ELECTRONS)
     assert (mosaic.electrons == dn).all()
     tifffile.imwrite(tmp_path / "a.tif", dn + np.uint16(10000))
-    with pytest.raises(FileError, match="for 12 bits"):
+    with raises(FileError, "largest value", value=13996, arguments={"bits": 16}):
         read_tool_file(tmp_path / "a.tif", NUMBERS)
 
 

@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from raising import raises
 from scipy.stats import kstest
 
 from photosite.color.colorimetry import delta_e_76, delta_e_2000
@@ -218,11 +219,11 @@ def test_the_dictionary_is_strict_json():
 
 def test_frames_of_two_kinds_are_not_compared():
     frame = shoot(16)
-    with pytest.raises(InputError, match="size: measured 112 x 166, simulated 110 x 166"):
+    with raises(InputError, "measured and simulated frames"):
         validate(frame, RawFrame(frame.dn[:110], 12, frame.cfa))
-    with pytest.raises(InputError, match="color filter array: measured RG/GB, simulated GB/RG"):
+    with raises(InputError, "measured and simulated frames"):
         validate(frame, RawFrame(frame.dn, 12, NAMED["gbrg"]))
-    with pytest.raises(InputError, match="bit depth: measured 12, simulated 14"):
+    with raises(InputError, "measured and simulated frames"):
         validate(frame, RawFrame(frame.dn, 14, frame.cfa))
 
 
@@ -246,9 +247,9 @@ def test_invalid_calls(arguments, what):
 
 
 def test_nothing_to_compare():
-    with pytest.raises(InputError, match="measured must be one frame or more"):
+    with raises(InputError, "measured", value=0):
         validate([], shoot(19))
-    with pytest.raises(InputError, match="every patch is saturated"):
+    with raises(InputError, "every patch is saturated"):
         validate(shoot(20, light=1e3), shoot(21))
 
 

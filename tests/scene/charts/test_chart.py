@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.scene import charts
@@ -29,7 +30,7 @@ def test_wavelengths_of_grey_and_coloured_charts() -> None:
     assert charts.ramp.chart().under("A", 5, wavelength_nm=grid).wavelength_nm.tolist() == grid.tolist()
     chart = charts.macbeth.chart(wavelength_nm=grid)
     assert chart.under("A").wavelength_nm.tolist() == grid.tolist()
-    with pytest.raises(InputError, match="wavelengths of 'ColorChecker' are fixed"):
+    with raises(InputError, "the wavelengths of"):
         chart.under("A", wavelength_nm=grid)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.color.colorimetry import colour_science, luminance_cd_m2, xyz
 from photosite.color.illuminants import illuminant as relative_energy
@@ -43,5 +44,5 @@ def test_macbeth_regions_of_a_frame_that_the_chart_fills() -> None:
     regions = charts.macbeth_regions(132 * 3, 196 * 3)
     chart = charts.macbeth()
     assert [(r.r0, r.c1) for r in regions] == [(3 * r.r0, 3 * r.c1) for r in chart.regions]
-    with pytest.raises(InputError, match="holds no whole pixel"):
+    with raises(InputError, "region"):
         charts.macbeth_regions(4, 6)

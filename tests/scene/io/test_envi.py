@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from raising import raises, warns
 from scene_files import whole
 
 from photosite.color.spectrum import photons_from_energy
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError
 from photosite.scene.io.formats import convert_scene, open_cube, read_scene
 
 envi = pytest.importorskip("spectral.io.envi")
@@ -66,7 +67,7 @@ def test_reflectance_scale_factor_and_missing_values(tmp_path: Path) -> None:
     assert_allclose(found[0], array[0] / 10_000)
     options = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
     error_of(path, **options)
-    with pytest.warns(PhotositeWarning, match="1 missing"):
+    with warns("1 missing"):
         assert read_scene(path, no_data="zero", **options).mean_luminance_cd_m2() == pytest.approx(100)
 
 
@@ -82,7 +83,7 @@ def test_gains_by_band_and_an_offset(tmp_path: Path) -> None:
 
 def test_bad_bands_are_skipped_with_a_warning(tmp_path: Path) -> None:
     path = saved(tmp_path, np.ones((2, 2, 5), np.float32), PLAIN | {"bbl": [1, 1, 0, 1, 1]})
-    with pytest.warns(PhotositeWarning, match="1 of 5 bands are marked as bad"):
+    with warns("1 of 5 bands"):
         read_scene(path)
 
 
@@ -162,7 +163,13 @@ def test_bands_of_a_range(tmp_path: Path) -> None:
     array = RNG.uniform(0.1, 0.9, (4, 6, 5)).astype(np.float32)
     head = {"wavelength": [400, 600, 780, 900, 1000], "wavelength units": "nm", "data units": "reflectance"}
     path = saved(tmp_path, array, head)
-    with pytest.raises(FileError, match="illuminant D65") as caught:
+    with raises(
+        FileError,
+        "wavelength_nm",
+        value=(400.0, 1000.0),
+        arguments={"band_range_nm": (300, 830)},
+        where="illuminant D65",
+    ) as caught:
         read_scene(path, illuminant="D65", mean_luminance_cd_m2=100)
     assert "band_range_nm=(300, 830)" in str(caught.value)
     options = {"illuminant": "D65", "mean_luminance_cd_m2": 100, "band_range_nm": (400, 780), "tolerance": 1e-6}
@@ -176,7 +183,7 @@ def test_bands_of_a_range(tmp_path: Path) -> None:
     assert (done.bands, done.scene.wavelength_nm.size) == (3, 3)
     error_of(path, **options | {"band_range_nm": (410, 420)})
     for bad in ([400], (780, 400), "400:780", (0, 780)):
-        with pytest.raises(InputError, match="band_range_nm"):
+        with raises(InputError, "band_range_nm"):
             read_scene(path, band_range_nm=bad)
 
 
@@ -192,7 +199,7 @@ def test_bad_bands_hold_no_values(tmp_path: Path) -> None:
     array = np.ones((2, 2, 5), np.float32) * np.arange(1, 6, dtype=np.float32)
     array[..., 2] = np.nan
     path = saved(tmp_path, array, PLAIN | {"bbl": [1, 1, 0, 1, 1], "wavelength": [450, 500, 500, 600, 650]})
-    with pytest.warns(PhotositeWarning, match=r"1 of 5 bands .*\(bbl\) and skipped, the first is band 3"):
+    with warns("1 of 5 bands"):
         scene = read_scene(path)
     assert scene.wavelength_nm.tolist() == [450, 500, 600, 650]
     energy = scene.radiance(0, 0) / photons_from_energy(1.0, scene.wavelength_nm)
@@ -207,7 +214,7 @@ def test_bad_bands_hold_no_values(tmp_path: Path) -> None:
 def test_a_scale_factor_overridden_by_units(tmp_path: Path, units: str, scale: float) -> None:
     array = RNG.integers(1, 2, (4, 6, 5)).astype(np.int16)
     path = saved(tmp_path, array, {"wavelength": GRID.tolist(), "reflectance scale factor": 10_000})
-    with pytest.warns(PhotositeWarning, match=f"'reflectance scale factor = 10000'; units='{units}' overrides"):
+    with warns("the file states the units 'reflectance scale factor = 10000'"):
         assert_allclose(whole(path, units=units), array * scale)
     assert_allclose(whole(path), array / 10_000)
     assert_allclose(whole(path, units="reflectance/10000"), array / 10_000)  # no contradiction, no warning
@@ -228,7 +235,7 @@ def test_reflectances_on_another_scale_are_an_error(tmp_path: Path) -> None:
     assert read_scene(path, **options).shape == (20, 20)
     sparks[:2] = 12.0
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
-    with pytest.warns(PhotositeWarning, match="reflectances up to 12"):
+    with warns("holds reflectances up to"):
         read_scene(path, **options)
     sparks[0, 0] = 2e3
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})

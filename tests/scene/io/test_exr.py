@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from raising import raises, warns
 from scene_files import error_of, radiance
 
 import photosite as ps
 from photosite.color.spectrum import photons_from_energy
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError
 from photosite.scene.cube import Block
 from photosite.scene.io import exr
 from photosite.scene.io.exr import channel_name, spectral_channel
@@ -142,7 +142,7 @@ def test_layout_of_pbrt(tmp_path: Path) -> None:
     head = {"spectralLayoutVersion": "1.0", "emissiveUnits": "W.m^-2.sr^-1"}
     picture = {name: np.ones((9, 12), np.float16) for name in "RGB"}
     OpenEXR.File(head, channels | picture).write(str(tmp_path / "a.exr"))
-    with pytest.warns(PhotositeWarning, match="per nm"):
+    with warns("units", arguments={"units": "W/m2/sr/nm"}):
         scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
     assert scene.wavelength_nm[0] == pytest.approx(374.688, abs=5e-4)
     expected = photons_from_energy(float(channels[names[3]][2, 5]), scene.wavelength_nm[3])
@@ -158,7 +158,7 @@ def test_polarized_light_is_its_first_component(tmp_path: Path) -> None:
     names = [f"S{s}.{w:.0f},0nm" for s in range(4) for w in GRID]
     planes = {name: energy[..., k % GRID.size] * (1 if k < GRID.size else -0.5) for k, name in enumerate(names)}
     OpenEXR.File({"emissiveUnits": PER_NM}, planes).write(str(tmp_path / "a.exr"))
-    with pytest.warns(PhotositeWarning, match="S1 to S3 are ignored"):
+    with warns("S"):
         scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
     assert_allclose(radiance(scene), photons_from_energy(energy, GRID), rtol=2e-5)
 
@@ -328,11 +328,11 @@ def test_missing_extra_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     file = spectral(tmp_path / "a.exr", some_radiance(2, 2))
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    with pytest.raises(FileError, match=re.escape("pip install '.[spectral]' in the clone")):
+    with raises(FileError, "is OpenEXR"):
         read_scene(file)
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="cannot be written"):
+    with raises(FileError, "cannot be written"):
         write_scene(ps.charts.macbeth(), tmp_path / "nowhere" / "a.exr")
     assert list(tmp_path.iterdir()) == []

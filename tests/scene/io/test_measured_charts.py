@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from raising import warns
 from scene_files import error_of
 
 import photosite as ps
@@ -296,7 +297,7 @@ def test_wavelengths_of_the_file_cannot_be_overridden(tmp_path: Path) -> None:
 
 def test_negative_values_and_unsorted_bands_on_request(tmp_path: Path) -> None:
     below = written(tmp_path, csv_text(np.where(np.equal(VALUES, VALUES[2, 1]), -0.001, VALUES)), "a.csv")
-    with pytest.warns(PhotositeWarning, match=r"a\.csv: 1 negative values are set to 0"):
+    with warns("1 negative values"):
         assert reflectances(read_scene(below, negative="zero", **LIGHT)).min() == pytest.approx(0, abs=1e-5)
     back = written(tmp_path, csv_text(VALUES[:, ::-1], heading="patch,700,600,500,400"), "b.csv")
     assert_allclose(reflectances(read_scene(back, sort_bands=True, **LIGHT)), VALUES, atol=2e-5)
@@ -318,7 +319,7 @@ def test_one_outlier_is_an_error_not_percent(tmp_path: Path) -> None:
 
 def test_units_that_contradict_the_file_override_it_with_a_warning(tmp_path: Path) -> None:
     file = written(tmp_path, "# units: percent\n" + csv_text(VALUES), "a.csv")
-    with pytest.warns(PhotositeWarning, match="states the units 'percent'; units='reflectance' overrides"):
+    with warns("the file states the"):
         scene = read_scene(file, units="reflectance", **LIGHT)
     assert_allclose(reflectances(scene), VALUES, atol=2e-5)
 
@@ -326,7 +327,7 @@ def test_units_that_contradict_the_file_override_it_with_a_warning(tmp_path: Pat
 def test_consecutively_numbered_patches_do_not_form_a_long_row(tmp_path: Path) -> None:
     values, names = np.tile(VALUES, (4, 1)), [f"P{k}" for k in range(24)]
     file = written(tmp_path, csv_text(values, names), "a.csv")
-    with pytest.warns(PhotositeWarning, match=r"24 patches, P0 to P23, define no rows.* 6 across.*patch_cols=6"):
+    with warns("the names of the", arguments={"patch_cols": 6}):
         scene = read_scene(file, **LIGHT)
     assert len({part.c0 for part in scene.regions}) == 6
     assert_allclose(reflectances(scene), values, atol=2e-5)
@@ -342,7 +343,7 @@ def test_missing_values_of_a_chart(tmp_path: Path, missing: str) -> None:
     file = written(tmp_path, text, "a.csv")
     error = error_of(file, **LIGHT)
     assert (error.where, error.arguments) == ("patch 'grey' at 500 nm", {"no_data": "zero"})
-    with pytest.warns(PhotositeWarning, match=r"a\.csv: 1 missing values are set to 0"):
+    with warns("1 missing values"):
         found = reflectances(read_scene(file, no_data="zero", **LIGHT))
     assert_allclose(found, np.where(np.equal(VALUES, VALUES[2, 1]), 0, VALUES), atol=2e-5)
     assert len(read_scene(file, band_range_nm=(550, 1000), **LIGHT).wavelength_nm) == 2  # without the gap
@@ -359,7 +360,7 @@ def test_bands_of_a_charts_range(tmp_path: Path) -> None:
 def test_means_of_uneven_patches_are_written_with_a_warning(tmp_path: Path) -> None:
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     lit = ps.lights.mixed(chart, [("A", 100.0, ps.lights.gradient(1, 0))])
-    with pytest.warns(PhotositeWarning, match=r"means of uneven patches are written \(up to (\d+\.\d)% RMS") as caught:
+    with pytest.warns(PhotositeWarning) as caught:
         write_scene(lit, tmp_path / "a.csv")
     part = max(lit.regions, key=lambda part: part.c0 == 0 or -part.c0)
     spread = []
