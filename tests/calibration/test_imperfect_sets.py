@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import norm
 
 from photosite.calibration.calibrate import calibrate
-from photosite.frames.io.png import write_png
+from photosite.frames.io import png
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 
@@ -79,7 +79,7 @@ def write_set(folder, chip, *, levels, longest_s, ns_per_s, stack=16):
         lines.append(f"{kind} {seconds * ns_per_s:.1f}" + (f" {photons:.3f}" if kind == "b" else ""))
         for _ in range(count):
             name = f"{len(lines):04d}.png"
-            write_png(
+            png.write(
                 RawFrame(chip.frame(photons, seconds), chip.bits, black_level_dn=chip.black_dn),
                 folder / "images" / name,
             )

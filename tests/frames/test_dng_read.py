@@ -12,7 +12,7 @@ from dng_builder import ASCII, BYTE, DOUBLE, LONG, MATRIX_D65, RATIONAL, SHORT, 
 from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames.io.camera_raw import read_camera_raw
+from photosite.frames.io.camera_raw import read_frame
 from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
@@ -163,7 +163,7 @@ def test_camera_raw_owns_its_pixels(tmp_path, dn):
     """The frame must not refer to LibRaw's memory, which is freed."""
     path = tmp_path / "a.nef"
     path.write_bytes(hand_made_dng(dn, raw={50713: None, 50714: (SHORT, [64])}))
-    frames = [read_camera_raw(path, bits=12)[0] for _ in range(3)]
+    frames = [read_frame(path, bits=12)[0] for _ in range(3)]
     assert all(frame.dn.flags.owndata and np.array_equal(frame.dn, dn) for frame in frames)
 
 

@@ -15,6 +15,7 @@ from PIL import Image
 from raising import raises
 
 from photosite.errors import FileError, InputError
+from photosite.frames.io.format_table import FORMATS, Format
 from photosite.frames.io.formats import detect_format, read_headers, read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import cfa_from
@@ -342,12 +343,22 @@ def test_the_description_is_json_that_other_programs_can_read(tmp_path):
         assert json.loads(tiff.tag_v2[270])["black_level_dn"] == 64.25
 
 
+@pytest.mark.parametrize("format", FORMATS, ids=lambda format: format.module)
+def test_each_format_has_its_functions(format: Format) -> None:
+    module = format.load()
+    assert hasattr(module, "read_headers")
+    assert hasattr(module, "read_pixels") != hasattr(module, "read_frame")
+    assert hasattr(module, "write") == bool(format.writes)
+    assert format.signatures or hasattr(module, "recognizes")
+    assert set(format.writes) <= set(format.suffixes)
+
+
 def test_formats_by_magic(tmp_path):
     for head, kind in (
         (b"FUJIFILMCCD-RAW 0201", "camera raw"),
         (b"IIRO\x08\0\0\0", "camera raw"),
         (b"\0\0\0\x18ftypcrx \0\0\0\x01", "camera raw"),
-        (b"\x89PNG\r\n\x1a\n", "png"),
+        (b"\x89PNG\r\n\x1a\n", "PNG"),
     ):
         (tmp_path / "a").write_bytes(head)
-        assert detect_format(tmp_path / "a") == kind
+        assert detect_format(tmp_path / "a").name == kind

@@ -18,7 +18,7 @@ from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
-from photosite.frames.io.formats import SUFFIXES
+from photosite.frames.io.format_table import SUFFIXES
 from photosite.frames.open import capture_folders, open_frames
 
 

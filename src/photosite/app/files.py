@@ -16,7 +16,7 @@ from photosite.app.places import Part, is_plain
 from photosite.color.illuminants import load_illuminant
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.child import ChildError, call_in_child
-from photosite.frames.io.formats import SUFFIXES as RAW_SUFFIXES
+from photosite.frames.io.format_table import SUFFIXES as RAW_SUFFIXES
 from photosite.frames.io.formats import read_headers, read_raw
 from photosite.optics.io.formats import load_optics
 from photosite.scene.io.formats import FORMATS, read_scene

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png", ".h5", ".hdf5")
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 REPORT_SUFFIXES = (".html", ".pdf")
 SENSOR_SUFFIXES = (".yaml", ".yml")

@@ -69,7 +69,8 @@ def command(
 def _frames(folder: Path, reading: dict[str, Any]) -> tuple[dict[float, list[RawFrame]], list[RawFrame]]:
     """Return the flat fields by angle, and the dark frames."""
     from photosite.frames.frame_settings import kinds_in_name
-    from photosite.frames.io.formats import SUFFIXES, read_raw
+    from photosite.frames.io.format_table import SUFFIXES
+    from photosite.frames.io.formats import read_raw
 
     flats, darks = defaultdict(list), []
     files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)

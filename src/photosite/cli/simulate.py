@@ -14,6 +14,7 @@ from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import Stages, say, say_if_compiling, show
 from photosite.errors import InputError
+from photosite.frames.io.format_table import DEEP_SUFFIXES, WRITTEN_SUFFIXES
 from photosite.values.exposure import format_exposure
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ if TYPE_CHECKING:
 )
 @options.file_option(
     *("-o", "--output"),
-    suffixes=options.RAW_SUFFIXES,
+    suffixes=WRITTEN_SUFFIXES,
     default="shot.dng",
     text="Raw frame to write: .dng, .tif, .png or .h5.",
 )
@@ -115,7 +116,7 @@ if TYPE_CHECKING:
 )
 @options.file_option(
     "--clean",
-    suffixes=(".tif", ".tiff", ".h5", ".hdf5"),
+    suffixes=DEEP_SUFFIXES,
     text="Also write the noise-free mosaic in DN, 32-bit floats: .tif or .h5.",
 )
 @click.option(
@@ -260,12 +261,9 @@ def _exposure_hint(
 
 def _check_format(sensor: Sensor, output: Path) -> None:
     """Reject a file that does not hold the frames, before anything is computed."""
-    from photosite.frames.io.dng import check_dng_cfa
     from photosite.frames.io.formats import check_holds
 
-    check_holds(output, sensor.output_bits)
-    if output.suffix.lower() == ".dng":
-        check_dng_cfa(sensor.array.cfa)
+    check_holds(output, sensor.output_bits, sensor.array.cfa)
 
 
 def _numbered(path: Path, number: int, count: int) -> Path:

@@ -25,8 +25,7 @@ from photosite.frames.frame_set import (
     without_border,
 )
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
-from photosite.frames.io.dng import read_whole_dng
-from photosite.frames.io.formats import open_stored_rows, read_frame, read_headers, read_pixels
+from photosite.frames.io.formats import open_stored_rows, read_frame, read_headers, read_pixels, read_whole
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
@@ -119,7 +118,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
             _FrameReading(f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp),
             True,
             path=f.file.path,
-            whole=partial(read_whole_dng, f.file.path) if beside else None,
+            whole=partial(read_whole, f.file.path) if beside else None,
         )
         for f in frames
     ]

@@ -15,7 +15,8 @@ from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import FrameSettings, Kind, exposure_by_pattern
 from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
-from photosite.frames.io.formats import FORMATS, SUFFIXES, read_headers
+from photosite.frames.io.format_table import NAMES, SUFFIXES
+from photosite.frames.io.formats import read_headers
 from photosite.frames.io.protocol import read_protocol
 from photosite.frames.raw_frame import MOST_BITS, check_bits
 from photosite.sensor.io.sensor_file import load_sensor
@@ -239,7 +240,7 @@ def _images_in_subfolders(folder: Path) -> list[Path]:
     images = [p for p in files if p.suffix.lower() in SUFFIXES]
     if images and not listings:
         return images
-    problem = f"the folder has no frames ({FORMATS}), no protocol.yaml and no EMVA 1288 descriptor"
+    problem = f"the folder has no frames ({NAMES}), no protocol.yaml and no EMVA 1288 descriptor"
     if listings:
         hint = f"Its subfolder {listings[0].parent.name} is a separate measurement: open that"
         raise FileError(folder, problem, hint=hint)

@@ -17,12 +17,19 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.frames.frame_file import FrameHeader
+from photosite.frames.io.format_table import CAMERA_RAW, TIFF
 from photosite.frames.io.tiff import Directory, camera_settings, exposure_of, read_directories
 from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_level, neutral_text
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
-_SUFFIXES = "3fr arw cr2 cr3 crw dcr erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
-SUFFIXES = frozenset(f".{suffix}" for suffix in _SUFFIXES.split())
+_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"\0MRM", b"FOVb")
+
+
+def recognizes(path: Path, head: bytes) -> bool:
+    """Return whether a file is a camera's raw file; one in TIFF has a mark of CR2 or a suffix of a camera."""
+    if head.startswith(TIFF.signatures):
+        return head[8:10] == b"CR" or path.suffix.lower() in CAMERA_RAW.suffixes
+    return head.startswith(_MAGIC) or head[4:11] == b"ftypcrx" or head[6:14] == b"HEAPCCDR"
 
 
 @contextmanager
@@ -45,7 +52,7 @@ def _reason(error: Exception) -> str:
     return error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else str(error)
 
 
-def read_camera_raw_header(path: Path) -> FrameHeader:
+def read_headers(path: Path) -> tuple[FrameHeader]:
     """Read the header of a camera's raw file without decoding it: size, exposure, ISO."""
     import rawpy
 
@@ -57,10 +64,10 @@ def read_camera_raw_header(path: Path) -> FrameHeader:
         raise FileError(path, f"LibRaw cannot open the file: {_reason(error)}") from None
     tags = _tags(path)
     metadata = _metadata(tags, iso)
-    return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata)
+    return (FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata),)
 
 
-def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
+def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
     """Read the visible area of a camera's raw file, with notes for warnings.
 
     By default, the bit depth is the bits that the white level needs.

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.files.hdf5 import create_hdf5
 from photosite.files.writing import atomic_path
+from photosite.frames.io.format_table import DEEP_SUFFIXES
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import tile_text
-
-SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5")
 
 
 def write_clean_mosaic(dn: NDArray[np.float32], frame: RawFrame, path: Path) -> None:
@@ -53,8 +52,8 @@ def write_clean_mosaic(dn: NDArray[np.float32], frame: RawFrame, path: Path) -> 
     """
     if dn.shape != frame.shape:
         raise InputError("dn", value=dn.shape, expected=f"of the frame's shape {frame.shape}")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError("path", value=path.name, expected=f"a name with the suffix {', '.join(SUFFIXES)}")
+    if path.suffix.lower() not in DEEP_SUFFIXES:
+        raise InputError("path", value=path.name, expected=f"a name with the suffix {', '.join(DEEP_SUFFIXES)}")
     content = {
         "bits": frame.bits,
         "cfa": tile_text(frame.cfa),

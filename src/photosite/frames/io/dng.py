@@ -44,9 +44,10 @@ from photosite.frames.io.tiff import (
     camera_settings,
     checked_size,
     exposure_of,
+    has_tag,
     read_directories,
-    read_tiff_pixels,
 )
+from photosite.frames.io.tiff import read_pixels as read_tiff_pixels
 from photosite.frames.raw_frame import (
     MASKED_BORDER,
     OPTICAL_BLACK,
@@ -90,7 +91,7 @@ Area = tuple[int, int, int, int]
 """First row and column, and the ones after the last."""
 
 
-def write_dng(frame: RawFrame, path: Path) -> None:
+def write(frame: RawFrame, path: Path) -> None:
     """Write the frame as DNG."""
     import tifffile
 
@@ -116,7 +117,7 @@ def write_dng(frame: RawFrame, path: Path) -> None:
             file.pages.first.tags["PhotometricInterpretation"].overwrite(LINEAR_RAW)
 
 
-def check_dng_cfa(cfa: Cfa) -> None:
+def check_cfa(cfa: Cfa) -> None:
     """Raise `InputError` for a color filter array that LibRaw does not read from DNG: Quad Bayer, RGBW of 4 x 4, ...
 
     LibRaw reads tiles of 2 x 2 pixels in up to four of DNG's colors, and X-Trans, 6 x 6 pixels of red, green and blue.
@@ -194,7 +195,7 @@ def _area_tags(top: int, bottom: int, left: int, right: int, rows: int, cols: in
 def _color_tags(frame: RawFrame) -> list[Tag]:
     if not frame.is_mosaic:
         return []
-    check_dng_cfa(frame.cfa)
+    check_cfa(frame.cfa)
     pattern = bytes(_CODES[name] for row in frame.cfa for name in row)
     planes = _planes(frame.cfa)
     tags: list[Tag] = [
@@ -251,6 +252,16 @@ def _ratio(value: float, what: str, *, signed: bool = False) -> tuple[int, int]:
     return ratio.numerator, ratio.denominator
 
 
+def recognizes(path: Path, head: bytes) -> bool:
+    """Return whether a TIFF file is a DNG."""
+    return has_tag(path, DNG_VERSION)
+
+
+def read_headers(path: Path) -> tuple[FrameHeader]:
+    """Read the header of a DNG, which holds one frame."""
+    return (read_dng_header(path),)
+
+
 def read_dng_header(path: Path) -> FrameHeader:
     """Read the header of a DNG's frame."""
     directories = read_directories(path)
@@ -295,7 +306,7 @@ def _header_from_tags(path: Path, top: Directory, raw: Directory) -> FrameHeader
     )
 
 
-def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
+def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
     """Read the active area of a DNG, with notes for warnings."""
     header = read_dng_header(path)
     dn, border_dn = _decode(path)
@@ -319,7 +330,7 @@ def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
     return np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col]), border_dn
 
 
-def read_whole_dng(path: Path) -> NDArray[np.uint16]:
+def read_whole(path: Path) -> NDArray[np.uint16]:
     """Read the digital numbers of a DNG with those around its active area."""
     return np.ascontiguousarray(_all_pixels(path)[0])
 

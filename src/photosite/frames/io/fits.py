@@ -27,8 +27,6 @@ from photosite.frames.frame_settings import kinds_in_name
 from photosite.frames.raw_frame import OPTICAL_BLACK, Numbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
-SIGNATURE = b"SIMPLE  ="
-SUFFIXES = frozenset({".fits", ".fit", ".fts"})
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
 """Bytes of a block, blocks of a header, its last keyword; astropy reads on until it finds that."""
 
@@ -36,7 +34,7 @@ _ZEROS = {8: (0,), 16: (0, 1 << 15), 32: (0, 1 << 31)}
 """BZERO of the numbers by their bits: signed, unsigned."""
 
 
-def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
+def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of all frames in a FITS file."""
     found: list[tuple[int, tuple[int, ...], FrameHeader]] = []
     with warnings.catch_warnings():
@@ -61,7 +59,7 @@ def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
     )
 
 
-def read_fits_pixels(path: Path, location: FrameLocation) -> Numbers:
+def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
     with _open_fits(path) as units:
         unit = units[location.part]

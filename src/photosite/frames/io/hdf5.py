@@ -34,8 +34,6 @@ from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metada
 from photosite.frames.raw_frame import Numbers, RawFrame
 from photosite.values.cfa import NAMED, Cfa, cfa_from, tile_name
 
-SUFFIXES = frozenset({".h5", ".hdf5", ".hdf"})
-
 _DATASET = "frame"
 _SECONDS = {"exposure_s": 1.0, "exposure_ms": 1e3, "exposure_us": 1e6, "exposure_ns": 1e9}
 _GAINS = ("gain_setting", "iso", "gain")
@@ -46,7 +44,7 @@ _DEFLATE, _SHUFFLE = 1, 2
 """Numbers of the filters of HDF5."""
 
 
-def write_hdf5(frame: RawFrame, path: Path) -> None:
+def write(frame: RawFrame, path: Path) -> None:
     """Write the frame as one dataset with attributes."""
     check_metadata(frame)
     attributes: dict[str, Any] = {"bits": frame.bits, "cfa": _cfa_attribute(frame.cfa)}
@@ -68,7 +66,7 @@ def _cfa_attribute(cfa: Cfa) -> Any:
     return tile_name(cfa) if cfa in NAMED.values() else np.char.encode(np.array(cfa), "utf-8")
 
 
-def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
+def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of all frames in an HDF5 file, by the names of the datasets."""
     with open_hdf5(path) as file:
         datasets = file.datasets.values()
@@ -82,7 +80,7 @@ def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
     return tuple(header for part in parts for header in _headers(path, part, single))
 
 
-def read_hdf5_pixels(path: Path, location: FrameLocation) -> Numbers:
+def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
     with open_hdf5(path) as file:
         data = file.datasets[str(location.part)]

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, message_of
 from photosite.files.quiet import no_stderr
-from photosite.frames.frame_file import FrameHeader, describe_frame, parse_description
+from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.raw_frame import RawFrame
-
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 _BITS = {"L": 8, "I;16": 16}
 """Stored bits of the gray images that can be frames, by Pillow's mode."""
@@ -28,7 +26,7 @@ _MOST_METADATA = 64 << 20
 """Bytes of a file beyond twice its pixels; deflate adds a thousandth to what it cannot compress."""
 
 
-def write_png(frame: RawFrame, path: Path) -> None:
+def write(frame: RawFrame, path: Path) -> None:
     """Write the frame as 16-bit gray PNG with its description in a text chunk."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -39,7 +37,7 @@ def write_png(frame: RawFrame, path: Path) -> None:
     Image.fromarray(np.ascontiguousarray(frame.dn)).save(path, format="PNG", pnginfo=text, compress_level=1)
 
 
-def read_png_header(path: Path) -> FrameHeader:
+def read_headers(path: Path) -> tuple[FrameHeader]:
     """Read the description of a PNG file's frame without decoding pixels (0.05 s for 1000 files)."""
     from PIL.PngImagePlugin import PngImageFile
 
@@ -67,7 +65,7 @@ def read_png_header(path: Path) -> FrameHeader:
         raise FileError(path, f"is damaged: {size} bytes cannot hold {rows} x {cols} pixels")
     if size > 2 * pixel_bytes + _MOST_METADATA:
         raise FileError(path, f"is damaged: {size} bytes for {rows} x {cols} pixels of {bits} bits")
-    return parse_description(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits)
+    return (parse_description(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits),)
 
 
 def _stored_mode(image: Any) -> str:
@@ -76,8 +74,8 @@ def _stored_mode(image: Any) -> str:
     return str(packed) if packed in _TOO_FEW_BITS else str(image.mode)
 
 
-def read_png_pixels(path: Path) -> NDArray[np.uint16]:
-    """Read the (rows, cols) values of a gray PNG file."""
+def read_pixels(path: Path, location: FrameLocation | None) -> NDArray[np.uint16]:
+    """Read the (rows, cols) values of a gray PNG file, which holds one frame."""
     from imagecodecs import png_decode
 
     content = path.read_bytes()

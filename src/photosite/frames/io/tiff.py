@@ -239,7 +239,7 @@ _GRAY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
 _COLOR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
 
 
-def write_tiff(frame: RawFrame, path: Path) -> None:
+def write(frame: RawFrame, path: Path) -> None:
     """Write the frame as uncompressed TIFF of 16 or 32 bits, its description in ImageDescription."""
     import tifffile
 
@@ -248,7 +248,7 @@ def write_tiff(frame: RawFrame, path: Path) -> None:
     )
 
 
-def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
+def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of a TIFF file's frames, one a page; thumbnails are skipped.
 
     A page without its own exposure time or metadata takes those of the first page.
@@ -356,7 +356,7 @@ def _segments(page: Directory, rows: int, cols: int) -> int:
     return -(-rows // high) * -(-cols // wide)
 
 
-def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> Numbers:
+def read_pixels(path: Path, location: FrameLocation | None = None) -> Numbers:
     """Read the (rows, cols) values of a TIFF file's page; without a location, of the first page."""
     page = read_directories(path)[0] if location is None else read_directory(path, int(location.part))
     rows, cols, bits = checked_size(path, page, 32)
@@ -378,8 +378,8 @@ def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> Numbe
     return np.ascontiguousarray(pixels, np.uint32) if bits == 32 else np.ascontiguousarray(pixels, np.uint16)
 
 
-def open_tiff_rows(path: Path, location: FrameLocation | None, bits: int | None, cfa: Cfa | None) -> StoredRows | None:
-    """Open a page as `read_tiff_pixels` finds it, after a check of its header, to read some rows at a time.
+def open_rows(path: Path, location: FrameLocation | None, bits: int | None, cfa: Cfa | None) -> StoredRows | None:
+    """Open a page as `read_pixels` finds it, after a check of its header, to read some rows at a time.
 
     None unless its pixels are stored without gaps, in 16 bits and the byte order of this machine.
     """
