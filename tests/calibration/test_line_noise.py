@@ -5,7 +5,7 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.groups import Level
-from photosite.calibration.spatial.line_noise import temporal_parts
+from photosite.calibration.spatial.line_noise import temporal_components
 from photosite.engine.frame_sums import FrameSums
 from photosite.engine.map_statistics import line_sums
 from photosite.frames.frame_set import FrameSet
@@ -41,7 +41,7 @@ def test_parts_are_unbiased_and_covered(frames, tile, channel):
     found = {name: [] for name in truth}
     for _ in range(150):
         dn = stack(rng, frames, (40, 50), 3.0, 1.0, 0.5)
-        parts = temporal_parts(levels(dn, tile), line_sums(dn, tile.shape), tile)[channel]
+        parts = temporal_components(levels(dn, tile), line_sums(dn, tile.shape), tile)[channel]
         for name, values in found.items():
             part = getattr(parts, name)
             values.append((part.value, part.standard_uncertainty))
@@ -56,13 +56,13 @@ def test_parts_add_up_to_the_temporal_variance():
     """Except for the fraction of one line, which the mean of the frame contains."""
     dn = stack(np.random.default_rng(2), 5, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
-    assert temporal_parts([level], line_sums(dn), MONO)[0].total.value == pytest.approx(level.variance, rel=2e-3)
+    assert temporal_components([level], line_sums(dn), MONO)[0].total.value == pytest.approx(level.variance, rel=2e-3)
 
 
 def test_few_frames_of_a_stack_give_its_line_noise():
     dn = stack(np.random.default_rng(3), 40, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
-    (parts,) = temporal_parts([level], line_sums(dn[::5]), MONO)
+    (parts,) = temporal_components([level], line_sums(dn[::5]), MONO)
     assert parts.row.value == pytest.approx(1.0, abs=4 * parts.row.standard_uncertainty)
     assert parts.row.standard_uncertainty < 0.04
 

@@ -133,7 +133,7 @@ def test_small_bends_that_could_be_either_widen_the_interval():
     assert abs(bent.gain.value - line.value) < 2.0 * bent.gain.standard_uncertainty
     assert 1.05 * line.standard_uncertainty < bent.gain.standard_uncertainty < 3.0 * line.standard_uncertainty
     assert not bent.curves[0].bend[-1].beyond(3.29)
-    assert not bent.curves[0].bend_of_light(4).beyond(3.29)
+    assert not bent.curves[0].light_bend(4).beyond(3.29)
 
 
 def test_light_that_scatters_hides_a_bend_of_its_size_only():

@@ -71,7 +71,7 @@ def test_without_dark_current_half_of_the_slopes_are_negative_and_none_is_withhe
     for seed in range(16):
         frames = measurement(dark_e=lambda t: 0.0, seed=seed, levels=LEVELS[:2])
         with FrameReader(frames) as reader:
-            slope = measure_dark_frames(reduce_frames(reader), reader).together.dark_slope
+            slope = measure_dark_frames(reduce_frames(reader), reader).pooled.dark_slope
         assert isinstance(slope, Uncertain)
         signs.add(np.sign(slope.value))
     assert signs == {-1.0, 1.0}

@@ -8,7 +8,7 @@ import weakref
 import numpy as np
 import pytest
 
-from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.nonuniformity import pixel_gain
 from photosite.calibration.spatial.spatial_analysis import (
     MOST_BINS,
@@ -25,7 +25,7 @@ from photosite.values.uncertain import Missing, Uncertain
 
 MONO = np.zeros((1, 1), np.int64)
 BAYER = np.array([[0, 1], [1, 2]])
-NOISE = TemporalParts(Uncertain(0.04), Uncertain(0.0), Uncertain(0.0))
+NOISE = TemporalComponents(Uncertain(0.04), Uncertain(0.0), Uncertain(0.0))
 
 
 def planes(mean, tile=MONO, channel=0, frames=25):

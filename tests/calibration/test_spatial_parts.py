@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.nonuniformity import (
     MapPlanes,
-    channel_parts,
+    channel_components,
     high_pass,
     line_gain,
     pixel_gain,
@@ -17,11 +17,11 @@ from photosite.engine.site_planes import MARGIN
 from photosite.values.uncertain import Missing, Uncertain
 
 NONE = Uncertain(0.0)
-NO_NOISE = TemporalParts(NONE, NONE, NONE)
+NO_NOISE = TemporalComponents(NONE, NONE, NONE)
 
 
 def whole_parts(plane, noise, *, filtered):
-    return channel_parts(MapPlanes(plane, np.zeros((1, 1), np.int64)), 0, noise, filtered=filtered)
+    return channel_components(MapPlanes(plane, np.zeros((1, 1), np.int64)), 0, noise, filtered=filtered)
 
 
 def test_high_pass_matches_scipy():
@@ -83,7 +83,7 @@ def test_parts_are_unbiased_and_covered(filtered, truth):
     for _ in range(200):
         plane = rng.normal(0, pixel, (60, 80)) + rng.normal(0, column, 80) + rng.normal(0, row, (60, 1))
         noise = rng.normal(0, 0.5, plane.shape)
-        parts = whole_parts(plane + noise, TemporalParts(Uncertain.of(0.25), NONE, NONE), filtered=filtered)
+        parts = whole_parts(plane + noise, TemporalComponents(Uncertain.of(0.25), NONE, NONE), filtered=filtered)
         for name, values in found.items():
             part = getattr(parts, name)
             values.append((part.value, part.standard_uncertainty))
@@ -110,12 +110,12 @@ def test_each_site_of_a_mosaic_is_a_separate_plane():
     mosaic = rng.normal(0.0, 1.0, (120, 160))
     mosaic[0::2, 1::2] += 50.0
     tile = np.array([[0, 1], [1, 2]])
-    parts = channel_parts(MapPlanes(mosaic, tile), 1, NO_NOISE, filtered=True)
+    parts = channel_components(MapPlanes(mosaic, tile), 1, NO_NOISE, filtered=True)
     assert parts.total.value == pytest.approx(1.0, rel=0.1)
 
 
 def test_too_small_plane_is_missing():
-    result = channel_parts(MapPlanes(np.zeros((60, 160)), np.array([[0, 1], [1, 2]])), 0, NO_NOISE, filtered=True)
+    result = channel_components(MapPlanes(np.zeros((60, 160)), np.array([[0, 1], [1, 2]])), 0, NO_NOISE, filtered=True)
     assert isinstance(result, Missing)
     assert "30 pixels" in result.reason
 

@@ -113,7 +113,7 @@ def test_interval_covers_true_values_of_any_size(true):
     [(47, 1, 0, 0.968), (47, 1, 3, 0.968), (25, 1, 0, 0.968), (35, 4, 1, 0.974)],
 )
 def test_interval_of_a_part_from_few_lines_covers(freedom, planes, true, most):
-    """A row variance beside a pixel variance of 1, as in `channel_parts`; the true value in uncertainties at zero.
+    """A row variance beside a pixel variance of 1, as in `channel_components`; the true value in uncertainties at zero.
 
     8000 draws give a coverage near 96 % with a standard error of 0.22 %. The bounds are at least three of these away
     from the expected coverage: 95.1 to 96 % for one plane, 96.7 % for the mean of four. With new seeds, one run in 200

@@ -119,7 +119,7 @@ def collect_evidence(
 
 def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:
     exposure_s = np.array([entry.group.exposure_s for entry in dark.groups])
-    slopes = dark.together.dark_slope, dark.slope_sampling, dark.together.dark_variance_slope
+    slopes = dark.pooled.dark_slope, dark.slope_sampling, dark.pooled.dark_variance_slope
     return contradiction(*slopes, gain, exposure_s)
 
 
@@ -129,7 +129,7 @@ def _measurements(
     """Return the measurements of each channel and of all pooled, at small signal or by the standard's lines."""
     measured = _measure_channels(dark, light, patterns, by_line=by_line)
     gain = light.line_gain if by_line else light.gain
-    pooled = pool_channels(reduction.names, measured, dark.together, gain, dark.reference_exposure_s)
+    pooled = pool_channels(reduction.names, measured, dark.pooled, gain, dark.reference_exposure_s)
     coupling = light.noise.coupling if isinstance(light.noise.coupling, Missing) else light.noise.coupling.side
     measured, pooled = [replace(m, coupling=coupling) for m in measured], replace(pooled, coupling=coupling)
     if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):

@@ -10,8 +10,8 @@ from typing import Any
 from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.photon_transfer.channel import NO_PHOTONS, Channel
 from photosite.calibration.photon_transfer.linearity import Linearity
-from photosite.calibration.spatial.nonuniformity import Parts, pool_parts
-from photosite.calibration.spatial.pixel_slopes import of_one_sample
+from photosite.calibration.spatial.nonuniformity import VarianceComponents, pool_components
+from photosite.calibration.spatial.pixel_slopes import with_chip_sampling
 from photosite.calibration.withheld import NO_FLAT_FIELDS, NO_LINE_NOISE
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
@@ -57,11 +57,11 @@ class Measurements:
     saturation_photons: Value = NO_LIGHT  # at the largest temporal variance
     responsivity: Value = NO_LIGHT  # DN/photon
     saturation_responsivity: Value = NO_LIGHT  # of the channel that `saturation_photons` belongs to
-    dsnu1288: Parts | Missing = NO_LIGHT  # spatial variances of EMVA 1288, DN^2; plain,
-    dsnu1288_filtered: Parts | Missing = NO_LIGHT  # and high-passed
+    dsnu1288: VarianceComponents | Missing = NO_LIGHT  # spatial variances of EMVA 1288, DN^2; plain,
+    dsnu1288_filtered: VarianceComponents | Missing = NO_LIGHT  # and high-passed
     dsnu1288_exposures_s: tuple[float, ...] = ()  # exposure times of these dark patterns, one a channel
-    prnu1288: Parts | Missing = NO_LIGHT  # relative; high-passed,
-    prnu1288_unfiltered: Parts | Missing = NO_LIGHT  # and plain
+    prnu1288: VarianceComponents | Missing = NO_LIGHT  # relative; high-passed,
+    prnu1288_unfiltered: VarianceComponents | Missing = NO_LIGHT  # and plain
     row_offset_variance: Value = NO_LIGHT  # of fixed offsets of rows and columns without readout channels, DN^2
     column_offset_variance: Value = NO_LIGHT
     column_gain_variance: Value = NO_LIGHT  # of the columns' relative gains, behind the response curve
@@ -165,7 +165,7 @@ class Measurements:
             saturation = saturation + offsets + Uncertain.of(0.0, gains * abs(signal))
         slope, slope_variance = self.dark_slope, self.dark_slope_variance
         if isinstance(slope, Uncertain) and isinstance(slope_variance, Uncertain):
-            slope, slope_variance = of_one_sample(slope, slope_variance, self.dark_slope_third, independent)
+            slope, slope_variance = with_chip_sampling(slope, slope_variance, self.dark_slope_third, independent)
         # The pooled measurements of several channels keep another channel's responsivity, already widened.
         same = self.saturation_responsivity is self.responsivity
         return replace(
@@ -243,7 +243,9 @@ def pool_channels(
     """
     if len(channels) == 1:
         return replace(channels[0], gain=gain)
-    fullest = max(channels, key=lambda m: sum(isinstance(value, Uncertain | Parts) for value in vars(m).values()))
+    fullest = max(
+        channels, key=lambda m: sum(isinstance(value, Uncertain | VarianceComponents) for value in vars(m).values())
+    )
     pixels = sum(entry.pixels for entry in channels)
     changed: dict[str, Any] = {"gain": gain, "pixels": pixels}
     notes: dict[str, str] = {}
@@ -255,7 +257,9 @@ def pool_channels(
         if not known:
             changed[name] = getattr(fullest, name)
         else:
-            changed[name] = (pool_parts if isinstance(values[0], Parts) else weighted_mean)(values, weights)
+            changed[name] = (pool_components if isinstance(values[0], VarianceComponents) else weighted_mean)(
+                values, weights
+            )
             if lacking:
                 notes[name] = f"channel{'s' * (len(known) > 1)} {', '.join(known)} only, not {', '.join(lacking)}"
     first_to_saturate = min(by_name, key=lambda channel: _photons_at_saturation(by_name[channel]))

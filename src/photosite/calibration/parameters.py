@@ -8,7 +8,7 @@ from typing import Annotated, get_type_hints
 
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.linearity import linearity_estimates
-from photosite.calibration.spatial.nonuniformity import Parts
+from photosite.calibration.spatial.nonuniformity import VarianceComponents
 from photosite.calibration.withheld import HIDDEN_NOISE, NEGATIVE_DARK_VARIANCE, NO_DARK_CURRENT
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
@@ -395,7 +395,7 @@ def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
         ("prnu1288_unfiltered", "percent", m.prnu1288_unfiltered, percent, light.format("no high-pass", "R3.1")),
     ):
         method = m.method(text, prefix)
-        for part in fields(Parts):
+        for part in fields(VarianceComponents):
             name = f"{prefix}_{unit}" if part.name == "total" else f"{prefix}_{part.name}_{unit}"
             variance = parts if isinstance(parts, Missing) else getattr(parts, part.name)
             result[name] = _deviation(variance, scale, method)

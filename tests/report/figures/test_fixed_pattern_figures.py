@@ -10,7 +10,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from photosite.calibration.photon_transfer.general_model import GeneralModel
-from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes, OutlierThresholds, spatial_analysis, spectrogram
 from photosite.report.figures.chip import (
     histogram_figure,
@@ -31,7 +31,7 @@ def spatial():
     dark = np.round(20.0 * (64.0 + rng.normal(0.0, 0.4, (120, 144)))) / 20.0
     light = dark + 1000.0 * (1.0 + 0.01 * rng.normal(size=dark.shape))
     none = Uncertain(0.0)
-    noise = TemporalParts(Uncertain(0.05), none, none)
+    noise = TemporalComponents(Uncertain(0.05), none, none)
     planes = [[MeanPlanes.of(mean, TILE, k, 20, 0.01, noise) for mean in (dark, light)] for k in range(3)]
     return {
         name: spatial_analysis(*pair, OutlierThresholds(dark_dn=1.5)) for name, pair in zip("RGB", planes, strict=True)
@@ -108,7 +108,7 @@ def test_profiles_are_drawn(spatial):
 
 def test_profiles_without_light():
 
-    noise = TemporalParts(Uncertain(0.05), Uncertain(0.0), Uncertain(0.0))
+    noise = TemporalComponents(Uncertain(0.05), Uncertain(0.0), Uncertain(0.0))
     dark = MeanPlanes.of(np.random.default_rng(1).normal(64.0, 0.4, (120, 144)), TILE, 0, 20, 0.01, noise)
     assert len(profiles_figure(spatial_analysis(dark, Missing("no light"))).axes) == 2
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -189,6 +189,11 @@ class _Level(NamedTuple):
     top_fraction: float  # of the numbers that are the highest of all frames
     codes: float | None  # distance of the codes, where the numbers are linear
 
+    @property
+    def noise_shown(self) -> bool:
+        """Whether the noise is more than the rounding of the numbers."""
+        return self.variance > (_LEAST_NOISE_STEPS * self.step) ** 2 - QUANTIZATION_DN2 and self.uncertainty > 0.0
+
 
 def calibrate_combined(
     frames: FrameSet, sensor: Sensor | None = None, *, companding: Companding | None = None
@@ -234,26 +239,28 @@ def calibrate_combined(
     """
     if len(frames.gain_settings) > 1:
         raise InputError("frames", where=frames.source, value="several gain settings", expected="one gain setting")
-    known = sensor if sensor is not None else frames.sensor
-    if companding is None and known is not None and known.captures is not None:
-        table = known.captures.combination.companding
-        companding = table if table is not None and table.bits == frames.bits else None
+    if companding is None:
+        companding = _known_companding(frames, sensor if sensor is not None else frames.sensor)
+    diagnostics: list[Diagnostic] = []
     levels = [level for group in frames.groups if len(group) > 1 for level in _reduced(frames, group, companding)]
     darks, lights = ([level for level in levels if level.kind == kind] for kind in ("dark", "light"))
     if not darks or len(lights) < 3:
         what = "combined frames need repeated dark frames, and repeated flat fields of three levels or more"
         raise FEW_COMBINED_LEVELS.error(what, where=frames.source)
     black = _black_level(darks)
-    used = [level for level in (*darks, *lights) if _noise_shown(level)]
-    found = [] if len(used) == len(levels) else [_hidden(len(levels) - len(used), len(levels))]
-    used.sort(key=lambda level: level.mean)
+    used = sorted((level for level in (*darks, *lights) if level.noise_shown), key=lambda level: level.mean)
+    if hidden := len(levels) - len(used):
+        text = (
+            f"{hidden} of {len(levels)} levels have less noise than {_LEAST_NOISE_STEPS:g} steps of the numbers and "
+            f"are left out: rounding or clipping hides it"
+        )
+        diagnostics.append(HIDDEN_LEVELS(text, hidden))
     signal = np.array([level.mean for level in used]) - black.value
     variance = np.array([level.variance for level in used])
     uncertainty = np.array([level.uncertainty for level in used])
     if len(used) < 3:
-        raise HIDDEN_LEVELS.error(found[0].text, where=frames.source)
+        raise HIDDEN_LEVELS.error(diagnostics[0].text, where=frames.source)
     end, reached = linear_end(signal, variance, np.array([level.top_fraction > CLIPPED_FRACTION for level in used]))
-    saturation = _saturation(used, signal, variance, reached)
     pieces = find_pieces(signal[:end], variance[:end], uncertainty[:end])
     if not pieces:
         raise NO_PHOTON_TRANSFER.error("the temporal variance does not rise with the signal", where=frames.source)
@@ -263,29 +270,33 @@ def calibrate_combined(
     for number, piece in enumerate(pieces):
         index[piece.first : piece.last + 1] = number
     lines = [_fit(signal, variance, uncertainty, piece) for piece in pieces]
-    captures = tuple(
-        _capture(used, piece, lines[k].uncertain, lines[0].uncertain, saturation if k == len(pieces) - 1 else _SWITCHED)
-        for k, piece in enumerate(pieces)
-    )
-    captures = (replace(captures[0], sensitivity_ratio=None), *captures[1:])
-    knees = tuple(
-        _knee(signal, before, after, lines[k].uncertain, lines[k + 1].uncertain, lines[0].uncertain[1])
-        for k, (before, after) in enumerate(pairwise(pieces))
-    )
     if len(pieces) == 1:
         text = "no knee: the frames show one capture, or captures that read one charge, their read noise hidden"
-        found.append(NO_KNEE(text))
+        diagnostics.append(NO_KNEE(text))
+    saturations = [*[_SWITCHED] * (len(pieces) - 1), _saturation(used, signal, variance, reached)]
     return CombinedCalibration(
-        captures,
-        knees,
+        tuple(
+            _capture(used, piece, line.uncertain, lines[0].uncertain if k else None, saturation)
+            for k, (piece, line, saturation) in enumerate(zip(pieces, lines, saturations, strict=True))
+        ),
+        tuple(
+            _knee(signal, before, after, lines[k].uncertain, lines[k + 1].uncertain, lines[0].uncertain[1])
+            for k, (before, after) in enumerate(pairwise(pieces))
+        ),
         Estimate.of(black, "mean of the dark frames at exposure zero" if len(darks) > 1 else "mean of the dark frames"),
         signal,
         variance,
         uncertainty,
         index,
-        tuple(found),
+        tuple(diagnostics),
         frames.source,
     )
+
+
+def _known_companding(frames: FrameSet, sensor: Sensor | None) -> Companding | None:
+    """Return a sensor's companding table, if it is that of the frames."""
+    table = None if sensor is None or sensor.captures is None else sensor.captures.combination.companding
+    return table if table is not None and table.bits == frames.bits else None
 
 
 def _reduced(frames: FrameSet, group: FrameGroup, companding: Companding | None) -> list[_Level]:
@@ -359,19 +370,6 @@ def _split(levels: Sequence[_Level], piece: Piece) -> Iterator[tuple[int, int]]:
     yield first, piece.last
 
 
-def _noise_shown(level: _Level) -> bool:
-    """Return whether the noise is more than the rounding of the numbers."""
-    return level.variance > (_LEAST_NOISE_STEPS * level.step) ** 2 - QUANTIZATION_DN2 and level.uncertainty > 0.0
-
-
-def _hidden(count: int, total: int) -> Diagnostic:
-    return HIDDEN_LEVELS(
-        f"{count} of {total} levels have less noise than {_LEAST_NOISE_STEPS:g} steps of the numbers and are left out: "
-        f"rounding or clipping hides it",
-        count,
-    )
-
-
 def _black_level(darks: Sequence[_Level]) -> Uncertain:
     """Return the output at exposure zero: the intercept of the dark levels' line, or their mean at one exposure."""
     times = np.array([level.exposure_s for level in darks])
@@ -424,7 +422,7 @@ def _capture(
     levels: Sequence[_Level],
     piece: Piece,
     line: tuple[Uncertain, ...],
-    first_line: tuple[Uncertain, ...],
+    first_line: tuple[Uncertain, ...] | None,
     saturation: Value,
 ) -> CombinedCapture:
     """Return what the levels of a piece show of their capture."""
@@ -432,7 +430,7 @@ def _capture(
     intercept, gain = line
     seen = [level.codes for level in own if level.codes is not None]
     codes = float(np.median(seen)) if seen and np.median(seen) > _STEPS_SHOWN else None
-    method = "slope of the photon transfer curve"
+    method, ratio = "slope of the photon transfer curve", "ratio of the slopes of the photon transfer curve"
     variance = intercept if codes is None else intercept - QUANTIZATION_DN2 * codes**2
     noise = variance / (gain * gain)
     how = "intercept of the photon transfer curve"
@@ -442,7 +440,7 @@ def _capture(
         Estimate.of(gain, method),
         Estimate.of(own_gain, f"{method}, over the distance of the codes"),
         read,
-        Estimate.of(first_line[1] / gain, "ratio of the slopes of the photon transfer curve"),
+        None if first_line is None else Estimate.of(first_line[1] / gain, ratio),
         Estimate.of(derive(lambda top: top / gain, saturation), "saturated output over the output per electron"),
         len(own),
     )

@@ -37,7 +37,7 @@ def digital_gains(evidence: Evidence) -> Iterator[Diagnostic]:
     for name, steps, level in zip(reduction.names, reduction.steps, reduction.first_group.levels, strict=True):
         if steps is None:
             continue
-        text = f"{steps}{reduction.of_channel(name)}"
+        text = f"{steps}{reduction.channel_label(name)}"
         if not steps.uniform:
             yield DECODED_NUMBERS(
                 f"{text}, as with companded numbers that were decoded; the quantization noise of each level was taken "

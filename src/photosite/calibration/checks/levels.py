@@ -170,8 +170,8 @@ def wrong_full_scale(reduction: Reduction) -> None:
             pixels = "every pixel" if fraction == 1.0 else f"{100 * fraction:.3g} % of the pixels"
             raise reduction.error(
                 WRONG_BIT_DEPTH,
-                f"the brightest flat fields{reduction.of_channel(name, ' of channel {}')} have {top} DN in {pixels}, "
-                f"the full scale of {top.bit_length()} bits, but {bits} bits are stated or assumed",
+                f"the brightest flat fields{reduction.channel_label(name, ' of channel {}')} have {top} DN in "
+                f"{pixels}, the full scale of {top.bit_length()} bits, but {bits} bits are stated or assumed",
                 "Correct the bits",
             )
 
@@ -234,9 +234,9 @@ def disproportion(reduction: Reduction, channels: Sequence[Channel]) -> None:
         raise reduction.error(
             WRONG_LIGHT,
             f"the signal is not proportional to the stated {'photons' if by_photons else 'exposure times'}: flat "
-            f"fields at {level}{reduction.of_channel(name, ' (channel {})')} have {found.signal[worst]:.4g} DN above "
-            f"dark, {ratio[worst]:.3g} times the proportion of the others, and {int(beyond.sum())} of {len(ratio)} "
-            f"levels deviate; {cause}",
+            f"fields at {level}{reduction.channel_label(name, ' (channel {})')} have {found.signal[worst]:.4g} DN "
+            f"above dark, {ratio[worst]:.3g} times the proportion of the others, and {int(beyond.sum())} of "
+            f"{len(ratio)} levels deviate; {cause}",
             hint,
         )
 

@@ -159,11 +159,10 @@ UNCLEAR_BEND = DiagnosticKind(
 
 def response(evidence: Evidence) -> Iterator[Diagnostic]:
     """The channel whose gain a bend changes most, if it changes value or uncertainty by half."""
-    names = evidence.reduction.names
-    bent = [(name, c, c.curve, c.gain, c.line_gain) for name, c in evidence.channels.items()]
     found = [
         (gain.value / line.value - 1.0, gain.relative, line.relative, name, channel, curve)
-        for name, channel, curve, gain, line in bent
+        for name, channel in evidence.channels.items()
+        for curve, gain, line in [(channel.curve, channel.gain, channel.line_gain)]
         if curve is not None and isinstance(gain, Uncertain) and isinstance(line, Uncertain)
     ]
     if not found:
@@ -171,10 +170,10 @@ def response(evidence: Evidence) -> Iterator[Diagnostic]:
     change, spread, by_line, name, channel, curve = max(found, key=lambda entry: max(abs(entry[0]), entry[1]))
     if abs(change) < 0.5 * by_line and spread < 1.5 * by_line:
         return
-    top = int(np.flatnonzero(channel.used)[np.argmax(channel.levels.signal[channel.used])])
-    sensor, light = curve.bend[top], curve.bend_of_light(top)
-    at = f"at {channel.levels.signal[top]:.4g} DN" + (f" in channel {name}" if len(names) > 1 else "")
     gain, levels = 100.0 * change, np.flatnonzero(channel.used)
+    top = int(levels[np.argmax(channel.levels.signal[channel.used])])
+    sensor, light = curve.bend[top], curve.light_bend(top)
+    at = f"at {channel.levels.signal[top]:.4g} DN{evidence.reduction.channel_label(name, ' in channel {}')}"
     if curve.shape is None:
         yield BENT_VARIANCE(
             f"the temporal variance is not in proportion to the signal, though the signal is to the light: the system "
@@ -185,7 +184,7 @@ def response(evidence: Evidence) -> Iterator[Diagnostic]:
         )
         return
     by_sensor = abs(change) > FAR * spread or any(curve.bend[i].beyond(FAR) for i in levels)
-    by_light = any(curve.bend_of_light(int(i)).beyond(FAR) for i in levels)
+    by_light = any(curve.light_bend(int(i)).beyond(FAR) for i in levels)
     if by_sensor:
         responsivity = _responsivity_change(channel)
         yield BENT_RESPONSE(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +20,12 @@ LEAST_VARIANCE_DN2 = 0.5
 LEAST_BLINKING = 10
 """Smallest number of blinking pixels from which their distribution is estimated."""
 
-_NOT_OF_THIS_KIND = 0.01
+MISFIT_PROBABILITY = 0.01
 """Probability of the blinking pixels' amplitudes or fractions of time, below which they are of another distribution."""
 
 _WINDOW = (0.3, 0.7)
 """Fractions of frames in the upper level in which nearly all pixels of enough amplitude are found."""
-_SURE = {12: 16.0, 16: 12.0, 40: 7.0, 150: 5.0, 256: 4.5}
+_FOUND_FROM = {12: 16.0, 16: 12.0, 40: 7.0, 150: 5.0, 256: 4.5}
 """Amplitudes, in units of the noise, from which nearly all pixels in the window are found, by number of frames."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(61)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -74,14 +76,14 @@ def read_noise_distribution(
     >>> round(spread.value, 2), spread.standard_uncertainty < 0.01, round(noise_dn.value, 1)
     (0.2, True, 5.2)
     """
-    as_others = _log_normal(variance, freedom, shared_dn2, 1.0)
+    plain = _log_normal(variance, freedom, shared_dn2, 1.0)
     fraction, most = blinking
-    if most == 0.0 or as_others[0].interval_95 is None:
-        return as_others
+    if most == 0.0 or plain[0].interval_95 is None:
+        return plain
     half, above = (_log_normal(variance, freedom, shared_dn2, 1.0 - one) for one in (0.5 * fraction, most))
     if half[0].value is None or above[0].interval_95 is None:
         return above if half[0].value is not None else half
-    return _between(half[0], as_others[0], above[0]), _between(half[1], as_others[1], above[1])
+    return _between(half[0], plain[0], above[0]), _between(half[1], plain[1], above[1])
 
 
 def _between(value: Estimate, one: Estimate, other: Estimate) -> Estimate:
@@ -93,67 +95,89 @@ def _between(value: Estimate, one: Estimate, other: Estimate) -> Estimate:
     return Estimate(value.value, (ends[1] - ends[0]) / (2.0 * COVERAGE_95), None, limit, one.method, ends)
 
 
-def _log_normal(
-    variance: NDArray[np.floating], freedom: int, shared_dn2: float, ordinary: float
-) -> tuple[Estimate, Estimate]:
-    """Estimate spread and root mean square from the pixels of the lowest variances, of a fraction that is ordinary."""
-    from scipy.optimize import brentq
-    from scipy.special import gammainc
+@dataclass(frozen=True)
+class _LogNormal:
+    """Log temporal variances of a log-normal read noise whose median variance is `middle`, DN^2."""
 
-    low, middle, high = np.quantile(variance, [0.25 * ordinary, 0.5 * ordinary, 0.75 * ordinary])
-    if middle - shared_dn2 < LEAST_VARIANCE_DN2 or low <= 0.0:
-        reason = f"the temporal variance of most pixels, {middle:.3g} DN², is that of rounding and dark current"
-        return Estimate(reason=reason, method=_SPREAD_METHOD), Estimate(reason=reason, method=_STEADY_METHOD)
+    middle: float
+    shared_dn2: float
+    freedom: int
 
-    def below(x: float, log_median: float, spread: float) -> float:
+    def below(self, x: float, log_median: float, spread: float) -> float:
         """Return the fraction of log variances below x."""
-        true = np.exp(log_median + 2.0 * spread * _NODES) + shared_dn2
-        return float(_WEIGHTS @ gammainc(0.5 * freedom, 0.5 * freedom * np.exp(x) / true))
+        from scipy.special import gammainc
 
-    center = math.log(middle - shared_dn2)
+        true = np.exp(log_median + 2.0 * spread * _NODES) + self.shared_dn2
+        return float(_WEIGHTS @ gammainc(0.5 * self.freedom, 0.5 * self.freedom * np.exp(x) / true))
 
-    def quartiles(spread: float) -> tuple[float, float, float]:
+    def quartiles(self, spread: float) -> tuple[float, float, float]:
         """Return the quartiles of log variances, and the median of the read noise's, that have the measured median."""
-        at = math.log(middle)
-        log_median = brentq(lambda value: below(at, value, spread) - 0.5, center - 3.0, center + 3.0)
-        reach = 4.0 * (2.0 * spread + math.sqrt(2.0 / freedom)) + 1.0
+        from scipy.optimize import brentq
+
+        at, center = math.log(self.middle), math.log(self.middle - self.shared_dn2)
+        log_median = brentq(lambda value: self.below(at, value, spread) - 0.5, center - 3.0, center + 3.0)
+        reach = 4.0 * (2.0 * spread + math.sqrt(2.0 / self.freedom)) + 1.0
         first, third = (
-            brentq(lambda x, fraction=fraction: below(x, log_median, spread) - fraction, at - reach, at + reach)
+            brentq(lambda x, fraction=fraction: self.below(x, log_median, spread) - fraction, at - reach, at + reach)
             for fraction in (0.25, 0.75)
         )
         return first, third, log_median
 
-    def width(spread: float) -> float:
-        first, third, _ = quartiles(spread)
+    def width(self, spread: float) -> float:
+        """Return the interquartile range."""
+        first, third, _ = self.quartiles(spread)
         return float(third - first)
 
-    narrowest, widest = width(0.0), width(_WIDEST)
+    @cached_property
+    def narrowest(self) -> float:
+        """Interquartile range without a spread of the read noise."""
+        return self.width(0.0)
 
-    def spread_of(found: float) -> float:
-        if found <= narrowest:
+    @cached_property
+    def widest(self) -> float:
+        """Interquartile range of the largest spread."""
+        return self.width(_WIDEST)
+
+    def spread(self, width: float) -> float:
+        """Return the spread of the read noise that gives an interquartile range."""
+        from scipy.optimize import brentq
+
+        if width <= self.narrowest:
             return 0.0
-        return float(_WIDEST if found >= widest else brentq(lambda one: width(one) - found, 0.0, _WIDEST, xtol=1e-6))
+        if width >= self.widest:
+            return _WIDEST
+        return float(brentq(lambda one: self.width(one) - width, 0.0, _WIDEST, xtol=1e-6))
 
+
+def _log_normal(
+    variance: NDArray[np.floating], freedom: int, shared_dn2: float, ordinary: float
+) -> tuple[Estimate, Estimate]:
+    """Estimate spread and root mean square from the pixels of the lowest variances, of a fraction that is ordinary."""
+    low, middle, high = np.quantile(variance, [0.25 * ordinary, 0.5 * ordinary, 0.75 * ordinary])
+    if middle - shared_dn2 < LEAST_VARIANCE_DN2 or low <= 0.0:
+        reason = f"the temporal variance of most pixels, {middle:.3g} DN², is that of rounding and dark current"
+        return Estimate(reason=reason, method=_SPREAD_METHOD), Estimate(reason=reason, method=_STEADY_METHOD)
+    model = _LogNormal(middle, shared_dn2, freedom)
     measured = math.log(high / low)
-    value = spread_of(measured)
-    first, third, log_median = quartiles(value)
-    step = 1e-3
-    density = [
-        (below(x + step, log_median, value) - below(x - step, log_median, value)) / (2.0 * step) for x in (first, third)
-    ]
+    value = model.spread(measured)
+    first, third, log_median = model.quartiles(value)
+
+    def density(x: float) -> float:
+        step = 1e-3
+        return (model.below(x + step, log_median, value) - model.below(x - step, log_median, value)) / (2.0 * step)
+
     # Variances and covariance of sample quantiles
-    terms = 3.0 / 16.0 * sum(1.0 / one**2 for one in density) - 2.0 / 16.0 / (density[0] * density[1])
+    lower, upper = density(first), density(third)
+    terms = 3.0 / 16.0 * sum(1.0 / one**2 for one in (lower, upper)) - 2.0 / 16.0 / (lower * upper)
     u = math.sqrt(terms / variance.size)
-    ends = spread_of(measured - COVERAGE_95 * u), spread_of(measured + COVERAGE_95 * u)
-    limit = ends[1] if measured - 1.645 * u <= narrowest else None
-    of_spread = (ends[1] - ends[0]) / (2.0 * COVERAGE_95)
-    at = math.log(middle)
-    slope = (below(at + step, log_median, value) - below(at - step, log_median, value)) / (2.0 * step)
-    of_median = 0.5 / (slope * math.sqrt(variance.size)) * middle / (middle - shared_dn2)
+    ends = model.spread(measured - COVERAGE_95 * u), model.spread(measured + COVERAGE_95 * u)
+    limit = ends[1] if measured - 1.645 * u <= model.narrowest else None
+    spread_uncertainty = (ends[1] - ends[0]) / (2.0 * COVERAGE_95)
+    median_uncertainty = 0.5 / (density(math.log(middle)) * math.sqrt(variance.size)) * middle / (middle - shared_dn2)
     noise_dn = math.exp(0.5 * log_median + value**2)
-    u = noise_dn * math.hypot(0.5 * of_median, 2.0 * value * of_spread)
+    u = noise_dn * math.hypot(0.5 * median_uncertainty, 2.0 * value * spread_uncertainty)
     return (
-        Estimate(value, of_spread, None, limit, _SPREAD_METHOD, ends),
+        Estimate(value, spread_uncertainty, None, limit, _SPREAD_METHOD, ends),
         Estimate(noise_dn, u, method=_STEADY_METHOD),
     )
 
@@ -186,36 +210,36 @@ def blinking_distribution(
     """
     from scipy.stats import chi2, kstest
 
-    sure = float(np.interp(math.log(frames), np.log(list(_SURE)), list(_SURE.values()))) * noise_dn
-    sure = max(sure, 1.3 * noise_dn * math.sqrt(max(least_ratio - 1.0, 0.0) / (_WINDOW[0] * _WINDOW[1])))
-    method = _BLINKING_METHOD.format(sure, *_WINDOW)
+    least = float(np.interp(math.log(frames), np.log(list(_FOUND_FROM)), list(_FOUND_FROM.values()))) * noise_dn
+    least = max(least, 1.3 * noise_dn * math.sqrt(max(least_ratio - 1.0, 0.0) / (_WINDOW[0] * _WINDOW[1])))
+    method = _BLINKING_METHOD.format(least, *_WINDOW)
     first, last = math.ceil(_WINDOW[0] * frames - 1e-9), math.floor(_WINDOW[1] * frames + 1e-9)
     number = blinking.high_fraction * frames
-    chosen = (blinking.amplitude_dn >= sure) & (number > first - 0.5) & (number < last + 0.5)
+    chosen = (blinking.amplitude_dn >= least) & (number > first - 0.5) & (number < last + 0.5)
     count = int(np.count_nonzero(chosen))
     if frames < LEAST_FRAMES or count < LEAST_BLINKING:
-        reason = f"{count} blinking pixels with {sure:.3g} DN or more, fewer than {LEAST_BLINKING}"
+        reason = f"{count} blinking pixels with {least:.3g} DN or more, fewer than {LEAST_BLINKING}"
         return Estimate(reason=reason, method=method), Estimate(reason=reason, method=method)
-    excess = blinking.amplitude_dn[chosen] - sure
+    excess = blinking.amplitude_dn[chosen] - least
     mean = float(excess.mean())
     within = np.random.default_rng(0).uniform(-0.5, 0.5, count)  # spreads whole numbers of frames evenly
     fraction_of_time = (number[chosen] + within - first + 0.5) / (last - first + 1)
     # Lilliefors' limits for an exponential distribution with an estimated mean at 1 %: 1.25 / sqrt(n)
     uneven = float(kstest(excess / mean, "expon").statistic) * math.sqrt(count) > 1.25
-    if uneven or kstest(fraction_of_time, "uniform").pvalue < _NOT_OF_THIS_KIND:
+    if uneven or kstest(fraction_of_time, "uniform").pvalue < MISFIT_PROBABILITY:
         what = "amplitudes are not exponential" if uneven else "fractions of time are not uniform"
-        reason = f"the {what}; {count} pixels of {sure:.3g} DN or more blink"
+        reason = f"the {what}; {count} pixels of {least:.3g} DN or more blink"
         return Estimate(reason=reason, method=method), Estimate(reason=reason, method=method)
     amplitude_ends = tuple(float(2 * count * mean / chi2.isf(tail, 2 * count)) for tail in (0.025, 0.975))
     amplitude = Estimate(
         mean, mean / math.sqrt(count), method=method, interval_95=(amplitude_ends[0], amplitude_ends[1])
     )
     # E[1 / mean of n exponential amplitudes] is n / (n - 1) of the true one
-    exponent = sure / mean * (1.0 - 1.0 / count)
+    exponent = least / mean * (1.0 - 1.0 / count)
     fraction = count / pixels * (frames + 1) / (last - first + 1) * math.exp(exponent)
     relative = math.sqrt((1.0 + exponent**2) / count)
     ends = fraction * math.exp(-COVERAGE_95 * relative), min(fraction * math.exp(COVERAGE_95 * relative), 1.0)
     if fraction > 1.0:
-        reason = f"most blinking pixels are below {sure:.3g} DN, from which they are found"
+        reason = f"most blinking pixels are below {least:.3g} DN, from which they are found"
         return Estimate(reason=reason, method=method), amplitude
     return Estimate(fraction, fraction * relative, method=method, interval_95=ends), amplitude

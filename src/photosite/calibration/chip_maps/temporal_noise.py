@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps.noise_shape import BLOCKS, NoiseShape, measure_noise_shape
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
-from photosite.calibration.spatial.line_noise import LineSums, TemporalParts, pool_temporal, temporal_parts
+from photosite.calibration.spatial.line_noise import LineSums, TemporalComponents, pool_temporal, temporal_components
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import read_only, threads_for
 from photosite.engine.map_statistics import add_residuals, line_sums
@@ -282,7 +282,7 @@ def measure_temporal_noise(
     `look` holds the residuals from the second reading of the stack.
     """
     parts = pool_temporal(
-        temporal_parts(stack.levels, look.lines, tile), [float(level.pixels) for level in stack.levels]
+        temporal_components(stack.levels, look.lines, tile), [float(level.pixels) for level in stack.levels]
     )
     method = f"{stack.frames} {stack.label}, two-way analysis of variance"
     rounding = pooled_level(stack.levels).rounding_variance
@@ -302,7 +302,7 @@ def measure_temporal_noise(
     )
 
 
-def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalParts, method: str) -> Estimate:
+def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalComponents, method: str) -> Estimate:
     """Estimate the variance of the frame means that pixels, rows and columns do not explain."""
     row_sums, column_sums = look.lines
     means = row_sums.sum(axis=(1, 2), dtype=np.float64) / pixels

@@ -20,7 +20,7 @@ from photosite.calibration.dark.censored_likelihood import CensoredDark, count_c
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.nonuniformity import Parts
+from photosite.calibration.spatial.nonuniformity import VarianceComponents
 from photosite.calibration.withheld import CLIPPED_TOO_FAR
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
@@ -231,8 +231,8 @@ class ClippedDarks:
     censored: tuple[CensoredDark, ...]  # fit of the reference group, per channel
     estimates: tuple[DarkEstimates, ...]  # its estimates with their covariance, per channel
 
-    def together(self) -> DarkEstimates:
-        """Return the estimates of all channels together, weighted by their pixels."""
+    def pooled(self) -> DarkEstimates:
+        """Return the mean estimates of all channels, weighted by their pixels."""
         weights = [float(dark.pixels) for dark in self.censored]
         black, dsnu, read = (weighted_mean(entries, weights) for entries in zip(*self.estimates, strict=True))
         return black, dsnu, read
@@ -243,9 +243,9 @@ class ClippedDarks:
         theta[1] = max(theta[1], 0.0)
         return 1.0 / float(moment_slopes(theta)[0, 0]) ** 2
 
-    def parts(
-        self, channel: int, plain: Parts | Missing, filtered: Parts | Missing
-    ) -> tuple[Parts | Missing, Parts | Missing]:
+    def components(
+        self, channel: int, plain: VarianceComponents | Missing, filtered: VarianceComponents | Missing
+    ) -> tuple[VarianceComponents | Missing, VarianceComponents | Missing]:
         """Return row, column and pixel parts of the fixed pattern, from those of the clipped mean frame.
 
         A row's offset shifts the mean of its clipped pixels as a common shift does. The total is the DSNU of the
@@ -257,7 +257,7 @@ class ClippedDarks:
         scale = self.scale(channel)
         row, column = plain.row * scale, plain.column * scale
         pixel = dsnu - row - column
-        whole = Parts(total=dsnu, row=row, column=column, pixel=pixel)
+        whole = VarianceComponents(total=dsnu, row=row, column=column, pixel=pixel)
         if isinstance(filtered, Missing):
             return whole, filtered
         row, column = filtered.row * scale, filtered.column * scale
@@ -265,7 +265,7 @@ class ClippedDarks:
             pixel = pixel * (filtered.pixel.value / plain.pixel.value)
         else:
             pixel = filtered.pixel * scale
-        return whole, Parts(total=pixel + row + column, row=row, column=column, pixel=pixel)
+        return whole, VarianceComponents(total=pixel + row + column, row=row, column=column, pixel=pixel)
 
     def warning(self, names: Sequence[str]) -> str:
         """Return the warning of a calibration with clipped dark frames."""

@@ -38,7 +38,7 @@ class CutTail:
     levels: tuple[Level, ...]
 
     @property
-    def together(self) -> Uncertain:
+    def pooled(self) -> Uncertain:
         """Mean over all pixels, DN^2."""
         pixels = sum(level.pixels for level in self.levels)
         total = Uncertain(0.0)
@@ -54,7 +54,7 @@ class CutTail:
         ):
             return None
         noise = float(np.mean([level.variance for level in self.levels]))
-        raised, doubt = 50.0 * self.together.value / noise, 50.0 * self.together.standard_uncertainty / noise
+        raised, doubt = 50.0 * self.pooled.value / noise, 50.0 * self.pooled.standard_uncertainty / noise
         return (
             f"{100 * self.zeros:.2g} % of the numbers in the dark frames are 0, more than noise that is alike in all "
             f"pixels explains: pixels that blink or are noisy reach 0, which cuts off a part of their noise. "

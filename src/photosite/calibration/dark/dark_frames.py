@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,11 @@ from photosite.calibration.dark.black_level_change import BlackLevelChange, blac
 from photosite.calibration.dark.clipped_darks import (
     METHOD,
     NO_PIXEL_SLOPES,
+    ClippedDarks,
     DarkEstimates,
     correct_clipped_darks,
 )
-from photosite.calibration.dark.cut_tail import measure_cut_tail
+from photosite.calibration.dark.cut_tail import CutTail, measure_cut_tail
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.dark.dark_result import DarkResult, GroupMean, SlopeMap, dark_exposure
 from photosite.calibration.dark.single_frames import measure_single_darks, unknown_darks
@@ -29,7 +30,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantization import with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
-from photosite.calibration.spatial.line_noise import TemporalParts, pool_temporal
+from photosite.calibration.spatial.line_noise import TemporalComponents, pool_temporal
 from photosite.calibration.spatial.pixel_slopes import (
     SlopeSpread,
     excess_variance,
@@ -43,6 +44,23 @@ from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive
 _SPREAD = "spread over pixels of the mean dark frame less its temporal noise"
 _AT_EXPOSURE = "{}, at {} s: dark current nonuniformity of that time is included"
 _AT_ZERO = "spread over pixels of the dark level extrapolated to exposure zero, less its temporal noise"
+
+
+@dataclass(frozen=True)
+class _Darks:
+    """Dark frames with at least two frames in the reference group."""
+
+    reference: GroupStatistics  # corrected for clipping
+    lines: tuple[DarkLines, ...]  # per channel
+    mean: GroupMean
+    mean_at_zero: GroupMean  # extrapolated to exposure zero, where the slopes of the pixels are known
+    slopes: tuple[SlopeSpread, ...] | None
+    clipped: ClippedDarks | None
+    cut: CutTail | None
+
+    @property
+    def exposure_s(self) -> float:
+        return self.reference.group.exposure_s
 
 
 def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult:
@@ -66,53 +84,23 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
         groups = _with_line_noise(groups, mean.noise, group.frames, reader)
     lines = tuple(dark_lines(groups, k, change) for k in range(len(reduction.names)))
     pooled = dark_lines(groups, None, change)
-    slope_map = _slope_map(reduction, scatter)
+    coefficients, slope_map = dark_slope_coefficients([entry.group for entry in reduction.darks]), None
+    if reduction.dark_slopes is not None and coefficients is not None:
+        slope_map = SlopeMap(reduction.dark_slopes, coefficients, reduction.darks, scatter)
     slopes = None if slope_map is None else slope_map.spreads()
     if clipped is not None:
         slope_map = None  # clipped pixels do not show their slopes
         if slopes is not None:
             slopes = tuple(_clipped_slope(slopes[k], lines[k], clipped.scale(k)) for k in range(len(slopes)))
-
     reference = next(entry for entry in groups if entry.group is group.group)
-    exposure_s = reference.group.exposure_s
-    zero = mean if slope_map is None else slope_map.moved(mean, 0.0)
-    channels = []
-    for k, moments in enumerate(label_moments(zero.mean, zero.tile)):
-        dsnu = _dsnu_variance(moments, zero, k)
-        if zero is not mean and slopes is not None:
-            largest = max(reference.levels[k].spatial_variance, dsnu.value)
-            dsnu += _dsnu_uncertainty_from_charge(lines[k].mean.charge_uncertainty_dn, slopes[k], largest)
-        measured = replace(
-            measure_dark_level(lines[k], reference.levels[k], reference.label),
-            dsnu_variance=dsnu,
-            dsnu_method=_AT_ZERO if zero is not mean else _AT_EXPOSURE.format(_SPREAD, format_exposure(exposure_s)),
-        )
-        if clipped is None:
-            measured = replace(measured, **_line_variances(mean, [k]))
-        if cut is not None:
-            measured = _restored(measured, cut.variance[k])
-        if slopes is not None:
-            measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
-        if clipped is not None:
-            plain, filtered = clipped.parts(k, *mean.parts(k))
-            measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
-            measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
-        channels.append(measured)
-    together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
-    if clipped is None:
-        together = replace(together, **_line_variances(mean, range(len(mean.noise))))
-        if cut is not None:
-            together = _restored(together, cut.together)
-    else:
-        spread: Value = NO_PIXEL_SLOPES
-        if slopes is not None:
-            spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
-        together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
+    mean_at_zero = mean if slope_map is None else slope_map.moved(mean, 0.0)
+    darks = _Darks(reference, lines, mean, mean_at_zero, slopes, clipped, cut)
+    moments = label_moments(mean_at_zero.mean, mean_at_zero.tile)
     return DarkResult(
         groups=tuple(groups),
         lines=lines,
-        channels=tuple(channels),
-        together=together,
+        channels=tuple(_measure_channel(darks, k, entry) for k, entry in enumerate(moments)),
+        pooled=_measure_pooled(darks, pooled),
         change=change,
         scatter=scatter,
         mean=mean,
@@ -124,6 +112,40 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     )
 
 
+def _measure_channel(darks: _Darks, k: int, moments: Moments) -> Measurements:
+    level, exposure_s, slopes = darks.reference.levels[k], darks.exposure_s, darks.slopes
+    dsnu, method = _dsnu_variance(moments, darks.mean_at_zero, k), _AT_ZERO
+    if darks.mean_at_zero is darks.mean:
+        method = _AT_EXPOSURE.format(_SPREAD, format_exposure(exposure_s))
+    elif slopes is not None and (charge_dn := darks.lines[k].mean.charge_uncertainty_dn) and slopes[k].mean:
+        # A dark charge that is off spreads over the pixels as the slopes do.
+        spread = charge_dn**2 * max(slopes[k].variance.value, 0.0) / slopes[k].mean ** 2
+        dsnu += Uncertain.of(0.0, min(spread, max(level.spatial_variance, dsnu.value)))
+    measured = measure_dark_level(darks.lines[k], level, darks.reference.label)
+    measured = replace(measured, dsnu_variance=dsnu, dsnu_method=method)
+    if slopes is not None:
+        measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
+    if darks.clipped is None:
+        measured = replace(measured, **_line_variances(darks.mean, [k]))
+        return measured if darks.cut is None else _restored(measured, darks.cut.variance[k])
+    plain, filtered = darks.clipped.components(k, *darks.mean.both_components(k))
+    measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
+    return _with_censored_fit(measured, darks.clipped.estimates[k], measured.dark_slope_variance, exposure_s)
+
+
+def _measure_pooled(darks: _Darks, lines: DarkLines) -> Measurements:
+    """Return the measurements of all pixels as one channel."""
+    measured = measure_dark_level(lines, pooled_level(darks.reference.levels), darks.reference.label)
+    if darks.clipped is None:
+        measured = replace(measured, **_line_variances(darks.mean, range(len(darks.mean.noise))))
+        return measured if darks.cut is None else _restored(measured, darks.cut.pooled)
+    spread: Value = NO_PIXEL_SLOPES
+    if darks.slopes is not None:
+        pixels = [float(entry.pixels) for entry in darks.slopes]
+        spread = weighted_mean([entry.variance for entry in darks.slopes], pixels)
+    return _with_censored_fit(measured, darks.clipped.pooled(), spread, darks.exposure_s)
+
+
 def _restored(measured: Measurements, cut: Uncertain) -> Measurements:
     """Return the measurements with the variance that was cut off at 0, the same in all dark frames."""
     read, dark = (derive(lambda v: v + cut, value) for value in (measured.read_variance, measured.dark_variance))
@@ -131,7 +153,7 @@ def _restored(measured: Measurements, cut: Uncertain) -> Measurements:
 
 
 def _with_line_noise(
-    groups: Sequence[GroupStatistics], noise: Sequence[TemporalParts], frames: int, reader: FrameReader
+    groups: Sequence[GroupStatistics], noise: Sequence[TemporalComponents], frames: int, reader: FrameReader
 ) -> tuple[GroupStatistics, ...]:
     """Return the groups with the uncertainty of their variances from the noise of rows and columns, which are few.
 
@@ -193,13 +215,6 @@ def dark_lines(
     return DarkLines.of([entry.group.exposure_s for entry in groups], levels, moved)
 
 
-def _slope_map(reduction: Reduction, scatter: float) -> SlopeMap | None:
-    coefficients = dark_slope_coefficients([entry.group for entry in reduction.darks])
-    if reduction.dark_slopes is None or coefficients is None:
-        return None
-    return SlopeMap(reduction.dark_slopes, coefficients, reduction.darks, scatter)
-
-
 def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> SlopeSpread:
     """Return the dark slopes of a clipped channel, with the mean of the corrected levels.
 
@@ -213,20 +228,13 @@ def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> Slope
 
 def _dsnu_variance(moments: Moments, dark: GroupMean, channel: int) -> Uncertain:
     """Return the spread of a channel of a mean dark frame, with the uncertainties from rounding and digital gain."""
-    dsnu, parts = excess_variance(moments, dark.total_noise[channel]), dark.part(channel)
+    dsnu, parts = excess_variance(moments, dark.total_noise[channel]), dark.components(channel)
     dsnu = with_rounding(dsnu, dark.rounding[channel])
     dsnu = dsnu * Uncertain.of(1.0, dark.statistics.levels[channel].scale_uncertainty)
     if isinstance(parts, Missing):
         return dsnu
     # With a row or column pattern there are fewer independent samples than pixels.
     return Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
-
-
-def _dsnu_uncertainty_from_charge(charge_dn: float, spread: SlopeSpread, largest: float) -> Uncertain:
-    """Return the uncertainty of DSNU^2 from a dark charge that is off by `charge_dn`: it spreads as the slopes do."""
-    if charge_dn == 0.0 or spread.mean == 0.0:
-        return Uncertain(0.0)
-    return Uncertain.of(0.0, min(charge_dn**2 * max(spread.variance.value, 0.0) / spread.mean**2, largest))
 
 
 def _with_censored_fit(

@@ -22,8 +22,8 @@ from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.quantization import differing_fraction, with_rounding
-from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
+from photosite.calibration.spatial.line_noise import TemporalComponents, mean_frame_components
+from photosite.calibration.spatial.nonuniformity import MapPlanes, VarianceComponents, channel_components
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
@@ -36,7 +36,7 @@ from photosite.engine.map_statistics import moved_map
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, derive
 
-PartsPair = tuple[Parts | Missing, Parts | Missing]
+ComponentsPair = tuple[VarianceComponents | Missing, VarianceComponents | Missing]
 """Row, column and pixel parts of a channel: plain and high-passed."""
 
 
@@ -57,7 +57,7 @@ class GroupMean:
     statistics: GroupStatistics
     mean: NDArray[np.float64]
     tile: NDArray[np.int64]
-    noise: Sequence[TemporalParts]
+    noise: Sequence[TemporalComponents]
     total_noise: Sequence[Uncertain]  # the sum of the parts, without the uncertainty of the division
     rounding: Sequence[float]  # standard uncertainty of a pixel's mean from rounding, per channel
     exposure_s: float
@@ -71,11 +71,11 @@ class GroupMean:
         scatter: float,
         values: NDArray[np.float64] | None = None,
     ) -> GroupMean:
-        """Read some frames of the group again for the sums of their rows and columns (`mean_frame_parts`).
+        """Read some frames of the group again for the sums of their rows and columns (`mean_frame_components`).
 
         `values` is the result of `mean.mean()`, where it is known.
         """
-        noise = mean_frame_parts(reader, statistics, scatter)
+        noise = mean_frame_components(reader, statistics, scatter)
         total = [mean_frame_noise(level, scatter) for level in statistics.levels]
         rounding = [level.rounding_pixel for level in statistics.levels]
         values = mean.mean() if values is None else values
@@ -85,13 +85,13 @@ class GroupMean:
     def _planes(self) -> MapPlanes:
         return MapPlanes(self.mean, self.tile)
 
-    def parts(self, channel: int) -> PartsPair:
-        """Return the parts of a channel."""
-        return self.part(channel), self.part(channel, filtered=True)
+    def both_components(self, channel: int) -> ComponentsPair:
+        """Return the components of a channel, plain and high-passed."""
+        return self.components(channel), self.components(channel, filtered=True)
 
-    def part(self, channel: int, *, filtered: bool = False) -> Parts | Missing:
-        """Return the parts of a channel, plain or high-passed."""
-        parts = channel_parts(self._planes, channel, self.noise[channel], filtered=filtered)
+    def components(self, channel: int, *, filtered: bool = False) -> VarianceComponents | Missing:
+        """Return the components of a channel."""
+        parts = channel_components(self._planes, channel, self.noise[channel], filtered=filtered)
         if isinstance(parts, Missing):
             return parts
         digital_gain = Uncertain.of(1.0, self.statistics.levels[channel].scale_uncertainty)
@@ -157,7 +157,7 @@ class SlopeMap:
         noise = []
         for whole, parts in zip(total, mean.noise, strict=True):
             row, column = parts.row * lines, parts.column * lines
-            noise.append(TemporalParts(whole - row - column, row, column))
+            noise.append(TemporalComponents(whole - row - column, row, column))
         return replace(
             mean,
             mean=moved_map(mean.mean, self.slopes.slopes, seconds),
@@ -178,7 +178,7 @@ class DarkResult:
         All dark groups, corrected for clipping at 0.
     lines
         Dark signal and dark variance against exposure.
-    channels, together
+    channels, pooled
         The measurements of each channel, and of all pixels together.
     change
         Change of the black level between dark frames.
@@ -201,7 +201,7 @@ class DarkResult:
     groups: tuple[GroupStatistics, ...]
     lines: tuple[DarkLines, ...]
     channels: tuple[Measurements, ...]
-    together: Measurements
+    pooled: Measurements
     change: BlackLevelChange = STEADY
     scatter: float = 0.0
     mean: GroupMean | None = None
@@ -271,7 +271,7 @@ def with_shared_charge(dark: DarkResult, shared: SharedNoise | None) -> DarkResu
         float(np.mean([factor.value for factor in factors])),
         float(np.mean([factor.standard_uncertainty for factor in factors])),
     )
-    return replace(dark, channels=channels, together=of(dark.together, mean, float(np.mean(doubts))))
+    return replace(dark, channels=channels, pooled=of(dark.pooled, mean, float(np.mean(doubts))))
 
 
 def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkResult:
@@ -279,7 +279,7 @@ def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkRes
     if found is None:
         return dark
     channels = tuple(replace(m, dark_slope=found.withheld) for m in dark.channels)
-    return replace(dark, channels=channels, together=replace(dark.together, dark_slope=found.withheld))
+    return replace(dark, channels=channels, pooled=replace(dark.pooled, dark_slope=found.withheld))
 
 
 def dark_exposure(lines: DarkLines) -> str:

@@ -11,13 +11,15 @@ from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.without_darks import SINGLE_DARK_FRAMES, unknown_level, unknown_variance
 from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, channel_parts
+from photosite.calibration.spatial.line_noise import TemporalComponents
+from photosite.calibration.spatial.nonuniformity import MapPlanes, VarianceComponents, channel_components
 from photosite.calibration.spatial.pixel_slopes import excess_variance
 from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import label_moments
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
+
+_NO_NOISE = TemporalComponents(Uncertain(0.0), Uncertain(0.0), Uncertain(0.0))
 
 
 def unknown_darks(reduction: Reduction, why: Missing) -> DarkResult:
@@ -29,7 +31,7 @@ def unknown_darks(reduction: Reduction, why: Missing) -> DarkResult:
     )
     pixels = [level.pixels for level in reduction.first_group.levels]
     measured = tuple(_unknown(why, of_channel) for of_channel in pixels)
-    return DarkResult(groups=(), lines=lines, channels=measured, together=_unknown(why, sum(pixels)))
+    return DarkResult(groups=(), lines=lines, channels=measured, pooled=_unknown(why, sum(pixels)))
 
 
 def _unknown(why: Missing, pixels: int) -> Measurements:
@@ -57,59 +59,54 @@ def measure_single_darks(reduction: Reduction, reference: GroupStatistics, frame
         return unknown_darks(
             reduction, UNKNOWN_DARK_NOISE.missing(f"the dark frames are clipped at 0, and {SINGLE_DARK_FRAMES}")
         )
-    why = UNKNOWN_DARK_NOISE.missing(SINGLE_DARK_FRAMES)
-    exposure_s = reference.group.exposure_s
     values, tile = frame.mean(), frame.labels
-    none = TemporalParts(Uncertain(0.0), Uncertain(0.0), Uncertain(0.0))
-    noise = [none] * len(channels)
     mean = GroupMean(
         statistics=reference,
         mean=values,
         tile=tile,
-        noise=noise,
-        total_noise=[none.total] * len(channels),
+        noise=[_NO_NOISE] * len(channels),
+        total_noise=[_NO_NOISE.total] * len(channels),
         rounding=[0.0] * len(channels),
-        exposure_s=exposure_s,
+        exposure_s=reference.group.exposure_s,
     )
     spreads, planes = [], MapPlanes(values, tile)
     for k, moments in enumerate(label_moments(values, tile)):
-        spread, parts = excess_variance(moments, none.total), channel_parts(planes, k, none, filtered=False)
-        if isinstance(parts, Parts):
+        spread = excess_variance(moments, _NO_NOISE.total)
+        parts = channel_components(planes, k, _NO_NOISE, filtered=False)
+        if isinstance(parts, VarianceComponents):
             uncertainty = max(spread.standard_uncertainty, parts.total.standard_uncertainty)
             spread = Uncertain.of(spread.value, uncertainty)
         spreads.append(spread)
-    lines = tuple(_single_lines(reduction, k) for k in channels)
-
-    def measured(dark: DarkLines, spread: Uncertain, pixels: int) -> Measurements:
-        black, slope = dark.mean.line
-        slope = screen_dark_slope(slope, dark.mean.exposure_s)
-        return replace(
-            _unknown(why, pixels),
-            black_level=dark.mean.at_zero if isinstance(black, Missing) else black,
-            dark_slope=slope,
-            dark_slope_variance=slope if isinstance(slope, Missing) else why,
-            noise_and_pattern=spread,
-            dark_exposure=dark_exposure(dark),
-        )
-
     slopes = None
     if reduction.dark_slopes is not None:
         # Their spread holds the noise of the frames: that of the dark current is between 0 and the whole of it.
         slopes = tuple(
             replace(spread, variance=Uncertain.of(0.5 * spread.variance.value, 0.5 * spread.variance.value))
-            for spread in reduction.dark_slopes.spreads([none.total] * len(channels))
+            for spread in reduction.dark_slopes.spreads([_NO_NOISE.total] * len(channels))
         )
     pixels = [level.pixels for level in reference.levels]
-    of_channels = tuple(measured(*each) for each in zip(lines, spreads, pixels, strict=True))
-    together = _single_lines(reduction, None)
+    lines, pooled = tuple(_single_lines(reduction, k) for k in channels), _single_lines(reduction, None)
     return DarkResult(
         groups=darks,
         lines=lines,
-        channels=of_channels,
-        together=measured(together, weighted_mean(spreads, [float(count) for count in pixels]), sum(pixels)),
+        channels=tuple(_measure_level(*each) for each in zip(lines, spreads, pixels, strict=True)),
+        pooled=_measure_level(pooled, weighted_mean(spreads, [float(count) for count in pixels]), sum(pixels)),
         mean=mean,
         slopes=slopes,
-        slope_sampling=together.mean.sampling,
+        slope_sampling=pooled.mean.sampling,
+    )
+
+
+def _measure_level(dark: DarkLines, spread: Uncertain, pixels: int) -> Measurements:
+    why, (black, slope) = UNKNOWN_DARK_NOISE.missing(SINGLE_DARK_FRAMES), dark.mean.line
+    slope = screen_dark_slope(slope, dark.mean.exposure_s)
+    return replace(
+        _unknown(why, pixels),
+        black_level=dark.mean.at_zero if isinstance(black, Missing) else black,
+        dark_slope=slope,
+        dark_slope_variance=slope if isinstance(slope, Missing) else why,
+        noise_and_pattern=spread,
+        dark_exposure=dark_exposure(dark),
     )
 
 

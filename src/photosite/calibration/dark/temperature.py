@@ -27,7 +27,6 @@ _UNEVEN = 0.01
 """Probability of so large a scatter about the fit by chance, below which the scatter widens the uncertainty."""
 _DOUBLINGS_C = np.geomspace(1.0, 60.0, 241)
 """Doubling temperatures in which the best one is searched for, before it is refined."""
-_NO_LIGHT = "no light frames: gain, electrons, PRNU and saturation could not be estimated"
 _METHOD = "weighted fit of D0 2^((T - T0) / doubling temperature) to the dark current at {} temperatures"
 
 

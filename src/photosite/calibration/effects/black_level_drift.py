@@ -146,17 +146,7 @@ def measure_drift(
     longest = max((len(y) for y, _ in chosen), default=0)
     if longest < LEAST_FRAMES or all(np.ptp(y) == 0.0 for y, _ in chosen):
         return None
-    # Independent contrasts of each series: their squares, noise variances, and variances per octave's variance
-    squares, noise, fractions = [], [], []
-    for y, variance in chosen:
-        centering = np.eye(len(y)) - 1.0 / len(y)
-        fraction, vectors = np.linalg.eigh(centering @ step_covariance(len(y)) @ centering)
-        keep = fraction > 1e-9 * fraction.max()
-        squares.append((vectors[:, keep].T @ y) ** 2)
-        fractions.append(fraction[keep])
-        noise.append(np.full(int(keep.sum()), variance))
-    square, fraction, white = (np.concatenate(parts) for parts in (squares, fractions, noise))
-    white = np.maximum(white, 1e-12 * float(square.mean()))
+    square, fraction, white = _contrasts(chosen)
 
     def misfit(octave: float) -> float:
         variance = white + octave * fraction
@@ -193,6 +183,23 @@ def measure_drift(
         tuple(y - y.mean() for y, _ in chosen),
         tuple(math.sqrt(variance) for _, variance in chosen),
     )
+
+
+def _contrasts(series: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
+    """Return independent contrasts of the series: their squares, variances per octave's variance, and noise variances.
+
+    Each series comes with the noise variance of a frame's mean.
+    """
+    squares, fractions, noise = [], [], []
+    for y, variance in series:
+        centering = np.eye(len(y)) - 1.0 / len(y)
+        fraction, vectors = np.linalg.eigh(centering @ step_covariance(len(y)) @ centering)
+        keep = fraction > 1e-9 * fraction.max()
+        squares.append((vectors[:, keep].T @ y) ** 2)
+        fractions.append(fraction[keep])
+        noise.append(np.full(int(keep.sum()), variance))
+    square, fraction, white = (np.concatenate(entries) for entries in (squares, fractions, noise))
+    return square, fraction, np.maximum(white, 1e-12 * float(square.mean()))
 
 
 def _in_electrons(deviation: Uncertain, ends_dn: tuple[float, float], gain: Value) -> Estimate:

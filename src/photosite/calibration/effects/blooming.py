@@ -115,42 +115,43 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
     row, col = np.nonzero(full - first > _BELOW * well)
     if not len(row):
         return EFFECT_NOT_SEEN.missing("no pixel overflows by its dark current")
-
-    def without(reason: str) -> BloomingResult:
-        return BloomingResult(Estimate(reason=reason), np.zeros(0), np.zeros(0), 0.0, seen=False)
-
     if top > (1 << frames.bits) - 1.5:
-        return without("the converter saturates before the well, so that the frames do not show a full well")
+        return _without("the converter saturates before the well, so that the frames do not show a full well")
     signal = np.full(len(row), np.nan)
     for group in darks[1:-1]:
         shown = (_mean(group, used) - first)[row, col]
         longer = longest.exposure_s / (group.exposure_s - darks[0].exposure_s)
         signal = np.where(shown < _BELOW * well, shown * longer, signal)
-    background = np.median(full - first)
-    above = signal - well
-    chosen = (signal > _BEYOND * well) & np.array(
-        [_alone(int(r), int(c), row, col) for r, c in zip(row, col, strict=True)]
-    )
+    near = np.array([_hot_pixels_near(int(r), int(c), row, col) for r, c in zip(row, col, strict=True)])
+    chosen = (signal > _BEYOND * well) & (near == 1)
     if not np.isfinite(signal).any():
-        return without("no shorter dark exposure shows the dark current of the saturated pixels; take one in between")
+        return _without("no shorter dark exposure shows the dark current of the saturated pixels; take one in between")
     if chosen.sum() < LEAST_PIXELS:
-        return without(f"{chosen.sum()} hot pixels overflow; {LEAST_PIXELS} are needed")
-    added = full - first - background
-    column = np.array([_beside(added, r, c) for r, c in zip(row[chosen], col[chosen], strict=True)])
+        return _without(f"{chosen.sum()} hot pixels overflow; {LEAST_PIXELS} are needed")
+    added = full - first - np.median(full - first)
+    column = np.array([_column_charge(added, r, c) for r, c in zip(row[chosen], col[chosen], strict=True)])
     ordinary = _ordinary(added, row, col)
     column -= float(np.mean(ordinary))
-    overflow = above[chosen]
+    return _fraction_kept((signal - well)[chosen], column, ordinary, longest.exposure_s)
+
+
+def _without(reason: str) -> BloomingResult:
+    return BloomingResult(Estimate(reason=reason), np.zeros(0), np.zeros(0), 0.0, seen=False)
+
+
+def _fraction_kept(overflow: _Floats, column: _Floats, ordinary: _Floats, exposure_s: float) -> BloomingResult:
+    """Fit the charge in the columns against the overflow; `ordinary` is that of columns without overflow."""
+    from scipy.special import stdtr
+
     slope = float(overflow @ column / (overflow @ overflow))
     left = column - slope * overflow
     freedom = len(column) - 1
     # Residuals weighted as in the slope: the noise may grow with the overflow.
-    robust = float((overflow * left) @ (overflow * left)) / (overflow @ overflow) ** 2 * len(column) / freedom
+    robust = float((overflow * left) @ (overflow * left)) / float(overflow @ overflow) ** 2 * len(column) / freedom
     known = float(ordinary.var()) / float(overflow @ overflow)
-    u = math.sqrt(float(max(robust, known)))
+    u = math.sqrt(max(robust, known))
     kept = Uncertain.of(slope, u, Source.student(freedom))
-    from scipy.special import stdtr
-
-    method = _METHOD.format(len(column), longest.exposure_s)
+    method = _METHOD.format(len(column), exposure_s)
     low, high = kept.interval_95
     limit = high if low < 0.0 < high else None
     seen = bool(stdtr(freedom, -slope / u) < _SEEN)
@@ -162,12 +163,12 @@ def _mean(group: FrameGroup, used: set[int]) -> _Floats:
     return np.asarray(np.mean(stack, axis=0, dtype=np.float64))
 
 
-def _alone(r: int, c: int, row: NDArray[np.int64], col: NDArray[np.int64]) -> bool:
-    """Return whether no other hot pixel lies in the column within reach."""
-    return int(((col == c) & (np.abs(row - r) <= 2 * _REACH)).sum()) == 1
+def _hot_pixels_near(r: int, c: int, row: NDArray[np.int64], col: NDArray[np.int64]) -> int:
+    """Return the number of hot pixels of the column within reach."""
+    return int(((col == c) & (np.abs(row - r) <= 2 * _REACH)).sum())
 
 
-def _beside(added: _Floats, r: int, c: int) -> float:
+def _column_charge(added: _Floats, r: int, c: int) -> float:
     """Return the charge in the column beside a pixel."""
     return float(added[max(r - _REACH, 0) : r, c].sum() + added[r + 1 : r + 1 + _REACH, c].sum())
 
@@ -177,8 +178,8 @@ def _ordinary(added: _Floats, row: NDArray[np.int64], col: NDArray[np.int64]) ->
     rng = np.random.default_rng(0)
     rows, cols = added.shape
     places = zip(rng.integers(0, rows, 2 * _ORDINARY), rng.integers(0, cols, 2 * _ORDINARY), strict=True)
-    free = [(r, c) for r, c in places if not ((col == c) & (np.abs(row - r) <= 2 * _REACH)).any()]
-    return np.array([_beside(added, r, c) for r, c in free[:_ORDINARY]])
+    free = [(r, c) for r, c in places if not _hot_pixels_near(r, c, row, col)]
+    return np.array([_column_charge(added, r, c) for r, c in free[:_ORDINARY]])
 
 
 EFFECT = Effect(30, measure_blooming, missing="absent")

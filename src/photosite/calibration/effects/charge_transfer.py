@@ -46,7 +46,7 @@ class EdgeResponse(Shown):
     Parameters
     ----------
     inefficiency
-        Share of the charge that stays behind at a transfer.
+        Fraction of the charge that stays behind at a transfer.
     transfers, lines
         Transfers of the last illuminated line, and lines without light behind it.
     slope
@@ -212,11 +212,9 @@ def _edge_response(
     if count.max() < 2:
         reason = "no exposure time has two frames, whose differences would give the uncertainty"
         return EdgeResponse(Estimate(reason=reason, method=method))
-    exposure_s = np.array([group.exposure_s for group in groups])
-    is_dark = np.array([group.kind == "dark" for group in groups])
     terms = [signal, np.ones_like(signal)]
-    if len(set(exposure_s[is_dark])) > 1:
-        terms.append(exposure_s)
+    if len({group.exposure_s for group in groups if group.kind == "dark"}) > 1:
+        terms.append(np.array([group.exposure_s for group in groups]))
     design = np.column_stack(terms)
     if np.linalg.matrix_rank(design / np.abs(design).max(axis=0)) < design.shape[1]:
         return EdgeResponse(
@@ -234,8 +232,7 @@ def _edge_response(
         shared = min(shared, left)
         method += "; the points scatter about the line beyond chance, which widens the uncertainty"
     slope = Uncertain.of(float(solution[0]), spread, Source.student(shared))
-    brightest = int(np.argmax(signal))
-    darkest = int(np.argmin(signal))
+    brightest, darkest = int(np.argmax(signal)), int(np.argmin(signal))
     profile = (lines[brightest] - lines[darkest].mean(axis=0)).mean(axis=0)
     profile = (profile[1:] - profile[near + 1 :].mean()) / (signal[brightest] - signal[darkest])
     return EdgeResponse(

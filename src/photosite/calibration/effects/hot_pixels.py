@@ -28,7 +28,7 @@ _FAR = 1.5
 """Distance of the limit of hot pixels from the median, in units of the distance that no other pixel reaches."""
 _MOSTLY_SEEN = 0.3
 """Smallest fraction of the hot pixels above the limit, for which the distribution below it is known."""
-_NOT_OF_THIS_KIND = 0.01
+MISFIT_PROBABILITY = 0.01
 """Probability of the tail's shape below which it is not log-normal."""
 _WIDEST = 0.5
 """Largest relative uncertainty of the fraction."""
@@ -216,7 +216,7 @@ def dark_distribution(
     best, covariance = fit.solve()
     if covariance is None or fit.seen(best) < _MOSTLY_SEEN or covariance[0, 0] > _WIDEST**2:
         return without("most hot pixels lie below, so that their distribution is not known")
-    if fit.misfit(best) < _NOT_OF_THIS_KIND:
+    if fit.misfit(best) < MISFIT_PROBABILITY:
         return without("their dark current is not log-normal")
     found = [_logarithmic(float(x), math.sqrt(u2), method) for x, u2 in zip(best, np.diag(covariance), strict=True)]
     return result(found[0], found[1], found[2], fit.below(best, covariance))

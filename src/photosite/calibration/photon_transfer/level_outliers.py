@@ -87,7 +87,7 @@ def find_light_outliers(channels: Sequence[LightLevels], whites: Sequence[int]) 
     """
     found: dict[int, float] = {}
     for levels, white in zip(channels, whites, strict=True):
-        for place, deviation in _of_channel(levels, white).items():
+        for place, deviation in _channel_outliers(levels, white).items():
             group = int(levels.group[place])
             found[group] = max(found.get(group, 1.0), deviation, key=lambda ratio: abs(math.log(ratio)))
     return [LightOutlier(group, found[group]) for group in sorted(found)]
@@ -123,7 +123,7 @@ def _fraction(ratio: float) -> str:
     return f"{ratio:.3g} times what their signal shows"
 
 
-def _of_channel(levels: LightLevels, white: int) -> dict[int, float]:
+def _channel_outliers(levels: LightLevels, white: int) -> dict[int, float]:
     """Return stated over expected light of the outliers of a channel, by their place."""
     order = np.argsort(levels.signal, kind="stable")
     by_signal = levels.take(order)  # with a wrong light, the order by light is not that of the signal

@@ -28,7 +28,7 @@ from photosite.calibration.photon_transfer.pixel_coupling import PixelCoupling, 
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.line_noise import group_lines, temporal_parts
+from photosite.calibration.spatial.line_noise import group_lines, temporal_components
 from photosite.values.uncertain import Measured, Missing, Uncertain
 
 PIXELS = 1 << 21
@@ -66,15 +66,6 @@ class NoiseStructure:
     shared: SharedNoise | None = None
     flicker: Flicker | None = None
     coupling: PixelCoupling | Missing = NO_COUPLING
-
-    def warnings(self) -> list[str]:
-        """Return a warning for each kind: its size, and what it means for the results."""
-        found = []
-        if self.flicker is not None:
-            found.append(f"{self.flicker}; its noise was subtracted from the temporal variances of the flat fields")
-        if self.shared is not None and self.shared.seen:
-            found.append(str(self.shared))
-        return found
 
 
 def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseStructure:
@@ -199,7 +190,7 @@ def without_flicker(
         if group.frames > 1 and not any(level.clipped for level in group.levels):
             levels = []
             lines = group_lines(reader, group, most=group.frames)
-            found = temporal_parts(group.levels, lines, reader.tile)
+            found = temporal_components(group.levels, lines, reader.tile)
             of_rows = lines[0].sum(axis=2, dtype=np.float64) / reader.frames.cols
             bands.append(RowLight(group.group.exposure_s, of_rows - dark_rows))
             for k, (level, parts) in enumerate(zip(group.levels, found, strict=True)):

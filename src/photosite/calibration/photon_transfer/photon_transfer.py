@@ -49,7 +49,7 @@ class LightLevels:
         (m,) temporal variance less the dark's, DN^2, NaN for one frame; its (m, m) sampling covariance.
     noise, noise_uncertainty
         (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
-    dark_noise, dark_share
+    dark_noise, dark_fraction
         The dark temporal variances, and the (m, darks) fraction of each that was subtracted.
     mean, spread, mean_variance
         (m,) mean including the dark, and standard deviation over pixels and frames, DN; variance of the mean over both,
@@ -57,7 +57,7 @@ class LightLevels:
     frame_scatter
         (m,) temporal variance of the mean, from the scatter of the means of frames; 0 where the noise of independent
         pixels explains it.
-    clipped, white_share, group, frames
+    clipped, white_fraction, group, frames
         (m,) whether the level is clipped; fraction of numbers at full scale; index of the light group; number of
         frames.
     trusted

@@ -87,7 +87,7 @@ class ResponseCurve(Shown):
         """(n,) electrons at each signal."""
         return tuple(self.stretch(i) * float(y) / self.gain for i, y in enumerate(self.signal_dn))
 
-    def bend_of_light(self, level: int) -> Uncertain:
+    def light_bend(self, level: int) -> Uncertain:
         """Return the part of the bend of the means at a level that is not the sensor's."""
         if self.shape is None:
             return self.bend[level] * -1.0
@@ -106,7 +106,7 @@ class ResponseCurve(Shown):
     @property
     def light_deviation_percent(self) -> tuple[Uncertain, ...]:
         """(n,) deviation of each signal that is due to the light, not in proportion to what is stated, percent."""
-        of_light = (self.bend_of_light(i) for i in range(len(self.signal_dn)))
+        of_light = (self.light_bend(i) for i in range(len(self.signal_dn)))
         return tuple(100.0 / part.apply(math.exp, math.exp) - 100.0 for part in of_light)
 
     def to_dict(self) -> dict[str, Any]:

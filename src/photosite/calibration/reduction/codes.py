@@ -118,7 +118,7 @@ def count_codes(samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64]
     return np.concatenate(parts).astype(np.int64)
 
 
-def of_channel(counts: Counts, channel: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def channel_counts(counts: Counts, channel: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the digital numbers of a channel, in increasing order, and their counts."""
     chosen = counts[counts[:, 0] == channel]
     return chosen[:, 1], chosen[:, 2]
@@ -150,7 +150,7 @@ def find_steps(
     """
     inside = []
     for counts in groups:
-        codes, numbers = of_channel(counts, channel)
+        codes, numbers = channel_counts(counts, channel)
         take = (codes > clip[0]) & (codes < clip[1])
         inside.append((codes[take], numbers[take]))
     return _missing(inside) or _doubled(inside, noise_dn, channels)
@@ -334,7 +334,7 @@ def find_white_level(lights: Sequence[Counts], channel: int, full_scale: int) ->
     """
     found = 0
     for counts in lights:
-        codes, numbers = of_channel(counts, channel)
+        codes, numbers = channel_counts(counts, channel)
         if not len(codes):
             continue
         total = int(numbers.sum())
@@ -350,5 +350,5 @@ def find_white_level(lights: Sequence[Counts], channel: int, full_scale: int) ->
 
 def fraction_above(counts: Counts, channel: int, code: int) -> float:
     """Return the fraction of a channel's samples above a number."""
-    codes, numbers = of_channel(counts, channel)
+    codes, numbers = channel_counts(counts, channel)
     return float(numbers[codes > code].sum() / max(numbers.sum(), 1))

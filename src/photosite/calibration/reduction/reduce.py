@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.codes import (
-    Counts,
     Steps,
     Sums,
     find_steps,
@@ -67,7 +67,7 @@ class Reduction:
         """The reference group, or the dimmest flat fields without dark frames."""
         return self.reference_group or min(self.lights, key=lambda entry: entry.levels[0].mean)
 
-    def of_channel(self, name: str, text: str = ", channel {}") -> str:
+    def channel_label(self, name: str, text: str = ", channel {}") -> str:
         """Return the channel's name in a text, "" for a monochrome chip."""
         return text.format(name) if len(self.names) > 1 else ""
 
@@ -82,7 +82,7 @@ class Reduction:
         """Return an error of a kind about these frames, or about one of the groups and a channel of it."""
         where = self.frames.source
         if group is not None:
-            where += f": {group.label}" + (self.of_channel(channel) if channel else "")
+            where += f": {group.label}" + (self.channel_label(channel) if channel else "")
         return kind.error(what, where=where, hint=hint)
 
 
@@ -149,77 +149,83 @@ def _foreign_groups(
 
 def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float64]]]:
     """Return the reduction, and a sample of the mean frame of each group by the `id` of the group."""
-    rows, cols = sample_grid((reader.frames.rows, reader.frames.cols), 1)
+    shape = reader.frames.rows, reader.frames.cols
+    rows, cols = sample_grid(shape, 1)
     samples: dict[int, NDArray[np.float64]] = {}
+
+    def read(group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
+        statistics, sums = read_group(reader, group)
+        samples[id(group)] = sums.sum[rows, cols] / sums.count
+        return statistics, sums
+
     planned = reader.frames.of_kind("dark")
-    slopes, coefficients = None, dark_slope_coefficients(planned)
-    if coefficients is not None:
-        slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
+    coefficients = dark_slope_coefficients(planned)
+    slopes = None if coefficients is None else PixelSlopes(shape, reader.tile)
     wanted = reference_dark(planned) if planned else None
     darks: list[GroupStatistics] = []
     mean: MeanFrame | None = None
     for index, group in enumerate(planned):
-        statistics, sums = read_group(reader, group)
-        samples[id(group)] = sums.sum[rows, cols] / sums.count
+        statistics, sums = read(group)
         darks.append(statistics)
-        of_group = sums.mean_frame()
+        group_mean = sums.mean_frame()
         if index == wanted:
-            mean = of_group
+            mean = group_mean
         if slopes is not None and coefficients is not None:
-            slopes.add(of_group, [float(coefficients[index])] * len(statistics.levels))
+            slopes.add(group_mean, [float(coefficients[index])] * len(statistics.levels))
     reference = reference_dark(darks) if darks else None
-    if reference is not None and (
-        mean is None or reference != wanted
-    ):  # frames of the planned reference group were rejected
+    if reference is not None and reference != wanted:  # frames of the planned reference group were rejected
         reader.expect(len(planned[reference]))
         mean = reader.mean(planned[reference])
-
     lights = []
     for group in reader.frames.of_kind("light"):
-        statistics, sums = read_group(reader, group)
-        samples[id(group)] = sums.sum[rows, cols] / sums.count
+        statistics, sums = read(group)
         lights.append(statistics)
         if not all(level.clipped for level in statistics.levels):
             reader.keep(group, sums)
-    channels = range(len(channel_names(reader.frames.cfa)))
-    counts = [reader.counts[id(entry.group)] for entry in lights]
-    whites = tuple(find_white_level(counts, k, reader.white) for k in channels)
-    lights = [_with_white_level(*pair, whites, reader.white) for pair in zip(lights, counts, strict=True)]
-    steps = tuple(_steps(reader, (*darks, *lights), k, white) for k, white in zip(channels, whites, strict=True))
-    sums_of = tuple(
-        find_sums(white, 1.0 if found is None else found.step, reader.frames.bits)
-        for white, found in zip(whites, steps, strict=True)
-    )
-    groups = [_with_steps(entry, i, steps, sums_of) for i, entry in enumerate((*darks, *lights))]
-    rejected, used = tuple(reader.rejected), tuple(reader.used_frames)
-    first = len(darks)
-    codes = np.concatenate([found[:, 1] for found in reader.counts.values()])
+    codes = _find_codes(reader, darks, lights)
     reduction = Reduction(
-        reader.frames,
-        tuple(groups[:first]),
-        tuple(groups[first:]),
-        reference,
-        mean,
-        slopes,
-        whites,
-        steps,
-        sums_of,
-        int(np.bitwise_or.reduce(codes)),
-        rejected,
-        used,
+        frames=reader.frames,
+        darks=codes.groups[: len(darks)],
+        lights=codes.groups[len(darks) :],
+        reference=reference,
+        reference_mean=mean,
+        dark_slopes=slopes,
+        whites=codes.whites,
+        steps=codes.steps,
+        sums=codes.sums,
+        bits_used=int(np.bitwise_or.reduce(np.concatenate([found[:, 1] for found in reader.counts.values()]))),
+        rejected=tuple(reader.rejected),
+        used=tuple(reader.used_frames),
     )
     return reduction, samples
 
 
-def _with_white_level(
-    entry: GroupStatistics, counts: Counts, whites: Sequence[int], full_scale: int
-) -> GroupStatistics:
-    """Return a light group with the fraction of samples at the white levels below full scale."""
-    levels = tuple(
-        replace(level, high_fraction=fraction_above(counts, k, white - 1)) if white < full_scale else level
-        for k, (level, white) in enumerate(zip(entry.levels, whites, strict=True))
+class _Codes(NamedTuple):
+    """White level, steps and sums of each channel (as in `Reduction`), and the groups with their quantization noise."""
+
+    whites: tuple[int, ...]
+    steps: tuple[Steps | None, ...]
+    sums: tuple[Sums | None, ...]
+    groups: tuple[GroupStatistics, ...]
+
+
+def _find_codes(reader: FrameReader, darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]) -> _Codes:
+    counts = [reader.counts[id(entry.group)] for entry in lights]
+    whites = tuple(find_white_level(counts, k, reader.white) for k in range(len(channel_names(reader.frames.cfa))))
+    groups = list(darks)
+    for entry, found in zip(lights, counts, strict=True):
+        # The fraction of samples at the white levels, where these are below full scale.
+        levels = tuple(
+            replace(level, high_fraction=fraction_above(found, k, white - 1)) if white < reader.white else level
+            for k, (level, white) in enumerate(zip(entry.levels, whites, strict=True))
+        )
+        groups.append(replace(entry, levels=levels))
+    steps = tuple(_steps(reader, groups, k, white) for k, white in enumerate(whites))
+    sums = tuple(
+        find_sums(white, 1.0 if found is None else found.step, reader.frames.bits)
+        for white, found in zip(whites, steps, strict=True)
     )
-    return replace(entry, levels=levels)
+    return _Codes(whites, steps, sums, tuple(_with_steps(entry, i, steps, sums) for i, entry in enumerate(groups)))
 
 
 def _steps(reader: FrameReader, groups: Sequence[GroupStatistics], channel: int, white: int) -> Steps | None:

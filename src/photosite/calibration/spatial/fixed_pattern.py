@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.dark.dark_lines import same_exposure
-from photosite.calibration.dark.dark_result import DarkResult, GroupMean, PartsPair
+from photosite.calibration.dark.dark_result import ComponentsPair, DarkResult, GroupMean
 from photosite.calibration.light.light_frames import LightResult
 from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
 from photosite.calibration.photon_transfer.channel import Channel
@@ -27,7 +28,12 @@ from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.channel_tables import measured_channels, without_channels
 from photosite.calibration.spatial.far_pixels import FarPixels, find_far_pixels
-from photosite.calibration.spatial.nonuniformity import MapPlanes, Parts, shading_variance, without_neighbors
+from photosite.calibration.spatial.nonuniformity import (
+    MapPlanes,
+    VarianceComponents,
+    shading_variance,
+    without_neighbors,
+)
 from photosite.calibration.spatial.periodic_structure import (
     UNSTATED_MOSAIC,
     PeriodicStructure,
@@ -79,10 +85,10 @@ class FixedPattern:
     response_variance: Value
     shading_variance: Value
     dsnu1288_exposures_s: tuple[float, ...]
-    dsnu1288: Parts | Missing
-    dsnu1288_filtered: Parts | Missing
-    prnu1288: Parts | Missing
-    prnu1288_unfiltered: Parts | Missing
+    dsnu1288: VarianceComponents | Missing
+    dsnu1288_filtered: VarianceComponents | Missing
+    prnu1288: VarianceComponents | Missing
+    prnu1288_unfiltered: VarianceComponents | Missing
     spatial: SpatialAnalysis | Missing
     channel_variance: float = 0.0
     lines: tuple[int, int] = (1, 1)  # rows and columns that the channel's pixels are in
@@ -180,112 +186,245 @@ def plan_slopes(
     )
 
 
+@dataclass(frozen=True)
+class _Inputs:
+    """What the stages before have established, and the light groups that each channel's fixed pattern comes from."""
+
+    reduction: Reduction
+    dark: DarkResult
+    light: LightResult
+    reader: FrameReader
+    outliers: OutlierThresholds | None
+
+    @cached_property
+    def half(self) -> list[int | Missing]:
+        """Light group near half saturation of each channel."""
+        return [_half_saturated(channel, self.reduction.lights) for channel in self.light.channels]
+
+    @cached_property
+    def dark_mean(self) -> NDArray[np.float64]:
+        """Mean dark frame; zeros without one."""
+        return np.zeros(self.shape) if self.dark.mean is None else self.dark.mean.mean
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of a frame."""
+        return self.reduction.frames.rows, self.reduction.frames.cols
+
+    @property
+    def charge(self) -> Sequence[SharedCharge] | None:
+        """Charge that frames and pixels share, by channel; None where there is none or it is not known."""
+        shared = self.light.noise.shared
+        return None if shared is None or isinstance(shared.charge, Missing) else shared.charge
+
+    @cached_property
+    def plans(self) -> list[SlopePlan | Missing]:
+        """Plan of each channel's map of slopes."""
+        lights, charge = self.reduction.lights, self.charge
+        return [
+            plan_slopes(channel, lights, None if charge is None else charge[channel.index])
+            for channel in self.light.channels
+        ]
+
+    @cached_property
+    def weights(self) -> list[dict[int, float]]:
+        """Weights of the light groups in each channel's map of slopes; empty without a plan."""
+        return [{} if isinstance(plan, Missing) else plan.coefficients for plan in self.plans]
+
+    def line_count(self, channel: int) -> tuple[int, int]:
+        """Return the numbers of rows and columns that the channel's pixels are in."""
+        inside = self.reader.tile == channel
+        rows, cols = (
+            length * int(inside.any(axis=1 - axis).sum()) // inside.shape[axis]
+            for axis, length in enumerate(self.shape)
+        )
+        return rows, cols
+
+
+@dataclass(frozen=True)
+class _DarkPattern:
+    """One channel's dark pattern at the exposure time of its half-saturated flat fields, else of the reference.
+
+    `unaltered` is the high-passed pattern without the readout channels' offsets. Where the noise of the dark frames is
+    unknown, both patterns are missing, and the frame itself is the only one.
+    """
+
+    components: ComponentsPair
+    unaltered: VarianceComponents | Missing
+    planes: MeanPlanes | Missing
+
+    @property
+    def exposures_s(self) -> tuple[float, ...]:
+        """The exposure time, if it is known."""
+        return () if isinstance(self.planes, Missing) else (self.planes.exposure_s,)
+
+    def spatial(self, light: MeanPlanes | Missing, outliers: OutlierThresholds | None) -> SpatialAnalysis | Missing:
+        """Return the analysis of both mean frames."""
+        return self.planes if isinstance(self.planes, Missing) else spatial_analysis(self.planes, light, outliers)
+
+
+@dataclass
+class _FlatPattern:
+    """Periods and taps of the brightest flat fields, and by channel the pattern of those near half saturation."""
+
+    slopes: PixelSlopes
+    structure: PeriodicStructure | None = None
+    taps: tuple[Taps, ...] = ()
+    prnu: dict[int, ComponentsPair] = field(default_factory=dict)  # high-passed, and plain
+    gains: dict[int, VarianceComponents | Missing] = field(default_factory=dict)  # without readout channels
+    spatial: dict[int, SpatialAnalysis | Missing] = field(default_factory=dict)
+
+
 def measure_fixed_pattern(
     reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, outliers: OutlierThresholds | None
 ) -> FixedPatterns:
     """Measure each channel's fixed pattern."""
-    channels, lights = light.channels, reduction.lights
-    half = [_half_saturated(channel, lights) for channel in channels]
-    dark_mean = np.zeros((reduction.frames.rows, reduction.frames.cols)) if dark.mean is None else dark.mean.mean
+    inputs = _Inputs(reduction, dark, light, reader, outliers)
     offsets, taps, far = _dark_structure(dark, reader.tile)
-    # Offsets in DN
-    readout = measured_channels(None, offsets, taps, Uncertain(1.0))
-    patterns = _dark_patterns(reduction, dark, half, reader, readout)
-    if not channels:
-        none = NO_LIGHT, NO_LIGHT
-        return FixedPatterns(
-            tuple(
-                FixedPattern(
-                    *(*none, _times(planes), *parts, *none, _spatial(planes, NO_LIGHT, outliers)),
-                    lines=_line_count(reader.tile == k, dark_mean.shape),
-                    **_line_variances(lines, NO_LIGHT),
-                )
-                for k, (parts, lines, planes) in enumerate(patterns)
-            ),
-            dark_structure=offsets,
-            taps=taps,
-            far=far,
-        )
-    shared = light.noise.shared
-    charge = None if shared is None or isinstance(shared.charge, Missing) else shared.charge
-    plans = [plan_slopes(channel, lights, None if charge is None else charge[channel.index]) for channel in channels]
-    coefficients = [{} if isinstance(plan, Missing) else plan.coefficients for plan in plans]
-    groups = [i for i in range(len(lights)) if i in half or any(i in weights for weights in coefficients)]
+    readout = measured_channels(None, offsets, taps, Uncertain(1.0))  # offsets in DN
+    darks = _dark_patterns(inputs, readout)
+    if not light.channels:
+        channels = tuple(_without_light(inputs, k, pattern) for k, pattern in enumerate(darks))
+        return FixedPatterns(channels, dark_structure=offsets, taps=taps, far=far)
+    flats = _read_flats(inputs, darks, offsets, taps)
+    planes = MapPlanes(flats.slopes.slopes, reader.tile)
+    spreads = flats.slopes.spreads(
+        [Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in inputs.plans]
+    )
+    result = [
+        _channel_pattern(inputs, k, pattern, flats, planes, spread)
+        for k, (pattern, spread) in enumerate(zip(darks, spreads, strict=True))
+    ]
+    structure = flats.structure
+    if structure is not None and structure.of_mosaic():
+        result = [entry.withheld(UNSTATED_MOSAIC.missing(f"{structure}; state it")) for entry in result]
+    far += _found([find_far_pixels("PRNU", flats.slopes.slopes, reader.tile.shape)])
+    return FixedPatterns(tuple(result), structure, offsets, taps + flats.taps, far)
+
+
+def _without_light(inputs: _Inputs, channel: int, dark: _DarkPattern) -> FixedPattern:
+    return FixedPattern(
+        NO_LIGHT,
+        NO_LIGHT,
+        dark.exposures_s,
+        *dark.components,
+        NO_LIGHT,
+        NO_LIGHT,
+        dark.spatial(NO_LIGHT, inputs.outliers),
+        lines=inputs.line_count(channel),
+        **_line_variances(dark.unaltered, NO_LIGHT),
+    )
+
+
+def _read_flats(
+    inputs: _Inputs, darks: Sequence[_DarkPattern], offsets: PeriodicStructure | None, taps: tuple[Taps, ...]
+) -> _FlatPattern:
+    """Read the mean flat fields of the linear range again, the brightest first."""
+    lights, weights, reader = inputs.reduction.lights, inputs.weights, inputs.reader
+    groups = [i for i in range(len(lights)) if i in inputs.half or any(i in each for each in weights)]
     reader.expect(sum(len(lights[i].group) for i in groups if not reader.kept(lights[i].group)))
-    slopes = PixelSlopes((reduction.frames.rows, reduction.frames.cols), reader.tile)
-    prnu: dict[int, PartsPair] = {}
-    spatial: dict[int, SpatialAnalysis | Missing] = {}
+    flats = _FlatPattern(PixelSlopes(inputs.shape, reader.tile))
     # A level beyond the linear range of a channel hides differences within it.
-    clear = [i for i in groups if all(i in weights for weights in coefficients if weights)]
+    clear = [i for i in groups if all(i in each for each in weights if each)]
     brightest = max(clear or groups, key=lambda i: lights[i].levels[0].mean, default=None)
-    gains: dict[int, Parts | Missing] = {}
-    structure = None
+    readout = None
     # The readout channels are those of the brightest flat fields, and are subtracted from the others.
     for i in sorted(groups, key=lambda i: i != brightest):
         mean, values = reader.mean(lights[i].group), None
         if i == brightest:
-            bright = values = mean.mean()
-            structure, of_light = _light_structure(bright, dark_mean, reader.tile)
-            taps += of_light
-            readout = measured_channels(structure, offsets, taps, Uncertain(1.0))
-        slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
-        if i not in half:
-            continue
-        flat = GroupMean.of(reader, lights[i], mean, dark.scatter, values)
-        if light.noise.flicker is not None:
-            flat = replace(flat, noise=[parts.with_bands() for parts in flat.noise])
-        if charge is not None:
-            more = [float(entry.of_mean(np.array([float(lights[i].frames)]))[0]) for entry in charge]
-            flat = replace(flat, noise=[parts.scaled(m) for parts, m in zip(flat.noise, more, strict=True)])
-        for k in (k for k, group in enumerate(half) if group == i):
-            dark_parts, dark_lines, dark_planes = patterns[k]
+            values = mean.mean()
+            with ThreadPoolExecutor(1) as beside:
+                structure = computed_beside(beside, periodic_structure, values, inputs.dark_mean, reader.tile)
+                step = find_taps(mean_of_sites(values, inputs.dark_mean, reader.tile.shape, relative=True))
+            flats.structure, flats.taps = structure.result(), _found([step])
+            readout = measured_channels(flats.structure, offsets, taps + flats.taps, Uncertain(1.0))
+        flats.slopes.add(mean, [each.get(i, 0.0) for each in weights])
+        channels = [k for k, group in enumerate(inputs.half) if group == i]
+        if channels:
+            flat = GroupMean.of(reader, lights[i], mean, inputs.dark.scatter, values)
+            _measure_half_saturated(
+                inputs, flats, _with_shared_noise(inputs, flat), {k: darks[k] for k in channels}, readout
+            )
+    return flats
+
+
+def _with_shared_noise(inputs: _Inputs, flat: GroupMean) -> GroupMean:
+    """Return a mean flat field with the noise of bands, and with that of charge that frames share."""
+    if inputs.light.noise.flicker is not None:
+        flat = replace(flat, noise=[parts.with_bands() for parts in flat.noise])
+    if inputs.charge is not None:
+        frames = np.array([float(flat.statistics.frames)])
+        more = [float(entry.of_mean(frames)[0]) for entry in inputs.charge]
+        flat = replace(flat, noise=[parts.scaled(m) for parts, m in zip(flat.noise, more, strict=True)])
+    return flat
+
+
+def _measure_half_saturated(
+    inputs: _Inputs,
+    flats: _FlatPattern,
+    flat: GroupMean,
+    darks: Mapping[int, _DarkPattern],
+    readout: ReadoutChannels | None,
+) -> None:
+    """Add the pattern of the mean flat field near half saturation of some channels."""
+    shared = inputs.light.noise.shared
+    for k, dark in darks.items():
+        channel = inputs.light.channels[k]
+        group = int(inputs.half[k])  # type: ignore[arg-type]
+        plain, filtered = (
+            _light_less_dark(*pair, channel, group)
+            for pair in zip(flat.both_components(k), dark.components, strict=True)
+        )
+        if shared is not None and shared.neighbors is not None and inputs.reader.tile.size == 1:
             plain, filtered = (
-                _light_less_dark(*pair, channels[k], i) for pair in zip(flat.parts(k), dark_parts, strict=True)
+                parts
+                if isinstance(parts, Missing)
+                else without_neighbors(parts, inputs.shape, shared.neighbors, filtered=high_passed)
+                for parts, high_passed in ((plain, False), (filtered, True))
             )
-            if shared is not None and shared.neighbors is not None and reader.tile.size == 1:
-                plain, filtered = (
-                    parts
-                    if isinstance(parts, Missing)
-                    else without_neighbors(parts, slopes.slopes.shape, shared.neighbors, filtered=high_passed)
-                    for parts, high_passed in ((plain, False), (filtered, True))
-                )
-            prnu[k], spatial[k] = (filtered, plain), _spatial(dark_planes, flat.planes(k), outliers)
-            gains[k] = filtered
-            if readout is not None:
-                alike = replace(flat, mean=without_channels(flat.mean, readout, dark_mean))
-                gains[k] = _light_less_dark(alike.part(k, filtered=True), dark_lines, channels[k], i)
-    planes = MapPlanes(slopes.slopes, reader.tile)
-    spreads = slopes.spreads([Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in plans])
-    result = []
-    for k, group in enumerate(half):
-        dark_parts, dark_lines, dark_planes = patterns[k]
-        if isinstance(group, Missing):
-            gains[k], prnu[k], spatial[k] = group, (group, group), _spatial(dark_planes, group, outliers)
-        slope_spreads = spreads[k], None if dark.slopes is None else dark.slopes[k]
-        response = _response_variance(plans[k], *slope_spreads)
-        if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channels[k])) is not None:
-            response = why
-        shading = response if isinstance(response, Missing) else _shading(planes, k, plans[k], *slope_spreads)
-        if light.noise.flicker is not None:
-            bands = Uncertain.of(
-                0.0, light.noise.flicker.fraction**2 * _fraction_left(channels[k], coefficients[k], lights)
-            )
-            response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
-        contrasts = _slope_contrast(channels[k], coefficients[k]), _half_contrast(channels[k], group)
-        of_dark = _times(dark_planes), *dark_parts
-        of_channels = 0.0 if structure is None or not structure.by_lines else float(structure.relative.var())
-        lines = _line_variances(dark_lines, gains[k])
-        count = _line_count(reader.tile == k, (reduction.frames.rows, reduction.frames.cols))
-        if isinstance(response, Uncertain) and isinstance(gain := lines["column_gain_variance"], Uncertain):
-            # The columns are fewer than the pixels.
-            few = max(gain.value, 0.0) * math.sqrt(2.0 / max(count[1] - 1, 1))
-            response = response + Uncertain.of(0.0, few)
-        pattern = FixedPattern(response, shading, *of_dark, *prnu[k], spatial[k], of_channels, count, **lines)
-        result.append(replace(pattern, slope_contrast=contrasts[0], half_contrast=contrasts[1]))
-    if structure is not None and structure.of_mosaic():
-        result = [entry.withheld(UNSTATED_MOSAIC.missing(f"{structure}; state it")) for entry in result]
-    far += _found([find_far_pixels("PRNU", slopes.slopes, reader.tile.shape)])
-    return FixedPatterns(tuple(result), structure, offsets, taps, far)
+        flats.prnu[k], flats.spatial[k] = (filtered, plain), dark.spatial(flat.planes(k), inputs.outliers)
+        flats.gains[k] = filtered
+        if readout is not None:
+            alike = replace(flat, mean=without_channels(flat.mean, readout, inputs.dark_mean))
+            flats.gains[k] = _light_less_dark(alike.components(k, filtered=True), dark.unaltered, channel, group)
+
+
+def _channel_pattern(
+    inputs: _Inputs, k: int, pattern: _DarkPattern, flats: _FlatPattern, planes: MapPlanes, spread: SlopeSpread
+) -> FixedPattern:
+    """Return the fixed pattern of a channel from its dark pattern, its flat fields and its map of slopes."""
+    dark, flicker = inputs.dark, inputs.light.noise.flicker
+    channel, plan, group, weights = inputs.light.channels[k], inputs.plans[k], inputs.half[k], inputs.weights[k]
+    if isinstance(group, Missing):
+        flats.gains[k], flats.prnu[k] = group, (group, group)
+        flats.spatial[k] = pattern.spatial(group, inputs.outliers)
+    spreads = spread, None if dark.slopes is None else dark.slopes[k]
+    response = _response_variance(plan, *spreads)
+    if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channel)) is not None:
+        response = why
+    shading = response if isinstance(response, Missing) else _shading(planes, k, plan, *spreads)
+    if flicker is not None:
+        bands = Uncertain.of(0.0, flicker.fraction**2 * _fraction_left(channel, weights, inputs.reduction.lights))
+        response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
+    lines, count = _line_variances(pattern.unaltered, flats.gains[k]), inputs.line_count(k)
+    if isinstance(response, Uncertain) and isinstance(gain := lines["column_gain_variance"], Uncertain):
+        # The columns are fewer than the pixels.
+        few = max(gain.value, 0.0) * math.sqrt(2.0 / max(count[1] - 1, 1))
+        response = response + Uncertain.of(0.0, few)
+    structure = flats.structure
+    return FixedPattern(
+        response,
+        shading,
+        pattern.exposures_s,
+        *pattern.components,
+        *flats.prnu[k],
+        flats.spatial[k],
+        channel_variance=0.0 if structure is None or not structure.by_lines else float(structure.relative.var()),
+        lines=count,
+        slope_contrast=_slope_contrast(channel, weights),
+        half_contrast=_half_contrast(channel, group),
+        **lines,
+    )
 
 
 def _dark_structure(
@@ -302,25 +441,7 @@ def _dark_structure(
     return None if offsets is None else offsets.result(), _found([taps]), _found([far])
 
 
-def _light_structure(
-    bright: NDArray[np.float64], dark: NDArray[np.float64], tile: NDArray[np.int64]
-) -> tuple[PeriodicStructure | None, tuple[Taps, ...]]:
-    """Return periods and taps of a mean flat field less the dark."""
-    with ThreadPoolExecutor(1) as beside:
-        structure = computed_beside(beside, periodic_structure, bright, dark, tile)
-        taps = find_taps(mean_of_sites(bright, dark, tile.shape, relative=True))
-    return structure.result(), _found([taps])
-
-
-def _line_count(inside: NDArray[np.bool_], shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return the numbers of rows and columns of a frame that the places of a channel in the tile are in."""
-    rows, cols = (
-        length * int(inside.any(axis=1 - axis).sum()) // inside.shape[axis] for axis, length in enumerate(shape)
-    )
-    return rows, cols
-
-
-def _line_variances(dark: Parts | Missing, light: Parts | Missing) -> dict[str, Any]:
+def _line_variances(dark: VarianceComponents | Missing, light: VarianceComponents | Missing) -> dict[str, Any]:
     """Return the variances of rows and columns from the high-passed parts of dark frames, and of flats less dark."""
     row, column = (dark, dark) if isinstance(dark, Missing) else (dark.row, dark.column)
     gain = light if isinstance(light, Missing) else light.column
@@ -346,16 +467,6 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
     return int(levels.group[best])
 
 
-def _times(planes: MeanPlanes | Missing) -> tuple[float, ...]:
-    return () if isinstance(planes, Missing) else (planes.exposure_s,)
-
-
-def _spatial(
-    dark: MeanPlanes | Missing, light: MeanPlanes | Missing, outliers: OutlierThresholds | None
-) -> SpatialAnalysis | Missing:
-    return dark if isinstance(dark, Missing) else spatial_analysis(dark, light, outliers)
-
-
 def _dark_current_unknown(channel: Channel) -> Missing | None:
     """Return why a map of slopes holds an unknown dark current; None where the exposure times differ too little."""
     levels, used = channel.levels, channel.used & channel.levels.trusted
@@ -363,29 +474,26 @@ def _dark_current_unknown(channel: Channel) -> Missing | None:
     return unknown_dark_current(shortest, longest, channel.dark.variance.reason)
 
 
-def _dark_patterns(
-    reduction: Reduction,
-    dark: DarkResult,
-    half: Sequence[int | Missing],
-    reader: FrameReader,
-    readout: ReadoutChannels | None,
-) -> list[tuple[PartsPair, Parts | Missing, MeanPlanes | Missing]]:
-    """Return per channel the dark pattern at the exposure of its half-saturated flat fields, else of the reference.
-
-    The second entry is the high-passed pattern without the readout channels' offsets, in DN. Where the noise of the
-    dark frames is unknown, both are missing, and the frame itself is the only one.
-    """
+def _dark_patterns(inputs: _Inputs, readout: ReadoutChannels | None) -> list[_DarkPattern]:
+    """Return the dark pattern of each channel."""
+    reduction, dark, reader = inputs.reduction, inputs.dark, inputs.reader
     if dark.clipped is not None or dark.noise_unknown:
         stated = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
         why = UNKNOWN_DARK_NOISE.missing(dark.noise_unknown)
-        return [(parts, parts[1], why if dark.mean is None else dark.mean.planes(k)) for k, parts in enumerate(stated)]
+        return [
+            _DarkPattern(parts, parts[1], why if dark.mean is None else dark.mean.planes(k))
+            for k, parts in enumerate(stated)
+        ]
     exposures = [
         dark.reference_exposure_s if isinstance(light, Missing) else reduction.lights[light].group.exposure_s
-        for light in half
+        for light in inputs.half
     ] or [dark.reference_exposure_s] * len(reduction.names)
     means: dict[float, GroupMean] = {}
     for exposure_s in dict.fromkeys(exposures):
-        matching = _matching_dark(exposure_s, reduction.darks)
+        same = [
+            i for i, e in enumerate(reduction.darks) if e.frames > 1 and same_exposure(e.group.exposure_s, exposure_s)
+        ]
+        matching = max(same, key=lambda i: reduction.darks[i].frames, default=None)
         if matching is None or matching == reduction.reference:
             moved = dark.at(exposure_s)
             assert moved is not None  # the noise of the dark frames is known
@@ -394,19 +502,13 @@ def _dark_patterns(
         statistics = reduction.darks[matching]
         reader.expect(len(statistics.group))
         means[exposure_s] = GroupMean.of(reader, statistics, reader.mean(statistics.group), dark.scatter)
-    result: list[tuple[PartsPair, Parts | Missing, MeanPlanes | Missing]] = []
+    result = []
     for k, t in enumerate(exposures):
-        parts = lines = means[t].parts(k)
+        parts = lines = means[t].both_components(k)
         if readout is not None:
-            lines = replace(means[t], mean=without_channels(means[t].mean, readout)).parts(k)
-        result.append((parts, lines[1], means[t].planes(k)))
+            lines = replace(means[t], mean=without_channels(means[t].mean, readout)).both_components(k)
+        result.append(_DarkPattern(parts, lines[1], means[t].planes(k)))
     return result
-
-
-def _matching_dark(exposure_s: float, darks: Sequence[GroupStatistics]) -> int | None:
-    """Return the repeated dark group of an exposure time with the most frames."""
-    same = [i for i, e in enumerate(darks) if e.frames > 1 and same_exposure(e.group.exposure_s, exposure_s)]
-    return max(same, key=lambda i: darks[i].frames, default=None)
 
 
 def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None) -> Value:
@@ -433,7 +535,9 @@ def _fraction_left(channel: Channel, coefficients: Mapping[int, float], lights: 
     return sum(part**2 / lights[i].frames for i, part in parts.items()) / sum(parts.values()) ** 2
 
 
-def _light_less_dark(light: Parts | Missing, dark: Parts | Missing, channel: Channel, group: int) -> Parts | Missing:
+def _light_less_dark(
+    light: VarianceComponents | Missing, dark: VarianceComponents | Missing, channel: Channel, group: int
+) -> VarianceComponents | Missing:
     """Return the parts of a light group less those of the dark, relative to the squared signal."""
     if isinstance(light, Missing) or isinstance(dark, Missing):
         return light if isinstance(light, Missing) else dark

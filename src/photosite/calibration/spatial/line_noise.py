@@ -25,7 +25,7 @@ LineSums = tuple[NDArray[np.uint32], NDArray[np.uint32]]
 
 
 @dataclass(frozen=True)
-class TemporalParts:
+class TemporalComponents:
     """Temporal variance in DN^2: of single pixels, shared by a row, and shared by a column."""
 
     pixel: Uncertain
@@ -37,16 +37,18 @@ class TemporalParts:
         """Temporal variance of a pixel: the sum of the three parts."""
         return self.pixel + self.row + self.column
 
-    def with_bands(self) -> TemporalParts:
+    def with_bands(self) -> TemporalComponents:
         """Return the parts with bands as the noise of rows: their mean over frames scatters by its own size."""
-        return TemporalParts(self.pixel, Uncertain.of(self.row.value, abs(self.row.value)), self.column)
+        return TemporalComponents(self.pixel, Uncertain.of(self.row.value, abs(self.row.value)), self.column)
 
-    def scaled(self, factor: float) -> TemporalParts:
+    def scaled(self, factor: float) -> TemporalComponents:
         """Return all parts multiplied by a factor, such as 1 / n for the mean of n frames."""
-        return TemporalParts(self.pixel * factor, self.row * factor, self.column * factor)
+        return TemporalComponents(self.pixel * factor, self.row * factor, self.column * factor)
 
 
-def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: float = 0.0) -> list[TemporalParts]:
+def mean_frame_components(
+    reader: FrameReader, statistics: GroupStatistics, scatter: float = 0.0
+) -> list[TemporalComponents]:
     """Estimate, per channel, the temporal variance that remains in the mean of a group's frames.
 
     A few frames of the group, which has at least two, are read again for their row and column sums. `scatter` is that
@@ -58,15 +60,17 @@ def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: 
         If a frame cannot be read.
     """
     result = []
-    for parts in level_parts(reader, statistics):
+    for parts in level_components(reader, statistics):
         parts = parts.scaled(1.0 / statistics.frames)
         result.append(replace(parts, pixel=parts.pixel + Uncertain.of(0.0, scatter * abs(parts.total.value))))
     return result
 
 
-def level_parts(reader: FrameReader, statistics: GroupStatistics, most: int = LINE_FRAMES) -> list[TemporalParts]:
+def level_components(
+    reader: FrameReader, statistics: GroupStatistics, most: int = LINE_FRAMES
+) -> list[TemporalComponents]:
     """Split, per channel, the temporal variance of a group's frames, from some frames spread evenly over the group."""
-    return temporal_parts(statistics.levels, group_lines(reader, statistics, most), reader.tile)
+    return temporal_components(statistics.levels, group_lines(reader, statistics, most), reader.tile)
 
 
 def group_lines(reader: FrameReader, statistics: GroupStatistics, most: int) -> LineSums:
@@ -81,7 +85,7 @@ def group_lines(reader: FrameReader, statistics: GroupStatistics, most: int) -> 
     return np.concatenate(rows), np.concatenate(columns)
 
 
-def temporal_parts(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.int64]) -> list[TemporalParts]:
+def temporal_components(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.int64]) -> list[TemporalComponents]:
     """Split the temporal variance of each channel into pixel, row and column parts.
 
     The equations are those of the two-way analysis of variance, frames by lines. Shifts of whole frames and the fixed
@@ -103,7 +107,7 @@ def temporal_parts(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.in
     >>> noise = rng.normal(100, 4, (40, 64, 64)) + rng.normal(0, 2, (40, 64, 1))
     >>> stack = noise.round().astype(np.uint16)
     >>> level = Level.of(FrameSums((64, 64)).add(stack).label_totals()[0])
-    >>> (parts,) = temporal_parts([level], line_sums(stack), np.zeros((1, 1), np.int64))
+    >>> (parts,) = temporal_components([level], line_sums(stack), np.zeros((1, 1), np.int64))
     >>> [round(part.value, 1) for part in (parts.pixel, parts.row, parts.column)]
     [16.0, 4.1, 0.0]
     """
@@ -116,24 +120,24 @@ def temporal_parts(levels: Sequence[Level], lines: LineSums, tile: NDArray[np.in
         for r, c in np.argwhere(tile == channel):
             rows, columns = row_sums[:, r::tile_rows, c], column_sums[:, r, c::tile_cols]
             means = rows / columns.shape[1], columns / rows.shape[1]
-            found.append(_plane_parts(whole, *means, (of_rows[r], of_columns[c])))
+            found.append(_plane_components(whole, *means, (of_rows[r], of_columns[c])))
         result.append(pool_temporal(found, [1.0] * len(found)))
     return result
 
 
-def pool_temporal(parts: Sequence[TemporalParts], weights: Sequence[float]) -> TemporalParts:
+def pool_temporal(parts: Sequence[TemporalComponents], weights: Sequence[float]) -> TemporalComponents:
     """Return the weighted mean of each part."""
     names = ("pixel", "row", "column")
-    return TemporalParts(*(weighted_mean([getattr(entry, name) for entry in parts], weights) for name in names))
+    return TemporalComponents(*(weighted_mean([getattr(entry, name) for entry in parts], weights) for name in names))
 
 
-def _plane_parts(
+def _plane_components(
     whole: Uncertain, row_means: NDArray[np.float64], column_means: NDArray[np.float64], shared: tuple[Source, Source]
-) -> TemporalParts:
+) -> TemporalComponents:
     """Split the variance of a plane; `shared` are the sources of its rows and columns. One line counts as pixels."""
     rows, cols = row_means.shape[1], column_means.shape[1]
     if min(rows, cols) < 2:
-        return TemporalParts(whole, Uncertain(0.0), Uncertain(0.0))
+        return TemporalComponents(whole, Uncertain(0.0), Uncertain(0.0))
     # Unknowns: pixel, row, column. The frame mean removes a fraction of the row and column noise from the residuals.
     pixels = rows * cols
     equations = np.array(
@@ -151,7 +155,7 @@ def _plane_parts(
         common, relative = min(max(float(line), 0.0), variance), math.sqrt(2.0 / freedom)
         own = relative * math.sqrt(variance**2 - common**2)
         inputs.append(Uncertain(variance, {source: relative * common, Source(): own}))
-    return TemporalParts(*(combined(inputs, row) for row in solution))
+    return TemporalComponents(*(combined(inputs, row) for row in solution))
 
 
 def _residual_variance(means: NDArray[np.float64]) -> tuple[float, int]:

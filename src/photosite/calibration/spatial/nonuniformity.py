@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.quantization import with_rounding
-from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread
 from photosite.calibration.withheld import SMALL_FRAMES
 from photosite.engine.site_planes import MARGIN, PlaneMoments, high_passed_planes, plane_moments, plane_shape
@@ -154,7 +154,7 @@ def spread_sample(plane: Plane, most: int = 1 << 18) -> NDArray[np.floating]:
 
 
 @dataclass(frozen=True)
-class Parts:
+class VarianceComponents:
     """Spatial variance less temporal noise, in DN^2 or relative to a squared signal: total = row + column + pixel."""
 
     total: Uncertain
@@ -162,16 +162,16 @@ class Parts:
     column: Uncertain
     pixel: Uncertain
 
-    def __sub__(self, other: Parts) -> Parts:
-        return Parts(*(one - two for one, two in zip(self.values, other.values, strict=True)))
+    def __sub__(self, other: VarianceComponents) -> VarianceComponents:
+        return VarianceComponents(*(one - two for one, two in zip(self.values, other.values, strict=True)))
 
-    def scaled(self, factor: Uncertain | float) -> Parts:
+    def scaled(self, factor: Uncertain | float) -> VarianceComponents:
         """Return all parts multiplied by a factor."""
-        return Parts(*(part * factor for part in self.values))
+        return VarianceComponents(*(part * factor for part in self.values))
 
-    def with_rounding(self, of_pixels: float) -> Parts:
+    def with_rounding(self, of_pixels: float) -> VarianceComponents:
         """Return all parts with the uncertainty from rounding (`quantization.with_rounding`)."""
-        return Parts(*(with_rounding(part, of_pixels) for part in self.values))
+        return VarianceComponents(*(with_rounding(part, of_pixels) for part in self.values))
 
     @property
     def values(self) -> tuple[Uncertain, ...]:
@@ -179,9 +179,11 @@ class Parts:
         return self.total, self.row, self.column, self.pixel
 
 
-def pool_parts(parts: list[Parts], weights: list[float]) -> Parts:
+def pool_components(parts: list[VarianceComponents], weights: list[float]) -> VarianceComponents:
     """Return the weighted mean of each part."""
-    return Parts(*(weighted_mean(one, weights) for one in zip(*(entry.values for entry in parts), strict=True)))
+    return VarianceComponents(
+        *(weighted_mean(one, weights) for one in zip(*(entry.values for entry in parts), strict=True))
+    )
 
 
 @dataclass(frozen=True)
@@ -253,7 +255,7 @@ class MapPlanes:
         return [(int(r), int(c)) for r, c in np.argwhere(self.tile == channel)]
 
 
-def _site_parts(moments: PlaneMoments, noise: TemporalParts, *, filtered: bool) -> Parts:
+def _site_components(moments: PlaneMoments, noise: TemporalComponents, *, filtered: bool) -> VarianceComponents:
     """Split the spatial variance of the color plane of one site of the tile into row, column and pixel parts.
 
     EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
@@ -282,12 +284,12 @@ def _site_parts(moments: PlaneMoments, noise: TemporalParts, *, filtered: bool) 
     column = line_variance(columns, fraction.column_mean, fraction.columns_mean) - noise.column
     row = line_variance(lines, fraction.row_mean, fraction.rows_mean) - noise.row
     alone = of_pixels - noise.pixel
-    return Parts(total=alone + column + row, row=row, column=column, pixel=alone)
+    return VarianceComponents(total=alone + column + row, row=row, column=column, pixel=alone)
 
 
 def without_neighbors(
-    parts: Parts, shape: tuple[int, ...], correlation: tuple[float, float], *, filtered: bool
-) -> Parts:
+    parts: VarianceComponents, shape: tuple[int, ...], correlation: tuple[float, float], *, filtered: bool
+) -> VarianceComponents:
     """Return the parts of a plane whose pixels are correlated with their neighbors, as by charge that they share.
 
     The mean of n such pixels of a row has the variance (1 + 2 c) / n, with the correlation c of next pixels: the part
@@ -302,7 +304,7 @@ def without_neighbors(
 
     Examples
     --------
-    >>> whole = Parts(*(Uncertain(value) for value in (1.0, 0.0004, 0.0, 0.9996)))
+    >>> whole = VarianceComponents(*(Uncertain(value) for value in (1.0, 0.0004, 0.0, 0.9996)))
     >>> found = without_neighbors(whole, (100, 200), (0.04, 0.0), filtered=False)
     >>> [round(part.value, 6) for part in found.values]
     [1.0, -4e-06, 0.0, 1.000004]
@@ -312,10 +314,12 @@ def without_neighbors(
     across, down = correlation
     row = parts.pixel * (2.0 * across * fraction.row_mean / (fraction.line - fraction.rows_mean))
     column = parts.pixel * (2.0 * down * fraction.column_mean / (fraction.line - fraction.columns_mean))
-    return Parts(parts.total, parts.row - row, parts.column - column, parts.pixel + row + column)
+    return VarianceComponents(parts.total, parts.row - row, parts.column - column, parts.pixel + row + column)
 
 
-def channel_parts(planes: MapPlanes, channel: int, noise: TemporalParts, *, filtered: bool) -> Parts | Missing:
+def channel_components(
+    planes: MapPlanes, channel: int, noise: TemporalComponents, *, filtered: bool
+) -> VarianceComponents | Missing:
     """Split the spatial variance of one channel: the mean over its sites in the tile, each a separate plane.
 
     Missing if the planes are too small for the filter.
@@ -329,8 +333,8 @@ def channel_parts(planes: MapPlanes, channel: int, noise: TemporalParts, *, filt
             f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}"
         )
     moments = planes.filtered if filtered else planes.plain
-    parts = [_site_parts(moments[site], noise, filtered=filtered) for site in sites]
-    return pool_parts(parts, [float(rows * cols) for rows, cols in shapes])
+    parts = [_site_components(moments[site], noise, filtered=filtered) for site in sites]
+    return pool_components(parts, [float(rows * cols) for rows, cols in shapes])
 
 
 FRACTION = 0.1
@@ -343,7 +347,7 @@ SIGNIFICANCE = 3.29
 def shading_variance(slopes: MapPlanes, channel: int, spread: SlopeSpread, noise: Uncertain, response: float) -> Value:
     """Return the relative variance of a channel's slopes that the high-pass filter of EMVA 1288 removes.
 
-    The filtered parts of pixels, rows and columns are free of the filter's gain (`channel_parts`), so independent
+    The filtered parts of pixels, rows and columns are free of the filter's gain (`channel_components`), so independent
     pixels have no shading. The uncertainty is that of the filtered variance, which is larger than that of the
     difference, and that of the chance covariance of shading with pixels, rows and columns.
 
@@ -357,7 +361,7 @@ def shading_variance(slopes: MapPlanes, channel: int, spread: SlopeSpread, noise
         Mean slope, without dark current.
     """
     none = Uncertain(0.0)
-    parts = channel_parts(slopes, channel, TemporalParts(noise, none, none), filtered=True)
+    parts = channel_components(slopes, channel, TemporalComponents(noise, none, none), filtered=True)
     if isinstance(parts, Missing):
         return parts
     left = spread.variance.value - parts.total.value

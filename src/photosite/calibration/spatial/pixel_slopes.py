@@ -31,7 +31,9 @@ def mean_frame_noise(level: Level, scatter: float = 0.0) -> Uncertain:
     return Uncertain.of_variance(noise, math.hypot(level.variance_uncertainty / level.frames, scatter * noise))
 
 
-def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: float) -> tuple[Uncertain, Uncertain]:
+def with_chip_sampling(
+    mean: Uncertain, variance: Uncertain, third: float, pixels: float
+) -> tuple[Uncertain, Uncertain]:
     """Return a mean and a variance over pixels as those of the sensor from which the pixels were drawn.
 
     The mean gains the uncertainty variance / pixels. Where the pixels are skewed, such as by a few hot pixels, the
@@ -39,7 +41,7 @@ def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: fl
 
     Examples
     --------
-    >>> mean, variance = of_one_sample(Uncertain.of(2.0), Uncertain.of(4.0, 0.5), 8.0, 100)
+    >>> mean, variance = with_chip_sampling(Uncertain.of(2.0), Uncertain.of(4.0, 0.5), 8.0, 100)
     >>> [round(u, 6) for u in (mean.standard_uncertainty, variance.standard_uncertainty, mean.covariance(variance))]
     [0.2, 0.5, 0.08]
     """

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.nonuniformity import (
     SMALLEST_SIDE,
     Difference,
@@ -422,7 +422,7 @@ class MeanPlanes(Shown):
     tile: tuple[int, int]
     frames: int
     exposure_s: float
-    noise: TemporalParts
+    noise: TemporalComponents
     extrapolated: bool = False
 
     @classmethod
@@ -433,7 +433,7 @@ class MeanPlanes(Shown):
         channel: int,
         frames: int,
         exposure_s: float,
-        noise: TemporalParts,
+        noise: TemporalComponents,
         *,
         extrapolated: bool = False,
     ) -> MeanPlanes:

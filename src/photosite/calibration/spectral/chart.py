@@ -118,20 +118,12 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
     if views.electrons.shape[1] != len(names):
         expected = f"{len(names)} channels, as sensor '{sensor.name}' has"
         raise InputError("electrons", value=f"{views.electrons.shape[1]} channels", expected=expected)
-    common = common_relative_uncertainty(sensor)
+    common, grid = common_relative_uncertainty(sensor), views.wavelength_nm
     channels = {}
     diagnostics = []
     for number, name in enumerate(names):
         keep = views.usable[:, number]
-        if (count := int(keep.sum())) < 3:
-            where, hint = (
-                f"{views.source}: channel {name}",
-                "Use shorter exposure times, so that fewer patches saturate",
-            )
-            raise UNUSABLE_SPECTRAL_FRAMES.error(
-                "usable patches", where=where, value=count, expected="at least 3", hint=hint
-            )
-        if left := int((~keep).sum()):
+        if left := _left_out(views, keep, name):
             text = f"channel {name}: {left} of {keep.size} patches not used: saturated"
             diagnostics.append(BAND_NOT_USED(text, left))
         read, light = views.electrons[keep, number], views.light[keep]
@@ -140,21 +132,21 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
             views.unit_electrons[keep],
             read,
             np.diag(views.standard_uncertainty[keep, number] ** 2),
-            views.wavelength_nm,
+            grid,
             relative=relative,
             groups=views.patch[keep],
             seed=seed + number,
             draws=draws,
         )
         channels[name] = ChannelEfficiency(
-            wavelength_nm=views.wavelength_nm,
+            wavelength_nm=grid,
             quantum_efficiency=found.mean,
             covariance=found.covariance,
             band_mean=None,
             common_relative_uncertainty=common,
             method=(
                 f"smoothness prior of {found.length_nm:.0f} nm; the chart determined {found.determined:.1f} of "
-                f"{views.wavelength_nm.size} numbers; relative error of the light {100 * found.misfit:.2g} %"
+                f"{grid.size} numbers; relative error of the light {100 * found.misfit:.2g} %"
             ),
             shortest_95=(found.lower_95, found.upper_95),
         )
@@ -168,3 +160,16 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
         frames_sha256=views.frames_sha256,
         diagnostics=tuple(diagnostics),
     )
+
+
+def _left_out(views: ChartViews, keep: NDArray[np.bool_], name: str) -> int:
+    """Return the number of patches of a channel that are not usable."""
+    if (count := int(keep.sum())) < 3:
+        raise UNUSABLE_SPECTRAL_FRAMES.error(
+            "usable patches",
+            where=f"{views.source}: channel {name}",
+            value=count,
+            expected="at least 3",
+            hint="Use shorter exposure times, so that fewer patches saturate",
+        )
+    return keep.size - count
