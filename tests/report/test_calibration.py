@@ -13,10 +13,13 @@ import matplotlib
 import numpy as np
 import pytest
 
+from photosite.calibration.effect import effects
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
+from photosite.report.calibration import plot_sections
+from photosite.report.effect import effect_figures
 from photosite.report.tables import correlation_table
 from photosite.values.diagnostic import Diagnostic
 
@@ -236,3 +239,10 @@ def test_correlations_are_those_of_the_covariance(loop) -> None:
     assert float(row[titles.index("K")].replace("−", "-")) == pytest.approx(expected, abs=0.005)
     assert row[titles.index("σd")] == ""
     assert expected < -0.5, "electrons are DN divided by the gain"
+
+
+def test_figures_are_of_effects_and_lie_in_sections_of_the_report(darks_only: Calibration) -> None:
+    titles = {section.title for section in plot_sections(darks_only)}
+    for name, figure in effect_figures().items():
+        assert name in effects()
+        assert figure.section in titles

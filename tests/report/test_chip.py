@@ -10,7 +10,8 @@ import pytest
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import FrameSet
-from photosite.report.chip import defect_blocks, outlier_pixel_blocks, temporal_blocks
+from photosite.report.chip import defect_lists, outlier_pixel_blocks, temporal_blocks
+from photosite.report.effect import effect_figures
 from photosite.report.page import Details, Images, Page, Paragraph, Section, Table
 from photosite.report.write import render_page
 from photosite.sensor.chip import no_defects
@@ -37,7 +38,7 @@ def calibration() -> Calibration:
 
 
 def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Calibration, read_page) -> None:
-    blocks = defect_blocks(calibration)
+    blocks = (*effect_figures()["pixel_defects"].blocks(calibration), *defect_lists(calibration))
     counts = {row[0].split(":")[0]: int(row[1]) for row in blocks[0].rows}
     assert counts["Hot"] == 1
     assert counts["Dead"] == 1
@@ -68,8 +69,10 @@ def test_parts_of_the_noise_have_intervals(calibration: Calibration) -> None:
 
 def test_chip_without_defects_or_maps(calibration: Calibration) -> None:
     perfect = replace(calibration, chip=replace(calibration.chip, defects=no_defects()))
-    assert defect_blocks(perfect)[-1] == Paragraph("No pixel is defective.")
+    blocks = effect_figures()["pixel_defects"].blocks
+    assert blocks(perfect)[-1] == Paragraph("No pixel is defective.")
+    assert defect_lists(perfect) == ()
     unmeasured = replace(calibration, chip=None, temporal=None)
-    assert defect_blocks(unmeasured) == ()
+    assert (*blocks(unmeasured), *defect_lists(unmeasured)) == ()
     (reason,) = temporal_blocks(unmeasured)
     assert "calibrate with maps" in reason.text

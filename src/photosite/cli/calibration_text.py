@@ -12,9 +12,10 @@ from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration
 from photosite.cli.output import many, table
+from photosite.report.effects.hot_pixels import DARK_DISTRIBUTION
 from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
 from photosite.report.numbers import format_uncertain
-from photosite.report.tables import DARK_DISTRIBUTION, format_estimate, interval_text
+from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.chip import DefectKind, MeasuredChip
 from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from photosite.calibration.effects.charge_transfer import TransferLoss
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve
@@ -15,23 +14,18 @@ from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.files.writing import is_temporary
 from photosite.report.chip import (
-    defect_blocks,
-    line_blocks,
+    defect_lists,
     nonuniformity_blocks,
     outlier_pixel_blocks,
     temporal_blocks,
 )
-from photosite.report.dark import drift_blocks, glow_blocks
 from photosite.report.data_sheet import data_sheet_blocks
-from photosite.report.figures.charge import transfer_figure
-from photosite.report.figures.chip import blooming_figure, dark_distribution_figure
-from photosite.report.figures.converter import converter_figure
+from photosite.report.effect import effect_figures
 from photosite.report.figures.response import (
     Residuals,
     curve_figure,
     general_model_figure,
     linearity_figure,
-    response_curve_figure,
     snr_figure,
 )
 from photosite.report.page import (
@@ -49,7 +43,6 @@ from photosite.report.page import (
     figure_block,
     first_reason,
     missing_channel_blocks,
-    numeric,
     reason_block,
     sentence,
 )
@@ -57,12 +50,8 @@ from photosite.report.paper import paper_blocks
 from photosite.report.tables import (
     channel_table,
     correlation_table,
-    dark_distribution_table,
-    format_estimate,
-    interval_text,
     linear_range_table,
     parameter_tables,
-    response_curve_tables,
 )
 from photosite.values.uncertain import Missing
 
@@ -261,66 +250,23 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     """
     ranges = [linear_range_table(calibration.linear_range)] if calibration.linear_range else []
     no_light = calibration.system_gain_dn_per_e.reason or "there is only one light level; a curve needs at least two"
-    return (
-        Section("Sensitivity", (*_or_reason(calibration, "response", no_light), *ranges)),
-        Section(
-            "Photon transfer",
-            (*_or_reason(calibration, "photon_transfer", no_light), *_response_curves(calibration)),
-        ),
-        Section("Signal-to-noise ratio", _snr_blocks(calibration)),
-        Section("Linearity", (*_linearity_blocks(calibration), *_converter_blocks(calibration))),
-        Section("General model", _general_blocks(calibration)),
-        Section("Dark current", (*_dark_blocks(calibration), *glow_blocks(calibration), *drift_blocks(calibration))),
-        Section("Charge transfer", _transfer_blocks(calibration)),
-        Section("Noise in the dark", temporal_blocks(calibration)),
-        Section("Nonuniformity", nonuniformity_blocks(calibration)),
-        Section("Rows, columns and readout channels", line_blocks(calibration)),
-        Section("Defects", (*defect_blocks(calibration), *outlier_pixel_blocks(calibration))),
-    )
-
-
-def _transfer_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return the charge transfer inefficiency of a CCD, and the charge behind the illuminated lines."""
-    found = calibration.charge_transfer
-    if found is None:
-        return ()
-    rows, reasons = [], []
-    for label, edge in (("Parallel, along the columns", found.parallel), ("Serial, along the rows", found.serial)):
-        entry = edge.inefficiency
-        if entry.value is None:
-            reasons.append(reason_block(f"{label}: {entry.reason}"))
-        else:
-            rows.append((label, format_estimate(entry), interval_text(entry), str(edge.transfers), entry.method))
-    titles = columns("Direction", numeric("Inefficiency"), "95 % interval", numeric("Transfers"), "Method")
-    table = (Table("Charge transfer inefficiency: share that stays behind at a transfer", titles, tuple(rows)),)
-    return (*(table if rows else ()), *_transfer_figure(found), *reasons)
-
-
-def _transfer_figure(found: TransferLoss) -> tuple[Block, ...]:
-    if all(edge.slope.value is None for edge in (found.parallel, found.serial)):
-        return ()
-    return (
-        figure_block(
-            transfer_figure(found),
-            "Charge behind the last illuminated line against its signal, and by line",
-            "Extended pixel edge response. Left: charge behind the last illuminated row and column, less that of dark "
-            "frames, against the signal of that line; the slope is the inefficiency times the transfers. Bars and "
-            "bands are 95 % intervals. Right: where this charge arrives, at the brightest level.",
-        ),
-    )
-
-
-def _response_curves(calibration: Calibration) -> tuple[Block, ...]:
-    """Return figure and tables of the response curves, if the response bends."""
-    if not (curves := calibration.response_curve):
-        return ()
-    figure = figure_block(
-        response_curve_figure(curves),
-        "Deviation of the response from a straight one against the signal, with its 95 % band",
-        "Response curve: deviation of the signal from a straight response with the gain at small signal. The bands are "
-        "95 % intervals. Hollow: deviation of the light from what is stated, where it is beyond chance.",
-    )
-    return figure, *response_curve_tables(curves)
+    sections: dict[str, tuple[Block, ...]] = {
+        "Sensitivity": (*_or_reason(calibration, "response", no_light), *ranges),
+        "Photon transfer": _or_reason(calibration, "photon_transfer", no_light),
+        "Signal-to-noise ratio": _snr_blocks(calibration),
+        "Linearity": _linearity_blocks(calibration),
+        "General model": _general_blocks(calibration),
+        "Dark current": _dark_blocks(calibration),
+        "Charge transfer": (),
+        "Noise in the dark": temporal_blocks(calibration),
+        "Nonuniformity": nonuniformity_blocks(calibration),
+        "Rows, columns and readout channels": (),
+        "Defects": (),
+    }
+    for figure in effect_figures().values():
+        sections[figure.section] += figure.blocks(calibration)
+    sections["Defects"] += (*defect_lists(calibration), *outlier_pixel_blocks(calibration))
+    return tuple(Section(title, blocks) for title, blocks in sections.items())
 
 
 def _or_reason(calibration: Calibration, kind: str, lacking: str) -> tuple[Block, ...]:
@@ -383,29 +329,6 @@ def _linearity_blocks(calibration: Calibration) -> tuple[Block, ...]:
     return figure, *missing_channel_blocks(calibration.linearity, "deviation from linearity")
 
 
-def _converter_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return the nonlinearity of the converter, with a figure where it is beyond chance."""
-    found, heading = calibration.converter, Subheading("Converter")
-    if isinstance(found, Missing):
-        return heading, reason_block(found.reason)
-    entries = {"Differential nonlinearity": found.dnl_rms_lsb, "Integral nonlinearity": found.inl_rms_lsb}
-    rows = tuple((label, format_estimate(entry), "LSB", interval_text(entry)) for label, entry in entries.items())
-    judged = "beyond chance" if found.significant else "none beyond chance"
-    title = f"Errors of {len(found.code)} codes, without what is slower than about {found.smooth_codes} codes"
-    table = Table(f"{title}: {judged}", columns("Quantity", numeric("Value"), "Unit", "95 % interval"), rows)
-    if not found.significant:
-        return heading, table
-    figure = figure_block(
-        converter_figure(found),
-        "Differential and integral nonlinearity of the converter against the code",
-        "Errors of the converter from the code density of the flat fields. Above: width of each code less 1. Below: "
-        "error of the code, from the sum of the widths. Bands: where 95 % of the values of an ideal converter lie. "
-        f"Errors slower than about {found.smooth_codes} codes cannot be distinguished from the density of the light: "
-        "they are missing.",
-    )
-    return heading, figure, table
-
-
 def _general_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return the plots of EMVA 1288 R4.0 General, if the photons are unknown."""
     found: dict[str, GeneralModel] = _known(calibration.general)
@@ -429,35 +352,4 @@ def _dark_blocks(calibration: Calibration) -> tuple[Block, ...]:
         *_or_reason(calibration, "dark_signal", mean.reason or one),
         Subheading("From the variance"),
         *_or_reason(calibration, "dark_variance", variance.reason or f"{one}, with two frames each"),
-        *_dark_distribution(calibration),
-        *_blooming(calibration),
     )
-
-
-def _blooming(calibration: Calibration) -> tuple[Block, ...]:
-    found = calibration.blooming
-    if found is None:
-        return ()
-    if found.kept.value is None:
-        return Subheading("Blooming"), reason_block(found.kept.reason or "")
-    text = f"Share of the overflow that reaches the column: {format_estimate(found.kept)}, {interval_text(found.kept)}"
-    figure = figure_block(
-        blooming_figure(found),
-        "Charge in the columns beside overflowing hot pixels against their overflow",
-        "Charge in the column beside each hot pixel that overflows in the longest dark frames, against its overflow. "
-        "The slope is the share that an anti-blooming drain leaves. Bars are 95 % of the sums without overflow.",
-    )
-    return Subheading("Blooming"), Paragraph(sentence(text)), figure
-
-
-def _dark_distribution(calibration: Calibration) -> tuple[Block, ...]:
-    found = calibration.dark_distribution
-    if found is None:
-        return ()
-    figure = figure_block(
-        dark_distribution_figure(found),
-        "Logarithmic histogram of the pixels' dark currents above their median, with the fitted tail",
-        "Histogram of the dark currents above the median on logarithmic axes. The dashed line is the limit above which "
-        "only hot pixels lie; the curve is their log-normal distribution, fitted there, and its 95 % band of counts.",
-    )
-    return Subheading("Distribution over the pixels"), dark_distribution_table(found), figure

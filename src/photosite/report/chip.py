@@ -11,18 +11,15 @@ from numpy.typing import NDArray
 from photosite.calibration.chip_maps.defect_groups import SHAPES, DefectGroup, group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
-from photosite.calibration.parameters import parameter_label
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
+from photosite.report.effects.pixel_defects import DEFECT_LABELS
 from photosite.report.figures.chip import (
-    defect_map_figure,
     histogram_figure,
     noise_histogram_figure,
     profiles_figure,
     spectrogram_figure,
-    telegraph_figure,
 )
-from photosite.report.figures.lines import line_pattern_figure, readout_channels_figure
 from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.report.page import (
     Block,
@@ -38,12 +35,10 @@ from photosite.report.page import (
     numeric,
     reason_block,
 )
-from photosite.report.tables import format_estimate, interval_text, readout_channel_table
-from photosite.sensor.chip import DefectKind, Defects
+from photosite.report.tables import format_estimate, interval_text
 from photosite.values.uncertain import Missing
 
 _LISTED = 200  # largest number of pixels in a list
-_TRACES = 4  # number of blinking pixels shown frame by frame
 _NO_MAPS = "the chip was not mapped; calibrate with maps (--maps)"
 
 _NOISE = {
@@ -67,14 +62,6 @@ _TAIL = {
     "tukey_lambda": (f"Tukey lambda shape (normal: {NORMAL_SHAPE:.4f})", "1"),
 }
 
-_DEFECTS = {
-    DefectKind.HOT: ("Hot: dark current far above the channel's", "DN/s"),
-    DefectKind.OFFSET: ("Offset: dark level far from the channel's", "DN"),
-    DefectKind.DEAD: ("Dead: response below half of the channel's", "relative response"),
-    DefectKind.RESPONSE: ("Response: far from the channel's", "relative response"),
-    DefectKind.BLINKING: ("Blinking: jumps between two levels", "DN between levels"),
-    DefectKind.NOISY: ("Noisy: noise far above the channel's", "DN"),
-}
 
 _FRAMES = {"dark": "the mean dark frame", "light": "the mean flat field near half saturation, minus dark"}
 
@@ -152,48 +139,6 @@ def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
     return (*blocks, Subheading("Histograms"), *_of_kinds(found, _histogram))
 
 
-_LINE_NOISE = {
-    "row_noise_e": "noise of rows",
-    "column_noise_e": "noise of columns",
-    "row_offset_e": "offsets of rows",
-    "column_offset_e": "offsets of columns",
-}
-_LINE_GAIN = {"column_gain_percent": "gains of columns"}
-
-
-def line_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return temporal noise and fixed pattern of rows and columns, and the readout channels, if they differ."""
-    names = (*_LINE_NOISE, *_LINE_GAIN)
-    estimates = {name: getattr(calibration, name) for name in names}
-    blocks: list[Block] = []
-    if any(entry.value is not None for entry in estimates.values()):
-        noise, gains = ({text: estimates[name] for name, text in part.items()} for part in (_LINE_NOISE, _LINE_GAIN))
-        blocks.append(
-            figure_block(
-                line_pattern_figure(noise, gains),
-                "Standard deviations of rows and columns with 95 % intervals",
-                "Noise of rows and columns changes from frame to frame; offsets and gains are fixed. Lines are 95 % "
-                "intervals; a hollow point is a variance that came out negative, with its upper limit.",
-            )
-        )
-        shown = {parameter_label(name): entry for name, entry in estimates.items() if entry.value is not None}
-        rows = tuple((at.label, format_estimate(e), at.unit, interval_text(e)) for at, e in shown.items())
-        titles = columns("Quantity", numeric("Value"), "Unit", "95 % interval")
-        blocks.append(Table("Rows and columns, standard deviations", titles, rows))
-    else:
-        blocks.append(reason_block(estimates["row_offset_e"].reason or "the lines were not analyzed"))
-    if (channels := calibration.readout_channels) is not None:
-        blocks.append(
-            figure_block(
-                readout_channels_figure(channels),
-                "Gain and offset of each readout channel with 95 % intervals",
-                "Readout channels: deviation of their gains and offsets from the mean channel, with 95 % intervals.",
-            )
-        )
-        blocks.append(readout_channel_table(channels))
-    return tuple(blocks)
-
-
 def _analyses(calibration: Calibration) -> dict[str, SpatialAnalysis]:
     return {channel: found for channel, found in calibration.spatial.items() if isinstance(found, SpatialAnalysis)}
 
@@ -234,45 +179,18 @@ def _histogram(frame: str, patterns: Mapping[str, FramePattern]) -> Images:
     )
 
 
-def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return the defects of the chip, if it was mapped: counts by kind, a map, and lists."""
+def defect_lists(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the defects of the chip by kind, as columns, rows, clusters and single pixels."""
     if (chip := calibration.chip) is None:
         return ()
-    defects, size = chip.defects, (chip.offset_dn.shape[0], chip.offset_dn.shape[1])
-    by_kind = {kind: defects.of(kind) for kind in DefectKind}
-    rows = tuple(
-        (_DEFECTS[kind][0], str(len(found)), format_number(100.0 * len(found) / chip.offset_dn.size, 3))
-        for kind, found in by_kind.items()
-    )
-    titles = columns("Kind", numeric("Pixels"), numeric("Percentage (%)"))
-    counts = Table("Defective pixels by kind; a pixel may have several kinds", titles, rows)
-    if not len(defects):
-        return counts, Paragraph("No pixel is defective.")
-    figures = [
-        figure_block(
-            defect_map_figure(defects, chip.offset_dn.shape),
-            "Map of the chip with a marker for each defective pixel, by kind",
-            "Positions of the defective pixels, row 0 at the top. Markers are much larger than pixels.",
-        )
-    ]
-    if calibration.temporal is not None and calibration.temporal.traces:
-        figures.append(
-            figure_block(
-                telegraph_figure(calibration.temporal.traces[:_TRACES]),
-                "Values of blinking pixels frame by frame, with their two levels and histograms",
-                "Blinking pixels (random telegraph noise): values frame by frame, and their histograms. Dashed: the "
-                "two levels.",
-            )
-        )
-    return (counts, *figures, *(_defect_list(kind, found, size) for kind, found in by_kind.items() if len(found)))
-
-
-def _defect_list(kind: DefectKind, found: Defects, size: tuple[int, int]) -> Details:
-    label, unit = _DEFECTS[kind]
-    groups = group_defects(found.row, found.col, size)
-    return _group_list(
-        label, groups, found.deviation, found.value, f"Value ({unit})", "Deviation (standard deviations)"
-    )
+    lists = []
+    for kind, (label, unit) in DEFECT_LABELS.items():
+        found = chip.defects.of(kind)
+        if len(found):
+            groups = group_defects(found.row, found.col, chip.shape)
+            quantities = f"Value ({unit})", "Deviation (standard deviations)"
+            lists.append(_group_list(label, groups, found.deviation, found.value, *quantities))
+    return tuple(lists)
 
 
 def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:

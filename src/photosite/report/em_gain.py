@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from photosite.calibration.effects.em_gain import EmGainResult
+from photosite.calibration.result import Calibration
 from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks
-from photosite.report.figures.charge import em_gain_figure
 from photosite.report.page import (
     Block,
     Notice,
@@ -18,7 +21,9 @@ from photosite.report.page import (
     numeric,
     sentence,
 )
+from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, label_log_ticks, styled
 from photosite.report.tables import format_estimate, interval_text
+from photosite.values.uncertain import COVERAGE_95
 
 _FOOTER = "Values are estimate ± standard uncertainty (GUM); error bars in figures are 95 % intervals."
 
@@ -70,3 +75,32 @@ def _table(found: EmGainResult) -> Table:
     rows.insert(2, ("– of theory", f"{found.theory:.4g}", "1", "", f"with {stages} stages"))
     titles = columns("Quantity", numeric("Value"), "Unit", "95 % interval", "Method")
     return Table("Multiplication register", titles, tuple(rows))
+
+
+@styled()
+def em_gain_figure(found: EmGainResult, unity: Calibration, multiplied: Calibration) -> Figure:
+    """Draw response and photon transfer without and with multiplication, with the lines of gain and excess noise."""
+    figure = Figure(figsize=(WIDTH_IN, 3.6))
+    axes = figure.subplots(1, 2)
+    for kind, panel in zip(("response", "photon_transfer"), axes, strict=True):
+        for name, one, color, marker in (
+            ("without multiplication", unity, BLUE, "o"),
+            ("with multiplication", multiplied, VERMILION, "s"),
+        ):
+            curve = next(curves[kind] for curves in one.curves.values() if kind in curves)
+            take = curve.used & (curve.x > 0) & (curve.y > 0)
+            bars = COVERAGE_95 * curve.y_uncertainty[take]
+            panel.errorbar(curve.x[take], curve.y[take], bars, fmt=marker, color=color, elinewidth=0.9, label=name)
+            panel.plot(curve.x[take], (curve.intercept or 0.0) + (curve.slope or 0.0) * curve.x[take], color=color)
+        panel.set(xscale="log", yscale="log", xlabel=curve.x_label, ylabel=curve.y_label)
+        label_log_ticks(panel.xaxis)
+        label_log_ticks(panel.yaxis)
+    if (k := unity.system_gain_dn_per_e.value) is not None and found.gain.value is not None:
+        ends = axes[1].get_xlim()
+        x = np.geomspace(max(ends[0], 1e-3), ends[1], 50)
+        multiplication = k * found.gain.value
+        theory = axes[1].plot(x, multiplication * found.theory * x, ":", color=BLACK, label="theory")
+        without = axes[1].plot(x, multiplication * x, "--", color=GRAY, label="without excess noise")
+        axes[1].legend(handles=[*theory, *without])
+    axes[0].legend()
+    return figure

@@ -6,16 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from photosite.calibration.effects.hot_pixels import DarkDistribution
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.calibration.photon_transfer.channel import LinearRange
-from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 from photosite.report.page import Heading, Table, columns, numeric
-from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import Measured
 
 
 def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
@@ -113,57 +109,6 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
     return Table("Linear range", titles, tuple(rows))
 
 
-def response_curve_tables(curves: Mapping[str, ResponseCurve]) -> tuple[Table, ...]:
-    """Return a table of each channel's response curve, up to saturation."""
-    titles = columns(numeric("Signal (DN)"), numeric("Electrons"), numeric("Deviation (%)"))
-    tables = []
-    for channel, curve in curves.items():
-        top = int(np.argmax(curve.signal_dn))
-        rows = tuple(
-            (format_number(float(signal), 4), *(format_uncertain(e.value, e.standard_uncertainty) for e in entries))
-            for signal, *entries in zip(curve.signal_dn, curve.electrons, curve.deviation_percent, strict=True)
-        )
-        caption = "Response curve of channel {}: electrons, and deviation from a straight response with the gain"
-        tables.append(Table(caption.format(channel), titles, rows[: top + 1]))
-    return tuple(tables)
-
-
-def readout_channel_table(channels: ReadoutChannels) -> Table:
-    """Return a table of the readout channels' gains and offsets."""
-    tables = channels.relative_gain, channels.offset_e
-
-    def cell(table: tuple[tuple[Measured, ...], ...] | None, r: int, c: int) -> str:
-        return (
-            "as the others" if table is None else format_uncertain(table[r][c].value, table[r][c].standard_uncertainty)
-        )
-
-    places = np.ndindex(*channels.shape)
-    rows = tuple((f"{r + 1}, {c + 1}", *(cell(table, r, c) for table in tables)) for r, c in places)
-    parts = "row and column of the repeating tile" if channels.arrangement == "tile" else "halves or quadrants"
-    titles = columns("Channel (row, column)", numeric("Relative gain"), numeric("Offset (e⁻)"))
-    return Table(f"Readout channels: {parts}", titles, rows)
-
-
-DARK_DISTRIBUTION = {
-    "fraction": ("Share of hot pixels", "1"),
-    "median_dn_per_s": ("Median of their additional dark current", "DN/s"),
-    "log_spread": ("Spread of it, standard deviation of its logarithm", "1"),
-    "mean_dn_per_s": ("Mean dark current of the other pixels", "DN/s"),
-    "dcnu_percent": ("Nonuniformity of the other pixels", "%"),
-}
-"""Label and unit of the estimates of `DarkDistribution`."""
-
-
-def dark_distribution_table(found: DarkDistribution) -> Table:
-    """Return a table of the distribution of the dark current over the pixels."""
-    rows = tuple(
-        (label, format_estimate(entry), unit, interval_text(entry), entry.reason or entry.method)
-        for (label, unit), entry in zip(DARK_DISTRIBUTION.values(), found.estimates.values(), strict=True)
-    )
-    titles = columns("Quantity", numeric("Value"), "Unit", "95 % interval", "Method or reason")
-    return Table("Distribution of the dark current over the pixels", titles, rows)
-
-
 _CORRELATED = {
     "system_gain_dn_per_e": "K",
     "quantum_efficiency_percent": "η",
@@ -195,3 +140,13 @@ def correlation_table(calibration: Calibration) -> Table | None:
     )
     caption = "Correlation of the errors: parameters with a common cause, such as the system gain, err together"
     return Table(caption, columns("Correlation with", *(numeric(_CORRELATED[name]) for name in names[:-1])), rows)
+
+
+def estimates_table(title: str, entries: Mapping[tuple[str, str], Estimate]) -> Table:
+    """Return a table of the estimates that have a value, by label and unit."""
+    rows = tuple(
+        (label, format_estimate(entry), unit, interval_text(entry))
+        for (label, unit), entry in entries.items()
+        if entry.value is not None
+    )
+    return Table(title, columns("Quantity", numeric("Value"), "Unit", "95 % interval"), rows)

@@ -7,8 +7,10 @@ import pytest
 
 from photosite.calibration.chip_maps.noise_shape import NoiseShape
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
-from photosite.report.figures import chip
-from photosite.report.figures.chip import defect_map_figure, noise_histogram_figure, telegraph_figure
+from photosite.report.effects import pixel_defects
+from photosite.report.effects.pixel_defects import defect_map_figure
+from photosite.report.effects.telegraph_noise import telegraph_figure
+from photosite.report.figures.chip import noise_histogram_figure
 from photosite.report.style import svg_bytes
 from photosite.sensor.chip import DefectKind, Defects, no_defects
 from photosite.values.estimate import Estimate
@@ -97,7 +99,7 @@ def test_every_defect_is_drawn_at_its_position() -> None:
 
 
 def test_only_the_largest_deviations_of_many_defects_are_drawn(monkeypatch) -> None:
-    monkeypatch.setattr(chip, "_MOST", 5)
+    monkeypatch.setattr(pixel_defects, "_MOST", 5)
     given = defects()
     (axes,) = defect_map_figure(given, (300, 400)).axes
     hot = given.of(DefectKind.HOT)

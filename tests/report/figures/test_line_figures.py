@@ -6,9 +6,11 @@ import pytest
 from photosite.calibration.effects.black_level_drift import measure_drift
 from photosite.calibration.effects.glow import find_glow
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
-from photosite.report.figures.dark import drift_figure, glow_figure
-from photosite.report.figures.lines import line_pattern_figure, readout_channels_figure
-from photosite.report.figures.response import response_curve_figure
+from photosite.report.effects.black_level_drift import drift_figure
+from photosite.report.effects.glow import glow_figure
+from photosite.report.effects.line_pattern import line_pattern_figure
+from photosite.report.effects.readout_channels import readout_channels_figure
+from photosite.report.effects.response_curve import response_curve_figure
 from photosite.sensor.effects.glow import Glow
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.estimate import Estimate

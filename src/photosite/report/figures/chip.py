@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
-from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
-from photosite.calibration.effects.blooming import BloomingResult
-from photosite.calibration.effects.hot_pixels import DarkDistribution
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.spatial.spatial_analysis import (
     FramePattern,
     Histogram,
@@ -29,7 +27,6 @@ from photosite.report.style import (
     GRAY,
     GREEN,
     ORANGE,
-    PURPLE,
     VERMILION,
     WIDTH_IN,
     channel_style,
@@ -39,7 +36,6 @@ from photosite.report.style import (
     styled,
     thinned,
 )
-from photosite.sensor.chip import DefectKind, Defects
 from photosite.values.uncertain import COVERAGE_95, Missing
 
 _PER_POINT = 2  # bins of the histogram per point
@@ -100,111 +96,6 @@ def _quantiles(noise: TemporalNoise, p: NDArray[np.float64]) -> NDArray[np.float
     width = noise.residual_dn[1] - noise.residual_dn[0]
     below = np.cumsum(noise.residual_count) / noise.residual_count.sum()
     return np.asarray(np.interp(p, below, noise.residual_dn + width / 2))
-
-
-@styled()
-def blooming_figure(found: BloomingResult) -> Figure:
-    """Draw the charge beside overflowing pixels against their overflow, and the fitted share."""
-    figure, axes = new_figure(3.4)
-    bars = COVERAGE_95 * found.uncertainty_dn
-    axes.errorbar(found.overflow_dn, found.column_dn, bars, fmt="o", color=BLUE, elinewidth=0.9, label="hot pixels")
-    if found.kept.value is not None and found.kept.interval_95 is not None:
-        x = np.array([0.0, float(found.overflow_dn.max())])
-        axes.plot(x, found.kept.value * x, color=BLUE, label="share that reaches the column, with 95 % band")
-        low, high = found.kept.interval_95
-        axes.fill_between(x, low * x, high * x, color=BLUE, alpha=BAND, linewidth=0)
-    axes.set(xlabel="overflow (DN)", ylabel="charge beside it in the column (DN)")
-    legend_above(figure)
-    return figure
-
-
-@styled()
-def dark_distribution_figure(found: DarkDistribution) -> Figure:
-    """Draw the histogram of the dark currents above the median on logarithmic axes, and the fitted hot tail."""
-    figure, axes = new_figure(3.8)
-    axes.stairs(found.count, found.edges_dn_per_s, color=BLUE, fill=True, alpha=0.5, label="pixels")
-    axes.axvline(found.limit_dn_per_s - found.center_dn_per_s, color=GRAY, linestyle="--", linewidth=1.0, label="limit")
-    if (expected := found.expected()) is not None:
-        middle = np.sqrt(found.edges_dn_per_s[1:] * found.edges_dn_per_s[:-1])
-        spread = COVERAGE_95 * np.sqrt(expected)
-        axes.plot(middle, expected, color=VERMILION, label="hot pixels, fitted")
-        low = np.maximum(expected - spread, 1e-3)
-        axes.fill_between(middle, low, expected + spread, color=VERMILION, alpha=BAND, linewidth=0)
-    axes.set(xscale="log", yscale="log", xlabel="dark current above the median (DN/s)", ylabel="pixels")
-    axes.set_ylim(0.5, 2.0 * max(float(found.count.max()), 1.0))
-    label_log_ticks(axes.xaxis)
-    legend_above(figure)
-    return figure
-
-
-_DEFECT_MARKS = {
-    DefectKind.HOT: ("hot", VERMILION, "o"),
-    DefectKind.OFFSET: ("offset", ORANGE, "D"),
-    DefectKind.DEAD: ("dead", BLACK, "x"),
-    DefectKind.RESPONSE: ("response", BLUE, "+"),
-    DefectKind.BLINKING: ("blinking", GREEN, "^"),
-    DefectKind.NOISY: ("noisy", PURPLE, "v"),
-}
-
-_MOST = 4000  # largest number of pixels drawn of a kind, in order of deviation
-
-
-@styled()
-def defect_map_figure(defects: Defects, shape: tuple[int, int]) -> Figure:
-    """Draw a marker for each defective pixel on the area of a chip of (rows, cols) pixels, row 0 at the top.
-
-    The legend gives the number of each kind. Of more than 4000 pixels of a kind, those with the largest deviation are
-    drawn, and the legend gives both numbers.
-    """
-    rows, cols = shape
-    height = min(max((WIDTH_IN - 2.4) * rows / cols, 2.2), 7.0)
-    figure = Figure(figsize=(WIDTH_IN, height + 0.9))
-    axes = figure.add_subplot()
-    axes.set_aspect("equal")
-    axes.grid(visible=False)
-    for kind, (name, color, marker) in _DEFECT_MARKS.items():
-        chosen = defects.of(kind)
-        if not len(chosen):
-            continue
-        drawn = np.argsort(-np.abs(chosen.deviation), kind="stable")[:_MOST]
-        label = f"{name}: {len(chosen)}" + (f", {_MOST} drawn" if len(chosen) > _MOST else "")
-        size, edge = (3.0, 0.7) if len(drawn) > 400 else (5.0, 1.1)
-        look: dict[str, Any] = {"color": color, "markerfacecolor": "none", "markersize": size, "markeredgewidth": edge}
-        axes.plot(chosen.col[drawn], chosen.row[drawn], marker, label=label, **look)
-    axes.set_xlim(-0.5, cols - 0.5)
-    axes.set_ylim(rows - 0.5, -0.5)
-    axes.set_xlabel("column")
-    axes.set_ylabel("row")
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
-    if len(defects):
-        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.0, markerscale=1.3)
-    else:
-        axes.text(0.5, 0.5, "no defective pixels", transform=axes.transAxes, ha="center", va="center")
-    return figure
-
-
-@styled()
-def telegraph_figure(traces: Sequence[Trace]) -> Figure:
-    """Draw a row for each pixel: its values against the frame number, their histogram, and the two levels, dashed."""
-    figure = Figure(figsize=(WIDTH_IN, 0.7 + 1.35 * len(traces)))
-    grid = figure.subplots(len(traces), 2, sharey="row", squeeze=False, width_ratios=(4, 1))
-    for (over_frames, histogram), trace in zip(grid, traces, strict=True):
-        frames = np.arange(1, len(trace.dn) + 1)
-        over_frames.step(frames, trace.dn, where="mid", color=BLUE, linewidth=0.9)
-        over_frames.plot(frames, trace.dn, ".", color=BLUE, markersize=4)
-        low, high = float(trace.dn.min()), float(trace.dn.max())
-        bins = np.linspace(low - 0.5, high + 0.5, min(int(high - low) + 2, 32))
-        histogram.hist(trace.dn, bins, orientation="horizontal", color=BLUE, alpha=0.75)
-        for axes in (over_frames, histogram):
-            for level in (trace.lower_dn, trace.upper_dn):
-                axes.axhline(level, color=ORANGE, linestyle="--", linewidth=1.3, zorder=3)
-        over_frames.set_title(f"row {trace.row}, column {trace.col}", loc="left", fontsize=9)
-        over_frames.set_ylabel("DN")
-        over_frames.margins(x=0.01)
-    grid[-1][0].set_xlabel("frame number")
-    grid[-1][1].set_xlabel("frames")
-    return figure
 
 
 @styled()

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity, LinearityFit
-from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.report.style import (
-    BAND,
     BLACK,
     GRAY,
     channel_handles,
@@ -267,33 +265,3 @@ def general_model_figure(channels: Mapping[str, GeneralModel]) -> Figure:
     lower.set_ylabel("input SNR")
     upper.set_ylabel("signal (DN)")
     return _with_legend(figure, channel_handles(list(channels), "", lines=False) if len(channels) > 1 else [])
-
-
-@styled()
-def response_curve_figure(curves: Mapping[str, ResponseCurve]) -> Figure:
-    """Draw the deviation of the signal from a straight response against the signal, by channel.
-
-    Points and error bars: the sensor's deviation at each light level, with 95 % intervals. The band joins the
-    intervals. Hollow: what is due to the light, where it is not in proportion to the stated one beyond chance.
-    """
-    figure, axes = new_figure(height_in=4.2)
-    hollow = None
-    for position, (channel, curve) in enumerate(curves.items()):
-        color, marker, line = channel_style(channel, position)
-        order = np.argsort(curve.signal_dn)
-        x = curve.signal_dn[order]
-        of_sensor, of_light = (
-            np.array([(entries[i].value, *entries[i].interval_95) for i in order])
-            for entries in (curve.deviation_percent, curve.light_deviation_percent)
-        )
-        value, low, high = of_sensor.T
-        axes.plot(x, value, line, color=color, linewidth=1.3, marker=marker, markersize=4.0, zorder=3)
-        axes.fill_between(x, low, high, color=color, alpha=BAND, linewidth=0)
-        off = (of_light[:, 1] > 0.0) | (of_light[:, 2] < 0.0)
-        if off.any():
-            hollow = "deviation of the light"
-            axes.plot(x[off], of_light[off, 0], marker, color=color, markerfacecolor="white", markersize=4.0)
-    axes.axhline(0.0, color=BLACK, linewidth=0.8)
-    axes.set(xlabel="signal (DN)", ylabel="deviation from a straight response (%)")
-    legend_above(figure, channel_handles(list(curves), "measured, with 95 % band", hollow))
-    return figure
