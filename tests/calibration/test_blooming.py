@@ -49,31 +49,6 @@ def measured(seed: int, blooming: Any, well_dn: float = 2000.0, times: Any = (0.
     return found
 
 
-def outcomes(sensors: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors in standard uncertainties, and whether the intervals cover."""
-    rng, errors, inside = np.random.default_rng(6), [], []
-    for seed in range(sensors):
-        drained = rng.uniform(0, 1)
-        kept = measured(seed, {"drained": drained}).kept
-        errors.append((kept.value - (1 - drained)) / kept.standard_uncertainty)
-        inside.append(kept.interval_95[0] < 1 - drained < kept.interval_95[1])
-    return np.array(errors), np.array(inside)
-
-
-def test_the_drain_is_found() -> None:
-    errors, inside = outcomes(4)
-    assert inside.sum() >= 3
-    assert np.abs(errors).max() < 4
-
-
-@pytest.mark.slow
-def test_intervals_cover() -> None:
-    """60 sensors: 87 % is three binomial sigma below 95 %; the mean error is a third of the uncertainty."""
-    errors, inside = outcomes(60)
-    assert inside.mean() > 0.87
-    assert abs(errors.mean()) < 0.35
-
-
 def test_no_blooming_is_not_seen() -> None:
     found = [measured(seed, None) for seed in range(6)]
     assert sum(one.seen for one in found) <= 1
@@ -86,22 +61,3 @@ def test_no_blooming_is_not_seen() -> None:
 def test_reasons() -> None:
     assert "converter saturates" in measured(1, {}, well_dn=5000.0).kept.reason
     assert "take one in between" in measured(1, {}, times=(0.01, 8.0)).kept.reason
-
-
-def test_it_is_in_the_sensor_file(tmp_path: Any) -> None:
-    camera = SENSOR.with_(blooming={"drained": 0.7})
-    steps = [("dark", t, 0) for t in (0.01, 1.0, 8.0) for _ in range(4)]
-    steps += [("light", 0.01 * n, 4000 * n) for n in range(1, 8) for _ in range(2)]
-    frames = [
-        (kind, t, digital_numbers(camera, np.full((80, 100), electrons, np.float32), t, seed=2, frame=n))
-        for n, (kind, t, electrons) in enumerate(steps)
-    ]
-    nominal = SENSOR.with_(hot_pixels=None)
-    calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=nominal), maps=True)
-    effects = calibration.sensor.effects
-    assert effects is not None
-    assert effects.blooming is not None
-    assert effects.blooming.drained.value == pytest.approx(0.7, abs=0.02)
-    assert calibration.to_dict()["blooming"]["seen"]
-    calibration.report(tmp_path / "report.html")
-    assert "Blooming" in (tmp_path / "report.html").read_text(encoding="utf-8")

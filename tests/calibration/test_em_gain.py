@@ -59,33 +59,6 @@ def measured(seed: int, gain: float, stages: int) -> tuple[EmGainResult, EmGain]
     return found, register.effects.em_gain
 
 
-def errors(sensors: int) -> np.ndarray:
-    """(sensors, 2) whether the intervals of gain and excess noise cover, and their errors."""
-    rng = np.random.default_rng(5)
-    rows = []
-    for seed in range(sensors):
-        found, true = measured(seed, rng.uniform(20, 400), int(rng.integers(100, 600)))
-        row = []
-        for entry, truth in ((found.gain, true.gain.value), (found.excess_noise_factor, true.excess_noise_factor)):
-            low, high = entry.interval_95
-            row += [low < truth < high, (entry.value - truth) / entry.standard_uncertainty]
-        rows.append(row)
-    return np.array(rows, float)
-
-
-def test_gain_and_excess_noise_are_found() -> None:
-    found = errors(2)
-    assert np.abs(found[:, [1, 3]]).max() < 3.5
-
-
-@pytest.mark.slow
-def test_intervals_cover() -> None:
-    """60 registers, gain and excess noise: 88 to 99 % are three binomial sigma."""
-    found = errors(60)
-    assert (found[:, [0, 2]].mean(axis=0) > 0.88).all()
-    assert np.abs(found[:, [1, 3]].mean(axis=0)).max() < 0.4
-
-
 def test_noise_against_theory() -> None:
     found, true = measured(7, 100.0, 300)
     assert found.theory == pytest.approx(true.excess_noise_factor, rel=0.01)

@@ -110,39 +110,6 @@ def test_telegraph_noise_of_another_kind_is_named():
     assert amplitude.value is None
 
 
-@pytest.mark.slow
-def test_intervals_of_noisy_chips_cover():
-    """12 chips with a spread and blinking pixels, from frames; 9 of 12 is three binomial sigma below 95 %."""
-    rng = np.random.default_rng(4)
-    names = ("read_noise_log_spread", "steady_noise_dn", "blinking_fraction", "blinking_amplitude_dn")
-    gain = SENSOR.system_gain_dn_per_e
-    inside, read_mv = [], []
-    for seed in range(12):
-        read_e, spread, fraction = rng.uniform(4, 10), rng.uniform(0.1, 0.4), rng.uniform(0.02, 0.1)
-        amplitude_e = read_e * rng.uniform(1, 10)
-        sensor = SENSOR.with_(
-            read_noise_e=read_e,
-            serial=str(seed),
-            read_noise_spread={"log_spread": spread},
-            telegraph_noise={"fraction": fraction, "amplitude_e": amplitude_e},
-        )
-        plan = [("dark", 0.01, 0)] * 40 + [("dark", 1.0, 0)] * 2
-        plan += [("light", t, 2e5 * t) for t in np.linspace(0.005, 0.04, 6).tolist() for _ in range(2)]
-        frames = [
-            (kind, t, digital_numbers(sensor, np.full((ROWS, COLS), e, np.float32), t, seed=seed, frame=n))
-            for n, (kind, t, e) in enumerate(plan)
-        ]
-        found = calibrate(FrameSet.from_arrays(frames, bits=12, sensor=sensor.with_(effects=None)), maps=True)
-        entries = [getattr(found.temporal, name) for name in names]
-        truth = (spread, read_e * gain, fraction, amplitude_e * gain)
-        inside.append([e.value is None or covers(e, x) for e, x in zip(entries, truth, strict=True)])
-        if entries[3].value is not None:
-            read_mv.append(found.sensor.noise.read_noise_mv.value / sensor.noise.read_noise_mv.value)
-    assert (np.sum(inside, axis=0) >= 9).all()
-    assert len(read_mv) >= 9
-    assert np.abs(np.array(read_mv) - 1.0).max() < 0.12
-
-
 @pytest.fixture(scope="module")
 def measured():
     """A sensor with effects, its calibration, chip and temporal noise."""

@@ -58,26 +58,6 @@ def measured(true: ps.Sensor, level: float = 0.7, **options: Any) -> Calibration
     return calibrate(virtual_lab(true, PROTOCOL, level=level, seed=1, photons_known=True).frame_set(), **options)
 
 
-def test_calibration_of_coupled_pixels() -> None:
-    """Coupling, gain and PRNU, and a sensor file whose frames are those that were measured."""
-    true = SENSOR.with_(interpixel_capacitance={"coupling_percent": 1.5, "diagonal_percent": 0.2}, prnu_percent=2.0)
-    found = measured(true)
-    low, high = found.interpixel_coupling_percent.interval_95 or (0.0, 0.0)
-    assert low < 1.5 < high
-    assert high - low < 0.8
-    assert found.system_gain_dn_per_e.value == pytest.approx(SENSOR.system_gain_dn_per_e, rel=0.02)
-    effects = found.sensor.effects
-    assert effects is not None
-    assert effects.interpixel_capacitance is not None
-    fraction = effects.interpixel_capacitance.coupling_percent
-    assert (fraction.value, fraction.standard_uncertainty) == (
-        found.interpixel_coupling_percent.value,
-        found.interpixel_coupling_percent.standard_uncertainty,
-    )
-    assert found.sensor.noise.prnu_percent.value == pytest.approx(2.0, rel=0.05)
-    assert (found.prnu_percent.value or 0.0) < 1.96
-
-
 def test_independent_pixels_have_no_coupling() -> None:
     found = measured(SENSOR)
     low, high = found.interpixel_coupling_percent.interval_95 or (1.0, 0.0)

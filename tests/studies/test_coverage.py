@@ -112,20 +112,6 @@ def test_failed_calibrations_are_counted_by_reason(monkeypatch: pytest.MonkeyPat
     assert (content["refused"], content["why_refused"]) == (1, [{"sensors": 1, "example": entry.example}])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, entry in CONDITIONS.items() if entry.disturbed is not None])
-def test_intervals_hold_on_frames_that_are_not_clean(name: str) -> None:
-    """100 sensors of each kind: a coverage of 95 % is below 85 % in 1 of 10 000 studies."""
-    study = coverage_study([name], sensors=100)
-    assert not study.refused
-    wanted = {"system_gain_dn_per_e", "read_noise_dn", "prnu_percent", "quantum_efficiency_percent"}
-    rows = {row.parameter: row for row in study.rows if row.parameter in wanted}
-    assert set(rows) == wanted
-    for row in rows.values():
-        assert row.estimated >= 50
-        assert row.covered >= 0.85
-
-
 def test_row_noise_counts_in_the_read_noise_and_its_uncertainty() -> None:
     """12 sensors: the mean error of the read noise without its rows is 30 uncertainties, and its width 20."""
     study = coverage_study(["rows-mono-12"], sensors=12, processes=1)

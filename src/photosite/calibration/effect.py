@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from types import MappingProxyType
 from typing import Literal
@@ -29,6 +29,9 @@ class Effect:
         in this order.
     measure
         Returns what the evidence shows, or why it shows nothing. A `Deferred` is computed when it is first needed.
+    exempt
+        Parts that the effect lacks, with the reason: "section" of the sensor file, "drawing" step, "estimator",
+        "figure" of the report, "study" with truth and coverage, page of the "docs".
     key, missing
         Name in `Calibration.to_dict`, by default that of the effect, and what stands there without a finding.
     """
@@ -37,6 +40,7 @@ class Effect:
     measure: Measure
     key: str | None = ""
     missing: Literal["null", "reason", "absent"] = "null"
+    exempt: Mapping[str, str] = field(default_factory=dict)
 
 
 @cache

@@ -15,4 +15,5 @@ def _measure(evidence: Evidence) -> Flicker | Missing:
     )
 
 
-EFFECT = Effect(95, _measure)
+_OF_THE_LIGHT = "the light flickers, not the sensor: a scene draws it"
+EFFECT = Effect(95, _measure, exempt=dict.fromkeys(("section", "drawing", "docs"), _OF_THE_LIGHT))

@@ -31,4 +31,5 @@ def _measure(evidence: Evidence) -> Lag | Missing:
     return Lag(shared.frames)
 
 
-EFFECT = Effect(96, _measure, key=None)
+_NO_MODEL = "frames are independent in the sensor model: a plain camera draws it for studies"
+EFFECT = Effect(96, _measure, key=None, exempt=dict.fromkeys(("section", "drawing", "docs"), _NO_MODEL))

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
+from photosite.calibration.effects.glow import GlowMap
 from photosite.sensor.effects.glow import Glow, Place
 from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import DSNU1288, Drawing, EffectStudy, Range, TrueTerms
+from photosite.studies.outcome import Outcome, Outcomes
 
 
 def _draw(drawing: Drawing, peak_e_per_s: Range) -> dict[str, Any]:
@@ -31,4 +33,9 @@ def _truth(glow: Glow, sensor: Sensor) -> Mapping[str, float]:
     }
 
 
-STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth)
+def _compare(found: GlowMap, glow: Glow, sensor: Sensor) -> Outcomes:
+    """Compare the places, which are exact."""
+    return {"places": Outcome(0.0, 0.0, 1.0, set(found.places) == set(glow.places))} if found.places else {}
+
+
+STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth, compare=_compare)
