@@ -89,7 +89,7 @@ def test_cool_white_leds_have_daylight_chromaticity(kelvin: float) -> None:
     assert found == pytest.approx(chromaticity(illuminants.daylight(kelvin).at(FINE)), abs=1e-5)
 
 
-def test_white_led_colour_temperature_by_another_formula() -> None:
+def test_white_led_color_temperature_by_another_formula() -> None:
     """Ohno (2013), in colour-science."""
     colour = colour_science()
     x, y = chromaticity(illuminants.white_led(3500).at(FINE))

@@ -48,7 +48,9 @@ def test_closed_forms_agree_with_captures(name: str) -> None:
     sensor, time_s = SENSORS[name], 0.03
     budget = ps.capture_budget(sensor, [1.0], time_s)
     ends = [each.light_e for each in budget.transitions]
-    light = np.array([20.0, *(end * share for end in ends for share in (0.93, 0.97, 1.0, 1.03, 1.07)), ends[-1] * 2])
+    light = np.array(
+        [20.0, *(end * fraction for end in ends for fraction in (0.93, 0.97, 1.0, 1.03, 1.07)), ends[-1] * 2]
+    )
     budget = ps.capture_budget(sensor, light, time_s)
     black = sensor.readout.black_level_dn.value
     rule = sensor.captures.combination

@@ -112,7 +112,7 @@ def test_a_single_defect_is_not_saturation():
     dn[0, 0] = 4000
     frame = RawFrame(dn, bits=12, white_level_dn=4000)
     found = patch_statistics(frame, [Region("defect", 0, 40, 0, 50), Region("corner", 0, 10, 0, 10)])
-    assert found.saturated_share[:, 0].tolist() == [1 / 2000, 1 / 100]
+    assert found.saturated_fraction[:, 0].tolist() == [1 / 2000, 1 / 100]
     assert found.saturated[:, 0].tolist() == [False, True]
 
 

@@ -32,7 +32,7 @@ def camera_of(sensor: ps.Sensor, f_number: float, rows: int = 160, cols: int = 1
 
 
 def edge_of(camera: ps.Camera, angle_deg: float) -> ps.Scene:
-    """One scene sample per cell: every cell holds its exact share of the bright side."""
+    """One scene sample per cell: every cell holds its exact fraction of the bright side."""
     rows, cols = (n * camera.cells_per_pixel for n in (camera.sensor.array.rows, camera.sensor.array.cols))
     return ps.charts.slanted_edge("D65", 100, angle_deg=angle_deg, rows=rows, cols=cols)
 
@@ -42,9 +42,9 @@ def optics_and_aperture(camera: ps.Camera, scene: ps.Scene, channel: str, angle_
     pitch_m = camera.sensor.pixel.width_um.value * 1e-6
     frequency_per_m = np.linspace(0, 1, 101) / pitch_m
     electrons = electrons_per_weight(scene, camera).sum(axis=1)
-    share = electrons[camera.sensor.channel_names.index(channel)]
+    fraction = electrons[camera.sensor.channel_names.index(channel)]
     otf = np.zeros(101)
-    for part, wavelength_nm in zip(share / share.sum(), scene.wavelength_nm, strict=True):
+    for part, wavelength_nm in zip(fraction / fraction.sum(), scene.wavelength_nm, strict=True):
         cutoff = 1 / (wavelength_nm * 1e-9 * camera.optics.working_f_number(scene.distance_m))
         r = np.minimum(frequency_per_m / cutoff, 1.0)
         otf += part * 2 / math.pi * (np.arccos(r) - r * np.sqrt(1 - r * r))
@@ -244,7 +244,7 @@ NOISE = np.random.default_rng(1).normal(100, 10, (100, 80))
 INVALID: list[tuple[Any, dict[str, Any], str]] = [
     (raw_edge(), {}, "channel"),
     (raw_edge(), {"channel": "g"}, "channel"),
-    (raw_edge(11), {"channel": "G"}, "share of saturated G pixels"),
+    (raw_edge(11), {"channel": "G"}, "fraction of saturated G pixels"),
     (raw_edge(), {"channel": "G", "region": (0, 101, 0, 80)}, "region"),
     (np.ones((100, 80)), {}, "contrast of the edge"),
     (np.zeros((100, 80)), {}, "contrast of the edge"),

@@ -26,8 +26,8 @@ def test_otf_is_the_transform_of_the_airy_pattern(f_number: float, wavelength_nm
     airy = (2 * j1(v) / v) ** 2 * (math.pi / 4) / scale_m**2  # unit volume
     from scipy.special import j0
 
-    for share in (0.1, 0.35, 0.8):
-        frequency = share / scale_m
+    for fraction in (0.1, 0.35, 0.8):
+        frequency = fraction / scale_m
         hankel = 2 * math.pi * np.trapezoid(airy * j0(2 * math.pi * frequency * radius) * radius, radius)
         otf = lens.otf(np.array([frequency]), wavelength_nm, math.inf)[0]
         # The pattern is truncated at 400 lambda N, where 2 / (400 pi^2) = 5e-4 of the energy is missing at f = 0; away

@@ -88,30 +88,30 @@ def test_wavelength_nodes_are_evenly_spaced_in_the_image() -> None:
     real = ideal * np.array([[1.0], [1.0006], [1.00075]])
     mapping = RadialMapping(np.array([400.0, 500.0, 700.0]), ideal, real)
     grid = np.arange(400.0, 701.0, 10)
-    nodes, shares = wavelength_nodes(mapping, grid, 10e-3, 1.5e-6)
+    nodes, fractions = wavelength_nodes(mapping, grid, 10e-3, 1.5e-6)
     np.testing.assert_allclose(nodes, [400, 441 + 2 / 3, 483 + 1 / 3, 700], atol=1e-6)
-    np.testing.assert_allclose(shares.sum(axis=0), 1.0, atol=1e-12)
+    np.testing.assert_allclose(fractions.sum(axis=0), 1.0, atol=1e-12)
     # Four nodes reproduce any cubic of the path length.
     way = np.interp(grid, [400, 500, 700], [0.0, 6.0, 7.5])
     for power in (1, 2, 3):
-        np.testing.assert_allclose(np.array([0, 2.5, 5, 7.5]) ** power @ shares, way**power, atol=1e-9)
+        np.testing.assert_allclose(np.array([0, 2.5, 5, 7.5]) ** power @ fractions, way**power, atol=1e-9)
 
 
 def test_fewer_than_four_nodes_use_linear_weights() -> None:
     """6 um, then 1.5 um, in steps of at most 4 um: three nodes."""
     real = np.array([0.0, 10e-3]) * np.array([[1.0], [1.0006], [1.00075]])
     mapping = RadialMapping(np.array([400.0, 500.0, 700.0]), np.array([0.0, 10e-3]), real)
-    nodes, shares = wavelength_nodes(mapping, np.arange(400.0, 701.0, 10), 10e-3, 4e-6)
+    nodes, fractions = wavelength_nodes(mapping, np.arange(400.0, 701.0, 10), 10e-3, 4e-6)
     np.testing.assert_allclose(nodes, [400, 462.5, 700], atol=1e-6)
-    np.testing.assert_allclose(shares[:, 1], [0.84, 0.16, 0], atol=1e-9)  # 410 nm: 0.6 of 3.75 um
-    np.testing.assert_allclose(shares[:, 20], [0, 0.2, 0.8], atol=1e-9)  # 600 nm: 6.75 um
+    np.testing.assert_allclose(fractions[:, 1], [0.84, 0.16, 0], atol=1e-9)  # 410 nm: 0.6 of 3.75 um
+    np.testing.assert_allclose(fractions[:, 20], [0, 0.2, 0.8], atol=1e-9)  # 600 nm: 6.75 um
 
 
 def test_wavelengths_are_nodes_if_as_many_are_needed() -> None:
     mapping = cubic(0.0, 5, (500.0, 600.0), 1e-2)
-    nodes, shares = wavelength_nodes(mapping, np.array([500.0, 550.0, 600.0]), REACH_M, 1e-6)
+    nodes, fractions = wavelength_nodes(mapping, np.array([500.0, 550.0, 600.0]), REACH_M, 1e-6)
     assert nodes.tolist() == [500.0, 550.0, 600.0]
-    assert shares.tolist() == np.eye(3).tolist()
+    assert fractions.tolist() == np.eye(3).tolist()
 
 
 def test_one_wavelength_or_one_curve_needs_one_node() -> None:

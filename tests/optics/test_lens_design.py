@@ -77,8 +77,8 @@ def test_stated_error_is_the_svd_error() -> None:
     error = np.linalg.norm(summed - exact) / np.linalg.norm(exact)
     assert error == pytest.approx(found.relative_error, rel=1e-6)
     assert error <= 0.02 < found.error_by_rank[len(found.modes) - 2]
-    centred = (exact - exact.mean(axis=0)).reshape(len(exact), -1)
-    values = np.linalg.svd(centred, compute_uv=False)
+    centered = (exact - exact.mean(axis=0)).reshape(len(exact), -1)
+    values = np.linalg.svd(centered, compute_uv=False)
     for rank in (1, 3, 7):
         expected = math.sqrt((values[rank - 1 :] ** 2).sum()) / np.linalg.norm(exact)
         assert found.error_by_rank[rank - 1] == pytest.approx(expected, rel=1e-6)
@@ -92,9 +92,9 @@ def test_nodes_hold_psfs_rotated_to_their_azimuth() -> None:
         y, x = axis[row], axis[col]
         h, angle = math.hypot(y, x), math.atan2(y, x)
         low = min(math.floor(h / 2), 5)
-        share = min(h / 2, 5) - low
-        direct = (1 - share) * np.stack([_unit(comet(angle, low * w / 550)) for w in WAVES])
-        direct += share * np.stack([_unit(comet(angle, min(low + 1, 5) * w / 550)) for w in WAVES])
+        fraction = min(h / 2, 5) - low
+        direct = (1 - fraction) * np.stack([_unit(comet(angle, low * w / 550)) for w in WAVES])
+        direct += fraction * np.stack([_unit(comet(angle, min(low + 1, 5) * w / 550)) for w in WAVES])
         # Truncation of the 5.9 um tail by the 20 um square, and the spline error.
         np.testing.assert_allclose(nodes[row, col], direct, atol=8e-4 * direct.max())
 

@@ -43,9 +43,9 @@ WAYS: list[tuple[str, dict[str, Any]]] = [
 def some_scene(rows: int = 37, cols: int = 29, width_m: float | None = 0.4) -> Scene:
     rng = np.random.default_rng(2)
     spectra = np.exp(-(((GRID - rng.uniform(400, 700, (12, 1))) / 60) ** 2))
-    shares = rng.random((rows, cols, 12)) * 2.0 ** -np.arange(12)
+    fractions = rng.random((rows, cols, 12)) * 2.0 ** -np.arange(12)
     return Scene.from_radiance(
-        1e15 * shares @ spectra, GRID, tolerance=1e-6, distance_m=2.5, width_m=width_m, name="twelve lights"
+        1e15 * fractions @ spectra, GRID, tolerance=1e-6, distance_m=2.5, width_m=width_m, name="twelve lights"
     )
 
 

@@ -84,7 +84,7 @@ def test_the_scene_agrees_with_random_points_of_the_chart():
     np.testing.assert_array_equal(scene.basis, chart.basis)
 
 
-def test_the_inner_part_of_every_patch_is_of_one_colour():
+def test_the_inner_part_of_every_patch_is_of_one_color():
     chart = macbeth()
     scene = in_perspective(chart, CORNERS, SHAPE)
     step = min(np.array(scene.shape) / SHAPE)

@@ -15,7 +15,7 @@ from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, Method, from_hdr, fr
 from photosite.scene.scene import Scene
 
 
-def all_colours() -> np.ndarray:
+def all_colors() -> np.ndarray:
     """(1, n, 3) 8-bit sRGB: the corners of the cube, a grid in it, and dark ones."""
     steps = np.array([0, 1, 13, 51, 102, 153, 204, 255], np.uint8)
     return np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
@@ -51,8 +51,8 @@ def differences(scene: Scene, linear: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("method", ["mallett-yuksel", "jakob-hanika"])
-@pytest.mark.parametrize("picture", [CHECKER, even_grid(), all_colours()], ids=["checker", "grid", "dark too"])
-def test_both_methods_keep_the_colours(method: Method, picture: np.ndarray) -> None:
+@pytest.mark.parametrize("picture", [CHECKER, even_grid(), all_colors()], ids=["checker", "grid", "dark too"])
+def test_both_methods_keep_the_colors(method: Method, picture: np.ndarray) -> None:
     scene = from_rgb(picture, "D65", 100.0, method=method)
     assert differences(scene, linear_srgb(picture)).max() < 0.03
     assert scene.mean_luminance_cd_m2() == pytest.approx(100.0, rel=1e-6)
@@ -76,7 +76,7 @@ def test_smooth_reflectances_are_valid_and_within_the_tolerance() -> None:
         assert differences(scene, linear_srgb(picture)).max() < 0.03  # colors are not affected
 
 
-def some_colours(count: int = 400) -> np.ndarray:
+def some_colors(count: int = 400) -> np.ndarray:
     """(1, n, 3): random ones, and the corners of sRGB."""
     drawn = np.random.default_rng(29).integers(0, 256, (count, 3))
     corners = np.stack(np.meshgrid(*[[0, 255]] * 3), axis=-1).reshape(-1, 3)
@@ -99,8 +99,8 @@ def differences_at_1_nm(scene: Scene, picture: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("method", "fine", "interpolated"), [("mallett-yuksel", 0.08, 0.08), ("jakob-hanika", 0.04, 0.17)]
 )
-def test_colour_differences_at_1_nm_agree_with_the_docs(method: Method, fine: float, interpolated: float) -> None:
-    picture = some_colours()
+def test_color_differences_at_1_nm_agree_with_the_docs(method: Method, fine: float, interpolated: float) -> None:
+    picture = some_colors()
     scene = from_rgb(picture, method=method, wavelength_nm=np.arange(380.0, 781.0))
     assert 0.5 * fine < differences_at_1_nm(scene, picture).max() < fine
     assert 0.5 * interpolated < differences_at_1_nm(from_rgb(picture, method=method), picture).max() < interpolated
@@ -116,7 +116,7 @@ def test_range_of_reduced_reflectances_agrees_with_the_docs() -> None:
         assert 1 < values.max() < 1 + beyond
 
 
-def test_the_error_weights_colours_by_their_frequency() -> None:
+def test_the_error_weights_colors_by_their_frequency() -> None:
     """One rare color beside a thousand of another: the error is that of the whole picture."""
     picture = np.concatenate([np.tile(CHECKER[:, :1], (1, 1000, 1)), CHECKER], axis=1)
     truth, scene = (from_rgb(picture, method="jakob-hanika", tolerance=t) for t in (1e-6, 3e-2))
@@ -151,7 +151,7 @@ def test_white_is_white_in_every_space() -> None:
         from_rgb(np.full((2, 2, 3), 255, np.uint8), space=space)
 
 
-def test_colours_outside_srgb() -> None:
+def test_colors_outside_srgb() -> None:
     picture = np.array([[[0.0, 1.0, 0.0], [0.5, 0.5, 0.5], [0.6, 0.3, 0.3], [0.1, 0.75, 0.1]]])
     both = {"out_of_gamut": "clip", "method": "jakob-hanika"}
     with raises(InputError, "2 of 4 pixels", arguments=both):
@@ -201,7 +201,7 @@ def test_light_keeps_its_range_and_white_its_luminance() -> None:
     assert by_mean.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
 
 
-def test_light_has_its_colours() -> None:
+def test_light_has_its_colors() -> None:
     linear = linear_srgb(CHECKER) * 1e4
     assert differences(from_hdr(linear, 1.0), linear / 1e4).max() < 0.03
 
@@ -245,7 +245,7 @@ def test_reflectances_are_valid_and_white_reflects_all_light() -> None:
     basis = srgb_reflectance()
     assert basis.min() > 0
     np.testing.assert_allclose(basis.sum(axis=0), 1.0, atol=2e-5)  # the table's own precision
-    reflectance = linear_srgb(all_colours()).reshape(-1, 3) @ basis
+    reflectance = linear_srgb(all_colors()).reshape(-1, 3) @ basis
     assert reflectance.min() >= 0
     assert reflectance.max() <= 1 + 2e-5
 

@@ -9,7 +9,7 @@ from photosite.scene.placement import place
 from photosite.values.region import Region
 
 
-def test_a_scene_covers_the_frame_and_is_centred() -> None:
+def test_a_scene_covers_the_frame_and_is_centerd() -> None:
     where = place((100, 100), (20, 50))
     assert (where.row_step, where.col_step) == (2.0, 2.0)
     assert (where.row_start, where.col_start) == (30.0, 0.0)

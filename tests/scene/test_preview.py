@@ -14,7 +14,7 @@ from photosite.scene.scene import preview
 
 
 @pytest.mark.parametrize("light", ["A", "D65", 2000, "F11"])
-def test_white_and_grey_patches_look_grey_under_any_light(light: str | float) -> None:
+def test_white_and_gray_patches_look_gray_under_any_light(light: str | float) -> None:
     """The brightest 1 % is the white patch, which reflects evenly to 4 %; the chart's mean is redder than its light."""
     chart = ps.charts.macbeth(light, 40)
     seen = preview(chart)
@@ -27,8 +27,8 @@ def test_without_reflectances_the_mean_replaces_the_light() -> None:
     chart = ps.charts.macbeth("A", 40)
     bare = replace(chart, reflectance=None)
     assert np.abs(preview(bare) - preview(chart)).max() > 0.05
-    grey = ps.charts.checkerboard("A", 40, rows=16, cols=16, square=4)
-    np.testing.assert_allclose(preview(replace(grey, reflectance=None)), preview(grey), atol=2e-3)
+    gray = ps.charts.checkerboard("A", 40, rows=16, cols=16, square=4)
+    np.testing.assert_allclose(preview(replace(gray, reflectance=None)), preview(gray), atol=2e-3)
 
 
 def test_preview_of_few_bright_points() -> None:

@@ -148,8 +148,8 @@ def test_the_error_of_mixed_bands_of_energy_is_that_of_photons() -> None:
 def test_reflectances_keep_the_tolerance_under_their_light_too() -> None:
     """A weak paint reflects only where the light is strong and the other paint is dark."""
     blue, red = (GRID < 450).astype(float), (GRID > 650).astype(float)
-    share = RNG.random((2, 30, 20, 1))
-    array = share[0] * blue + 1e-3 * share[1] * red
+    fraction = RNG.random((2, 30, 20, 1))
+    array = fraction[0] * blue + 1e-3 * fraction[1] * red
     lines = Spectrum(GRID, np.where(blue > 0, 1e-3, 1.0))
     scene = reduce_cube(
         cube_of(array, "reflectance"), ReadOptions(illuminant=lines, mean_luminance_cd_m2=10, tolerance=0.01)
@@ -224,8 +224,8 @@ def test_progress_counts_both_passes() -> None:
 def test_small_differences_survive_double_precision() -> None:
     """A spectrum some 3e-6 as strong as another is kept by a tolerance of 1e-6: float32 sums would have lost it."""
     strong, weak = RNG.random(GRID.size), RNG.random(GRID.size)
-    share = RNG.random((300, 40, 1))
-    array = 1e3 + share * strong + 3e-2 * RNG.random((300, 40, 1)) * weak
+    fraction = RNG.random((300, 40, 1))
+    array = 1e3 + fraction * strong + 3e-2 * RNG.random((300, 40, 1)) * weak
     scene = reduce_cube(cube_of(array), ReadOptions(tolerance=1e-6)).scene
     assert len(scene.basis) == 3
     assert replace(scene).relative_error < 1e-7  # what float32 weights leave

@@ -175,7 +175,7 @@ def test_geometry_is_the_cameras() -> None:
     assert cropped.width_m == pytest.approx(3.5 * np.tan(np.radians(15)), rel=1e-5)
 
 
-def test_without_an_object_in_the_centre_the_distance_is_the_default() -> None:
+def test_without_an_object_in_the_center_the_distance_is_the_default() -> None:
     sky = seen_by(light={"type": "constant", "radiance": ramp(1, 1)})
     scene = render_mitsuba(sky, spp=1, wavelength_nm=[500])
     assert (scene.distance_m, scene.width_m) == (1.2, None)

@@ -18,10 +18,10 @@ from photosite.values.region import Region
 GRID = np.arange(400.0, 701.0, 10)
 
 
-def cube(rows: int = 12, cols: int = 17, colours: int = 4, seed: int = 3) -> np.ndarray:
-    """A radiance cube of `colours` spectra in equal measure."""
+def cube(rows: int = 12, cols: int = 17, colors: int = 4, seed: int = 3) -> np.ndarray:
+    """A radiance cube of `colors` spectra in equal measure."""
     rng = np.random.default_rng(seed)
-    return 1e14 * rng.random((rows, cols, colours)) @ rng.random((colours, GRID.size))
+    return 1e14 * rng.random((rows, cols, colors)) @ rng.random((colors, GRID.size))
 
 
 def test_from_radiance_keeps_every_sample_within_the_tolerance() -> None:

@@ -42,7 +42,9 @@ def test_coefficients_of_known_reflectances_are_found() -> None:
     true = rng.normal(0.0, [4.0, 2.0, 1.0], (200, 3))
     reflectance = sigmoid_reflectance(true, GRID)
     found = sigmoid_reflectance(sigmoid_coefficients(reflectance @ weights().T, weights(), GRID), GRID)
-    assert np.abs((found - reflectance) @ weights().T).max() < 1.2e-5  # the share of gray, 1e-5, and the solver's 1e-6
+    assert (
+        np.abs((found - reflectance) @ weights().T).max() < 1.2e-5
+    )  # the fraction of gray, 1e-5, and the solver's 1e-6
     assert np.quantile(np.abs(found - reflectance).max(axis=1), 0.9) < 1e-2
 
 
@@ -58,7 +60,7 @@ def test_reflectances_are_those_that_colour_science_finds(rgb: tuple[float, ...]
     assert np.abs(ours - theirs).max() < 0.01
 
 
-def test_every_srgb_colour_has_a_valid_reflectance() -> None:
+def test_every_srgb_color_has_a_valid_reflectance() -> None:
     steps = np.linspace(0.0, 1.0, 9) ** 2.2
     linear = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     wanted = linear @ XYZ_FROM_SRGB.T * (weights().sum(axis=1) / XYZ_FROM_SRGB.sum(axis=1))
@@ -70,6 +72,6 @@ def test_every_srgb_colour_has_a_valid_reflectance() -> None:
     assert (bends[:, 1:-1].sum(axis=1) <= 1).all()  # one maximum or minimum
 
 
-def test_colours_that_no_surface_has() -> None:
+def test_colors_that_no_surface_has() -> None:
     with raises(InputError, "1 colors are brighter"):
         sigmoid_coefficients([[0.2, 0.2, 0.2], [0.9, 0.1, 0.0]], weights(), GRID)

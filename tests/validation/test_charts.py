@@ -25,7 +25,7 @@ VIEWS = {
 }
 
 
-def test_colours_agree_with_colour_science():
+def test_colors_agree_with_colour_science():
     colour = colour_science()
     shape = colour.SpectralShape(380, 780, 5)
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)

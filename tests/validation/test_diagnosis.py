@@ -28,7 +28,7 @@ def patches(mean, saturated=0.0):
         spatial_noise_dn=np.full(shape, 10.0),
         spatial_variance_error_dn2=np.full(shape, 7.0),
         temporal_noise_dn=None,
-        saturated_share=np.full(shape, saturated),
+        saturated_fraction=np.full(shape, saturated),
         mean_e=None,
     )
 

@@ -30,7 +30,7 @@ def statistics(mean_dn, error_dn):
         spatial_noise_dn=noise,
         spatial_variance_error_dn2=noise**2 * np.sqrt(2 / 399),
         temporal_noise_dn=None,
-        saturated_share=np.zeros_like(mean),
+        saturated_fraction=np.zeros_like(mean),
         mean_e=None,
     )
 
@@ -60,8 +60,8 @@ def as_if_independent(fit):
     ],
 )
 def test_the_interval_holds_the_truth_95_times_in_100(patch_scatter, noise):
-    # 400 charts: a share of 0.95 is found to 0.011. The bounds are 3 of that below and above (false alarms 0.3 %), and
-    # would miss an interval of 1.73 times too small a reach (a share of 0.74) in less than one of 10^12 runs.
+    # 400 charts: a fraction of 0.95 is found to 0.011. The bounds are 3 of that below and above (false alarms 0.3 %),
+    # and would miss an interval of 1.73 times too small a reach (a fraction of 0.74) in less than one of 10^12 runs.
     truth, start = 0.87, 0.9
     fits = [fit_fill_factor(*drawn(seed, truth / start, patch_scatter, noise), start) for seed in range(400)]
     covered = np.mean([fit.interval_95[0] <= truth <= fit.interval_95[1] for fit in fits])
@@ -140,12 +140,12 @@ def test_saturated_and_black_points_are_left_out():
     plain = fit_fill_factor(measured, simulated, 0.9)
     spoiled = measured.mean_dn.copy()
     spoiled[20:, 0] = 500.0
-    share = np.zeros_like(spoiled)
-    share[20:, 0] = 0.5
+    fraction = np.zeros_like(spoiled)
+    fraction[20:, 0] = 0.5
     dark = simulated.mean_dn.copy()
     dark[0] = -0.2
     fit = fit_fill_factor(
-        replace(measured, mean_dn=spoiled, saturated_share=share), replace(simulated, mean_dn=dark), 0.9
+        replace(measured, mean_dn=spoiled, saturated_fraction=fraction), replace(simulated, mean_dn=dark), 0.9
     )
     assert not fit.used[20:, 0].any()
     assert not fit.used[0].any()
@@ -167,7 +167,7 @@ def test_invalid_calls():
     with raises(InputError, "measured and simulated patches"):
         fit_fill_factor(measured, replace(simulated, channels=("G", "R", "B")), 0.9)
     with pytest.raises(InputError) as caught:
-        fit_fill_factor(replace(measured, saturated_share=np.ones_like(LEVELS)), simulated, 0.9)
+        fit_fill_factor(replace(measured, saturated_fraction=np.ones_like(LEVELS)), simulated, 0.9)
     assert (caught.value.what, caught.value.value) == ("usable patches", 0)
     with raises(InputError, "the measured patches are"):
         fit_fill_factor(replace(measured, mean_dn=-measured.mean_dn), simulated, 0.9)

@@ -33,8 +33,8 @@ def chart_electrons(cfa="rggb", warm=False, turned=False):
     patches = chart_xyz_d65("macbeth", names) @ camera.T
     mean = np.full(SHAPE, 20.0)
     for region, rgb in zip(chart_regions("macbeth", *SHAPE), patches, strict=True):
-        colour = sum(v * channel_mask(NAMED[cfa], c, SHAPE) for c, v in zip("RGB", rgb, strict=True))
-        mean[region.r0 : region.r1, region.c0 : region.c1] = colour[region.r0 : region.r1, region.c0 : region.c1]
+        color = sum(v * channel_mask(NAMED[cfa], c, SHAPE) for c, v in zip("RGB", rgb, strict=True))
+        mean[region.r0 : region.r1, region.c0 : region.c1] = color[region.r0 : region.r1, region.c0 : region.c1]
     return mean
 
 
@@ -160,7 +160,7 @@ def test_saturated_patches_are_named_and_left_out():
     assert not lost & set(result.color.names)
 
 
-def test_colours_are_those_of_the_matrix_fitted_to_the_simulated_patches():
+def test_colors_are_those_of_the_matrix_fitted_to_the_simulated_patches():
     result = validate(shoot(9, light=1.1), shoot(10))
     reference = chart_xyz_d65("macbeth", MACBETH_NAMES)
     order = [result.measured.channels.index(name) for name in "RGB"]

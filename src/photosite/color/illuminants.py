@@ -332,8 +332,8 @@ def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = 
 def white_led(temperature_k: float) -> Spectrum:
     """Return a white LED, a blue die with a phosphor, of a correlated color temperature: relative energy.
 
-    A model: a die at 450 nm, 20 nm wide, and a Gaussian phosphor, 120 nm wide. The phosphor's peak and share give the
-    chromaticity of a blackbody below 5000 K and of daylight above. The range is 300 to 1100 nm. Measured LEDs are
+    A model: a die at 450 nm, 20 nm wide, and a Gaussian phosphor, 120 nm wide. The phosphor's peak and fraction give
+    the chromaticity of a blackbody below 5000 K and of daylight above. The range is 300 to 1100 nm. Measured LEDs are
     "LED-B1" to "LED-B5".
 
     Raises
@@ -371,9 +371,9 @@ def white_led(temperature_k: float) -> Spectrum:
     peak = brentq(distance_from_line, 530.0, 660.0, xtol=1e-9)
     phosphor = _phosphor(peak)
     yellow = observer @ phosphor
-    # The phosphor's share that gives the target's x; on the line, y follows.
-    share = (x * blue.sum() - blue[0]) / (x * (blue.sum() - yellow.sum()) - (blue[0] - yellow[0]))
-    return Spectrum(_LED_NM, (1 - share) * die + share * phosphor)
+    # The phosphor's fraction that gives the target's x; on the line, y follows.
+    fraction = (x * blue.sum() - blue[0]) / (x * (blue.sum() - yellow.sum()) - (blue[0] - yellow[0]))
+    return Spectrum(_LED_NM, (1 - fraction) * die + fraction * phosphor)
 
 
 def _phosphor(peak_nm: float) -> Array:

@@ -22,8 +22,8 @@ _Curve = NDArray[np.float64]
 
 # The distribution of the more sensitive capture in a transition: 7 standard deviations to each side.
 _DEVIATES = np.linspace(-7.0, 7.0, 281)
-_SHARES = np.exp(-0.5 * _DEVIATES**2)
-_SHARES /= _SHARES.sum()
+_DEVIATE_WEIGHTS = np.exp(-0.5 * _DEVIATES**2)
+_DEVIATE_WEIGHTS /= _DEVIATE_WEIGHTS.sum()
 
 
 class Transition(NamedTuple):
@@ -164,11 +164,11 @@ def _noise(sensor: Sensor, name: str, light: _Curve, exposure_s: float) -> _Nois
         well_e = part_sensor(sensor, owner.name).pixel.well_capacity_e.value / factor
     scale = capture_scale(sensor, name)
     coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
-    share = 1.0 if coupling is None else coupling.variance_share
+    fraction = 1.0 if coupling is None else coupling.variance_share
     return _Noise(
         owner.name,
         charge / factor,
-        share * (charge + fixed) / factor**2,
+        fraction * (charge + fixed) / factor**2,
         _reading_variance(one) / factor**2,
         parent,
         well_e,
@@ -197,11 +197,11 @@ def _combine(noises: list[_Noise], combination: Combination) -> tuple[_Curve, _C
         weight = combination.weight((noise.mean[..., None] + spread - noise.start_e) / noise.range_e)
         other = mean[..., None] + (both / own)[..., None] * spread
         value = weight * (noise.mean[..., None] + spread) + (1.0 - weight) * other
-        expected = value @ _SHARES
-        left = ((1.0 - weight) ** 2 @ _SHARES) * np.maximum(variance - both**2 / own, 0.0)
-        share = weight @ _SHARES
-        mean, variance = expected, ((value - expected[..., None]) ** 2) @ _SHARES + left
-        loading = {name: (1.0 - share) * part + share * (name == noise.charge) for name, part in loading.items()}
+        expected = value @ _DEVIATE_WEIGHTS
+        left = ((1.0 - weight) ** 2 @ _DEVIATE_WEIGHTS) * np.maximum(variance - both**2 / own, 0.0)
+        fraction = weight @ _DEVIATE_WEIGHTS
+        mean, variance = expected, ((value - expected[..., None]) ** 2) @ _DEVIATE_WEIGHTS + left
+        loading = {name: (1.0 - fraction) * part + fraction * (name == noise.charge) for name, part in loading.items()}
     return mean, variance
 
 

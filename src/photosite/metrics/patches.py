@@ -16,8 +16,8 @@ from photosite.values.cfa import channel_names, channel_sites
 from photosite.values.region import Patch
 from photosite.values.shown import Shown
 
-SATURATED_SHARE = 1e-3
-"""Share of saturated pixels above which a patch counts as saturated; fewer are taken as defects."""
+SATURATED_FRACTION = 1e-3
+"""Fraction of saturated pixels above which a patch counts as saturated; fewer are taken as defects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,8 @@ class PatchStatistics(Shown):
         assumed to be independent.
     temporal_noise_dn
         Standard deviation of a pixel over the frames, root mean square over pixels; None for a single frame.
-    saturated_share, mean_e
-        Share of the pixels at or above the white level; `mean_dn` in electrons, None without a sensor.
+    saturated_fraction, mean_e
+        Fraction of the pixels at or above the white level; `mean_dn` in electrons, None without a sensor.
     temporal_variance_error_dn2
         Standard error of the square of `temporal_noise_dn`, from the scatter over independent pixels; None for a single
         frame.
@@ -58,14 +58,14 @@ class PatchStatistics(Shown):
     spatial_noise_dn: NDArray[np.float64]
     spatial_variance_error_dn2: NDArray[np.float64]
     temporal_noise_dn: NDArray[np.float64] | None
-    saturated_share: NDArray[np.float64]
+    saturated_fraction: NDArray[np.float64]
     mean_e: NDArray[np.float64] | None
     temporal_variance_error_dn2: NDArray[np.float64] | None = None
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
         """Whether more than 0.1 % of the pixels are saturated, so that mean and noise are biased low."""
-        return self.saturated_share > SATURATED_SHARE
+        return self.saturated_fraction > SATURATED_FRACTION
 
     @property
     def spatial_snr_db(self) -> NDArray[np.float64]:
@@ -180,7 +180,7 @@ def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> dict[str,
         "spatial_variance_error_dn2": _error_of_variance(dn),
         "temporal_noise_dn": float(temporal_variance.mean()) ** 0.5,
         "temporal_variance_error_dn2": float(temporal_variance.std(ddof=1)) / count**0.5,
-        "saturated_share": float((dn >= stack[0].white_level_dn).mean()),
+        "saturated_fraction": float((dn >= stack[0].white_level_dn).mean()),
     }
 
 

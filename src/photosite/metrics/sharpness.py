@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 Window = Literal["tukey", "hamming"]
 
 _FREQUENCIES = 101
-_SATURATED_SHARE = 1e-3
-"""Largest share of pixels at the white level, to allow for defects."""
+_SATURATED_FRACTION = 1e-3
+"""Largest fraction of pixels at the white level, to allow for defects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,9 +212,9 @@ def _channel_of(
     own = values[channel_mask(tile, name, values.shape)]
     if not np.isfinite(own).all():
         raise InputError("frame", expected="finite in the region")
-    if (full := float((own >= white).mean())) > _SATURATED_SHARE:
-        expected = f"at most {_SATURATED_SHARE:g}"
-        raise InputError(f"share of saturated {name} pixels", value=full, expected=expected, hint="Expose less")
+    if (full := float((own >= white).mean())) > _SATURATED_FRACTION:
+        expected = f"at most {_SATURATED_FRACTION:g}"
+        raise InputError(f"fraction of saturated {name} pixels", value=full, expected=expected, hint="Expose less")
     return values, tile, name, (r0, c0)
 
 
@@ -241,8 +241,8 @@ def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array
     mtf = np.abs(spectrum) / abs(whole)
     # Derivative of |spectrum| / whole by the mean of each bin.
     turned = (bins * np.exp(-1j * np.angle(spectrum))[:, None]).real / abs(whole)
-    share = turned - mtf[:, None] * bins[0].real / whole
-    uncertainty = np.sqrt(share**2 @ profile.variance)
+    sensitivity = turned - mtf[:, None] * bins[0].real / whole
+    uncertainty = np.sqrt(sensitivity**2 @ profile.variance)
     return mtf / lost, uncertainty / lost
 
 
@@ -451,5 +451,5 @@ def _half_way(distance: Array, profile: Array, ends: tuple[float, float]) -> flo
     """Return where a profile crosses the middle between its ends; the mean of several crossings."""
     above = (profile > (ends[0] + ends[1]) / 2).astype(np.int8)
     places = np.flatnonzero(np.diff(above))
-    share = ((ends[0] + ends[1]) / 2 - profile[places]) / (profile[places + 1] - profile[places])
-    return float(np.mean(distance[places] + share * (distance[1] - distance[0])))
+    fraction = ((ends[0] + ends[1]) / 2 - profile[places]) / (profile[places + 1] - profile[places])
+    return float(np.mean(distance[places] + fraction * (distance[1] - distance[0])))

@@ -148,8 +148,8 @@ def _disc_overlap(distance: Array, large: float, small: float) -> Array:
 
 def _segment(radius: float, height: Array) -> Array:
     """Return the area of a disc beyond a chord at a height from its center."""
-    share = np.clip(height / radius, -1.0, 1.0)
-    return radius**2 * (np.arccos(share) - share * np.sqrt(1 - share * share))
+    cosine = np.clip(height / radius, -1.0, 1.0)
+    return radius**2 * (np.arccos(cosine) - cosine * np.sqrt(1 - cosine * cosine))
 
 
 def _disc_quadrature(s: Array, large: float, small: float, factor: float, count: int) -> tuple[Array, Array, Array]:

@@ -37,7 +37,6 @@ def check_number(
     below: float = math.inf,
     at_least: float = -math.inf,
     at_most: float = math.inf,
-    whole: bool = False,
     hint: str | None = None,
 ) -> None:
     """Raise `InputError` unless the value is one number within the bounds, which `expected` states in words.
@@ -51,10 +50,17 @@ def check_number(
     photosite.errors.InputError: f_number must be above 0, got -1
     """
     number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
-    valid = isinstance(number, Integral if whole else Real) and not isinstance(number, bool | np.bool_)
+    valid = isinstance(number, Real) and not isinstance(number, bool | np.bool_)
     if not (valid and above < number < below and at_least <= number <= at_most and math.isfinite(number)):
         raise InputError(name, value=value, expected=expected, hint=hint)
     check_magnitude(name, float(number))
+
+
+def check_whole(name: str, value: Any, expected: str, at_least: int, at_most: int) -> None:
+    """Raise `InputError` unless the value is one whole number within the bounds, which `expected` states in words."""
+    if not isinstance(value, Integral):
+        raise InputError(name, value=value, expected=expected)
+    check_number(name, value, expected, at_least=at_least, at_most=at_most)
 
 
 def number_array(name: str, values: ArrayLike | None, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:

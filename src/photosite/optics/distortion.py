@@ -35,7 +35,7 @@ _CUBIC_STEP = 2.5
 _NODES = 65
 """Heights of a mapping that combines several tables."""
 _ANY_WAVELENGTH_NM = np.array([550.0])
-_LARGEST_SHARE = 0.1
+_LARGEST_FRACTION = 0.1
 """Largest lateral color relative to the image height; more indicates a wrong unit."""
 _LEAST_RATIO = 0.2
 """Smallest ratio of the first point off the axis; fisheyes reach it at 78 degrees."""
@@ -105,8 +105,10 @@ def heights_at(mapping: RadialMapping, wavelength_nm: float) -> Array:
     if grid.size == 1:
         return np.asarray(mapping.real_m[0], np.float64)
     index = int(np.clip(np.searchsorted(grid, at, side="right") - 1, 0, grid.size - 2))
-    share = (at - grid[index]) / (grid[index + 1] - grid[index])
-    return np.asarray(mapping.real_m[index] + share * (mapping.real_m[index + 1] - mapping.real_m[index]), np.float64)
+    fraction = (at - grid[index]) / (grid[index + 1] - grid[index])
+    return np.asarray(
+        mapping.real_m[index] + fraction * (mapping.real_m[index + 1] - mapping.real_m[index]), np.float64
+    )
 
 
 def image_height(mapping: RadialMapping, wavelength_nm: float) -> HeightCurve:
@@ -390,7 +392,7 @@ class LateralColor(Shown):
         self.field.check_off_axis()
         height = self.field.height_mm
         if height is not None:
-            excess = np.abs(shift) > _LARGEST_SHARE * 1e3 * np.maximum(height, 1e-3)
+            excess = np.abs(shift) > _LARGEST_FRACTION * 1e3 * np.maximum(height, 1e-3)
             if excess.any():
                 raise InputError(
                     "shift_um",
@@ -437,5 +439,5 @@ def combined_mapping(
 def _shifts_m(color: LateralColor, table_m: Array, real_m: Array) -> Array:
     """Return (L, n) shifts: shift over height is an even function, constant beyond the table."""
     off_axis = table_m > 0
-    share = color.shift_um[:, off_axis] * 1e-6 / table_m[off_axis]
-    return np.stack([real_m * even_curve(table_m[off_axis], row, real_m) for row in share])
+    relative = color.shift_um[:, off_axis] * 1e-6 / table_m[off_axis]
+    return np.stack([real_m * even_curve(table_m[off_axis], row, real_m) for row in relative])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import THREADS
 from photosite.errors import InputError
 from photosite.files.cache import cached_arrays
-from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, number_array
+from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, check_whole, number_array
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import (
     Constant,
@@ -31,7 +31,7 @@ from photosite.optics.point_spread import (
     box_blurred,
     check_spacing,
     encircled_radius,
-    normalised,
+    normalized,
     sampled_otf,
 )
 from photosite.values.shown import Shown
@@ -145,18 +145,18 @@ class LensDesign(Shown):
         if self.detail_um is not None:
             check_number("detail_um", self.detail_um, "above 0, the side of a pixel", above=0)
         if self.nodes is not None:
-            check_number("nodes", self.nodes, "from 3 to 101", at_least=3, at_most=101, whole=True)
+            check_whole("nodes", self.nodes, "from 3 to 101", 3, 101)
         checked = np.empty_like(psf)
         for f in range(y.size):
             for w in range(grid.size):
                 place = f"PSF at ({y[f]:g}, {x[f]:g}) {self.unit}, {grid[w]:g} nm"
-                checked[f, w] = normalised(psf[f, w], place)
+                checked[f, w] = normalized(psf[f, w], place)
         for name, value in (("wavelength_nm", grid), ("psf", checked), ("field_y", y), ("field_x", x)):
             object.__setattr__(self, name, value)
         count = math.prod(axis.size for axis in self._nodes)  # raises for points that are neither a radius nor a grid
         if self.rank is not None:
             expected = f"from 1 to {count}, the number of nodes"
-            check_number("rank", self.rank, expected, at_least=1, at_most=count, whole=True)
+            check_whole("rank", self.rank, expected, 1, count)
 
     def point_spread(
         self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None = None

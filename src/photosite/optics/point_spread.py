@@ -184,8 +184,10 @@ class SampledPsf(Shown):
 
     def samples_at(self, wavelength_nm: float) -> Array:
         """Return (n, n) samples at a wavelength; those of the nearest beyond the last."""
-        shares = [float(np.interp(wavelength_nm, self.wavelength_nm, unit)) for unit in np.eye(self.wavelength_nm.size)]
-        used = [share * part for share, part in zip(shares, self.samples, strict=True) if share]
+        fractions = [
+            float(np.interp(wavelength_nm, self.wavelength_nm, unit)) for unit in np.eye(self.wavelength_nm.size)
+        ]
+        used = [fraction * part for fraction, part in zip(fractions, self.samples, strict=True) if fraction]
         mixed: Array = used[0] if len(used) == 1 else used[0] + used[1]
         return mixed
 
@@ -207,7 +209,7 @@ def check_spacing(spacing_um: float | None) -> None:
     check_number("spacing_um", spacing_um, f"{low} or more", at_least=low, hint=hint)
 
 
-def normalised(samples: Array, where: str) -> Array:
+def normalized(samples: Array, where: str) -> Array:
     """Return samples divided by their sum; raise `InputError`, whose `where` names the PSF, if they are no PSF.
 
     They are none with NaN, a sum that is not above 0, or a value below -2 % of the peak.
@@ -249,11 +251,11 @@ class RotatablePsf:
         fine = _oversampled(np.pad(samples, border), _OVERSAMPLING)
         self.coefficients = spline_filter(fine, order=_ROTATION_ORDER, mode="grid-wrap")
 
-    def mixed_with(self, other: RotatablePsf, share: float) -> RotatablePsf:
-        """Return (1 - share) of this PSF plus share of another of the same size."""
+    def mixed_with(self, other: RotatablePsf, fraction: float) -> RotatablePsf:
+        """Return (1 - fraction) of this PSF plus fraction of another of the same size."""
         between = copy(self)
-        between.samples = (1 - share) * self.samples + share * other.samples
-        between.coefficients = (1 - share) * self.coefficients + share * other.coefficients
+        between.samples = (1 - fraction) * self.samples + fraction * other.samples
+        between.coefficients = (1 - fraction) * self.coefficients + fraction * other.coefficients
         return between
 
     def rotated(self, angle_rad: float) -> Array:
@@ -314,13 +316,13 @@ def box_blurred(samples: Array, spacing: float, side: float) -> Array:
     return result
 
 
-def encircled_radius(samples: Array, spacing: float, share: float) -> float:
-    """Return the radius about the origin that encloses a share of the energy, in the unit of the spacing."""
+def encircled_radius(samples: Array, spacing: float, fraction: float) -> float:
+    """Return the radius about the origin that encloses a fraction of the energy, in the unit of the spacing."""
     y, x = (sample_positions(count, spacing) for count in samples.shape)
     radius = np.hypot(y[:, None], x).ravel()
     order = np.argsort(radius, kind="stable")
     held = np.cumsum(np.abs(samples).ravel()[order])
-    index = min(int(np.searchsorted(held, share * held[-1])), held.size - 1)
+    index = min(int(np.searchsorted(held, fraction * held[-1])), held.size - 1)
     return float(radius[order][index])
 
 
@@ -351,13 +353,13 @@ def otf_at(
         return np.asarray(spread.otf(np.hypot(fy_per_m, fx_per_m), wavelength_nm), np.complex128)
     if isinstance(spread, FieldPsf):
         along = [[np.interp(x_m, spread.x_m, row) for row in weights] for weights in spread.weights]
-        shares = [float(np.interp(y_m, spread.y_m, column)) for column in along]
+        fractions = [float(np.interp(y_m, spread.y_m, column)) for column in along]
         parts = [
-            share * otf_at(mode, fy_per_m, fx_per_m, wavelength_nm)
-            for share, mode in zip(shares, spread.modes, strict=True)
+            fraction * otf_at(mode, fy_per_m, fx_per_m, wavelength_nm)
+            for fraction, mode in zip(fractions, spread.modes, strict=True)
         ]
         return np.asarray(sum(parts), np.complex128)
     grid = np.array([wavelength_nm]) if spread.wavelength_nm is None else np.asarray(spread.wavelength_nm)
-    shares = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
-    used = [(share, float(w)) for share, w in zip(shares, grid, strict=True) if share]
-    return np.asarray(sum(share * spread.otf(fy_per_m, fx_per_m, w) for share, w in used), np.complex128)
+    fractions = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
+    used = [(fraction, float(w)) for fraction, w in zip(fractions, grid, strict=True) if fraction]
+    return np.asarray(sum(fraction * spread.otf(fy_per_m, fx_per_m, w) for fraction, w in used), np.complex128)

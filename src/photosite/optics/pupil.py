@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import F32, F64, I64, compiled, read_only
 from photosite.errors import InputError
 from photosite.optics.annular import Waves, aberration_free_otf
-from photosite.optics.checks import check_number
+from photosite.optics.checks import check_number, check_whole
 from photosite.optics.zernike import Term, zernike_values
 from photosite.values.shown import Shown
 
@@ -94,12 +94,12 @@ class Pupil(Shown):
         fraction = "a fraction of the pupil's diameter, 0 to below 1"
         check_number("obscuration", self.obscuration, fraction, at_least=0, below=1)
         many = "a whole number from 3 to 360, or 0 for a circle"
-        check_number("blades", self.blades, many, at_least=0, at_most=360, whole=True)
+        check_whole("blades", self.blades, many, 0, 360)
         if 0 < self.blades < 3:
             raise InputError("blades", value=self.blades, expected=many)
         check_number("rotation_deg", self.rotation_deg)
         check_number("roundness", self.roundness, "from 0 (straight) to 1 (round)", at_least=0, at_most=1)
-        check_number("vanes", self.vanes, "a whole number from 0 to 12", at_least=0, at_most=12, whole=True)
+        check_whole("vanes", self.vanes, "a whole number from 0 to 12", 0, 12)
         width = "above 0 and below 0.5 with vanes, and 0 without"
         check_number("vane_width", self.vane_width, width, at_least=0, below=0.5)
         if (self.vanes > 0) != (self.vane_width > 0):
@@ -350,10 +350,10 @@ def _between_rays(radius: F64, direction: F64, angles: F64, table: F64, out: F64
             i -= 1
         while i < rays - 2 and angle >= angles[i + 1]:
             i += 1
-        share = (angle - angles[i]) / (angles[i + 1] - angles[i])
+        fraction = (angle - angles[i]) / (angles[i + 1] - angles[i])
         first = table[i, low] * (1 - part) + table[i, low + 1] * part
         second = table[i + 1, low] * (1 - part) + table[i + 1, low + 1] * part
-        out[k] = first * (1 - share) + second * share
+        out[k] = first * (1 - fraction) + second * fraction
 
 
 def _along_ray(low: Array, high: Array, weights: Array) -> Array:
@@ -399,16 +399,16 @@ def _resampled(amplitude: Array, count: int) -> tuple[Array, Array, Array]:
     n = len(amplitude)
     fine = np.linspace(-1.0, 1.0, n + 1)
     edges = np.linspace(-1.0, 1.0, count + 1)
-    # share[i, k]: length of cell k of the array within cell i; first: its first moment.
+    # overlap[i, k]: length of cell k of the array within cell i; first: its first moment.
     low = np.maximum(edges[:-1, None], fine[None, :-1])
     high = np.maximum(np.minimum(edges[1:, None], fine[None, 1:]), low)
-    share, first = high - low, (high**2 - low**2) / 2
-    area = share @ amplitude @ share.T
+    overlap, first = high - low, (high**2 - low**2) / 2
+    area = overlap @ amplitude @ overlap.T
     open_ = area > 0
     safe = np.where(open_, area, 1.0)
     middle = (edges[1:] + edges[:-1]) / 2
-    y = np.where(open_, (first @ amplitude @ share.T) / safe, middle[:, None])
-    x = np.where(open_, (share @ amplitude @ first.T) / safe, middle)
+    y = np.where(open_, (first @ amplitude @ overlap.T) / safe, middle[:, None])
+    x = np.where(open_, (overlap @ amplitude @ first.T) / safe, middle)
     return area * (count / 2) ** 2, y, x
 
 
@@ -465,7 +465,7 @@ class PupilAutocorrelation:
         down, across = (1 / (scale * spline)).astype(np.float32), (1 / spline).astype(np.float32)
         field = amplitude * (np.cos(phase) + np.complex64(1j) * np.sin(phase))
         image = self._image(field, self._aberration_free, down, across)
-        return SampledOtf(self.pupil, self.count, _centred(rfft2(image, overwrite_x=True)))
+        return SampledOtf(self.pupil, self.count, _centered(rfft2(image, overwrite_x=True)))
 
     def _image(self, field: NDArray[Any], less: F32, down: F32, across: F32) -> NDArray[np.float32]:
         """Return the squared transform of the field in the open cells, less an array, times factors on each axis."""
@@ -494,7 +494,7 @@ class SampledOtf:
     """The OTF of a pupil with a wavefront: (sy, sx) relative frequencies -> complex values.
 
     `count` is the number of steps from 0 to the cutoff. `change` are the spline coefficients of the change that the
-    wavefront makes, see `_centred`. A column and a row of frequencies are fastest.
+    wavefront makes, see `_centered`. A column and a row of frequencies are fastest.
     """
 
     pupil: Pupil
@@ -582,7 +582,7 @@ def _transform(values: NDArray[np.complex64], axis: int) -> None:
         values[:] = result
 
 
-def _centred(change: NDArray[np.complex64]) -> NDArray[np.complex64]:
+def _centered(change: NDArray[np.complex64]) -> NDArray[np.complex64]:
     """Return (rows, cols) of a half-plane transform: rows in rising frequency, columns from a margin below 0.
 
     The margin is the conjugate of the mirror image.

@@ -179,8 +179,8 @@ class _RadialOtf:
     def otf(self, frequency_per_m: Array, wavelength_nm: float) -> Array:
         f = np.abs(np.asarray(frequency_per_m, np.float64))
         curves = self._curves(np.minimum(f, self.last_per_m) * 1e-3)
-        low, high, share = _neighbours(self.table.wavelength_nm, wavelength_nm)
-        inside: Array = (1 - share) * curves[low] + share * curves[high]
+        low, high, fraction = _neighbors(self.table.wavelength_nm, wavelength_nm)
+        inside: Array = (1 - fraction) * curves[low] + fraction * curves[high]
         if self.table.beyond == "zero":
             return np.where(f <= self.last_per_m, inside, 0.0)
         end = float(self.base.otf(np.array([self.last_per_m]), wavelength_nm, self.focused_m)[0])
@@ -211,9 +211,9 @@ class _PlaneOtf:
 
     def otf(self, fy_per_m: Array, fx_per_m: Array, wavelength_nm: float) -> Complex:
         y, x = np.broadcast_arrays(np.asarray(fy_per_m) * 1e-3, np.asarray(fx_per_m) * 1e-3)
-        low, high, share = _neighbours(self.wavelength_nm, wavelength_nm)
+        low, high, fraction = _neighbors(self.wavelength_nm, wavelength_nm)
         first = self._at(low, y, x)
-        return first if share == 0 else (1 - share) * first + share * self._at(high, y, x)
+        return first if fraction == 0 else (1 - fraction) * first + fraction * self._at(high, y, x)
 
     def _at(self, index: int, y: Array, x: Array) -> Complex:
         """Return the OTF of one tabulated wavelength; the half plane that the table lacks is the conjugate."""
@@ -343,7 +343,7 @@ def _checked_sum(samples: Array, wavelength_nm: float, spacing_um: float) -> flo
     return total
 
 
-def _neighbours(grid: Array, wavelength_nm: float) -> tuple[int, int, float]:
+def _neighbors(grid: Array, wavelength_nm: float) -> tuple[int, int, float]:
     """Return the indices of the neighboring wavelengths, and the weight of the second."""
     high = int(np.clip(np.searchsorted(grid, wavelength_nm), 0, grid.size - 1))
     low = max(high - 1, 0) if grid[high] > wavelength_nm else high

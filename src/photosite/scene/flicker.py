@@ -121,7 +121,7 @@ class PulseFlicker(Flicker):
     frequency_hz
         Pulses per second.
     duty
-        Share of the period with light, above 0, at most 1. The pulses are 1 / duty times as bright as the mean.
+        Fraction of the period with light, above 0, at most 1. The pulses are 1 / duty times as bright as the mean.
     phase_deg
         Phase at time 0; the pulse is from 0 to 360 duty.
 

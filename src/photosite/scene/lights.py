@@ -55,11 +55,11 @@ def gradient(start: float = 1.0, end: float = 0.0, direction_deg: float = 0.0) -
     along, down = math.cos(turn), math.sin(turn)
     reach = abs(along) + abs(down)
 
-    def share(y: Array, x: Array) -> Array:
+    def fraction(y: Array, x: Array) -> Array:
         along_gradient = 0.5 + (along * (x - 0.5) + down * (y - 0.5)) / reach
         return start + (end - start) * along_gradient
 
-    return share
+    return fraction
 
 
 def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Distribution:
@@ -80,10 +80,10 @@ def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Distributi
     if not (math.isfinite(row) and math.isfinite(col) and 0 < radius < math.inf):
         raise InputError("row, col, radius", value=(row, col, radius), expected="finite, with a radius above 0")
 
-    def share(y: Array, x: Array) -> Array:
+    def fraction(y: Array, x: Array) -> Array:
         return np.exp2(-((y - row) ** 2 + (x - col) ** 2) / radius**2)
 
-    return share
+    return fraction
 
 
 def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rule: Rule = "trapezoid") -> Scene:
@@ -175,15 +175,17 @@ def _distribution(
     if distribution is None:
         return np.ones(shape, np.float32)
     if callable(distribution):
-        share = distribution((np.arange(rows)[:, None] + 0.5) / rows, (np.arange(cols)[None, :] + 0.5) / cols)
+        fraction = distribution((np.arange(rows)[:, None] + 0.5) / rows, (np.arange(cols)[None, :] + 0.5) / cols)
     else:
-        share = np.asarray(distribution, dtype=np.float64)
-        if share.shape != shape:
-            raise InputError("distribution", where=where, value=share.shape, expected=f"of the scene's shape {shape}")
-    share = np.broadcast_to(np.asarray(share, dtype=np.float64), shape)
-    if not ((share >= 0) & np.isfinite(share)).all():
+        fraction = np.asarray(distribution, dtype=np.float64)
+        if fraction.shape != shape:
+            raise InputError(
+                "distribution", where=where, value=fraction.shape, expected=f"of the scene's shape {shape}"
+            )
+    fraction = np.broadcast_to(np.asarray(fraction, dtype=np.float64), shape)
+    if not ((fraction >= 0) & np.isfinite(fraction)).all():
         raise InputError("distribution", where=where, expected="0 or more everywhere")
-    return share.astype(np.float32)
+    return fraction.astype(np.float32)
 
 
 def _parts(scene: Scene, distributions: NDArray[np.float32]) -> Iterator[tuple[slice, Array]]:

@@ -7,6 +7,7 @@ of light of any range (`from_hdr`) becomes a scene whose colors are radiances.
 from __future__ import annotations
 
 import math
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +26,7 @@ from photosite.scene.picture_colors import (
 )
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.sigmoid import raised
-from photosite.values.validated import check_choice
+from photosite.values.validated import Validated, check_choice
 
 __all__ = [
     "from_hdr",
@@ -38,6 +39,40 @@ PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)
 """Wavelengths of the basis reflectances. On a grid of 10 nm the peaks of D65 change a red by a CIEDE2000 of 0.6; here
 no color of sRGB changes by more than 0.03."""
 PICTURE_WAVELENGTH_NM.flags.writeable = False
+
+
+class PictureArguments(TypedDict, total=False):
+    """Wavelengths, place and name of a picture's scene, with the defaults of `PictureOptions`."""
+
+    wavelength_nm: ArrayLike
+    distance_m: float
+    width_m: float | None
+    rule: Rule
+    name: str
+
+
+class PictureOptions(Validated):
+    """Wavelengths, place and name of a picture's scene.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (wavelengths,) of the scene, from 380 to 780 nm.
+    distance_m, width_m, name
+        As for `photosite.scene.scene.Scene`.
+    rule
+        Integration rule of the luminance.
+    """
+
+    wavelength_nm: Any = PICTURE_WAVELENGTH_NM
+    distance_m: Any = DEFAULT_DISTANCE_M
+    width_m: Any = None
+    rule: Rule = "trapezoid"
+    name: str = "picture"
+
+    def scene(self, weights: NDArray[np.float32], basis: NDArray[np.float64], *others: Any) -> Scene:
+        """Return the scene of weights and basis, and of what follows the name."""
+        return Scene(weights, basis, self.wavelength_nm, self.distance_m, self.width_m, (), self.name, *others)
 
 
 def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArray[np.float64]:
@@ -81,11 +116,7 @@ def from_rgb(
     method: Method = "mallett-yuksel",
     out_of_gamut: OutOfGamut = "refuse",
     tolerance: float = 1e-3,
-    wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-    name: str = "picture",
+    **options: Unpack[PictureArguments],
 ) -> Scene:
     """Return a picture, by default of sRGB, as a flat, evenly lit print of matte colors.
 
@@ -114,12 +145,8 @@ def from_rgb(
     tolerance
         Largest RMS error of the reduction with "jakob-hanika", relative to the reflectances' RMS; it does not change
         colors under D65.
-    wavelength_nm
-        (wavelengths,) of the scene, from 380 to 780 nm.
-    distance_m, width_m, name
-        As for `photosite.scene.scene.Scene`.
-    rule
-        Integration rule of the luminance.
+    **options
+        Fields of `PictureOptions`: `wavelength_nm`, `distance_m`, `width_m`, `rule` and `name`.
 
     Returns
     -------
@@ -143,7 +170,8 @@ def from_rgb(
     >>> scene.weights.shape, round(float(scene.weights[0, 0, 0]), 4), round(scene.mean_luminance_cd_m2(), 6)
     ((3, 4, 6), 0.2159, 5.0)
     """
-    grid = wavelength_grid(wavelength_nm)
+    given = PictureOptions(**dict[str, Any](options))
+    grid = wavelength_grid(given.wavelength_nm)
     check_choice("method", method, Method)
     check_choice("out_of_gamut", out_of_gamut, OutOfGamut)
     codes = checked_picture(picture, out_of_gamut)
@@ -158,8 +186,8 @@ def from_rgb(
         values = linear_srgb_of(display_values(codes), space, linear=linear)
         clipped = np.clip(values, 0.0, 1.0) if out_of_gamut == "clip" else values
         weights, reflectance, lost = raised(clipped, grid, tolerance)
-    scene = Scene(weights, reflectance * light, grid, distance_m, width_m, (), name, reflectance, lost)
-    return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
+    scene = given.scene(weights, reflectance * light, reflectance, lost)
+    return scene.with_mean_luminance(mean_luminance_cd_m2, given.rule)
 
 
 def from_hdr(
@@ -170,11 +198,7 @@ def from_hdr(
     white: str | float | Spectrum = "D65",
     space: str = "sRGB",
     out_of_gamut: OutOfGamut = "refuse",
-    wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-    name: str = "picture",
+    **options: Unpack[PictureArguments],
 ) -> Scene:
     """Return a picture of light, of any range, as a scene of that light.
 
@@ -190,7 +214,7 @@ def from_hdr(
     white
         Spectrum of white light, as for `photosite.color.illuminants.illuminant`; other colors are
         this light through the filters of Mallett and Yuksel. Any light but "D65" shifts all colors.
-    space, out_of_gamut, wavelength_nm, distance_m, width_m, rule, name
+    space, out_of_gamut, **options
         As for `from_rgb`.
 
     Returns
@@ -214,7 +238,8 @@ def from_hdr(
     if (white_luminance_cd_m2 is None) == (mean_luminance_cd_m2 is None):
         hint = "Give white_luminance_cd_m2 or mean_luminance_cd_m2"
         raise InputError("a picture of light needs one luminance", hint=hint)
-    grid = wavelength_grid(wavelength_nm)
+    given = PictureOptions(**dict[str, Any](options))
+    grid = wavelength_grid(given.wavelength_nm)
     codes = np.asarray(picture)
     if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0 or not np.issubdtype(codes.dtype, np.floating):
         value, expected = f"{codes.shape} of {codes.dtype}", "(rows, cols, 3) of floats"
@@ -227,10 +252,10 @@ def from_hdr(
     if not np.isfinite(weights.max()):
         raise InputError("picture", expected="at most 3e38, the limit of single precision")
     light = photons_from_energy(relative_energy(white, grid), grid)
-    scene = Scene(weights, srgb_reflectance(grid) * light, grid, distance_m, width_m, (), name)
+    scene = given.scene(weights, srgb_reflectance(grid) * light)
     if mean_luminance_cd_m2 is not None:
-        return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
+        return scene.with_mean_luminance(mean_luminance_cd_m2, given.rule)
     assert white_luminance_cd_m2 is not None
     if not (np.isfinite(white_luminance_cd_m2) and white_luminance_cd_m2 > 0):
         raise InputError("white_luminance_cd_m2", value=white_luminance_cd_m2, expected="above 0")
-    return scene.scaled(white_luminance_cd_m2 / float(luminance_cd_m2(scene.basis.sum(axis=0), grid, rule)))
+    return scene.scaled(white_luminance_cd_m2 / float(luminance_cd_m2(scene.basis.sum(axis=0), grid, given.rule)))

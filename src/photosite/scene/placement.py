@@ -247,8 +247,8 @@ def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrila
 def _whole_patch(chart: Scene, region: Patch) -> tuple[int, int, int, int]:
     """First and last row and column of the patch around a region, the last excluded."""
     row, col = (region.r0 + region.r1) // 2, (region.c0 + region.c1) // 2
-    colour = chart.weights[:, row, col]
-    alike = (chart.weights == colour[:, None, None]).all(axis=0)
+    color = chart.weights[:, row, col]
+    alike = (chart.weights == color[:, None, None]).all(axis=0)
     rows, cols = alike[:, col], alike[row]
     return (*_run(rows, row), *_run(cols, col))
 

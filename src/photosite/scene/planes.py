@@ -25,8 +25,8 @@ class Plane(Shown):
     scene
         Its light, as if it were opaque; its `distance_m` is the plane's, its `width_m` the plane's width.
     alpha
-        (rows, cols) of the scene's samples: 1 where it is opaque, 0 where it is transparent; between, the covered share
-        of a sample. None: 1 everywhere.
+        (rows, cols) of the scene's samples: 1 where it is opaque, 0 where it is transparent; between, the fraction of a
+        sample that is covered. None: 1 everywhere.
 
     Examples
     --------

@@ -18,7 +18,7 @@ class Polarization(Shown):
     Parameters
     ----------
     degree
-        Polarized share of the light, 0 to 1: one number, or one for each of the scene's samples, (rows, cols).
+        Polarized fraction of the light, 0 to 1: one number, or one for each of the scene's samples, (rows, cols).
     angle_deg
         Angle of the electric field, counterclockwise from the rows as the picture is seen; one number or (rows, cols).
 

@@ -13,10 +13,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from photosite.color.spectrum import wavelength_grid
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
@@ -25,6 +26,7 @@ from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import reduce_cube
 from photosite.scene.weights import Progress
+from photosite.values.validated import PositiveNumber, Validated
 
 __all__ = [
     "example_scene",
@@ -34,9 +36,6 @@ __dir__ = __all__.copy
 
 SceneSource = str | PathLike[str] | Mapping[str, Any]
 Shape = tuple[int | None, int | None]
-
-VARIANTS = ("scalar_spectral", "llvm_ad_spectral", "cuda_ad_spectral")
-"""Variants of Mitsuba that render spectra. The first needs Mitsuba alone; the others need LLVM or an NVIDIA GPU."""
 
 RENDER_WAVELENGTH_NM: NDArray[np.float64] = np.arange(400.0, 701.0, 10.0)
 RENDER_WAVELENGTH_NM.flags.writeable = False
@@ -54,29 +53,33 @@ _FILM_KNOWS = _FILM_KEEPS | {"file_format", "pixel_format", "component_format", 
 _NO_SCALE = {"d65", "srgb_d65", "envmap", "sunsky", "sky", "sun"}
 
 
-def render_mitsuba(
-    scene: SceneSource,
-    *,
-    wavelength_nm: ArrayLike = RENDER_WAVELENGTH_NM,
-    spp: int = 64,
-    seed: int = 0,
-    rows: int | None = None,
-    cols: int | None = None,
-    sensor: int = 0,
-    variant: str = "scalar_spectral",
-    parameters: Mapping[str, object] | None = None,
-    unit_m: float = 1.0,
-    distance_m: float | None = None,
-    mean_luminance_cd_m2: float | None = None,
-    tolerance: float = 1e-3,
-    progress: Progress | None = None,
-) -> Scene:
-    """Render a scene with Mitsuba 3.
+Variant = Literal["scalar_spectral", "llvm_ad_spectral", "cuda_ad_spectral"]
+"""Variants of Mitsuba that render spectra. The first needs Mitsuba alone; the others need LLVM or an NVIDIA GPU."""
+Count = Annotated[int, Field(ge=1)]
+
+
+class RenderArguments(TypedDict, total=False):
+    """The fields of `RenderOptions` as keyword arguments."""
+
+    wavelength_nm: ArrayLike
+    spp: int
+    seed: int
+    rows: int | None
+    cols: int | None
+    sensor: int
+    variant: Variant
+    parameters: Mapping[str, object]
+    unit_m: float
+    distance_m: float | None
+    mean_luminance_cd_m2: float | None
+    tolerance: float
+
+
+class RenderOptions(Validated):
+    """How a scene is rendered.
 
     Parameters
     ----------
-    scene
-        A scene file (XML), or a dictionary as `mitsuba.load_dict` takes it.
     wavelength_nm
         (wavelengths,) centers of the bands, in equal steps. A band is as wide as the step, 10 nm where there is only
         one; its value is the mean radiance over it.
@@ -89,7 +92,7 @@ def render_mitsuba(
     sensor
         Index of the camera in the scene.
     variant
-        Of Mitsuba: "scalar_spectral", "llvm_ad_spectral" or "cuda_ad_spectral".
+        Of Mitsuba.
     parameters
         Values of a scene file's `$names`.
     unit_m
@@ -101,8 +104,35 @@ def render_mitsuba(
         Mean luminance to scale the scene to, for lights without an absolute scale (RGB, D65, environment pictures).
     tolerance
         Largest RMS error of the radiance, relative to its RMS, of the reduction to few basis spectra.
+    """
+
+    wavelength_nm: Any = RENDER_WAVELENGTH_NM
+    spp: Count = 64
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+    rows: Count | None = None
+    cols: Count | None = None
+    sensor: int = 0
+    variant: Variant = "scalar_spectral"
+    parameters: Any = None
+    unit_m: PositiveNumber = 1.0
+    distance_m: Any = None
+    mean_luminance_cd_m2: Any = None
+    tolerance: Any = 1e-3
+
+
+def render_mitsuba(
+    scene: SceneSource, *, progress: Progress | None = None, **options: Unpack[RenderArguments]
+) -> Scene:
+    """Render a scene with Mitsuba 3.
+
+    Parameters
+    ----------
+    scene
+        A scene file (XML), or a dictionary as `mitsuba.load_dict` takes it.
     progress
         Called with the bands done.
+    **options
+        Fields of `RenderOptions`.
 
     Returns
     -------
@@ -136,29 +166,22 @@ def render_mitsuba(
     >>> scene.shape, energy_from_photons(scene.radiance(0, 0), scene.wavelength_nm).round(3)
     ((4, 6), array([2., 2., 2.]))
     """
-    options = ReadOptions(distance_m=distance_m, mean_luminance_cd_m2=mean_luminance_cd_m2, tolerance=tolerance)
-    grid, width_nm = _bands(wavelength_nm)
-    for name, value in (("spp", spp), ("rows", rows), ("cols", cols)):
-        if value is not None and value < 1:
-            raise InputError(name, value=value, expected="1 or more")
-    if not 0 <= seed < 1 << 32:
-        raise InputError("seed", value=seed, expected="from 0 to 4294967295")
-    if not (math.isfinite(unit_m) and unit_m > 0):
-        raise InputError("unit_m", value=unit_m, expected="above 0")
-    if variant not in VARIANTS:
-        hint = did_you_mean(variant, VARIANTS)
-        raise InputError("variant", value=variant, expected="a variant of Mitsuba that renders spectra", hint=hint)
-    source = _Source(scene, parameters or {}, sensor)
-    with _mitsuba(variant) as mitsuba, source.errors():
+    how = RenderOptions(**dict[str, Any](options))
+    reading = ReadOptions(
+        distance_m=how.distance_m, mean_luminance_cd_m2=how.mean_luminance_cd_m2, tolerance=how.tolerance
+    )
+    grid, width_nm = _bands(how.wavelength_nm)
+    source = _Source(scene, how)
+    with _mitsuba(how.variant) as mitsuba, source.errors():
         groups = []
         for first in range(0, grid.size, _LANES):
-            groups.append(source.rendered(mitsuba, grid[first : first + _LANES], width_nm, (rows, cols), spp, seed))
+            groups.append(source.rendered(mitsuba, grid[first : first + _LANES], width_nm))
             if progress is not None:
                 progress(min(first + _LANES, grid.size), grid.size, "bands")
         values = np.concatenate(groups, axis=2)
         distance, width_at_1 = source.view
         no_scale = sorted(source.plugins & _NO_SCALE)
-    if no_scale and mean_luminance_cd_m2 is None:
+    if no_scale and how.mean_luminance_cd_m2 is None:
         warnings.warn(
             PhotositeWarning(
                 f"light of '{', '.join(no_scale)}' has no absolute scale; its values are read as W/sr/m2/nm",
@@ -168,7 +191,7 @@ def render_mitsuba(
             ),
             stacklevel=2,
         )
-    distance = distance_m or (distance * unit_m if distance else None)
+    distance = how.distance_m or (distance * how.unit_m if distance else None)
     cube = ArrayCube(
         name=source.name,
         shape=(values.shape[0], values.shape[1], grid.size),
@@ -179,7 +202,7 @@ def render_mitsuba(
         title=Path(source.name).stem,
         values=values,
     )
-    return reduce_cube(cube, options).scene
+    return reduce_cube(cube, reading).scene
 
 
 def example_scene(
@@ -234,10 +257,10 @@ def _mitsuba(variant: str) -> Iterator[Any]:
 class _Source:
     """The description of a scene, rendered a few bands at a time."""
 
-    def __init__(self, scene: SceneSource, parameters: Mapping[str, object], sensor: int) -> None:
+    def __init__(self, scene: SceneSource, how: RenderOptions) -> None:
         self._scene = dict(scene) if isinstance(scene, Mapping) else fspath(scene)
-        self._parameters = {name: str(value) for name, value in parameters.items()}
-        self._sensor = sensor
+        self._parameters = {name: str(value) for name, value in (how.parameters or {}).items()}
+        self._how = how
         self.name = "rendering" if isinstance(self._scene, dict) else self._scene
         self.plugins: set[str] = set()
         self.view: tuple[float | None, float | None] = None, None
@@ -259,18 +282,10 @@ class _Source:
                 raise InputError(f"Mitsuba rejects the scene: {_line(error)}") from None
             raise FileError(self._scene, f"Mitsuba rejects the scene: {_line(error)}") from None
 
-    def rendered(
-        self,
-        mitsuba: Any,
-        centres_nm: NDArray[np.float64],
-        width_nm: float,
-        shape: Shape,
-        spp: int,
-        seed: int,
-    ) -> NDArray[np.float32]:
+    def rendered(self, mitsuba: Any, centers_nm: NDArray[np.float64], width_nm: float) -> NDArray[np.float32]:
         """(rows, cols, bands) mean radiance over each band."""
         names = [f"band{k}" for k in range(_LANES)]
-        loaded = self._loaded(mitsuba, names, float(centres_nm[0]), width_nm, shape)
+        loaded = self._loaded(mitsuba, names, float(centers_nm[0]), width_nm)
         if not loaded.sensors():
             raise InputError("the scene has no camera", where=self.name, hint="Add a sensor")
         if not loaded.emitters():
@@ -280,15 +295,15 @@ class _Source:
         # As emission, RGB values and single numbers become multiples of D65.
         if any("D65Spectrum" in str(emitter) for emitter in loaded.emitters()):
             self.plugins.add("d65")
-        mitsuba.render(loaded, sensor=camera, spp=spp, seed=seed)
+        mitsuba.render(loaded, sensor=camera, spp=self._how.spp, seed=self._how.seed)
         bitmap = camera.film().bitmap()
         channels = [field.name for field in bitmap.struct_()]
-        values = np.array(bitmap, dtype=np.float32)[:, :, [channels.index(name) for name in names[: centres_nm.size]]]
+        values = np.array(bitmap, dtype=np.float32)[:, :, [channels.index(name) for name in names[: centers_nm.size]]]
         if not np.isfinite(values).all():
             raise FileError(self.name, "renders to NaN or infinity", hint="Check for degenerate shapes or materials")
         return values / np.float32(width_nm)
 
-    def _loaded(self, mitsuba: Any, names: list[str], first_nm: float, width_nm: float, shape: Shape) -> Any:
+    def _loaded(self, mitsuba: Any, names: list[str], first_nm: float, width_nm: float) -> Any:
         """The scene with one camera, whose film has a response per band."""
         parser = mitsuba.parser
         config = parser.ParserConfig(mitsuba.variant())
@@ -301,12 +316,12 @@ class _Source:
         parser.transform_all(config, state)
         self.plugins = {node.props.plugin_name() for node in state.nodes}
         sensors = _nodes(mitsuba, state, "Sensor")
-        if not 0 <= self._sensor < max(len(sensors), 1):
+        if not 0 <= self._how.sensor < max(len(sensors), 1):
             expected = f"from 0 to {len(sensors) - 1}, one of the scene's cameras"
-            raise InputError("sensor", where=self.name, value=self._sensor, expected=expected)
+            raise InputError("sensor", where=self.name, value=self._how.sensor, expected=expected)
         for film in _nodes(mitsuba, state, "Film"):
             self._check_film(mitsuba, film.props)
-            _as_spectral(mitsuba, film.props, names, first_nm, width_nm, shape)
+            _as_spectral(mitsuba, film.props, names, first_nm, width_nm, (self._how.rows, self._how.cols))
         loaded = parser.instantiate(config, state)
         return loaded[0] if isinstance(loaded, list) else loaded
 

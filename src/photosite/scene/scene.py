@@ -313,7 +313,7 @@ class Scene(Shown):
         write(self, path)
 
     def light_outside(self, wavelength_nm: ArrayLike, response: ArrayLike) -> float:
-        """Return the share of a response's area outside the scene's wavelengths, where the radiance is unknown.
+        """Return the fraction of a response's area outside the scene's wavelengths, where the radiance is unknown.
 
         `response` (n,) at `wavelength_nm` is for example a quantum efficiency.
         """

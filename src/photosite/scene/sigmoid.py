@@ -27,9 +27,9 @@ _CLOSE = 1e-6
 """Largest accepted error of a tristimulus value, relative to the white's Y."""
 
 _EXTREME = 1e-5
-"""Share of mid-gray mixed into a color: black and white would need infinite coefficients."""
+"""Fraction of mid-gray mixed into a color: black and white would need infinite coefficients."""
 
-_CENTRE_NM, _HALF_NM = 570.0, 210.0
+_CENTER_NM, _HALF_NM = 570.0, 210.0
 """The parabola's variable is -1 at 360 nm, 1 at 780 nm."""
 
 
@@ -73,7 +73,7 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
     Notes
     -----
     The Levenberg-Marquardt method on all colors at once, starting from gray. The error is below 1e-6 of the white,
-    after a share of 1e-5 of mid-gray is mixed in: black and the perfect white have no finite coefficients.
+    after a fraction of 1e-5 of mid-gray is mixed in: black and the perfect white have no finite coefficients.
     """
     wanted = np.asarray(tristimulus, dtype=np.float64)
     weigh = np.asarray(weights, dtype=np.float64)
@@ -84,7 +84,7 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
     jacobian = (weigh[:, None, :] * powers[None, :, :]).reshape(9, -1).T
     coefficients = np.empty((len(wanted), 3))
     for here in _blocks(len(wanted)):
-        coefficients[here], error = _solve(_greys(wanted[here], white), wanted[here], weigh, powers, jacobian)
+        coefficients[here], error = _solve(_grays(wanted[here], white), wanted[here], weigh, powers, jacobian)
         if (error > _CLOSE).any():
             worst = here.start + int(error.argmax())
             raise InputError(
@@ -99,11 +99,11 @@ def _blocks(count: int) -> list[slice]:
 
 
 def _powers(grid: Array) -> Array:
-    t = (grid - _CENTRE_NM) / _HALF_NM
+    t = (grid - _CENTER_NM) / _HALF_NM
     return np.stack([t * t, t, np.ones_like(t)])
 
 
-def _greys(wanted: Array, white: Array) -> Array:
+def _grays(wanted: Array, white: Array) -> Array:
     """Coefficients (n, 3) of grays of about the colors' lightness."""
     level = 2 * np.clip((wanted / white).mean(axis=1), 0.01, 0.99) - 1
     c = np.zeros_like(wanted)
@@ -158,15 +158,15 @@ def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.flo
     """
     if not 0 < tolerance < 1:
         raise InputError("tolerance", value=tolerance, expected="between 0 and 1")
-    colours, place, count = np.unique(linear.reshape(-1, 3), axis=0, return_inverse=True, return_counts=True)
-    coefficients = sigmoid_coefficients(*_seen(colours), _RAISED_NM)
-    blocks = _blocks(len(colours))
+    colors, place, count = np.unique(linear.reshape(-1, 3), axis=0, return_inverse=True, return_counts=True)
+    coefficients = sigmoid_coefficients(*_seen(colors), _RAISED_NM)
+    blocks = _blocks(len(colors))
     gram = np.zeros((grid.size, grid.size))
     for here in blocks:
         spectra = sigmoid_reflectance(coefficients[here], grid)
         gram += spectra.T @ (spectra * count[here, None])
     vectors = _kept_spectra(gram, grid, tolerance)
-    weights = np.empty((len(colours), len(vectors)), np.float32)
+    weights = np.empty((len(colors), len(vectors)), np.float32)
     for here in blocks:
         weights[here] = sigmoid_reflectance(coefficients[here], grid) @ vectors.T
     lost = max(0.0, 1.0 - float(np.einsum("ki,ij,kj->", vectors, gram, vectors) / np.trace(gram)))  # rounding
@@ -184,16 +184,16 @@ def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
     whole = np.linalg.qr(carriers.T, mode="complete")[0].T
     seen, unseen = whole[: len(carriers)], whole[len(carriers) :]
     rest = unseen @ gram @ unseen.T
-    share = math.sqrt(max(float(np.trace(rest)), 0.0) / float(np.trace(gram)))
-    if share <= tolerance:
+    fraction = math.sqrt(max(float(np.trace(rest)), 0.0) / float(np.trace(gram)))
+    if fraction <= tolerance:
         return seen
-    return np.concatenate([seen, principal_spectra(rest, tolerance / share) @ unseen])
+    return np.concatenate([seen, principal_spectra(rest, tolerance / fraction) @ unseen])
 
 
-def _seen(colours: Array) -> tuple[Array, Array]:
+def _seen(colors: Array) -> tuple[Array, Array]:
     """Tristimulus values under D65, and the weights that define them, for the white of the grid."""
     matrix = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ, dtype=np.float64)
     light = illuminant("D65", _RAISED_NM)
     weights = color_matching_functions(_RAISED_NM) * integration_weights(_RAISED_NM) * light
     weights /= weights[1].sum()
-    return colours @ matrix.T * (weights.sum(axis=1) / matrix.sum(axis=1)), weights
+    return colors @ matrix.T * (weights.sum(axis=1) / matrix.sum(axis=1)), weights

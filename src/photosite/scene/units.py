@@ -27,10 +27,10 @@ _PHOTONS = ("photon", "photons", "quanta", "ph", "q")
 _PLAIN = re.compile(r"(?:spectral )?(radiance|reflectance) ?[\[(](.+)[\])]", re.IGNORECASE)
 """A quantity followed by its unit in brackets."""
 _SCALED = re.compile(r"reflectance ?/ ?(\d+(?:\.\d+)?(?:e\+?\d+)?)", re.IGNORECASE)
-_BRIGHT, _BRIGHT_SHARE, _BRIGHTEST = 2.0, 0.01, 10.0
+_BRIGHT, _BRIGHT_FRACTION, _BRIGHTEST = 2.0, 0.01, 10.0
 """Reflectance factors above 2 are glints, fluorescence or errors, rarely 1 % of a picture, rarely above 10."""
 _OTHER_SCALE, _NO_REFLECTANCE = 0.25, 1000.0
-"""With that share above 2, the values have another scale. No glint reaches 1000, and one would dominate the scene."""
+"""With that fraction above 2, the scale is another. No glint reaches 1000, and one would dominate the scene."""
 _LONGEST = 200
 _LONGEST_STATED = 80
 _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
@@ -158,7 +158,7 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
     largest
         Largest value.
     bright, count
-        Number of values above 2 (`bright_count`), and of all values. A share above 1 % is a warning, too.
+        Number of values above 2 (`bright_count`), and of all values. A fraction above 1 % is a warning, too.
     """
     held = f"holds reflectances up to {largest:g}, where a perfect white has 1"
     if bright > _OTHER_SCALE * count:
@@ -167,7 +167,7 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
     if largest > _NO_REFLECTANCE:
         hint = "Correct the outliers, or omit their bands: {band_range_nm}"
         raise FileError(name, held, hint=hint, arguments={"band_range_nm": (400, 780)})
-    if largest > _BRIGHTEST or bright > _BRIGHT_SHARE * count:
+    if largest > _BRIGHTEST or bright > _BRIGHT_FRACTION * count:
         what = f"{held}; {bright} of {count} values are above {_BRIGHT:g}: glints, fluorescence or errors"
         hint = "They are used as they are; correct the file if they are errors"
         warnings.warn(PhotositeWarning(what, where=str(name), hint=hint), stacklevel=2)

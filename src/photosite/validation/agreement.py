@@ -221,7 +221,7 @@ def chi_square_of_noise(
 
     Notes
     -----
-    The standard errors come from the scatter over pixels. Neither a distribution nor a share of fixed pattern is
+    The standard errors come from the scatter over pixels. Neither a distribution nor a fraction of fixed pattern is
     assumed. A patch without noise in both frames counts as equal.
     """
     covariance = None if shared is None else shared.spatial_variance_dn4

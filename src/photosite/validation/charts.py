@@ -22,7 +22,13 @@ from photosite.values.validated import check_choice
 Chart = Literal["macbeth"]
 
 _LONG_SIDE = 480  # pixels on the longer side of the reduced picture that is searched
-_EVEN_SHARES = (0.75, 0.65, 0.55, 0.45, 0.35)  # fractions of the picture, by evenness, tried as the inside of patches
+_EVEN_FRACTIONS = (
+    0.75,
+    0.65,
+    0.55,
+    0.45,
+    0.35,
+)  # fractions of the picture, by evenness, tried as the inside of patches
 _PARALLELOGRAM = (0.88, 1.06)  # area over 12 times the root of the determinant of the second moments: ideally 1
 _MOST_ELONGATED = 3.0
 _SMALLEST = 30  # pixels of the smallest patch in the reduced picture
@@ -125,8 +131,8 @@ def find_chart(frame: RawFrame) -> Corners:
     best: dict[tuple[int, int], int] = {}
     middles: NDArray[np.float64] = np.empty((0, 2))
     steepness = np.max([ndimage.gaussian_gradient_magnitude(plane, 1.0) for plane in picture], axis=0)
-    for share in _EVEN_SHARES:
-        blobs = _blobs(steepness < np.quantile(steepness, share))
+    for fraction in _EVEN_FRACTIONS:
+        blobs = _blobs(steepness < np.quantile(steepness, fraction))
         for found in _grids(blobs):
             if len(found) > len(best):
                 best, middles = found, blobs.middle
@@ -239,13 +245,13 @@ def _window(places: dict[tuple[int, int], int]) -> dict[tuple[int, int], int]:
 def _oriented(frame: RawFrame, places: dict[tuple[int, int], int], middle_px: NDArray[np.float64]) -> Corners:
     """Return the corners, with the orientation that matches the patches' brightness."""
     chart = macbeth()
-    centres = np.array([((p.r0 + p.r1) / 2, (p.c0 + p.c1) / 2) for p in chart.regions])
+    centers = np.array([((p.r0 + p.r1) / 2, (p.c0 + p.c1) / 2) for p in chart.regions])
     field = np.array(field_corners(chart))
     wanted = chart_xyz_d65("macbeth", [region.name for region in chart.regions])[:, 1]
     seen = np.array([middle_px[blob] for blob in places.values()])
     found: list[tuple[float, Corners]] = []
     for turned in (False, True):
-        at = [centres[(_ROWS - 1 - r) * _COLS + _COLS - 1 - c] if turned else centres[r * _COLS + c] for r, c in places]
+        at = [centers[(_ROWS - 1 - r) * _COLS + _COLS - 1 - c] if turned else centers[r * _COLS + c] for r, c in places]
         a, b, c, d = ((float(row), float(col)) for row, col in Homography.between(at, seen)(field))
         corners = (a, b, c, d)
         brightness = patch_statistics(frame, seen_patches(chart, corners, 0.5)).mean_dn.mean(axis=1)

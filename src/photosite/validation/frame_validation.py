@@ -258,9 +258,8 @@ def validate_frames(
     simulation = _simulated(conditions, sensor, chart, corners, exposure_s, seed, min(len(stack), MOST_SIMULATED))
     shots = simulation.frames()
     made = patch_statistics(shots, patches)
-    found = None
+    found, fill_factor = None, sensor.pixel.fill_factor.value
     if fit is not None:
-        fill_factor = sensor.pixel.fill_factor.value
         found = fit_fill_factor(seen, made, fill_factor)
         # The same noise at the fitted level, so that the fit takes exactly one degree of freedom.
         shots = simulation.frames(found.value / fill_factor)
@@ -273,23 +272,20 @@ def validate_frames(
         chart_xyz_d65("macbeth", seen.names),
         level=level,
         tolerance_percent=tolerance_percent,
-        exposures_s=(first.exposure_s, exposure_s),
-        fitted=0 if found is None else 1,
+        fitted=int(found is not None),
         shared=shared,
         notes=dependent,
     )
-    diagnosis: tuple[str, ...] = ()
-    if not validation.agrees:
-        diagnosis = diagnose(validation, _other_assumptions(stack, chart, corners, patches), fit)
+    agrees = validation.agrees
     return FrameValidation(
-        validation=validation,
+        validation=replace(validation, exposures_s=(first.exposure_s, exposure_s)),
         conditions=replace(conditions, exposure_s=exposure_s, luminance_cd_m2=luminance_cd_m2),
         corners=corners,
         patches=patches,
         fitted=fit,
         fit=found,
         contradictions=_contradictions(first, sensor, found if fit == "fill_factor" else None),
-        diagnosis=diagnosis,
+        diagnosis=() if agrees else diagnose(validation, _other_assumptions(stack, chart, corners, patches), fit),
         measured=stack[0],
         simulated=shots[0],
         frames=(len(stack), len(shots)),
@@ -420,5 +416,5 @@ def _in_order(found: PatchStatistics, channels: tuple[str, ...]) -> PatchStatist
     """Return the statistics of a single frame with channels in another order."""
     order = [found.channels.index(name) for name in channels]
     names = ("pixels", "mean_dn", "standard_error_dn", "spatial_noise_dn", "spatial_variance_error_dn2")
-    arrays = {name: getattr(found, name)[:, order] for name in (*names, "saturated_share")}
+    arrays = {name: getattr(found, name)[:, order] for name in (*names, "saturated_fraction")}
     return replace(found, channels=channels, **arrays)

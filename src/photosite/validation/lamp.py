@@ -157,8 +157,8 @@ def _resampled(file: Path, spectrum: Spectrum) -> Spectrum:
     if np.sqrt(np.mean(missed**2)) <= _SMOOTH * spectrum.at(fine).mean():
         return sampled
     energy = spectrum.at(fine) * integration_weights(fine)
-    shares = np.stack([np.interp(fine, grid, triangle) for triangle in np.eye(grid.size)])
-    return Spectrum(grid, shares @ energy / (shares @ integration_weights(fine)))
+    fractions = np.stack([np.interp(fine, grid, triangle) for triangle in np.eye(grid.size)])
+    return Spectrum(grid, fractions @ energy / (fractions @ integration_weights(fine)))
 
 
 def _chart_luminance(light: Spectrum, radiance_per_unit: float) -> float:

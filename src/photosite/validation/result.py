@@ -165,7 +165,7 @@ class Validation(Tabular, PatchDifferences):
     means: ChiSquare
     noise: ChiSquare
     temporal_noise: ChiSquare | None
-    exposures_s: tuple[float | None, float | None]
+    exposures_s: tuple[float | None, float | None] = (None, None)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw measured against simulated patch means on Matplotlib axes, new ones by default, and return them."""
@@ -306,7 +306,14 @@ def _plain(values: NDArray[Any]) -> Any:
 
 
 def _statistics(found: PatchStatistics) -> dict[str, Any]:
-    names = ("mean_dn", "standard_error_dn", "spatial_noise_dn", "spatial_snr_db", "temporal_snr_db", "saturated_share")
+    names = (
+        "mean_dn",
+        "standard_error_dn",
+        "spatial_noise_dn",
+        "spatial_snr_db",
+        "temporal_snr_db",
+        "saturated_fraction",
+    )
     values = {name: getattr(found, name) for name in names}
     plain = {name: None if value is None else _plain(value) for name, value in values.items()}
     return {"frames": found.frames, "pixels": found.pixels.tolist(), **plain}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import sha256
 
 import numpy as np
@@ -99,16 +100,11 @@ def validate(
     seen, made = patch_statistics(measured, patches), patch_statistics(simulated, patches)
     one, other = ([frames] if isinstance(frames, RawFrame) else frames for frames in (measured, simulated))
     shared, notes = dependence(one, other, patches)
-    return compare_patches(
-        seen,
-        made,
-        _reference(chart, seen.names, reference_xyz),
-        level=level,
-        tolerance_percent=tolerance_percent,
-        exposures_s=(first_measured.exposure_s, first_simulated.exposure_s),
-        shared=shared,
-        notes=notes,
+    reference = _reference(chart, seen.names, reference_xyz)
+    found = compare_patches(
+        seen, made, reference, level=level, tolerance_percent=tolerance_percent, shared=shared, notes=notes
     )
+    return replace(found, exposures_s=(first_measured.exposure_s, first_simulated.exposure_s))
 
 
 def compare_patches(
@@ -118,16 +114,14 @@ def compare_patches(
     *,
     level: float = 0.05,
     tolerance_percent: float = 0.0,
-    exposures_s: tuple[float | None, float | None] = (None, None),
     fitted: int = 0,
     shared: SharedNoise | None = None,
     notes: Sequence[str] = (),
 ) -> Validation:
     """Compare the statistics of the same patches and channels, in the same order, as `validate` does.
 
-    `exposures_s` are the exposure times of the measured and the simulated frames; `fitted` is the number of parameters
-    of the simulation that were fitted to the measured patch means; `shared` are the covariances of both, None for
-    frames of two chips; `notes` come first in those of the result.
+    `fitted` is the number of parameters of the simulation that were fitted to the measured patch means; `shared` are
+    the covariances of both, None for frames of two chips; `notes` come first in those of the result.
     """
     check_verdict_settings(level, tolerance_percent)
     notes = list(notes)
@@ -149,7 +143,6 @@ def compare_patches(
         regression=regression,
         regression_by_channel=by_channel,
         color=color,
-        exposures_s=exposures_s,
         notes=tuple(notes),
     )
 

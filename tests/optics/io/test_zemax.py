@@ -308,7 +308,7 @@ Distortion focal length = 50.0000
     return text
 
 
-def test_distortion_and_lateral_colour(tmp_path: Path) -> None:
+def test_distortion_and_lateral_color(tmp_path: Path) -> None:
     angle = np.linspace(0, 20, 5)
     ideal = 50 * np.tan(np.radians(angle))
     green = ideal * (1 - 0.03 * (ideal / ideal[-1]) ** 2)

@@ -25,7 +25,7 @@ def test_the_short_form_is_the_chart_under_a_light(name: str, own: dict[str, Any
     assert (short.name, short.regions, short.distance_m, short.width_m) == (scene.name, scene.regions, 2, 0.5)
 
 
-def test_wavelengths_of_grey_and_coloured_charts() -> None:
+def test_wavelengths_of_gray_and_colored_charts() -> None:
     grid = np.arange(450.0, 651, 50)
     assert charts.ramp.chart().under("A", 5, wavelength_nm=grid).wavelength_nm.tolist() == grid.tolist()
     chart = charts.macbeth.chart(wavelength_nm=grid)

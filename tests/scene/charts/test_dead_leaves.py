@@ -48,12 +48,12 @@ def test_covariance_over_distance_is_that_of_the_model() -> None:
         assert found.mean() == pytest.approx(wanted, abs=4 * error), lag
 
 
-def test_greys_are_uniform() -> None:
+def test_grays_are_uniform() -> None:
     texture = fields(8, rows=112, cols=112, smallest_radius=2.0, largest_radius=12.0, supersampling=1)
-    shares = np.stack([np.histogram(field, 10, (0.0, 1.0))[0] for field in texture]) / 112**2
-    error = shares.std(axis=0, ddof=1) / math.sqrt(8)
+    fractions = np.stack([np.histogram(field, 10, (0.0, 1.0))[0] for field in texture]) / 112**2
+    error = fractions.std(axis=0, ddof=1) / math.sqrt(8)
     assert error.max() < 0.02
-    assert (np.abs(shares.mean(axis=0) - 0.1) < 4.5 * error).all()
+    assert (np.abs(fractions.mean(axis=0) - 0.1) < 4.5 * error).all()
     assert texture.var(axis=(1, 2)).mean() == pytest.approx(1 / 12, rel=0.05)
 
 

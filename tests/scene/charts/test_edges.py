@@ -11,7 +11,7 @@ from photosite.scene import charts
 
 
 def pointwise(rows: int, cols: int, cycles: int, angle_deg: float, fine: int = 64) -> np.ndarray:
-    """Shares of a star's bright sectors by many points."""
+    """Fractions of a star's bright sectors by many points."""
     up = rows / 2 - (np.arange(rows * fine) + 0.5) / fine
     right = (np.arange(cols * fine) + 0.5) / fine - cols / 2
     turn = (np.arctan2(right[None, :], up[:, None]) - math.radians(angle_deg)) * cycles / (2 * math.pi)
@@ -41,7 +41,7 @@ def test_edge_star_holds_areas(rows: int, cols: int, cycles: int, angle: float) 
 
 @pytest.mark.parametrize("angle", [5.0, -12.0, 40.0])
 def test_a_star_of_one_cycle_is_one_edge(angle: float) -> None:
-    """A line through the center, whose shares have a closed form."""
+    """A line through the center, whose fractions have a closed form."""
     edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=40, cols=40).weights[0]
     star = charts.edge_star(angle_deg=angle, contrast=math.inf, cycles=1, rows=40, cols=40).weights[0]
     assert np.abs(star - edge).max() < 5e-4

@@ -33,7 +33,7 @@ def test_every_patch_has_its_reflectance_under_the_light() -> None:
     assert chart.name == "chart, illuminant FL11"
 
 
-def test_regions_are_in_order_of_rows_and_of_one_colour() -> None:
+def test_regions_are_in_order_of_rows_and_of_one_color() -> None:
     chart = charts.reflectance_chart(reflectances(5), GRID, rows=2, cols=3, names=list("abcde")).under("A")
     assert [r.name for r in chart.regions] == list("abcde")
     assert chart.regions[3].r0 == chart.regions[0].r0 + 32
@@ -45,8 +45,8 @@ def test_regions_are_in_order_of_rows_and_of_one_colour() -> None:
 
 
 def test_the_basis_is_the_fewest_spectra() -> None:
-    greys = np.linspace(0.05, 0.9, 30)[:, None] * np.ones(GRID.size)
-    assert len(charts.reflectance_chart(greys, GRID, rows=5, cols=6).weights) == 1
+    grays = np.linspace(0.05, 0.9, 30)[:, None] * np.ones(GRID.size)
+    assert len(charts.reflectance_chart(grays, GRID, rows=5, cols=6).weights) == 1
     assert len(charts.reflectance_chart(reflectances(100), GRID, rows=10, cols=10).weights) <= GRID.size
 
 
@@ -81,7 +81,7 @@ def test_a_black_chart_has_no_luminance() -> None:
         chart.under("A", 40)
 
 
-def test_greys_cover_six_decades_and_are_named_by_density() -> None:
+def test_grays_cover_six_decades_and_are_named_by_density() -> None:
     chart = charts.hdr_patches("D65", 1000.0, decades=6, patches=36)
     levels = np.array([chart.weights[0, r.r0, r.c0] for r in chart.regions], np.float64)
     assert levels[0] / levels[-1] == pytest.approx(1e6, rel=1e-6)

@@ -44,12 +44,12 @@ def test_a_checkerboard_of_any_size_holds_exact_shares() -> None:
 
 def test_discs_cover_the_area_of_circles() -> None:
     """The whole is pi R^2; single samples against 400 x 400 points."""
-    share = coverage.disc(11, 13, 5.3, 6.9, 3.7)
-    assert share.sum() == pytest.approx(math.pi * 3.7**2, rel=1e-12)
+    fraction = coverage.disc(11, 13, 5.3, 6.9, 3.7)
+    assert fraction.sum() == pytest.approx(math.pi * 3.7**2, rel=1e-12)
     fine = 400
     row, col = ((np.arange(count * fine) + 0.5) / fine for count in (11, 13))
     inside = (row[:, None] - 5.3) ** 2 + (col[None, :] - 6.9) ** 2 < 3.7**2
-    np.testing.assert_allclose(share, inside.reshape(11, fine, 13, fine).mean(axis=(1, 3)), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(fraction, inside.reshape(11, fine, 13, fine).mean(axis=(1, 3)), rtol=0, atol=1e-3)
     tiny = coverage.disc(3, 3, 1.5, 1.5, 0.1)
     assert tiny[1, 1] == pytest.approx(math.pi * 0.01, rel=1e-12)
     assert tiny.sum() == pytest.approx(tiny[1, 1], rel=1e-12)
@@ -174,10 +174,10 @@ def test_siemens_star_holds_means(waveform: str) -> None:
 def test_siemens_star_has_the_stated_accuracy() -> None:
     """Samples at all distances from the center, against 200 x 200 Gauss-Legendre points each."""
     star = charts.siemens_star(cycles=144, patches=False, rows=256, cols=256).weights[0]
-    nodes, shares = np.polynomial.legendre.leggauss(200)
+    nodes, weights = np.polynomial.legendre.leggauss(200)
     for away in (4, 8, 13, 20, 30, 45, 60, 80, 100):
         down, right = away + 0.5 + nodes[:, None] / 2, away // 3 + 0.5 + nodes[None, :] / 2
-        wave = (shares / 2) @ np.cos(144 * np.arctan2(right, down)) @ (shares / 2)
+        wave = (weights / 2) @ np.cos(144 * np.arctan2(right, down)) @ (weights / 2)
         assert star[128 + away, 128 + away // 3] == pytest.approx(0.5 + 0.5 * wave, abs=1e-7), away  # float32
 
 
@@ -190,11 +190,11 @@ def test_siemens_star_has_its_cycles_round_the_circle() -> None:
         assert spectrum.argmax() == 72
 
 
-def test_siemens_star_greys_are_equal_steps_outside_the_star() -> None:
+def test_siemens_star_grays_are_equal_steps_outside_the_star() -> None:
     star = charts.siemens_star(contrast=11.0, rows=256, cols=320)
-    share = (star.weights[0].astype(np.float64) - 1 / 11) / (10 / 11)
+    fraction = (star.weights[0].astype(np.float64) - 1 / 11) / (10 / 11)
     for level, region in enumerate(star.regions):
-        inside = share[region.r0 : region.r1, region.c0 : region.c1]
+        inside = fraction[region.r0 : region.r1, region.c0 : region.c1]
         np.testing.assert_allclose(inside, level / 15, rtol=0, atol=1e-6)
         far = math.hypot((region.c0 + region.c1) / 2 - 160, (region.r0 + region.r1) / 2 - 128)
         assert far > 0.45 * 256 + 0.07 * 256 / 2

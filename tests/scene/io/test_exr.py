@@ -135,7 +135,7 @@ def test_layout_of_pbrt(tmp_path: Path) -> None:
     """Names, units and picture as PBRT-v4's spectral film writes them (film.cpp): centers of 16 buckets, 3 decimals."""
     edges = np.linspace(360, 830, 17)
     names = [
-        f"S0.{centre:.3f}".replace(".", ",").replace(",", ".", 1) + "nm" for centre in (edges[1:] + edges[:-1]) / 2
+        f"S0.{center:.3f}".replace(".", ",").replace(",", ".", 1) + "nm" for center in (edges[1:] + edges[:-1]) / 2
     ]
     rng = np.random.default_rng(1)
     channels = {name: rng.uniform(0.1, 1, (9, 12)).astype(np.float16) for name in names}

@@ -139,9 +139,9 @@ def test_files_without_a_cube(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4), "compression": "gzip"}])
-@pytest.mark.parametrize("share", [0.1, 0.6, 0.95])
-def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.1, 0.6, 0.95])
+def test_truncated_files(tmp_path: Path, how: dict[str, Any], fraction: float) -> None:
     path = saved(tmp_path / "a.h5", np.repeat(CUBE, 20, axis=0), **how)
     content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
+    path.write_bytes(content[: int(fraction * len(content))])
     error_of(path)

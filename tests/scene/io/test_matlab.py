@@ -251,8 +251,8 @@ def test_invalid_files(
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
-def test_truncated_files(tmp_path: Path, version: str, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.1, 0.5, 0.95])
+def test_truncated_files(tmp_path: Path, version: str, fraction: float) -> None:
     path = tmp_path / "a.mat"
     content = {"wave": GRID, "photons": RNG.uniform(1, 2, (40, 30, 7))}
     if version == "5":
@@ -260,7 +260,7 @@ def test_truncated_files(tmp_path: Path, version: str, share: float) -> None:
     else:
         save73(path, content, chunks=(7, 5, 6), compression="gzip")
     data = path.read_bytes()
-    path.write_bytes(data[: int(share * len(data))])
+    path.write_bytes(data[: int(fraction * len(data))])
     with pytest.raises(FileError) as caught:
         read_scene(path)
     assert caught.value.path == str(path)

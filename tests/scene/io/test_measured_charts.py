@@ -19,7 +19,7 @@ from photosite.scene.scene import Scene
 
 LIGHT = {"illuminant": "D65", "mean_luminance_cd_m2": 100.0}
 GRID = [400, 500, 600, 700]
-NAMES = ["white", "light grey", "grey", "red", "green", "blue"]
+NAMES = ["white", "light gray", "gray", "red", "green", "blue"]
 VALUES = np.round(np.random.default_rng(7).uniform(0.05, 0.9, (6, 4)), 4)
 
 
@@ -93,10 +93,10 @@ def test_wavelength_and_value_in_turn(tmp_path: Path) -> None:
 
 
 def test_the_first_table_with_spectra_is_read(tmp_path: Path) -> None:
-    colours = (
+    colors = (
         "CGATS.17\nBEGIN_DATA_FORMAT\nSAMPLE_ID LAB_L LAB_A LAB_B\nEND_DATA_FORMAT\nBEGIN_DATA\n1 2 3 4\nEND_DATA\n"
     )
-    scene = read_scene(written(tmp_path, f"{colours}\n# a note\n{cgats_text()}"), **LIGHT)
+    scene = read_scene(written(tmp_path, f"{colors}\n# a note\n{cgats_text()}"), **LIGHT)
     assert_allclose(reflectances(scene), VALUES, atol=2e-5)
 
 
@@ -259,7 +259,7 @@ INVALID_CSV = [
     (csv_text(heading="patch,R,G,B,IR"), 1, "the heading has no wavelengths"),
     (csv_text(heading="patch,400,500,600"), 2, "number of cells"),
     (csv_text().replace(f"{VALUES[1, 2]:.6g}", "x"), 3, "'600'"),
-    (csv_text(names=["white", "grey", "grey", *NAMES[3:]]), 4, "patch 'grey' is in line 3 too"),
+    (csv_text(names=["white", "gray", "gray", *NAMES[3:]]), 4, "patch 'gray' is in line 3 too"),
     (csv_text(heading="patch,700,600,500,400"), None, ""),
     (csv_text(heading="patch,400nm,500nm,600,700"), 1, "mixed units"),
     ("# units: lx\n" + csv_text(), None, "units"),
@@ -342,7 +342,7 @@ def test_missing_values_of_a_chart(tmp_path: Path, missing: str) -> None:
     text = csv_text(VALUES).replace(f"{VALUES[2, 1]:.6g}", missing, 1)
     file = written(tmp_path, text, "a.csv")
     error = error_of(file, **LIGHT)
-    assert (error.where, error.arguments) == ("patch 'grey' at 500 nm", {"no_data": "zero"})
+    assert (error.where, error.arguments) == ("patch 'gray' at 500 nm", {"no_data": "zero"})
     with warns("1 missing values"):
         found = reflectances(read_scene(file, no_data="zero", **LIGHT))
     assert_allclose(found, np.where(np.equal(VALUES, VALUES[2, 1]), 0, VALUES), atol=2e-5)

@@ -97,10 +97,10 @@ def test_invalid_files(chart: Path, change: Callable[[Any], None], about: str) -
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("share", [0.2, 0.9, 0.999])
-def test_a_truncated_file(chart: Path, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.2, 0.9, 0.999])
+def test_a_truncated_file(chart: Path, fraction: float) -> None:
     content = chart.read_bytes()
-    chart.write_bytes(content[: int(share * len(content))])
+    chart.write_bytes(content[: int(fraction * len(content))])
     with pytest.raises(FileError) as caught:
         read_scene(chart)
     assert caught.value.path == str(chart)

@@ -130,9 +130,9 @@ def test_a_tiff_is_what_a_png_is(tmp_path: Path, mode: str) -> None:
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_a_tiff_whose_white_is_zero(tmp_path: Path, dtype: type[np.unsignedinteger]) -> None:
-    grey = CODES[:, :, 0].astype(dtype)
-    tifffile.imwrite(tmp_path / "a.tif", np.iinfo(dtype).max - grey, photometric="miniswhite")
-    wanted = from_rgb(np.repeat(grey[:, :, None], 3, axis=2))
+    gray = CODES[:, :, 0].astype(dtype)
+    tifffile.imwrite(tmp_path / "a.tif", np.iinfo(dtype).max - gray, photometric="miniswhite")
+    wanted = from_rgb(np.repeat(gray[:, :, None], 3, axis=2))
     np.testing.assert_array_equal(read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=40).weights, wanted.weights)
 
 
@@ -267,14 +267,14 @@ def test_a_jpeg_is_oriented_by_exif(tmp_path: Path) -> None:
 
 
 def test_grays_palettes_and_opaque_alpha_are_colors(tmp_path: Path) -> None:
-    grey = CODES[:, :, 0]
-    wanted = from_rgb(np.repeat(grey[:, :, None], 3, axis=2)).weights
-    deep = Image.fromarray(grey.astype(np.uint16) * 257)
+    gray = CODES[:, :, 0]
+    wanted = from_rgb(np.repeat(gray[:, :, None], 3, axis=2)).weights
+    deep = Image.fromarray(gray.astype(np.uint16) * 257)
     deep.save(tmp_path / "deep.png")
-    Image.fromarray(grey).convert("P").save(tmp_path / "p.png")
-    alpha = np.dstack([grey, grey, grey, np.full_like(grey, 255)])
+    Image.fromarray(gray).convert("P").save(tmp_path / "p.png")
+    alpha = np.dstack([gray, gray, gray, np.full_like(gray, 255)])
     for file in (
-        saved(tmp_path / "l.png", grey),
+        saved(tmp_path / "l.png", gray),
         tmp_path / "deep.png",
         tmp_path / "p.png",
         saved(tmp_path / "alpha.png", alpha),

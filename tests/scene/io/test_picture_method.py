@@ -46,7 +46,7 @@ def test_a_picture_uses_the_method(tmp_path: Path, name: str) -> None:
 
 
 def test_the_tolerance_applies_to_smooth_spectra(tmp_path: Path) -> None:
-    fine, coarse = (read_scene(picture(tmp_path), tolerance=share, **SMOOTH) for share in (1e-4, 1e-2))
+    fine, coarse = (read_scene(picture(tmp_path), tolerance=fraction, **SMOOTH) for fraction in (1e-4, 1e-2))
     assert len(fine.basis) > len(coarse.basis)
     assert fine.relative_error < 1e-4 < coarse.relative_error < 1e-2
 

@@ -127,11 +127,11 @@ def test_invalid_pages(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", [{}, {"compression": "zlib"}, {"compression": "lzw"}])
-@pytest.mark.parametrize("share", [0.001, 0.6, 0.98])
-def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.001, 0.6, 0.98])
+def test_truncated_files(tmp_path: Path, how: dict[str, Any], fraction: float) -> None:
     path = stack(tmp_path / "a.tif", **how)
     content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
+    path.write_bytes(content[: int(fraction * len(content))])
     error_of(path)
 
 

@@ -19,7 +19,7 @@ from photosite.errors import FileError, in_file
 from photosite.files.small_files import read_small
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.point_spread import check_spacing, encircled_radius, normalised, resampled
+from photosite.optics.point_spread import check_spacing, encircled_radius, normalized, resampled
 
 LARGEST_BYTES = 1 << 27
 """Largest listing that is read: 2048 x 2048 numbers in UTF-16."""
@@ -373,7 +373,7 @@ def _upright(listing: PsfListing, layout: Layout) -> tuple[Array, tuple[float, f
     samples, origin = layout.upright(listing)
     spacing = listing.known("spacing_um")
     with in_file(listing.path):
-        samples = normalised(samples, "samples")
+        samples = normalized(samples, "samples")
     return samples, origin, spacing, _reach(samples, origin) * spacing
 
 

@@ -136,18 +136,18 @@ class Chart(Shown):
         return scene.scaled(mean_luminance_cd_m2 / mean)
 
 
-def grey_chart(pattern: NDArray[np.floating], name: str, **fields: Any) -> Chart:
+def gray_chart(pattern: NDArray[np.floating], name: str, **fields: Any) -> Chart:
     """Return a chart of grays from (rows, cols) reflectances from 0 to 1."""
     return Chart(pattern[None].astype(np.float32, copy=False), name, **fields)
 
 
-def between(share: NDArray[np.float64], contrast: float) -> NDArray[np.float64]:
-    """Return reflectances from shares of bright, 0 to 1: dark is 1 / contrast and bright is 1."""
-    dark = dark_share(contrast)
-    return dark + (1.0 - dark) * share
+def between(fraction: NDArray[np.float64], contrast: float) -> NDArray[np.float64]:
+    """Return reflectances from fractions of bright, 0 to 1: dark is 1 / contrast and bright is 1."""
+    dark = dark_fraction(contrast)
+    return dark + (1.0 - dark) * fraction
 
 
-def dark_share(contrast: float) -> float:
+def dark_fraction(contrast: float) -> float:
     """Return the reflectance of the dark over that of the bright."""
     return 0.0 if math.isinf(contrast) else 1.0 / contrast
 
@@ -164,7 +164,7 @@ class LitChart(Generic[P]):
         functools.update_wrapper(self, function)
         self._function, self._illuminant = function, illuminant
         own = inspect.signature(function).parameters
-        self._coloured = "wavelength_nm" in own
+        self._colored = "wavelength_nm" in own
         shared = inspect.signature(self.__call__).parameters
         keyword = {name: entry for name, entry in (own | shared).items() if entry.kind is entry.KEYWORD_ONLY}
         positional = [shared["illuminant"].replace(default=illuminant), shared["mean_luminance_cd_m2"]]
@@ -215,13 +215,13 @@ class LitChart(Generic[P]):
     ) -> Scene:
         grid = {} if wavelength_nm is None else {"wavelength_nm": wavelength_nm}
         chart: Callable[..., Chart] = self.chart
-        return chart(**options, **(grid if self._coloured else {})).under(
+        return chart(**options, **(grid if self._colored else {})).under(
             self._illuminant if illuminant is None else illuminant,
             mean_luminance_cd_m2,
             distance_m=distance_m,
             width_m=width_m,
             rule=rule,
-            **({} if self._coloured else grid),
+            **({} if self._colored else grid),
         )
 
 

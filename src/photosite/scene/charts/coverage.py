@@ -1,4 +1,4 @@
-"""Shares of samples that a shape covers: lines, discs, square waves and the sectors of a star.
+"""Fractions of samples that a shape covers: lines, discs, square waves and the sectors of a star.
 
 Coordinates are in samples, from border to border: sample i covers i to i + 1.
 """
@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 
 _LINES = 16
 """Lines through each sample, along which lengths are exact. Even, so that none passes through the center."""
-_CENTRE, _CENTRE_LINES = 16, 512
+_CENTER, _CENTER_LINES = 16, 512
 """Side of the central square, where edges of all directions meet in a sample, and the lines there."""
 
 
 def left_of_line(offset: Array, slope: float) -> Array:
-    """Return the share of a unit square left of a line at `offset` in its center row, moving by `slope` per row.
+    """Return the fraction of a unit square left of a line at `offset` in its center row, moving by `slope` per row.
 
     The mean over the square's height of clip(offset + slope s, 0, 1), s in -1/2 .. 1/2: the integral of a ramp.
 
@@ -39,7 +39,7 @@ def left_of_line(offset: Array, slope: float) -> Array:
 
 
 def disc(rows: int, cols: int, center_row: float, center_col: float, radius: float) -> Array:
-    """Return the share (rows, cols) of each sample that a disc covers; center and radius in samples.
+    """Return the fraction (rows, cols) of each sample that a disc covers; center and radius in samples.
 
     Notes
     -----
@@ -62,8 +62,8 @@ def disc(rows: int, cols: int, center_row: float, center_col: float, radius: flo
     reach = np.sqrt(np.maximum(radius**2 - y**2, 0.0))  # where |u| is below it, s(u) > |y|
     beyond = under_arc(np.minimum(x, -reach)) + under_arc(np.maximum(x, reach)) - under_arc(reach)
     area = under_arc(x) + np.sign(y) * beyond + y * (np.clip(x, -reach, reach) + reach)
-    share: Array = np.diff(np.diff(area, axis=0), axis=1)
-    return np.clip(share, 0.0, 1.0)  # clips rounding errors of 1e-16 of the disc's area
+    fraction: Array = np.diff(np.diff(area, axis=0), axis=1)
+    return np.clip(fraction, 0.0, 1.0)  # clips rounding errors of 1e-16 of the disc's area
 
 
 def square_wave(phase: Array, width: float) -> Array:
@@ -81,27 +81,27 @@ def square_wave(phase: Array, width: float) -> Array:
     return (integral(phase + width / 2) - integral(phase - width / 2)) / width
 
 
-def sector_share(rows: int, cols: int, cycles: int, angle_deg: float) -> Array:
-    """Return the share (rows, cols) of each sample in the bright sectors of a star at the field's center.
+def sector_fraction(rows: int, cols: int, cycles: int, angle_deg: float) -> Array:
+    """Return the fraction (rows, cols) of each sample in the bright sectors of a star at the field's center.
 
     The star has `cycles` bright sectors; the first begins at an angle, clockwise from straight up. Bright lengths are
     exact along rows where a sample is more above or below the center than beside it, elsewhere along columns: across
-    the edges. A share is the mean over 16 such lines in a sample, 512 in the center of the star.
+    the edges. A fraction is the mean over 16 such lines in a sample, 512 in the center of the star.
 
     Examples
     --------
-    >>> sector_share(2, 2, 2, 0.0).round(6).tolist()   # four quadrants
+    >>> sector_fraction(2, 2, 2, 0.0).round(6).tolist()   # four quadrants
     [[0.0, 1.0], [1.0, 0.0]]
     """
     angle = math.radians(angle_deg)
-    share = _share(rows, cols, cycles, angle, _LINES)
-    r, c = (min(_CENTRE - count % 2, count) for count in (rows, cols))
+    fraction = _fraction(rows, cols, cycles, angle, _LINES)
+    r, c = (min(_CENTER - count % 2, count) for count in (rows, cols))
     r0, c0 = (rows - r) // 2, (cols - c) // 2
-    share[r0 : r0 + r, c0 : c0 + c] = _share(r, c, cycles, angle, _CENTRE_LINES)
-    return share
+    fraction[r0 : r0 + r, c0 : c0 + c] = _fraction(r, c, cycles, angle, _CENTER_LINES)
+    return fraction
 
 
-def _share(rows: int, cols: int, cycles: int, angle: float, lines: int) -> Array:
+def _fraction(rows: int, cols: int, cycles: int, angle: float, lines: int) -> Array:
     along_rows = _mean_along(rows, cols, cycles, angle, lines, across=False)
     along_cols = _mean_along(cols, rows, cycles, angle, lines, across=True).T
     up = np.abs(np.arange(rows) + 0.5 - rows / 2)[:, None]
@@ -110,17 +110,17 @@ def _share(rows: int, cols: int, cycles: int, angle: float, lines: int) -> Array
 
 
 def _mean_along(count: int, samples: int, cycles: int, angle: float, lines: int, *, across: bool) -> Array:
-    """(count, samples) shares from bright lengths along rows, or with `across` along columns; `lines` in each."""
+    """(count, samples) fractions from bright lengths along rows, or with `across` along columns; `lines` in each."""
     place = (np.arange(count * lines) + 0.5) / lines - count / 2
     borders = np.arange(samples + 1) - samples / 2
     far = 2.0 * samples * lines  # outside the field on the line nearest to the center
     lengths = {side: _bright_length(cycles, angle, side, far, across=across) for side in (-1, 1)}
-    share = np.zeros((count, samples))
+    fraction = np.zeros((count, samples))
     for line, distance in enumerate(place):
         # Coordinates increase to the right along a row, downwards along a column.
         ratio, length = lengths[1 if distance > 0 else -1]
-        share[line // lines] += abs(distance) * np.diff(np.interp(borders / abs(distance), ratio, length))
-    return np.clip(share / lines, 0.0, 1.0)  # rounding only
+        fraction[line // lines] += abs(distance) * np.diff(np.interp(borders / abs(distance), ratio, length))
+    return np.clip(fraction / lines, 0.0, 1.0)  # rounding only
 
 
 def _bright_length(cycles: int, angle: float, side: int, far: float, *, across: bool) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from photosite.errors import InputError
-from photosite.scene.charts.chart import Chart, Contrast, Samples, between, grey_chart, lit
+from photosite.scene.charts.chart import Chart, Contrast, Samples, between, gray_chart, lit
 
 _MOST_POINTS = 1 << 28
 _BATCH = 1 << 13
@@ -77,27 +77,27 @@ def dead_leaves(
         what = f"{rows} x {cols} samples of {supersampling} x {supersampling} points are too many"
         raise InputError(what, hint="Use fewer samples or less supersampling")
     random = np.random.Generator(np.random.Philox(key=seed))
-    share = _leaves(rows, cols, smallest_radius, largest, supersampling, random)
+    fraction = _leaves(rows, cols, smallest_radius, largest, supersampling, random)
     name = f"dead leaves of {smallest_radius:g} to {largest:g} samples, seed {seed}"
-    return grey_chart(between(share, contrast), name)
+    return gray_chart(between(fraction, contrast), name)
 
 
 def _leaves(rows: int, cols: int, smallest: float, largest: float, fine: int, random: np.random.Generator) -> Array:
     """(rows, cols) mean grays from 0 to 1, from the front: a leaf is visible where no earlier one is."""
     bare = np.ones((rows * fine, cols * fine), np.bool_)
-    grey = np.empty(bare.shape, np.float32)
+    gray = np.empty(bare.shape, np.float32)
     while bare.any():
         down = random.uniform(-largest, rows + largest, _BATCH)
         along = random.uniform(-largest, cols + largest, _BATCH)
-        # The share of leaves larger than r decreases as r^-2 from the smallest to the largest.
+        # The fraction of leaves larger than r decreases as r^-2 from the smallest to the largest.
         rest = random.uniform(0.0, 1.0, _BATCH)
         radius = (smallest**-2 - rest * (smallest**-2 - largest**-2)) ** -0.5
         shade = random.uniform(0.0, 1.0, _BATCH).astype(np.float32)
         seen = np.nonzero(_touches(bare, fine, down, along, radius))[0]
         for leaf in seen:
-            _lay(bare, grey, down[leaf] * fine, along[leaf] * fine, radius[leaf] * fine, shade[leaf])
-    share: Array = grey.reshape(rows, fine, cols, fine).mean(axis=(1, 3), dtype=np.float64)
-    return share
+            _lay(bare, gray, down[leaf] * fine, along[leaf] * fine, radius[leaf] * fine, shade[leaf])
+    fraction: Array = gray.reshape(rows, fine, cols, fine).mean(axis=(1, 3), dtype=np.float64)
+    return fraction
 
 
 def _touches(bare: NDArray[np.bool_], fine: int, down: Array, along: Array, radius: Array) -> NDArray[np.bool_]:
@@ -112,7 +112,7 @@ def _touches(bare: NDArray[np.bool_], fine: int, down: Array, along: Array, radi
 
 
 def _lay(
-    bare: NDArray[np.bool_], grey: NDArray[np.float32], down: float, along: float, radius: float, shade: np.float32
+    bare: NDArray[np.bool_], gray: NDArray[np.float32], down: float, along: float, radius: float, shade: np.float32
 ) -> None:
     r0, r1 = max(math.ceil(down - radius - 0.5), 0), min(math.floor(down + radius - 0.5) + 1, bare.shape[0])
     c0, c1 = max(math.ceil(along - radius - 0.5), 0), min(math.floor(along + radius - 0.5) + 1, bare.shape[1])
@@ -125,5 +125,5 @@ def _lay(
     x = np.arange(c0, c1) + (0.5 - along)
     new = (y * y)[:, None] + (x * x)[None, :] <= radius * radius
     new &= part
-    grey[r0:r1, c0:c1][new] = shade
+    gray[r0:r1, c0:c1][new] = shade
     part &= ~new

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from photosite.errors import InputError
 from photosite.scene.charts import coverage
-from photosite.scene.charts.chart import Chart, Contrast, Degrees, Samples, between, grey_chart, lit
+from photosite.scene.charts.chart import Chart, Contrast, Degrees, Samples, between, gray_chart, lit
 from photosite.scene.charts.patterns import Waveform
 from photosite.values.region import Region
 
@@ -35,7 +35,7 @@ def slanted_edge(
 ) -> Chart:
     """Straight edge (ISO 12233), dark on the left and bright on the right.
 
-    Each sample holds the exact share of its area on the bright side.
+    Each sample holds the exact fraction of its area on the bright side.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def slanted_edge(
     for first in range(0, rows, _STRIP):  # a whole frame of cells in double precision would be large
         offset = edge_at[first : first + _STRIP, None] - np.arange(cols)[None, :]
         bright[first : first + _STRIP] = between(1.0 - coverage.left_of_line(offset, abs(slope)), contrast)
-    return grey_chart(bright, f"slanted edge, {angle_deg:g} degrees, contrast {contrast:g} : 1")
+    return gray_chart(bright, f"slanted edge, {angle_deg:g} degrees, contrast {contrast:g} : 1")
 
 
 @lit()
@@ -88,8 +88,8 @@ def edge_star(
 
     Notes
     -----
-    A sample's share is the mean of 16 lines across it, each of them exact: the error is up to 5e-4 where an edge cuts
-    a sample's corner (`photosite.scene.charts.coverage.sector_share`).
+    A sample's fraction is the mean of 16 lines across it, each exact: the error is up to 5e-4 where an edge cuts a
+    sample's corner (`photosite.scene.charts.coverage.sector_fraction`).
 
     Examples
     --------
@@ -98,7 +98,7 @@ def edge_star(
     [0.0, 0.0, 1.0, 1.0]
     """
     name = f"star of {2 * cycles} edges, turned by {angle_deg:g} degrees, contrast {contrast:g} : 1"
-    return grey_chart(between(coverage.sector_share(rows, cols, cycles, angle_deg), contrast), name)
+    return gray_chart(between(coverage.sector_fraction(rows, cols, cycles, angle_deg), contrast), name)
 
 
 @lit()
@@ -133,7 +133,7 @@ def siemens_star(
     Returns
     -------
     Chart
-        A region for each gray patch, "grey 0" to "grey 15".
+        A region for each gray patch, "gray 0" to "gray 15".
 
     Notes
     -----
@@ -150,17 +150,17 @@ def siemens_star(
     if patches and min(rows, cols) < _LEAST_SIDE:
         expected = f"False with fewer than {_LEAST_SIDE} rows or cols ({rows} x {cols})"
         raise InputError("patches", value=patches, expected=expected)
-    spokes = _sine(rows, cols, cycles) if waveform == "sine" else coverage.sector_share(rows, cols, cycles, 0.0)
-    # A sample cut by the star's border holds its share of spokes, taken as the mean over the whole sample.
+    spokes = _sine(rows, cols, cycles) if waveform == "sine" else coverage.sector_fraction(rows, cols, cycles, 0.0)
+    # A sample cut by the star's border holds its fraction of spokes, taken as the mean over the whole sample.
     inside = coverage.disc(rows, cols, rows / 2, cols / 2, _RADIUS * min(rows, cols))
-    share = 0.5 + inside * (spokes - 0.5)
-    regions = _add_greys(share) if patches else ()
-    return grey_chart(between(share, contrast), f"Siemens star of {cycles} cycles, {waveform}", regions=regions)
+    fraction = 0.5 + inside * (spokes - 0.5)
+    regions = _add_grays(fraction) if patches else ()
+    return gray_chart(between(fraction, contrast), f"Siemens star of {cycles} cycles, {waveform}", regions=regions)
 
 
-def _add_greys(share: NDArray[np.float64]) -> tuple[Region, ...]:
+def _add_grays(fraction: NDArray[np.float64]) -> tuple[Region, ...]:
     """Write the grays into the corners; return their regions, less a border for blur."""
-    rows, cols = share.shape
+    rows, cols = fraction.shape
     side = int(_PATCH * min(rows, cols))
     inset = max(1, side // 8)
     regions = []
@@ -168,8 +168,8 @@ def _add_greys(share: NDArray[np.float64]) -> tuple[Region, ...]:
         corner, place = divmod(level, 4)
         down = (place // 2) * side if corner < 2 else rows - 2 * side + (place // 2) * side
         along = (place % 2) * side if corner % 2 == 0 else cols - 2 * side + (place % 2) * side
-        share[down : down + side, along : along + side] = level / (_LEVELS - 1)
-        regions.append(Region(f"grey {level}", down + inset, down + side - inset, along + inset, along + side - inset))
+        fraction[down : down + side, along : along + side] = level / (_LEVELS - 1)
+        regions.append(Region(f"gray {level}", down + inset, down + side - inset, along + inset, along + side - inset))
     return tuple(regions)
 
 

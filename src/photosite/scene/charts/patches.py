@@ -12,7 +12,7 @@ from pydantic import Field
 
 from photosite.color.spectrum import wavelength_grid
 from photosite.errors import InputError
-from photosite.scene.charts.chart import Chart, grey_chart, lit
+from photosite.scene.charts.chart import Chart, gray_chart, lit
 from photosite.scene.weights import few_spectra
 from photosite.values.region import Region
 
@@ -170,7 +170,7 @@ def hdr_patches(
         pattern[r : r + PATCH, c : c + PATCH] = level
     digits = max(2, math.ceil(-math.log10(decades / (patches - 1))) + 1)  # that distinguish neighbors
     names = [f"density {step:.{digits}f}" for step in density]
-    return grey_chart(
+    return gray_chart(
         pattern,
         f"{patches} grays over {decades:g} decades",
         regions=patch_regions(names, order),

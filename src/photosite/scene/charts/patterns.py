@@ -18,8 +18,8 @@ from photosite.scene.charts.chart import (
     Frequency,
     Samples,
     between,
-    dark_share,
-    grey_chart,
+    dark_fraction,
+    gray_chart,
     lit,
 )
 
@@ -36,7 +36,7 @@ def uniform() -> Chart:
     >>> round(uniform("A", 12.5).mean_luminance_cd_m2(), 6)
     12.5
     """
-    return grey_chart(np.ones((1, 1)), "uniform field")
+    return gray_chart(np.ones((1, 1)), "uniform field")
 
 
 @lit()
@@ -58,7 +58,7 @@ def ramp(*, contrast: Contrast = 1000.0, logarithmic: bool = False, rows: Sample
     >>> (stops[1:] / stops[:-1]).round(4).tolist()[:3]
     [2.0, 2.0, 2.0]
     """
-    dark = dark_share(contrast)
+    dark = dark_fraction(contrast)
     if logarithmic and dark == 0.0:
         raise InputError("contrast", value=contrast, expected="finite for a logarithmic ramp")
     borders = np.arange(cols + 1) / cols
@@ -69,7 +69,7 @@ def ramp(*, contrast: Contrast = 1000.0, logarithmic: bool = False, rows: Sample
     else:
         line = dark + (1.0 - dark) * (borders[:-1] + borders[1:]) / 2
     kind = "logarithmic" if logarithmic else "linear"
-    return grey_chart(np.broadcast_to(line, (rows, cols)), f"{kind} ramp, contrast {contrast:g} : 1")
+    return gray_chart(np.broadcast_to(line, (rows, cols)), f"{kind} ramp, contrast {contrast:g} : 1")
 
 
 @lit()
@@ -82,7 +82,7 @@ def checkerboard(
     ----------
     square
         Side of a square in samples, from 1 to twice the larger side of the field. It may be a fraction: samples that a
-        side cuts hold their exact share.
+        side cuts hold their exact fraction.
     contrast
         Radiance of bright over that of dark, above 1; `math.inf` for black.
     rows, cols
@@ -101,8 +101,8 @@ def checkerboard(
         for count in (rows, cols)
     )
     # The mean of a product of a function of the row and one of the column is the product of their means.
-    share = 0.5 + 0.5 * down[:, None] * along[None, :]
-    return grey_chart(between(share, contrast), f"checkerboard of {square:g} samples, contrast {contrast:g} : 1")
+    fraction = 0.5 + 0.5 * down[:, None] * along[None, :]
+    return gray_chart(between(fraction, contrast), f"checkerboard of {square:g} samples, contrast {contrast:g} : 1")
 
 
 @lit()
@@ -122,7 +122,7 @@ def point_grid(
         From point to point along rows and columns, in samples, at most the field's smaller side. A point is at the
         field's center sample.
     diameter
-        Of round points, in samples, up to the pitch; each sample holds the exact share of its area that they cover.
+        Of round points, in samples, up to the pitch; each sample holds the exact fraction of its area that they cover.
         None: each point is one sample.
     contrast
         Radiance of a point over that of the field, above 1; `math.inf` for a black field.
@@ -150,9 +150,9 @@ def point_grid(
         cell[:, 0] += cell[:, pitch]
         cell = cell[:pitch, :pitch]
     down, along = ((np.arange(count) - count // 2 + pitch // 2) % pitch for count in (rows, cols))
-    share = cell[down[:, None], along]
+    fraction = cell[down[:, None], along]
     size = "of one sample" if diameter is None else f"of diameter {diameter:g}"
-    return grey_chart(between(share, contrast), f"points {size} every {pitch} samples")
+    return gray_chart(between(fraction, contrast), f"points {size} every {pitch} samples")
 
 
 # Waves: sinusoids and bars in any direction, frequency sweeps, the zone plate. All means over samples are exact.
@@ -209,7 +209,7 @@ def sinusoid(
     else:
         wave = _bars(cycles, abs(along), abs(down))
     name = f"{waveform} wave of {frequency:g} cycles per sample, {direction_deg:g} degrees"
-    return grey_chart(between(0.5 + 0.5 * wave, contrast), name)
+    return gray_chart(between(0.5 + 0.5 * wave, contrast), name)
 
 
 def _bars(cycles: Array, along: float, down: float) -> Array:
@@ -253,7 +253,7 @@ def frequency_sweep(
 
     Notes
     -----
-    The frequency at the share x of the width is lowest (highest / lowest)^x. A sample's mean is by Gauss-Legendre
+    The frequency at the fraction x of the width is lowest (highest / lowest)^x. A sample's mean is by Gauss-Legendre
     quadrature with 16 points, exact to rounding: the phase changes by half a cycle or less.
 
     Examples
@@ -265,12 +265,12 @@ def frequency_sweep(
     if not lowest < highest:
         raise InputError("highest", value=highest, expected=f"above lowest, {lowest:g}")
     steepness = math.log(highest / lowest)
-    nodes, shares = np.polynomial.legendre.leggauss(16)
+    nodes, weights = np.polynomial.legendre.leggauss(16)
     place = (np.arange(cols)[:, None] + 0.5 + nodes / 2) / cols
     cycles = lowest * cols / steepness * np.expm1(steepness * place)
-    line = np.cos(2 * math.pi * cycles) @ (shares / 2)
+    line = np.cos(2 * math.pi * cycles) @ (weights / 2)
     pattern = np.broadcast_to(between(0.5 + 0.5 * line, contrast), (rows, cols))
-    return grey_chart(pattern, f"sweep from {lowest:g} to {highest:g} cycles per sample")
+    return gray_chart(pattern, f"sweep from {lowest:g} to {highest:g} cycles per sample")
 
 
 @lit()
@@ -313,4 +313,4 @@ def zone_plate(
         return means
 
     wave = (mean(rows)[:, None] * mean(cols)[None, :]).real
-    return grey_chart(between(0.5 + 0.5 * wave, contrast), f"zone plate to {highest:g} cycles per sample")
+    return gray_chart(between(0.5 + 0.5 * wave, contrast), f"zone plate to {highest:g} cycles per sample")

@@ -1,8 +1,8 @@
 """Measured charts as CSV: a line per patch and a column per wavelength, or the reverse, by the heading.
 
-    patch,400,410,420            wavelength_nm,white,grey
+    patch,400,410,420            wavelength_nm,white,gray
     white,0.81,0.85,0.88         400,0.81,0.19
-    grey,0.19,0.19,0.19          410,0.85,0.19
+    gray,0.19,0.19,0.19          410,0.85,0.19
 
 Separated by commas, semicolons or tabs. Lines that begin with # are comments; `# units: percent` states the units.
 """

@@ -56,10 +56,6 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
         raise FileError(header_path, "interleave", value=str(header["interleave"]), expected="bsq, bil or bip")
     if min(shape) <= 0 or offset < 0:
         raise FileError(header_path, "lines, samples and bands", value=shape, expected="above 0")
-    if str(header.get("file compression", "0")).strip() not in ("0", ""):
-        raise FileError(header_path, "has compressed data", hint="Save it without compression")
-    if str(header.get("file type", "")).strip().lower() == "envi spectral library":
-        raise FileError(header_path, "is a library of spectra, not an image")
     data_path = _data_of(path, header_path)
     _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
     if "data digest" in header and str(header["data digest"]) != _digest(data_path):
@@ -138,7 +134,11 @@ def _read_header(path: Path) -> Mapping[str, Any]:
 
         read_small(path, "an ENVI header", _LARGEST_HEADER)
         header = envi.read_envi_header(str(path))
-        return {{"distance m": "distance_m", "width m": "width_m"}.get(name, name): header[name] for name in header}
+    if str(header.get("file compression", "0")).strip() not in ("0", ""):
+        raise FileError(path, "has compressed data", hint="Save it without compression")
+    if str(header.get("file type", "")).strip().lower() == "envi spectral library":
+        raise FileError(path, "is a library of spectra, not an image")
+    return {{"distance m": "distance_m", "width m": "width_m"}.get(name, name): header[name] for name in header}
 
 
 def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:

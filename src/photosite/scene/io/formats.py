@@ -243,8 +243,8 @@ def read_scene(
     --------
     >>> import tempfile, numpy as np
     >>> folder = tempfile.TemporaryDirectory()
-    >>> Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10)).save(f"{folder.name}/grey.h5")
-    >>> read_scene(f"{folder.name}/grey.h5").basis.shape
+    >>> Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10)).save(f"{folder.name}/gray.h5")
+    >>> read_scene(f"{folder.name}/gray.h5").basis.shape
     (1, 31)
     """
     read_options = ReadOptions(**dict[str, Any](options))

@@ -27,8 +27,8 @@ from photosite.values.region import Region
 LARGEST_BYTES = 1 << 24
 """Limit for a file: 20 000 patches of 100 wavelengths."""
 
-_OUTLIER_SHARE = 0.02
-"""Share of a chart's values; a white among 24 patches is more."""
+_OUTLIER_FRACTION = 0.02
+"""Fraction of a chart's values; a white among 24 patches is more."""
 _LONGEST_ROW = 8
 """Patches that may form one row by their names alone."""
 _UNEVEN = 1e-3
@@ -195,7 +195,7 @@ def _units(table: PatchTable, options: ReadOptions) -> Units:
         return table.units
     brightest = float(np.nanmax(table.values))
     outliers = np.argwhere(table.values > _BRIGHTEST_FRACTION)
-    if brightest > _DARKEST_PERCENT and len(outliers) < _OUTLIER_SHARE * table.values.size:
+    if brightest > _DARKEST_PERCENT and len(outliers) < _OUTLIER_FRACTION * table.values.size:
         patch, band = np.unravel_index(int(np.nanargmax(table.values)), table.values.shape)
         raise FileError(
             table.path,
