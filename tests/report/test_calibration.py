@@ -107,6 +107,17 @@ def test_numbers_shown_are_those_estimated(loop, read_page, tmp_path: Path) -> N
     assert row[3].split() == ["0.5138", "to", "0.5259"]
 
 
+def test_ids_of_diagnostics_lead_to_their_explanation(reported) -> None:
+    calibration, page = reported
+    links = [
+        attributes["href"] for tag, attributes in page.elements if tag == "a" and "#diagnostic-" in attributes["href"]
+    ]
+    shown = [entry.id for entry in calibration.diagnostics if entry.severity in ("note", "warning")]
+    assert links == [f"#diagnostic-{name}" for name in shown]
+    anchors = {attributes["id"] for tag, attributes in page.elements if tag == "dt" and "id" in attributes}
+    assert anchors == {f"diagnostic-{entry.id}" for entry in calibration.diagnostics}
+
+
 def test_warnings_rejected_frames_and_digests(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     nasty = tuple(f'warning <{n}> & "so" on' for n in range(30))

@@ -20,6 +20,7 @@ from photosite.report.chip import (
     temporal_blocks,
 )
 from photosite.report.data_sheet import data_sheet_blocks
+from photosite.report.diagnostics import explanations, notices
 from photosite.report.effect import effect_figures
 from photosite.report.figures.response import (
     Residuals,
@@ -44,7 +45,6 @@ from photosite.report.page import (
     first_reason,
     missing_channel_blocks,
     reason_block,
-    sentence,
 )
 from photosite.report.paper import paper_blocks
 from photosite.report.tables import (
@@ -96,7 +96,7 @@ def calibration_page(calibration: Calibration) -> Page:
     channels: tuple[Block, ...] = (channel_table(calibration.channels),) if calibration.channels else ()
     sections = (
         Section("Data sheet", data_sheet_blocks(calibration)),
-        Section("Warnings and rejected frames", (*rejected_blocks(calibration), *warning_blocks(calibration))),
+        Section("Warnings and rejected frames", _problem_blocks(calibration)),
         *plot_sections(calibration),
         Section("2008 paper", paper_blocks(calibration)),
         Section("All parameters", (*parameter_tables(calibration), *([correlations] if correlations else []))),
@@ -114,11 +114,16 @@ def calibration_page(calibration: Calibration) -> Page:
     return Page(f"Calibration of {name}", lead, sections, FOOTER)
 
 
+def _problem_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    problems = (*rejected_blocks(calibration), *warning_blocks(calibration))
+    return *problems, *explanations(calibration.diagnostics)
+
+
 def warning_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return the warnings as notices; all but the first twelve are folded."""
-    notices = [Notice(sentence(text), warning=True) for text in calibration.warnings]
-    shown, rest = notices[:_SHOWN_WARNINGS], notices[_SHOWN_WARNINGS:]
-    return (*shown, Details(f"{len(rest)} more warnings", tuple(rest))) if rest else tuple(shown)
+    shown = notices(calibration.diagnostics)
+    rest = shown[_SHOWN_WARNINGS:]
+    return (*shown[:_SHOWN_WARNINGS], *([Details(f"{len(rest)} more warnings", rest)] if rest else []))
 
 
 def rejected_blocks(calibration: Calibration) -> tuple[Block, ...]:

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.captures.each_capture import CaptureCalibration
+from photosite.report.diagnostics import explanations, notices
 from photosite.report.figures.captures import draw_captures_snr, draw_combined_snr, draw_knees
 from photosite.report.page import (
     Block,
-    Notice,
     Page,
     Paragraph,
     Section,
@@ -24,6 +24,7 @@ from photosite.report.page import (
 )
 from photosite.report.style import legend_above, new_figure, styled
 from photosite.report.tables import format_estimate
+from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 
 _FOOTER = "Values are estimate ± standard uncertainty (GUM); intervals are 95 %."
@@ -45,11 +46,9 @@ def captures_page(found: CaptureCalibration) -> Page:
         "Signal-to-noise ratio of the captures against the light",
         "From the measured values, up to saturation or the brightest level of each capture.",
     )
-    warnings = tuple(Notice(sentence(text), warning=True) for text in found.warnings)
     lead = f"{len(found.captures)} captures of one exposure. Ratios are those to {next(iter(found.captures))}."
-    return Page(
-        "Captures of a sensor", lead, (Section("Captures", (*_table(rows), figure)), *_warnings(warnings)), _FOOTER
-    )
+    sections = (Section("Captures", (*_table(rows), figure)), *_warnings(found.diagnostics))
+    return Page("Captures of a sensor", lead, sections, _FOOTER)
 
 
 def combined_page(found: CombinedCalibration) -> Page:
@@ -81,8 +80,7 @@ def combined_page(found: CombinedCalibration) -> Page:
         ),
     )
     shown: tuple[Block, ...] = _table(knees) if knees else (Paragraph("No knee was found."),)
-    warnings = tuple(Notice(sentence(text), warning=True) for text in found.warnings)
-    sections = (Section("Captures", _table(rows)), Section("Knees", (*shown, *figures)), *_warnings(warnings))
+    sections = (Section("Captures", _table(rows)), Section("Knees", (*shown, *figures)), *_warnings(found.diagnostics))
     lead = f"Combined frames of {found.source}: {len(found.captures)} captures are distinguished by their noise."
     return Page("Captures in combined frames", lead, sections, _FOOTER)
 
@@ -108,5 +106,6 @@ def _table(rows: Mapping[str, Mapping[str, Estimate]]) -> tuple[Block, ...]:
     return Table("With standard uncertainties", columns("", *map(numeric, titles)), cells), *notes
 
 
-def _warnings(notices: tuple[Notice, ...]) -> tuple[Section, ...]:
-    return (Section("Warnings", notices),) if notices else ()
+def _warnings(diagnostics: tuple[Diagnostic, ...]) -> tuple[Section, ...]:
+    shown = notices(diagnostics)
+    return (Section("Warnings", (*shown, *explanations(diagnostics))),) if shown else ()

@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 
 from photosite.calibration.dark.temperature import DarkTemperature
 from photosite.report.calibration import provenance_blocks, rejected_blocks
+from photosite.report.diagnostics import explanations, notices
 from photosite.report.numbers import format_number
 from photosite.report.page import (
     Block,
-    Notice,
     Page,
     Paragraph,
     Section,
@@ -45,7 +45,7 @@ def dark_temperature_page(found: DarkTemperature) -> Page:
     sections = (
         Section("Doubling temperature", (_result_table(found), drawn)),
         Section("Dark current at each temperature", (_points_table(found),)),
-        Section("Warnings", tuple(Notice(sentence(text), warning=True) for text in found.warnings) or _NONE),
+        Section("Warnings", (*(notices(found.diagnostics) or _NONE), *explanations(found.diagnostics))),
         Section("Provenance", _provenance(found)),
     )
     return Page(f"Dark current of {name} against temperature", lead, sections, _FOOTER)

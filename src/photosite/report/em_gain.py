@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.calibration.result import Calibration
 from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks
+from photosite.report.diagnostics import explanations, notices
 from photosite.report.page import (
     Block,
-    Notice,
     Page,
     Paragraph,
     Section,
@@ -19,7 +19,6 @@ from photosite.report.page import (
     columns,
     figure_block,
     numeric,
-    sentence,
 )
 from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, label_log_ticks, styled
 from photosite.report.tables import format_estimate, interval_text
@@ -41,14 +40,15 @@ def em_gain_page(found: EmGainResult) -> Page:
         "The slope is K without multiplication, and K times gain times excess noise factor with it. Dotted: the excess "
         "noise of theory. Dashed: none.",
     )
-    problems: list[Block] = [Notice(sentence(text), warning=True) for text in found.warnings]
+    problems: list[Block] = [*notices(found.diagnostics)]
+    every = (*found.diagnostics, *unity.diagnostics, *multiplied.diagnostics)
     provenance: list[Block] = []
     for label, one, beside in (("Without", unity, "unity"), ("With", multiplied, "multiplied")):
         problems += [Subheading(f"{label} multiplication"), *rejected_blocks(one), *warning_blocks(one)]
         provenance += [Subheading(f"{label} multiplication"), *provenance_blocks(one, f"{beside}.frames")]
     sections = (
         Section("Gain and excess noise", (_table(found), Paragraph(_HOW), drawn)),
-        Section("Warnings and rejected frames", tuple(problems)),
+        Section("Warnings and rejected frames", (*problems, *explanations(every))),
         Section("Provenance", tuple(provenance)),
     )
     lead = f"Gain and excess noise of the register, from {unity.frame_count} frames without and "

@@ -5,11 +5,11 @@ from __future__ import annotations
 from photosite.calibration.gain_series.result import GainSeries, GainStep
 from photosite.calibration.parameters import parameter_label
 from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks
+from photosite.report.diagnostics import explanations, notices
 from photosite.report.figures.gain_series import gain_series_figure
 from photosite.report.numbers import format_number
 from photosite.report.page import (
     Block,
-    Notice,
     Page,
     Paragraph,
     Section,
@@ -18,7 +18,6 @@ from photosite.report.page import (
     columns,
     figure_block,
     numeric,
-    sentence,
 )
 from photosite.report.tables import format_estimate
 
@@ -71,12 +70,13 @@ _MODEL = (
 def _warning_blocks(series: GainSeries) -> tuple[Block, ...]:
     """Return the warnings of the series, then rejected frames and warnings of each setting."""
     own = {f"gain setting {step.setting:g}: {text}" for step in series.steps for text in step.calibration.warnings}
-    together = [Notice(sentence(text), warning=True) for text in series.warnings if text not in own]
+    together = notices(entry for entry in series.diagnostics if entry.text not in own)
     blocks: list[Block] = [*together] or [Paragraph("No problems found in the joint analysis.")]
     for step in series.steps:
         of_it = (*rejected_blocks(step.calibration), *warning_blocks(step.calibration))
         blocks += [Subheading(f"Gain setting {step.setting:g}"), *of_it]
-    return tuple(blocks)
+    of_steps = (entry for step in series.steps for entry in step.calibration.diagnostics)
+    return *blocks, *explanations((*series.diagnostics, *of_steps))
 
 
 def _provenance_blocks(step: GainStep) -> tuple[Block, ...]:

@@ -42,18 +42,20 @@ class Subheading:
 
 @dataclass(frozen=True)
 class Terms:
-    """A list of terms and their definitions."""
+    """A list of terms and their definitions; `anchor` and term make the id of the term in the page."""
 
     pairs: tuple[tuple[str, str], ...]
+    anchor: str = ""
     kind: ClassVar[str] = "terms"
 
 
 @dataclass(frozen=True)
 class Notice:
-    """A highlighted note or warning."""
+    """A highlighted note or warning, with the id of a diagnostic that the page explains."""
 
     text: str
     warning: bool = False
+    id: str = ""
     kind: ClassVar[str] = "notice"
 
 

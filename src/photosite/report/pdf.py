@@ -130,8 +130,8 @@ class _Document(FPDF):
                 self._write(text)
             case Subheading(text):
                 self._write(text, size=11, style="B", above=2)
-            case Notice(text, warning):
-                self._notice(text, warning)
+            case Notice(text, warning, name):
+                self._notice(f"{text} [{name}]" if name else text, warning)
             case Listing(lines, code):
                 for line in lines:
                     self._write(line if code else f"•  {line}", size=_TINY if code else _TEXT, code=code, below=0.6)

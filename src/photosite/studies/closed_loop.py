@@ -24,6 +24,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.calibration import FOOTER, curve_blocks, provenance_blocks, rejected_blocks, warning_blocks
+from photosite.report.diagnostics import explanations
 from photosite.report.figures.sensor import noise_budget_figure
 from photosite.report.figures.validation import (
     color_difference_figure,
@@ -314,7 +315,7 @@ def demo_page(result: ClosedLoop) -> Page:
         "All images on this page come from a virtual camera. “Measured” refers to frames of the virtual sensor with "
         "the true parameters; “simulated” refers to frames of the calibrated sensor."
     )
-    provenance = (*warning_blocks(calibration), *rejected_blocks(calibration), *provenance_blocks(calibration))
+    problems = (*warning_blocks(calibration), *rejected_blocks(calibration), *explanations(calibration.diagnostics))
     sections = (
         Section("Method", (notice, *_method(result))),
         Section("Parameters", parameter_blocks(result.parameters)),
@@ -322,7 +323,7 @@ def demo_page(result: ClosedLoop) -> Page:
         Section("Comparison", _comparison_blocks(result)),
         Section("Noise budget", (_budget_block(result),)),
         Section("Fits", curve_blocks(calibration)),
-        Section("Provenance", provenance),
+        Section("Provenance", (*problems, *provenance_blocks(calibration))),
     )
     return Page(f"Closed loop with a virtual {sensor.name}", lead, sections, FOOTER)
 
