@@ -116,13 +116,8 @@ def lab(xyz: ArrayLike) -> NDArray[np.float64]:
 # The sRGB display (IEC 61966-2-1): its primaries and its encoding.
 
 
-def _xyz_from_srgb() -> NDArray[np.float64]:
-    """Return the primaries' XYZ as columns, scaled so that (1, 1, 1) is the white."""
-    primaries = np.column_stack([_PRIMARIES_XY, 1.0 - _PRIMARIES_XY.sum(axis=1)]).T
-    return np.asarray(primaries * np.linalg.solve(primaries, D65_WHITE_XYZ))
-
-
-XYZ_FROM_SRGB: NDArray[np.float64] = _xyz_from_srgb()
+_PRIMARIES = np.column_stack([_PRIMARIES_XY, 1.0 - _PRIMARIES_XY.sum(axis=1)]).T
+XYZ_FROM_SRGB: NDArray[np.float64] = _PRIMARIES * np.linalg.solve(_PRIMARIES, D65_WHITE_XYZ)
 """(3, 3), linear sRGB to XYZ (Y = 1 for white), from the primaries; the standard prints it rounded."""
 XYZ_FROM_SRGB.flags.writeable = False
 

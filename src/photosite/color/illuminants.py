@@ -189,7 +189,6 @@ def _blackbody_illuminant(temperature_k: float, grid: Array) -> Array:
 
 
 def _cie_a_definition(grid: Array) -> Array:
-    """Return CIE A from its definition, 100 at 560 nm."""
     exponent = _A_C2_M_K * 1e9 / _A_K
     with np.errstate(over="ignore"):
         energy = (560 / grid) ** 5 * np.expm1(exponent / 560) / np.expm1(exponent / grid)

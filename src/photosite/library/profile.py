@@ -205,7 +205,6 @@ def load_camera_profile(
 
 
 def _check_omitted(given: Mapping[str, Any], why: str) -> None:
-    """Raise `InputError` for the first argument that is given."""
     for name, value in given.items():
         if value is not None:
             raise InputError(name, value=value, expected=f"omitted: {why}")
@@ -222,7 +221,6 @@ def _check_levels(black_dn: float | None, white_dn: float | None) -> None:
 
 
 def _matched(name: str, sources: Sequence[CameraSource], profiles: Profiles) -> list[CameraSource]:
-    """Return the sources of the camera of a name."""
     if not sources and profiles is not None:
         places = given_places(profiles)
         hint, arguments = "Pass {profiles} or another such file", {"profiles": "noiseprofiles.json"}
@@ -277,7 +275,6 @@ def _only_one(sources: Sequence[CameraSource]) -> CameraSource:
 
 
 def _with_setting(sources: Sequence[CameraSource], iso: float | None) -> list[CameraSource]:
-    """Return the contributed entries with a gain setting."""
     having = [source for source in sources if iso is None or iso in source.isos]
     if not having:
         known = sorted({setting for source in sources for setting in source.isos})

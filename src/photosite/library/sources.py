@@ -167,16 +167,15 @@ def _in_folder(folder: Path) -> Iterator[CameraSource]:
         if (count := count + 1) > _MOST_FILES:
             raise FileError(folder, f"has more than {_MOST_FILES} files", hint="Name the files")
         try:
-            found = () if path.suffix.lower() == ".json" and not _is_known_json(path) else _in_file(path)
+            unknown = (
+                path.suffix.lower() == ".json"
+                and not {"noiseprofiles", "spectral_data"} & read_json_object(path).keys()
+            )
+            found = () if unknown else _in_file(path)
         except FileError as error:
             warnings.warn(PhotositeWarning(f"{error}. The file is skipped"), stacklevel=2)
             continue
         yield from found
-
-
-def _is_known_json(path: Path) -> bool:
-    data = read_json_object(path)
-    return "noiseprofiles" in data or "spectral_data" in data
 
 
 def _in_file(path: Path) -> Iterable[CameraSource]:

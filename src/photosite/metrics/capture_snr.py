@@ -151,7 +151,6 @@ def _variance(noise: _Noise) -> _Curve:
 
 
 def _noise(sensor: Sensor, name: str, light: _Curve, exposure_s: float) -> _Noise:
-    """Return the moments of a capture at each light."""
     captures, one = captures_of(sensor), part_sensor(sensor, name)
     owner, factor = captures.owner(name), captures.light(name)
     values = part_sensor(sensor, owner.name).noise

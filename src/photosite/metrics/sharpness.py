@@ -326,7 +326,8 @@ def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
 
     Raises `InputError` if the contrast is too low, or the edge is not straight.
     """
-    ends = [float(values[:, part][mask[:, part]].mean()) for part in _sides(values.shape[1])]
+    outer = max(values.shape[1] // 8, 2)
+    ends = [float(values[:, part][mask[:, part]].mean()) for part in (slice(0, outer), slice(-outer, None))]
     contrast = abs(ends[1] - ends[0]) / max(abs(ends[1] + ends[0]), 1e-300)
     if not contrast >= _LEAST_CONTRAST:
         hint = "Choose a region that one edge of a chart divides"
@@ -351,12 +352,6 @@ def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
         expected = f"below {_STRAIGHT_PX:g} pixels RMS"
         raise InputError("deviation of the edge from a straight line", value=scatter, expected=expected, hint=hint)
     return edge
-
-
-def _sides(columns: int) -> tuple[slice, slice]:
-    """Return the outer eighths of the columns, at least two."""
-    outer = max(columns // 8, 2)
-    return slice(0, outer), slice(columns - outer, columns)
 
 
 def _centroid(values: Array, mask: NDArray[np.bool_], middle: float, half: float) -> float:

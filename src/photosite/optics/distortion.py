@@ -433,11 +433,8 @@ def combined_mapping(
         real = curve(ideal)
         if lateral_color.field.angle_deg is not None:
             heights = curve(heights)
-    return RadialMapping(lateral_color.wavelength_nm, ideal, real + _shifts_m(lateral_color, heights, real))
-
-
-def _shifts_m(color: LateralColor, table_m: Array, real_m: Array) -> Array:
-    """Return (L, n) shifts: shift over height is an even function, constant beyond the table."""
-    off_axis = table_m > 0
-    relative = color.shift_um[:, off_axis] * 1e-6 / table_m[off_axis]
-    return np.stack([real_m * even_curve(table_m[off_axis], row, real_m) for row in relative])
+    # Shift over height is an even function, constant beyond the table.
+    off_axis = heights > 0
+    relative = lateral_color.shift_um[:, off_axis] * 1e-6 / heights[off_axis]
+    shifts = np.stack([real * even_curve(heights[off_axis], row, real) for row in relative])
+    return RadialMapping(lateral_color.wavelength_nm, ideal, real + shifts)

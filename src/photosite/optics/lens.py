@@ -104,7 +104,6 @@ class Lens(LensBlur):
             raise InputError("falloff", value=self.base.falloff, expected=expected)
 
     def _focused_m(self, distance_m: float) -> float:
-        """Return the distance of the plane in focus."""
         if not distance_m > 0:
             raise InputError("distance_m", value=distance_m, expected="above 0")
         return distance_m if self.focus_distance_m is None else self.focus_distance_m

@@ -503,7 +503,8 @@ class SampledOtf:
 
     def __call__(self, sy: Array, sx: Array) -> Complex:
         sy, sx = np.asarray(sy, np.float64), np.asarray(sx, np.float64)
-        grid = self._on_grid(sy[:, 0], sx[0]) if _is_grid(sy, sx) else None
+        is_grid = sy.ndim == sx.ndim == 2 and sy.shape[1] == sx.shape[0] == 1
+        grid = self._on_grid(sy[:, 0], sx[0]) if is_grid else None
         sy, sx = np.broadcast_arrays(sy, sx)
         inside = np.hypot(sy, sx) < 1
         result = np.zeros(sy.shape, np.complex128)
@@ -560,10 +561,6 @@ def _sum_taps(values: F32, rows: I64, down: F32, cols: I64, across: F32, flip: f
             out[r, 2 * k], out[r, 2 * k + 1] = real, flip * imag
 
 
-def _is_grid(sy: Array, sx: Array) -> bool:
-    return sy.ndim == sx.ndim == 2 and sy.shape[1] == sx.shape[0] == 1
-
-
 def _spline_taps(position: Array, size: int) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
     """Return (4, n) weights and indices of the cubic B-splines that reach positions; the ends repeat."""
     first = np.floor(position)
@@ -574,7 +571,6 @@ def _spline_taps(position: Array, size: int) -> tuple[NDArray[np.float32], NDArr
 
 
 def _transform(values: NDArray[np.complex64], axis: int) -> None:
-    """Transform values in place."""
     from scipy.fft import fft
 
     result = fft(values, axis=axis, overwrite_x=True)

@@ -193,8 +193,6 @@ class _RadialOtf:
 
 
 class _PlaneOtf:
-    """The interpolated 2-D table."""
-
     def __init__(self, table: OtfTable) -> None:
         from scipy.interpolate import RectBivariateSpline
 

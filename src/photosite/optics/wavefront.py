@@ -166,8 +166,6 @@ def _working_f_number(base: DiffractionLimited, distance_m: float, focus_distanc
 
 @dataclass(frozen=True, eq=False)
 class _Monochromatic:
-    """The wavefront at one wavelength."""
-
     pupil: Pupil
     waves: Waves
 

@@ -77,7 +77,6 @@ def zernike_terms(
 
 
 def _term(key: int | Term, index: Index) -> Term:
-    """Return (n, m) of an index."""
     if index == "nm":
         if not (isinstance(key, tuple | list) and len(key) == 2 and all(_whole(k) for k in key)):
             raise InputError("Zernike term", value=key, expected="a pair (n, m) of whole numbers for index 'nm'")

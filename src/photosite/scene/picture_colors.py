@@ -231,7 +231,6 @@ def srgb_weights(
 
 @lru_cache(maxsize=4)
 def _table_of_srgb(dtype: np.dtype[Any], linear: bool) -> NDArray[np.float32]:
-    """Return linear sRGB of all codes."""
     codes = np.arange(np.iinfo(dtype).max + 1, dtype=dtype)
     return read_only(_to_linear_srgb(dtype, "sRGB", linear)(codes).astype(np.float32))
 

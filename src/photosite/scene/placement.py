@@ -292,7 +292,8 @@ def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int],
     """
     check_corners(corners, frame_shape)
     patches = seen_patches(chart, corners, inner=1.0)
-    side = min(_shortest_side(patch.corners) for patch in patches)
+    points = np.array([patch.corners for patch in patches])
+    side = float(np.hypot(*np.moveaxis(points - np.roll(points, 1, axis=1), 2, 0)).min())
     pixels = max(1.0, side / SAMPLES_PER_PATCH, math.sqrt(frame_shape[0] * frame_shape[1] / _MOST_SAMPLES))
     shape = (math.ceil(frame_shape[0] * pixel_aspect / pixels), math.ceil(frame_shape[1] / pixels))
     where = place(shape, frame_shape, pixel_aspect=pixel_aspect)
@@ -324,8 +325,3 @@ def _looked_up(labels: NDArray[np.intp], at: NDArray[np.float64]) -> NDArray[np.
     found = np.zeros(row.shape, dtype=np.intp)
     found[on] = labels[row[on].astype(np.intp), col[on].astype(np.intp)]
     return found
-
-
-def _shortest_side(corners: Corners) -> float:
-    points = np.asarray(corners)
-    return float(np.hypot(*(points - np.roll(points, 1, axis=0)).T).min())

@@ -313,7 +313,6 @@ def _checked_crop(crop: Any) -> tuple[int, int]:
 
 
 def _ends(given: Any) -> tuple[Any, Any]:
-    """Return the ends of a range; a number is both."""
     return (given[0], given[1]) if isinstance(given, tuple | list) and len(given) == 2 else (given, given)
 
 

@@ -375,7 +375,6 @@ class ShardDataset(Shown):
 
 
 def _read_pair(path: Path, shard_format: str, place: int, number: int) -> Pair:
-    """Return a pair of a shard, by its place there and its index in the dataset."""
     if shard_format == "hdf5":
         with open_hdf5(path) as found:
             clean, noisy = found.datasets["clean"][place], found.datasets["noisy"][place]

@@ -61,8 +61,6 @@ class _File(Section):
 
 
 class _Index(Section):
-    """The whole index."""
-
     photosite_lens_design: Literal[1]
     program: Literal["zemax", "grid"] = "zemax"
     axes: Axes = "image"

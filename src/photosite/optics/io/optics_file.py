@@ -180,7 +180,6 @@ def _tables_of(file: Path) -> set[str]:
 
 
 def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tables]:
-    """Return the fields of the file, and the tables beside it."""
     if type(lens) not in (Lens, DiffractionLimited):
         raise InputError("lens", value=type(lens), expected="a Lens or a DiffractionLimited, to be written")
     whole = lens if isinstance(lens, Lens) else Lens(lens)
@@ -206,7 +205,6 @@ def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tabl
 
 
 def _given(fields: Fields) -> Fields:
-    """Return the fields that are not None."""
     return {name: value for name, value in fields.items() if value is not None}
 
 
@@ -250,7 +248,6 @@ def _provenance(given: Mapping[str, str]) -> Fields:
 
 
 def _blur_section(blur: object, stem: str) -> tuple[Fields, Tables]:
-    """Return the section, and the tables that it names."""
     if type(blur) is Wavefront:
         return _wavefront(blur, stem)
     if type(blur) is OtfTable:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
-from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,7 +74,8 @@ def read_arrays(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = 
     check_stored_file(path)
     try:
         with np.load(path, allow_pickle=False) as archive:
-            _check_archive(path, archive.zip)
+            # Stated sizes are checked before any is inflated: zipfile reads no more than these.
+            _check_values(path, sum(entry.file_size for entry in archive.zip.infolist()) // 8)
             missing = [name for name in names if name not in archive]
             if missing:
                 raise FileError(path, f"holds no array '{missing[0]}', but {', '.join(archive.files) or 'nothing'}")
@@ -86,12 +86,6 @@ def read_arrays(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = 
         raise FileError(path, "cannot be read: it declares more data than fits in memory") from None
     except Exception:  # NumPy and zipfile raise many types for a damaged file, and NumPy recommends unsafe loading
         raise FileError(path, "cannot be read: it is not an .npz archive of numbers, or is damaged") from None
-
-
-def _check_archive(path: Path, archive: ZipFile) -> None:
-    """Check the stated sizes of an archive's entries, before any is inflated: zipfile reads no more than these."""
-    size = sum(entry.file_size for entry in archive.infolist())
-    _check_values(path, size // 8)
 
 
 def _check_values(path: Path, count: int) -> None:

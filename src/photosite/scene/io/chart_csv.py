@@ -81,17 +81,13 @@ def _by_columns(path: Path, heading: Line, body: list[Line]) -> PatchTable:
     found = [(k, match) for k, cell in enumerate(heading[1]) if (match := _WAVELENGTH.fullmatch(cell))]
     if not found or found[0][0] == 0:
         raise FileError(path, f"the heading has no wavelengths; expected {_EXPECTED}", heading[0])
-    grid = wavelengths_in_nm(path, [float(match[1]) for _, match in found], _unit(path, heading, found), None)
-    values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=True) for k, _ in found] for at, cells in body]
-    names = checked_names(path, [cells[0] for _, cells in body], [at for at, _ in body])
-    return PatchTable(path, names, grid, np.array(values))
-
-
-def _unit(path: Path, heading: Line, found: list[tuple[int, re.Match[str]]]) -> str | None:
     units = {match[2] for _, match in found}
     if len(units) > 1:
         raise FileError(path, "the wavelengths in the heading have mixed units", heading[0])
-    return units.pop()
+    grid = wavelengths_in_nm(path, [float(match[1]) for _, match in found], units.pop(), None)
+    values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=True) for k, _ in found] for at, cells in body]
+    names = checked_names(path, [cells[0] for _, cells in body], [at for at, _ in body])
+    return PatchTable(path, names, grid, np.array(values))
 
 
 def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> PatchTable:

@@ -163,7 +163,6 @@ def _digest(path: Path) -> str:
 
 
 def _good_bands(path: Path, bbl: Array) -> NDArray[np.bool_]:
-    """Return (bands,) whether each band is good, with a warning of bad ones."""
     bad = np.flatnonzero(bbl == 0)
     if len(bad) == bbl.size:
         raise FileError(path, "marks all its bands as bad (bbl)", hint="Mark good bands with 1, or remove bbl")

@@ -336,7 +336,6 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Unpack[Write
 
 
 def _format_to_write(path: Path) -> Format:
-    """Return the format of a scene file to write."""
     kind = next((kind for kind in FORMATS if path.suffix.lower() in kind.writes), None)
     if kind is None:
         suffixes = ", ".join(kind.writes[0] for kind in FORMATS if kind.writes)

@@ -363,7 +363,6 @@ def _read_own(file: Hdf5File, options: ReadOptions) -> Scene:
 
 
 def _weights(path: Path, data: Any) -> NDArray[np.float32]:
-    """Map the weights from the file."""
     if data.ndim != 3 or data.dtype != np.dtype("<f4") or 0 in data.shape:
         raise FileError(path, "weights", value=f"{data.shape} of {data.dtype}", expected="(K, rows, cols) of float32")
     offset = data.id.get_offset() if data.chunks is None else None

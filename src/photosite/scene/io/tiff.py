@@ -133,17 +133,13 @@ def _read_picture(path: Path, page: Any, size: int, options: ReadOptions) -> Sce
     if (opacity != np.iinfo(values.dtype).max).any():
         raise FileError(path, TRANSPARENT, hint=FLATTEN)
     if form == _PALETTE:
-        colors = np.moveaxis(_palette(page)[:, colors[:, :, 0]], 0, 2)
+        palette = np.asarray(page.colormap, np.uint16)
+        palette = palette if (palette & 0xFF).any() else (palette >> 8).astype(np.uint8)  # some writers use 8 bits
+        colors = np.moveaxis(palette[:, colors[:, :, 0]], 0, 2)
     if form == _WHITE_IS_ZERO:
         colors = np.iinfo(values.dtype).max - colors
     orientation = page.tags[ORIENTATION].value if ORIENTATION in page.tags else 1
     return scene_of_picture(path, turned(colors, orientation), space, options)
-
-
-def _palette(page: Any) -> NDArray[Any]:
-    """Return (3, colors) of 16 bits; of 8 bits where the writer left the lower byte 0."""
-    colors = np.asarray(page.colormap, np.uint16)
-    return colors if (colors & 0xFF).any() else (colors >> 8).astype(np.uint8)
 
 
 def _stack(
