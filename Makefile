@@ -1,10 +1,11 @@
 # make demo: the whole loop on a virtual sensor, from a fresh machine with Python >= 3.11 and make.
 # make test: everything the tests need, then the tests.
+# make smoke: a minute; make test-changed: the tests that the changes since main can reach.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs linkcheck test test-slow test-browser test-raws test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
+.PHONY: demo docs linkcheck test smoke test-changed test-slow test-browser test-raws test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
@@ -22,6 +23,15 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test: $(VENV)/installed-dev
 	$(PYTEST)
+
+# One path through each command and each public name: the tests with the marker, and the examples of the public names.
+smoke: $(VENV)/installed-dev
+	$(PYTEST) -m smoke $$(grep -rl --include='test_*.py' 'mark.smoke("' tests) src
+
+# The tests of the modules that import, directly or not, what changed since BASE.
+BASE ?= main
+test-changed: $(VENV)/installed-dev
+	$(PYTEST) $$($(BIN)/python tests/changed.py $(BASE))
 
 # The statistical studies that make test leaves out: minutes to an hour.
 test-slow: $(VENV)/installed-dev

@@ -113,6 +113,19 @@ def _compile_kernels_once() -> None:
     Dispatcher.compile = compile_once
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Make the examples of the public names smoke tests."""
+    examples = [item for item in items if isinstance(item, pytest.DoctestItem)]
+    if examples:
+        from public_names import public_doctests
+
+        public = public_doctests()
+        for item in examples:
+            if item.name in public:
+                item.add_marker("smoke")
+
+
 def pytest_deselected(items: list[pytest.Item]) -> None:
     """Count the slow tests that a run leaves out."""
     slow = [item for item in items if "slow" in item.keywords]

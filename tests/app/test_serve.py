@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.smoke("serve")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_a_closed_terminal_ends_the_server(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "photosite", "serve"]

@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from public_names import public_names
 
 import photosite as ps
 from photosite.calibration.spectral.protocol import open_spectral
@@ -80,13 +81,6 @@ def test_commands_on_pages_have_the_options_that_they_name() -> None:
 def documented() -> list[str]:
     text = (DOCS / "reference" / "api.rst").read_text(encoding="utf-8")
     return re.findall(r"^   photosite\.([\w.]+)$", text, re.MULTILINE)
-
-
-def public_names() -> set[str]:
-    """The names that the stubs list, those of a group as `group.name`."""
-    groups = {name: getattr(ps, name) for name in ps.__all__ if inspect.ismodule(getattr(ps, name))}
-    inside = {f"{name}.{inner}" for name, group in groups.items() for inner in group.__all__}
-    return set(ps.__all__) - set(groups) | inside
 
 
 def test_the_page_of_names_lists_the_public_names() -> None:

@@ -7,12 +7,9 @@ Import statements inside functions and for type checkers count, and names of mod
 from __future__ import annotations
 
 import ast
-from functools import cache
-from pathlib import Path
 
 import pytest
-
-SOURCE = Path(__file__).parents[2] / "src" / "photosite"
+from import_graph import MODULES, SOURCE, imports, module_name
 
 VALUES = {"errors", "values", "files"}
 STAGES = VALUES | {"color", "engine", "scene", "optics", "sensor", "frames", "camera"}
@@ -49,31 +46,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("values/saved.py", "photosite"): "the one hook of `.save()`",
 }
 """(file, imported module or folder): the reason."""
-
-
-def module_name(path: Path) -> str:
-    parts = ("photosite", *path.relative_to(SOURCE).with_suffix("").parts)
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-MODULES = {module_name(path): path for path in sorted(SOURCE.rglob("*.py"))}
-
-
-@cache
-def imports(module: str) -> frozenset[str]:
-    """Modules of photosite that a module names."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{module} imports relatively"
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                found.add(inner if inner in MODULES else node.module or "")
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
-            found.add(node.value.partition(":")[0])
-    return frozenset(name for name in found if name in MODULES and name != module)
 
 
 def folder(module: str) -> str:

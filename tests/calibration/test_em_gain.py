@@ -69,6 +69,7 @@ def test_noise_against_theory() -> None:
         _ = measure_em_gain(found.multiplied, found.unity).section
 
 
+@pytest.mark.smoke("emgain")
 def test_command(tmp_path: Path, capsys: Any) -> None:
     register = SENSOR.with_(em_gain={"gain": 100.0, "stages": 300})
     for folder, camera, longest_s in (("unity", SENSOR, 0.3), ("gain", register, 3e-4)):

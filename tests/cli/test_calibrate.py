@@ -60,6 +60,7 @@ def test_pixels_beyond_a_threshold_are_listed(photosite: Any, tmp_path: Path) ->
     assert found["light"]["rule"].startswith("a normal distribution would have")
 
 
+@pytest.mark.smoke("calibrate")
 def test_table_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Path) -> None:
     sensor, report = tmp_path / "mine.sensor.yaml", tmp_path / "report.html"
     done = photosite("calibrate", stack, "-o", sensor, "--report", report)

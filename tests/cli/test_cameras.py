@@ -18,6 +18,7 @@ def profiles(tmp_path: Path) -> Path:
     return write_json(tmp_path / "noiseprofiles.json", darktable_content())
 
 
+@pytest.mark.smoke("cameras list")
 def test_list_and_search(photosite: Any, profiles: Path) -> None:
     assert photosite("cameras", "list", "--profiles", profiles).out.count("noise profile") == 4
     found = photosite("cameras", "list", "nik", "d3", "--profiles", profiles, "--json").json["cameras"]
@@ -38,6 +39,7 @@ def test_without_files(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "PHOTOSITE_PROFILES" in shown.out
 
 
+@pytest.mark.smoke("cameras show")
 def test_show_and_write_a_sensor_file(photosite: Any, profiles: Path, tmp_path: Path) -> None:
     asked = ("cameras", "show", "NIKON CORPORATION NIKON D850", "--profiles", profiles)
     assert "well capacity" in photosite(*asked, "--iso", 6400).out
@@ -54,6 +56,7 @@ def test_show_and_write_a_sensor_file(photosite: Any, profiles: Path, tmp_path: 
     assert low < 4095 / ps.load_sensor(output).system_gain_dn_per_e < high
 
 
+@pytest.mark.smoke("cameras schema")
 def test_schema_and_refused_entries(photosite: Any, tmp_path: Path) -> None:
     for form in ("entry", "index", "table"):
         assert "properties" in photosite("cameras", "schema", form).out
@@ -62,6 +65,7 @@ def test_schema_and_refused_entries(photosite: Any, tmp_path: Path) -> None:
     assert refused.err.count("\n") == 1
 
 
+@pytest.mark.smoke("cameras validate")
 def test_calibrate_contributes(photosite: Any, loop: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("photosite.calibration.calibrate.calibrate", lambda *_, **__: loop.calibration)
     dn = np.zeros((2, 2), np.uint16)
@@ -101,3 +105,13 @@ def test_the_file_to_use_can_be_passed(photosite: Any, profiles: Path, tmp_path:
     for call in (("list", "--profiles"), ("show", "d850", "--profiles"), ("validate",)):
         shown = photosite("cameras", *call, tmp_path / "folder")
         assert str(tmp_path / "folder" / "entry") in shown.out + shown.err
+
+
+@pytest.mark.smoke("cameras compare")
+def test_compare(photosite: Any, tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        text = f"photosite_camera: 1\nname: {name}\nsensor: nikon-d200\noptics: {{f_number: 4, focal_length_mm: 50}}\n"
+        (tmp_path / f"{name}.camera.yaml").write_text(text)
+    files = sorted(tmp_path.iterdir())
+    assert set(photosite("cameras", "compare", *files, "--json").json["cameras"]) == {"first", "second"}
+    assert photosite("cameras", "compare", files[0], files[0]).status == 2

@@ -32,6 +32,7 @@ def patches(tmp_path: Path) -> Path:
     return write_csv(tmp_path / "patches.csv", SET_UP)
 
 
+@pytest.mark.smoke("compare")
 def test_isetcams_electrons(photosite: Any, isetcam_results: Path) -> None:
     file = isetcam_results
     done = photosite("compare", file, "--case", "d200", "--integration", "rectangle", "--tolerance", 0.001)

@@ -30,6 +30,7 @@ def bare(tmp_path: Path) -> Path:
     return tmp_path / "bare.tif"
 
 
+@pytest.mark.smoke("convert")
 def test_components_and_error_are_reported(photosite: Any, tmp_path: Path) -> None:
     ps.charts.macbeth("A", 40).save(tmp_path / "chart.hdr")
     done = photosite("convert", tmp_path / "chart.hdr", "-o", tmp_path / "chart.h5", "--tolerance", "0.01")

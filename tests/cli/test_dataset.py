@@ -41,6 +41,7 @@ def test_pairs_of_pictures_and_charts(photosite: Any, picture: Path, tmp_path: P
     assert once_more.out.startswith("checked 8 pairs of 32 x 48 pixels in 3 shards ")
 
 
+@pytest.mark.smoke("dataset")
 def test_pairs_of_raw_frames_and_electrons(photosite: Any, tmp_path: Path) -> None:
     np.save(tmp_path / "e.npy", np.full((16, 16), 500.0, np.float32))
     call = ["--sensor", "vendor-2.2um", "--crop", "16x16", "--crops", 1]

@@ -28,6 +28,7 @@ def measured_before(monkeypatch: pytest.MonkeyPatch, loop: ClosedLoop) -> None:
     monkeypatch.setattr("photosite.studies.closed_loop.closed_loop", made)
 
 
+@pytest.mark.smoke("demo")
 @pytest.mark.usefixtures("measured_before")
 def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
     done = photosite("demo", "--rows", 132, "--cols", 196, "-o", tmp_path / "demo", "--json")

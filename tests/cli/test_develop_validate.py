@@ -57,6 +57,7 @@ def test_files_without_the_lights_white_are_balanced_by_gray_world(photosite: An
         np.testing.assert_array_equal(np.asarray(image), np.rint(expected * 255))
 
 
+@pytest.mark.smoke("validate")
 def test_frames_of_one_light_agree(photosite: Any, shots: Path) -> None:
     # One chip: its fixed pattern is common to both frames, so the verdict errs on the side of agreeing.
     done = photosite("validate", shots / "a.dng", shots / "b.dng", "--json")

@@ -43,6 +43,7 @@ def test_a_sensors_profile_in_a_dng(photosite: Any, tmp_path: Path) -> None:
     assert photosite("simulate", "--sensor", sensor, "--rows", 132, "--cols", 196, "--force", "-o", shot).status == 0
 
 
+@pytest.mark.smoke("export", "import")
 def test_a_mono_sensor_to_darktable_and_libcamera_and_back(photosite: Any, tmp_path: Path) -> None:
     """14 bits, 0.2 DN per electron: without --mono, the import returns what was written."""
     mono, own, tuning = tmp_path / "mono.sensor.yaml", tmp_path / "own.json", tmp_path / "tuning.json"

@@ -19,6 +19,7 @@ def small_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(table1.PROTOCOLS, "d200", short_d200_protocol)
 
 
+@pytest.mark.smoke("reproduce farrell2008")
 def test_writes_page_numbers_and_figures(photosite: Any, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     shown = photosite("reproduce", "farrell2008", "-o", folder, "--only", "table1", "--seed", 3, "--json")

@@ -11,6 +11,7 @@ import photosite as ps
 from photosite.metrics.sharpness import slanted_edge_mtf
 
 
+@pytest.mark.smoke("mtf")
 def test_is_what_the_library_gives(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "edge.tif"
     size = ("--rows", 120, "--cols", 180, "--black-level", 64)

@@ -29,6 +29,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.smoke("optics check")
 def test_check_describes_the_lens(photosite: Any, file: Path) -> None:
     text = photosite("optics", "check", file).out
     assert "made up 50 mm: f/2.8, 50 mm; blur: wavefront; holds: a fixed focus, veiling glare" in text

@@ -18,6 +18,7 @@ def test_frames_for_a_precision(photosite: Any) -> None:
     assert "black level raised" in plan["note"]
 
 
+@pytest.mark.smoke("plan")
 def test_precision_of_steps(photosite: Any) -> None:
     steps = ["dark:1/8000:50", "light:1/100:4", "light:1/50:4"]
     done = photosite("plan", "--rows", "200", "--cols", "200", *(a for step in steps for a in ("--step", step)))

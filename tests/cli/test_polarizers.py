@@ -39,6 +39,7 @@ def saved(folder: Path, name: str, mean: np.ndarray, seed: int) -> Path:
     return folder / name
 
 
+@pytest.mark.smoke("polarizers")
 def test_polarizers_are_measured(photosite: Any, tmp_path: Path) -> None:
     (tmp_path / "turned").mkdir()
     for angle in (0, 45, 90, 135):
@@ -63,6 +64,7 @@ def test_polarizers_are_measured(photosite: Any, tmp_path: Path) -> None:
     assert "states an angle" in photosite("polarizers", tmp_path / "turned").err
 
 
+@pytest.mark.smoke("develop")
 def test_stokes_parameters(photosite: Any, tmp_path: Path) -> None:
     shot = saved(tmp_path, "shot.h5", behind(30.0, degree=0.5), 3)
     seen = ps.stokes(ps.read_raw(shot))

@@ -28,6 +28,7 @@ def test_example_scene_to_a_file(tmp_path: Path, name: str, capsys: pytest.Captu
     assert scene.width_m == pytest.approx(facts["width_m"])
 
 
+@pytest.mark.smoke("render")
 def test_seed_wavelengths_and_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from photosite.scene.render import EXAMPLE
 

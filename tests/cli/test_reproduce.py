@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from photosite.cli.reproduce import CONDITION_NAMES
+from photosite.studies import imperfect_stacks
 from photosite.studies.conditions import CONDITIONS
 from photosite.studies.farrell2008 import fill_factor
 
 
+@pytest.mark.smoke("reproduce coverage")
 def test_coverage(photosite: Any) -> None:
     arguments = ("reproduce", "coverage", "--sensors", "4", "--condition", "few-mono-12", "--processes", "1")
     shown = photosite(*arguments)
@@ -46,6 +48,7 @@ def test_wrong_calls_are_one_line(photosite: Any) -> None:
         assert said in wrong.err
 
 
+@pytest.mark.smoke("reproduce fill-factor")
 def test_fill_factor(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     found = tuple(fill_factor.recovery_study(range(1)))
     monkeypatch.setattr(fill_factor, "recovery_study", lambda seeds, progress: found)
@@ -56,3 +59,19 @@ def test_fill_factor(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     content = json.loads(photosite("reproduce", "fill-factor", "--seeds", "1", "--json").out)
     assert set(content) == {"d200", "vendor"}
     assert content["d200"]["passes"]
+
+
+@pytest.mark.smoke("reproduce noise-profiles")
+def test_noise_profiles(photosite: Any) -> None:
+    done = photosite("reproduce", "noise-profiles", "--cameras", 2, "--rows", 128, "--cols", 192, "--json")
+    assert done.status == 0
+    assert done.json["groups"][0]["cameras"] == 2
+
+
+@pytest.mark.smoke("reproduce imperfect-stacks")
+def test_imperfect_stacks(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    (clean,) = imperfect_stacks.imperfect_stacks([0], imperfect_stacks.KINDS[:1])
+    monkeypatch.setattr(imperfect_stacks, "imperfect_stacks", lambda seeds: [clean])
+    done = photosite("reproduce", "imperfect-stacks")
+    assert done.status == 0
+    assert "clean  monochrome  1 of 1" in done.out

@@ -16,6 +16,7 @@ from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest
 SMALL = ("--rows", 66, "--cols", 98)
 
 
+@pytest.mark.smoke("scenes list")
 def test_lists_every_built_in_scene_with_its_options(photosite: Any) -> None:
     message = photosite("scenes", "list", "--json").json["scenes"]
     assert tuple(message) == BUILT_IN_SCENES
@@ -27,6 +28,7 @@ def test_lists_every_built_in_scene_with_its_options(photosite: Any) -> None:
     assert all(name in text for name in BUILT_IN_SCENES)
 
 
+@pytest.mark.smoke("scenes show")
 def test_shows_what_a_scene_is(photosite: Any, tmp_path: Path) -> None:
     picture = tmp_path / "chart.png"
     message = photosite("scenes", "show", "macbeth", "--luminance", 30, "--picture", picture, "--json").json

@@ -12,12 +12,14 @@ import photosite as ps
 from photosite.sensor.io.sensor_file import dump_sensor, preset_names
 
 
+@pytest.mark.smoke("sensors list")
 def test_lists_every_preset(photosite: Any) -> None:
     assert set(photosite("sensors", "list", "--json").json["sensors"]) == set(preset_names())
     lines = photosite("sensors", "list").out.splitlines()
     assert len(lines) == 1 + len(preset_names())
 
 
+@pytest.mark.smoke("sensors show")
 def test_show_is_a_sensor_file(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "again.sensor.yaml"
     file.write_text(photosite("sensors", "show", "nikon-d200").out, encoding="utf-8")
@@ -25,12 +27,14 @@ def test_show_is_a_sensor_file(photosite: Any, tmp_path: Path) -> None:
     assert photosite("sensors", "show", file, "--json").json["pixel"]["width_um"]["value"] == 6.05
 
 
+@pytest.mark.smoke("sensors schema")
 def test_schema_names_the_fields(photosite: Any) -> None:
     schema = json.loads(photosite("sensors", "schema").out)
     assert {"array", "pixel", "channels", "noise", "readout"} <= set(schema["required"])
     assert "fill_factor" in schema["$defs"]["Pixel"]["properties"]
 
 
+@pytest.mark.smoke("sensors check", "sensors export")
 def test_check(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.sensor.yaml"
     assert photosite("sensors", "export", "vendor-2.2um", "-o", file, "--json").json["sensor"] == str(file)
@@ -50,6 +54,7 @@ def test_export_overwrites_nothing(photosite: Any, tmp_path: Path) -> None:
 SHEET = ("--pixel-um", 3.45, "--full-well-e", 10500, "--qe-peak", 0.65, "--bits", 12, "--rows", 2048, "--cols", 2448)
 
 
+@pytest.mark.smoke("sensors new")
 def test_new_marks_what_is_assumed(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.sensor.yaml"
     made = photosite("sensors", "new", *SHEET, "--read-noise-e", 2.4, "--cfa", "rggb", "-o", file, "--json").json
@@ -124,6 +129,7 @@ def test_new_asks_on_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert sensor.electrons(sensor.noise.read_noise_mv.value) == pytest.approx(2.4)
 
 
+@pytest.mark.smoke("sensors compare")
 def test_compare(photosite: Any, tmp_path: Path) -> None:
     page = tmp_path / "sensors.html"
     call = ("sensors", "compare", "nikon-d200", "vendor-2.2um", "--f-number", "4", "--exposure", "1/30")

@@ -15,6 +15,7 @@ from virtual_chips import drawn_maps
 import photosite as ps
 
 
+@pytest.mark.smoke("shoot")
 def test_shoots_the_papers_protocol(photosite: Any, tmp_path: Path) -> None:
     done = photosite("shoot", "--rows", 8, "--cols", 12, "-o", tmp_path / "stack", "--json")
     assert done.status == 0

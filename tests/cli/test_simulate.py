@@ -21,6 +21,7 @@ from photosite.values.exposure import format_exposure
 SMALL = ("--rows", 66, "--cols", 98)
 
 
+@pytest.mark.smoke("simulate")
 def test_json_tells_what_was_written(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "shot.dng"
     done = photosite("simulate", *SMALL, "--seed", 7, "--exposure", "1/10", "-o", file, "--json")

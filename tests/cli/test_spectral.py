@@ -32,6 +32,7 @@ def test_json_sensor_file_and_figure(photosite: Any, folder: Path, tmp_path: Pat
     assert (tmp_path / "qe.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.smoke("spectral")
 def test_table(photosite: Any, folder: Path) -> None:
     done = photosite("spectral", folder / "spectral.yaml")
     assert done.status == 0

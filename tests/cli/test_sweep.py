@@ -31,6 +31,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "a.sweep.yaml"
 
 
+@pytest.mark.smoke("sweep")
 def test_the_table_is_that_of_the_library(photosite: Any, file: Path, tmp_path: Path) -> None:
     done = photosite("sweep", file, "-o", tmp_path / "a.csv", "--figure", tmp_path / "a.png", "--json")
     assert done.status == 0

@@ -37,6 +37,7 @@ def darks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.smoke("temperature")
 def test_the_sensor_file_is_completed(photosite: Any, darks: Path, tmp_path: Path) -> None:
     out, report = tmp_path / "mine.sensor.yaml", tmp_path / "dark.html"
     done = photosite(

@@ -31,6 +31,7 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
         process.wait()
 
 
+@pytest.mark.smoke("worker")
 @pytest.mark.filterwarnings("ignore:the scheduler has no workers")
 def test_workers_have_a_core_each_and_keep_what_is_set(scheduler: str, tmp_path: Path) -> None:
     call = [sys.executable, "-m", "photosite", "worker", scheduler, "--processes", "2", "--", "--name", "named"]
