@@ -123,7 +123,7 @@ def affected(changed: set[str]) -> set[str]:
     return found
 
 
-def tests_of(files: set[Path]) -> list[Path]:
+def reachable_tests(files: set[Path]) -> list[Path]:
     """Return files of tests and modules whose examples to run."""
     if any(str(file.relative_to(ROOT)) in EVERYTHING for file in files):
         return [TESTS, SOURCE]
@@ -133,14 +133,19 @@ def tests_of(files: set[Path]) -> list[Path]:
     modules = affected(changed)
     tests = [path for path in TESTS.rglob("test_*.py") if path.parent.name != "architecture"]
     chosen = {TESTS / "architecture"}
-    others = {file for file in files if TESTS in file.parents}
+    helpers = {file for file in files if TESTS in file.parents} - set(tests)
     for test in tests:
         text = test.read_text(encoding="utf-8")
-        if modules & (own_modules(test) | fixture_modules(test)) or any(file.stem in text for file in others):
+        if modules & (own_modules(test) | fixture_modules(test)) or any(file.stem in text for file in helpers):
             chosen.add(test)
-    chosen |= others & set(tests)
+    chosen |= files & set(tests)
     return sorted(chosen | {MODULES[name] for name in modules if ">>>" in MODULES[name].read_text(encoding="utf-8")})
 
 
 if __name__ == "__main__":
-    print(*(path.relative_to(ROOT) for path in tests_of(changed_files(sys.argv[1] if len(sys.argv) > 1 else "main"))))
+    print(
+        *(
+            path.relative_to(ROOT)
+            for path in reachable_tests(changed_files(sys.argv[1] if len(sys.argv) > 1 else "main"))
+        )
+    )
