@@ -27,8 +27,9 @@ def names_in(path: Path) -> frozenset[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively"
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
-            found.add(node.value.replace(":", "."))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            name = node.value.replace(":", ".")
+            found |= {name} if module_of(name) not in ("", "photosite") else set()
     return frozenset(found)
 
 
