@@ -78,8 +78,9 @@ def test_write_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     path = tmp_path / "page.html"
     path.write_text("old")
     monkeypatch.setattr(Path, "write_bytes", _full_disk)
-    with pytest.raises(FileError, match=r"page\.html: cannot be written: No space left"):
+    with pytest.raises(FileError) as error:
         write_report(page, path)
+    assert error.value.path == str(path)
     monkeypatch.undo()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
@@ -92,8 +93,10 @@ def _full_disk(*args: object, **keywords: object) -> int:
 
 
 def test_missing_folder_is_a_file_error(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="cannot be written"):
-        write_report(Page("t", "l", ()), tmp_path / "absent" / "page.html")
+    path = tmp_path / "absent" / "page.html"
+    with pytest.raises(FileError) as error:
+        write_report(Page("t", "l", ()), path)
+    assert error.value.path == str(path)
 
 
 def test_wide_tables_scroll(read_page) -> None:

@@ -105,14 +105,11 @@ def _isos(isos: tuple[float, ...]) -> str:
 @options.json_option
 def show_camera(
     name: str,
-    iso: float | None,
     profiles: tuple[Path, ...],
-    mono: bool,
-    black_level_dn: float | None,
-    white_level_dn: float | None,
     sensor_name: str | None,
     output: Path | None,
     as_json: bool,
+    **stated: Any,
 ) -> None:
     """Show what the files contain on a camera, and what is missing; with -o and --sensor, write a sensor file.
 
@@ -124,9 +121,7 @@ def show_camera(
 
     if output is None:
         options.only_for("-o", "sensor_name")
-    camera = load_camera_profile(
-        name, iso, profiles=profiles or None, mono=mono, black_level_dn=black_level_dn, white_level_dn=white_level_dn
-    )
+    camera = load_camera_profile(name, profiles=profiles or None, **stated)
     if camera.measured is not None and sensor_name is not None:
         say("photosite: --sensor does not apply to a contributed camera, whose sensor file is complete")
     if output is not None:

@@ -119,11 +119,7 @@ def command(
     inputs: tuple[str, ...],
     kind: str,
     output: Path,
-    shard_format: Any,
     pairs_per_shard: int,
-    processes: int,
-    scheduler: str | None,
-    license: str,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -151,16 +147,8 @@ def command(
         written.append(done)
         progress(done, count, unit="shards")
 
-    manifest = write_shards(
-        dataset,
-        output,
-        shard_format=shard_format,
-        pairs_per_shard=pairs_per_shard,
-        processes=processes,
-        scheduler=scheduler,
-        license=license,
-        report=report,
-    )
+    how = {name: given[name] for name in ("shard_format", "processes", "scheduler", "license")}
+    manifest = write_shards(dataset, output, pairs_per_shard=pairs_per_shard, report=report, **how)
     facts = {
         "path": output,
         "manifest": manifest,

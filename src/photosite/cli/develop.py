@@ -86,11 +86,8 @@ def command(
     white_balance: str | list[float],
     brightness: str | float,
     depth: str,
-    demosaic: Any,
     factor: int | None,
     polarization: PolarizationPicture | Literal["stokes"] | None,
-    color: str | None,
-    sensor_name: str | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -116,6 +113,7 @@ def command(
         options.only_for("--polarization", "color", "sensor_name")
     else:
         options.not_for("--polarization", "white_balance", "brightness", "demosaic")
+    demosaic, color, sensor_name = (reading.pop(name) for name in ("demosaic", "color", "sensor_name"))
     frame = read_raw(raw, **reading)
     if factor is not None:
         frame = bin_frame(frame, factor)

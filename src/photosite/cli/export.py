@@ -65,9 +65,6 @@ def command(
     output: Path,
     gain_setting: float | None,
     into: Path | None,
-    maker: str,
-    model: str | None,
-    target: str,
     sensor_name: str | None,
     as_json: bool,
     **reading: Any,
@@ -100,6 +97,7 @@ def command(
             options.only_for(f"the format {of_form}", name)
     if form == "emva":
         options.not_for("the format emva, which holds frames", "sensor_name")
+    maker, model, target = (reading.pop(name) for name in ("maker", "model", "target"))
     measured = _Source(source, gain_setting, sensor_name, reading)
     if form.startswith("emva"):
         loss = _write_emva(measured, form, output)

@@ -142,7 +142,7 @@ def main() -> NoReturn:
         sys.stdout.flush()
     except OSError as error:
         _discard(sys.stdout)
-        status = status or _fail_of_system(error)
+        status = status or _fail_with(error)
     try:
         sys.stderr.flush()
     except OSError:
@@ -222,7 +222,7 @@ def run(arguments: Sequence[str]) -> int:
             click.echo("photosite: interrupted", err=True)
             return EXIT_INTERRUPTED
         except OSError as error:
-            return _fail_of_system(error)
+            return _fail_with(error)
         except MemoryError:
             return _fail(_NO_MEMORY)
         except RuntimeError as error:
@@ -286,7 +286,7 @@ def _fail(message: str) -> int:
     return EXIT_BAD_INPUT
 
 
-def _fail_of_system(error: OSError) -> int:
+def _fail_with(error: OSError) -> int:
     """Report an error of the operating system; a reader of the output that has ended, as `head`, needs no message."""
     if isinstance(error, BrokenPipeError):
         return EXIT_BROKEN_PIPE

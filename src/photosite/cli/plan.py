@@ -54,12 +54,9 @@ def command(
     protocol: str | None,
     steps: tuple[str, ...],
     illuminant: str,
-    level: float,
     photons: bool,
-    longest_flat: float,
-    longest_dark: float,
     as_json: bool,
-    **chip: Any,
+    **given: Any,
 ) -> None:
     """Find how many frames a precision needs, or what precision a protocol reaches.
 
@@ -81,9 +78,10 @@ def command(
     else:
         options.only_for("--want", "longest_flat", "longest_dark")
     wanted = {want.parameter: want for want in map(Want.parse, wants)}
-    sensor, note = options.prepared_sensor(**chip)
+    level, longest = given.pop("level"), (given.pop("longest_dark"), given.pop("longest_flat"))
+    sensor, note = options.prepared_sensor(**given)
     if wanted:
-        design = Design(longest_dark, longest_flat)
+        design = Design(*longest)
         plan = plan_frames(sensor, wanted, design=design, illuminant=illuminant, metered=photons)
     else:
         shooting = _protocol(protocol, steps)

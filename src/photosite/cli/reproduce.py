@@ -108,7 +108,7 @@ def fill_factor(seeds: int, as_json: bool) -> None:
     """Test the fit of the fill factor on virtual cameras.
 
     Each seed gives another virtual D200 and another vendor camera: another fill factor near the paper's, other fixed
-    pattern and noise, a lamp in another direction. `found` is the share of fits within two standard errors of the
+    pattern and noise, a lamp in another direction. `found` is the fraction of fits within two standard errors of the
     truth, `pull` the error in standard errors. 100 seeds take two minutes.
 
     Example: photosite reproduce fill-factor --seeds 10
@@ -146,7 +146,7 @@ def _recovery_line(recovery: Recovery) -> tuple[str, ...]:
 def noise_profiles(cameras: int, rows: int, cols: int, no_prnu: bool, as_json: bool) -> None:
     """Test the gain that photosite finds in darktable's noise profiles, on profiles of virtual cameras.
 
-    Each camera has another gain, read noise, nonuniformity, color of the light and demosaicing. `covered` is the share
+    Gain, read noise, nonuniformity, color of the light and demosaicing differ by camera. `covered` is the fraction
     of 95 % intervals that contain the true gain, and `offset covered` that of the variance in the dark. `factor` is the
     profile's a over the true slope. 400 cameras take two minutes.
 
@@ -251,7 +251,7 @@ def coverage(
 
     Virtual sensors are drawn, shot and calibrated under several conditions: bright and dim light, few frames, clipped
     dark frames, monochrome and Bayer, 8 to 16 bits, and frames that are not clean (bends, crosstalk, flicker, row
-    noise, hot pixels, shading, a wrong level). For every parameter the table lists the share of
+    noise, hot pixels, shading, a wrong level). For every parameter the table lists the fraction of
     intervals that contain the truth (covered), the mean error over the mean standard uncertainty (bias), and the root
     mean square of error over uncertainty (width; 1 is correct). With 500 sensors the standard error of a coverage of
     95 % is 1 %. A sensor takes 0.35 to 1.2 s on one core.

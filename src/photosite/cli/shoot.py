@@ -29,8 +29,6 @@ def command(
     /,
     no_pedestal: bool,
     illuminant: str,
-    level: float,
-    photons: bool,
     seed: int,
     output: Path,
     captures: bool,
@@ -55,6 +53,7 @@ def command(
 
     if no_pedestal and chip["black_level_dn"] is not None:
         raise click.UsageError("--no-pedestal keeps the sensor's own black level, so omit --black-level")
+    light = {"level": chip.pop("level"), "photons_known": chip.pop("photons")}
     sensor, note = options.prepared_sensor(**chip, pedestal=not no_pedestal)
     protocol = paper_d200_protocol()
     if note:
@@ -65,7 +64,7 @@ def command(
             f"the sensor's maps contain residual noise of their frames; if these were simulated with seed {seed}, pass "
             "another --seed, so that the new frames are independent"
         )
-    lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
+    lab = virtual_lab(sensor, protocol, illuminant=illuminant, seed=seed, **light)
     if note:
         say(f"{note} (--no-pedestal keeps the sensor's own, --black-level sets another)")
     lab.write(output, Stages(), captures=captures)

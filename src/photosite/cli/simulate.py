@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from photosite.camera.file import SetUp
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.lens import Optics
-    from photosite.scene.flicker import Flicker
-    from photosite.scene.motion import Motion
     from photosite.scene.scene_request import PlanesRequest, SceneRequest
     from photosite.sensor.model import Sensor
 
@@ -127,16 +125,9 @@ if TYPE_CHECKING:
 @options.json_option
 def command(
     camera_file: Path | None,
-    exposure_s: float | str | None,
-    temperature_c: float | None,
     seed: int,
     frames: int,
-    flicker: Flicker | None,
-    motion: Motion | None,
-    fps: float | None,
     output: Path,
-    preview: Path | None,
-    clean: Path | None,
     captures: bool,
     as_json: bool,
     **given: Any,
@@ -169,6 +160,8 @@ def command(
     from photosite.scene.dynamic_scene import DynamicScene
     from photosite.sensor.capture_readout import captures_of
 
+    exposure_s, temperature_c, fps = (given.pop(name) for name in ("exposure_s", "temperature_c", "fps"))
+    flicker, motion, preview, clean = (given.pop(name) for name in ("flicker", "motion", "preview", "clean"))
     set_up = _set_up(camera_file, given)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure_s is None else exposure_s
     _check_format(camera.sensor, output)
@@ -176,7 +169,7 @@ def command(
     paths = [output] if frames == 1 else [_numbered(output, n, frames) for n in range(frames)]
     for path in paths:
         for name in ("", *parts):
-            options.check_new(_of_capture(path, name))
+            options.check_new(_capture_path(path, name))
     scene = set_up.seen.scene()
     seen = scene if flicker is None and motion is None else DynamicScene(scene, flicker, motion)
     say_if_compiling()
@@ -193,14 +186,14 @@ def command(
         raw = _with_white_balance(raw, camera, set_up.scene.light)
         _save(raw, path, preview if number == 0 else None)
         for name in parts:
-            raw.capture(name, camera.sensor).save(_of_capture(path, name))
+            raw.capture(name, camera.sensor).save(_capture_path(path, name))
         if number == 0:
             first = raw
             if clean is not None:
                 write_clean_mosaic(camera.clean_dn(mean), raw, clean)
         progress(number + 1, frames)
     facts = _facts(first, camera, paths) | {
-        "captures": {name: [str(_of_capture(path, name)) for path in paths] for name in parts},
+        "captures": {name: [str(_capture_path(path, name)) for path in paths] for name in parts},
     }
     facts |= {"preview": preview, "clean": clean, "scene": scene.name, "seed": seed}
     suggested_s = camera.auto_exposure_s(per_second) if per_second.any() else None
@@ -240,9 +233,9 @@ def _text(facts: dict[str, Any]) -> str:
 
 
 _SATURATED_HINT = 0.02
-"""Saturated share of the pixels above which another exposure time is suggested."""
+"""Saturated fraction of the pixels above which another exposure time is suggested."""
 _BLACK_HINT = 0.01
-"""Share of the saturation capacity that the 99.5th percentile of the pixels stays below where a frame is black."""
+"""Fraction of the saturation capacity that the 99.5th percentile of the pixels stays below where a frame is black."""
 
 
 def _exposure_hint(
@@ -271,7 +264,7 @@ def _numbered(path: Path, number: int, count: int) -> Path:
     return path.with_name(f"{path.stem}-{number + 1:0{len(str(count))}d}{path.suffix}")
 
 
-def _of_capture(path: Path, name: str) -> Path:
+def _capture_path(path: Path, name: str) -> Path:
     """Return the path of a capture of a frame: shot.dng becomes shot.small.dng."""
     return path.with_name(f"{path.stem}.{name}{path.suffix}") if name else path
 

@@ -94,8 +94,6 @@ def command(
     cfa: str | None,
     as_json: bool,
     measured: tuple[Path, ...],
-    level: float,
-    tolerance_percent: float,
     **camera: Any,
 ) -> None:
     """Compare raw frames of a chart with simulated frames: patch means, noise, colors, and a verdict.
@@ -118,7 +116,7 @@ def command(
     """
     from photosite.validation.validate import validate
 
-    test: dict[str, Any] = {"level": level, "tolerance_percent": tolerance_percent}
+    test = {name: camera.pop(name) for name in ("level", "tolerance_percent")}
     if measured:
         if options.is_given(ctx, "chart"):
             raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)

@@ -51,7 +51,7 @@ _NOISE = {
 _DISTRIBUTION = {
     "read_noise_log_spread": ("Spread of the read noise over the pixels, standard deviation of its logarithm", "1"),
     "steady_noise_dn": ("Read noise of the pixels that do not blink, root mean square", "DN"),
-    "blinking_fraction": ("Share of the pixels that blink (telegraph noise), small amplitudes included", "1"),
+    "blinking_fraction": ("Fraction of the pixels that blink (telegraph noise), small amplitudes included", "1"),
     "blinking_amplitude_dn": ("Mean distance of their levels", "DN"),
 }
 
@@ -121,7 +121,7 @@ def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
     if not found:
         return (_not_analyzed(calibration),)
     light = {channel: analysis.light for channel, analysis in found.items()}
-    blocks: list[Block] = [Subheading("Spectrograms"), *_of_kinds(found, _spectrogram)]
+    blocks: list[Block] = [Subheading("Spectrograms"), *_by_frame_kind(found, _spectrogram)]
     if not _patterns(found, "light"):
         reasons = [entry.reason for entry in light.values() if isinstance(entry, Missing)]
         blocks.append(reason_block(f"the pattern in the light; {reasons[0] if reasons else 'no channel has one'}"))
@@ -136,7 +136,7 @@ def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
                 "Right: the same along the rows. Uneven light bends the profiles; a defective line gives a spike.",
             )
         )
-    return (*blocks, Subheading("Histograms"), *_of_kinds(found, _histogram))
+    return (*blocks, Subheading("Histograms"), *_by_frame_kind(found, _histogram))
 
 
 def _analyses(calibration: Calibration) -> dict[str, SpatialAnalysis]:
@@ -153,7 +153,7 @@ def _patterns(found: Mapping[str, SpatialAnalysis], kind: str) -> dict[str, Fram
     return {channel: pattern for channel, pattern in patterns.items() if isinstance(pattern, FramePattern)}
 
 
-def _of_kinds(
+def _by_frame_kind(
     found: Mapping[str, SpatialAnalysis], draw: Callable[[str, Mapping[str, FramePattern]], Images]
 ) -> list[Images]:
     """Draw the patterns of dark frames and of flat fields, of which there are any."""

@@ -251,7 +251,7 @@ class _Document(FPDF):
         self.ln(2)
 
     def _widths(self, table: Table) -> list[float]:
-        """Return the column widths: the requested ones, or a minimum plus a share of the remaining width."""
+        """Return the column widths: the requested ones, or a minimum plus a fraction of the remaining width."""
         rows = [row for row in table.rows if not isinstance(row, Heading)]
         texts = list(zip([column.title for column in table.columns], *rows, strict=True))
         self._look(_SMALL, "B")  # bold is the widest style

@@ -124,10 +124,10 @@ def legend_above(figure: Figure, handles: Sequence[Artist] | None = None, column
     figure.legend(handles, labels, loc="outside upper right", ncols=min(len(handles), columns))
 
 
-def two_panels(height_in: float = 5.4, upper_share: float = 1.0) -> tuple[Figure, Axes, Axes]:
-    """Return a figure with two panels above each other, the upper one `upper_share` times as high, and one abscissa."""
+def two_panels(height_in: float = 5.4, upper_height: float = 1.0) -> tuple[Figure, Axes, Axes]:
+    """Return a figure with two panels and one abscissa, the upper panel `upper_height` times as high as the lower."""
     figure = Figure(figsize=(WIDTH_IN, height_in))
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(upper_share, 1.0))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(upper_height, 1.0))
     return figure, upper, lower
 
 

@@ -78,10 +78,10 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
     named = [("Patch means", found.means), ("Spatial noise", found.noise)]
     if found.temporal_noise is not None:
         named.append(("Temporal noise", found.temporal_noise))
-    share = found.level / len(named)
+    level = found.level / len(named)
     titles = columns("Test", numeric("Chi-square"), numeric("Degrees of freedom"), numeric("p-value"), "Result")
-    rows = tuple(_test_row(name, test, share) for name, test in named)
-    caption = f"Tests; “differ” means p below {share:.3g}"
+    rows = tuple(_test_row(name, test, level) for name, test in named)
+    caption = f"Tests; “differ” means p below {level:.3g}"
     blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, titles, rows)]
     if result.fit_summary is not None:
         blocks.append(Paragraph(sentence(result.fit_summary)))
@@ -93,9 +93,9 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _test_row(name: str, test: ChiSquare, share: float) -> tuple[str, ...]:
+def _test_row(name: str, test: ChiSquare, level: float) -> tuple[str, ...]:
     p_value = test.p_text.removeprefix("p ").removeprefix("= ")
-    result = "agree" if test.p_value >= share else "differ"
+    result = "agree" if test.p_value >= level else "differ"
     return name, f"{test.statistic:.1f}", str(test.degrees_of_freedom), p_value, result
 
 

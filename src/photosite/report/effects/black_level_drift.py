@@ -22,7 +22,7 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
         return ()
     judged = "beyond chance" if found.significant else "no drift beyond chance"
     entries = {("Standard deviation", "DN"): found.drift_dn, ("Standard deviation", "e⁻"): found.drift_e}
-    table = estimates_table(f"1/f drift over {found.frames} frames, noise taken off: {judged}", entries)
+    table = estimates_table(f"1/f drift over {found.frames} frames, noise subtracted: {judged}", entries)
     heading = Subheading("Drift of the black level")
     if not found.significant:
         return heading, table

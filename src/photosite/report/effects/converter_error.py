@@ -22,7 +22,7 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
     entries = {"Differential nonlinearity": found.dnl_rms_lsb, "Integral nonlinearity": found.inl_rms_lsb}
     rows = tuple((label, format_estimate(entry), "LSB", interval_text(entry)) for label, entry in entries.items())
     judged = "beyond chance" if found.significant else "none beyond chance"
-    title = f"Errors of {len(found.code)} codes, without what is slower than about {found.smooth_codes} codes"
+    title = f"Errors of {len(found.code)} codes, without deviations wider than about {found.smooth_codes} codes"
     table = Table(f"{title}: {judged}", columns("Quantity", numeric("Value"), "Unit", "95 % interval"), rows)
     if not found.significant:
         return heading, table
@@ -31,7 +31,7 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
         "Differential and integral nonlinearity of the converter against the code",
         "Errors of the converter from the code density of the flat fields. Above: width of each code less 1. Below: "
         "error of the code, from the sum of the widths. Bands: where 95 % of the values of an ideal converter lie. "
-        f"Errors slower than about {found.smooth_codes} codes cannot be distinguished from the density of the light: "
+        f"Errors wider than about {found.smooth_codes} codes cannot be distinguished from the density of the light: "
         "they are missing.",
     )
     return heading, figure, table

@@ -28,7 +28,7 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
 
 
 DARK_DISTRIBUTION = {
-    "fraction": ("Share of hot pixels", "1"),
+    "fraction": ("Fraction of hot pixels", "1"),
     "median_dn_per_s": ("Median of their additional dark current", "DN/s"),
     "log_spread": ("Spread of it, standard deviation of its logarithm", "1"),
     "mean_dn_per_s": ("Mean dark current of the other pixels", "DN/s"),

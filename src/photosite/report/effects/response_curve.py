@@ -23,7 +23,7 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
         response_curve_figure(curves),
         "Deviation of the response from a straight one against the signal, with its 95 % band",
         "Response curve: deviation of the signal from a straight response with the gain at small signal. The bands are "
-        "95 % intervals. Hollow: deviation of the light from what is stated, where it is beyond chance.",
+        "95 % intervals. Hollow: deviation from the stated light, where it is beyond chance.",
     )
     return figure, *response_curve_tables(curves)
 
@@ -48,7 +48,7 @@ def response_curve_figure(curves: Mapping[str, ResponseCurve]) -> Figure:
     """Draw the deviation of the signal from a straight response against the signal, by channel.
 
     Points and error bars: the sensor's deviation at each light level, with 95 % intervals. The band joins the
-    intervals. Hollow: what is due to the light, where it is not in proportion to the stated one beyond chance.
+    intervals. Hollow: the part due to the light, where it is not in proportion to the stated one beyond chance.
     """
     figure, axes = new_figure(height_in=4.2)
     hollow = None

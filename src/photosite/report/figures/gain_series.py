@@ -25,7 +25,7 @@ def gain_series_figure(series: GainSeries) -> Figure:
     Points with 95 % intervals. Lines are the two-part model, and gains proportional to the nominal settings. The shaded
     band marks the conversion-gain switch.
     """
-    figure, noise, gain = two_panels(6.4, upper_share=1.4)
+    figure, noise, gain = two_panels(6.4, upper_height=1.4)
     for number, mode in enumerate(series.modes):
         _draw_mode(noise, gain, series, mode, number)
     if series.switch is not None:

@@ -55,7 +55,7 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     ----------
     EMVA 1288 R4.0, 6.5 and 6.6: photon transfer and linearity plots.
     """
-    figure, upper, lower = two_panels(upper_share=2.6)
+    figure, upper, lower = two_panels(upper_height=2.6)
     drawn = {channel: _finite(curve) for channel, curve in curves.items()}
     handles = draw_curves(upper, curves)
     for position, (channel, curve) in enumerate(drawn.items()):

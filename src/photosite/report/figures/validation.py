@@ -125,7 +125,7 @@ def _snr_error_db(found: PatchStatistics, which: NDArray[np.bool_], k: int) -> N
 
 
 def _two_axes() -> tuple[Figure, Axes, Axes]:
-    figure, upper, lower = two_panels(upper_share=2.4)
+    figure, upper, lower = two_panels(upper_height=2.4)
     lower.axhline(0.0, color=BLACK, linewidth=0.8)
     return figure, upper, lower
 
