@@ -159,7 +159,7 @@ def test_colors_outside_srgb() -> None:
     clipped = from_rgb(picture, space="Display P3", out_of_gamut="clip")
     assert clipped.weights.min() == 0.0
     assert clipped.weights.max() <= 1.0
-    # One that a surface can have is raised as it is by the smooth method.
+    # One that a surface can have is raised unchanged by the smooth method.
     scene = from_rgb(picture[:, 1:], space="Display P3", method="jakob-hanika")
     linear = linear_srgb_of(picture[:, 1:], "Display P3", linear=False)
     assert linear.min() < -0.01

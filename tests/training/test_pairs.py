@@ -19,7 +19,7 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.chip import MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Sensor
-from photosite.training import Electrons, OwnNoise, PairDataset, RawFrames
+from photosite.training import Electrons, InputNoise, PairDataset, RawFrames
 
 RAMP = np.linspace(0, 3000, 64 * 96, dtype=np.float32).reshape(64, 96)
 FRAME = RawFrame(np.zeros((2, 2), np.uint16), bits=12)
@@ -91,11 +91,11 @@ def test_noise_of_exact_light_is_the_sensors(level_e: float) -> None:
 )
 def test_noise_of_noisy_light_is_completed_to_the_sensors(level_e: float, light: float, frames: int) -> None:
     source = quiet(read_noise_e=3.0)
-    rng, own = np.random.default_rng(5), OwnNoise.of_sensor(source, frames)
+    rng, own = np.random.default_rng(5), InputNoise.of_sensor(source, frames)
     size = (20, 64, 96)
     seen = rng.normal(rng.poisson(level_e * frames, size) / frames, own.floor_e2**0.5).astype(np.float32)
     target = quiet(bits=14)
-    dataset = PairDataset(Electrons(list(seen), OwnNoise(1 / frames, own.floor_e2)), target, light=light)
+    dataset = PairDataset(Electrons(list(seen), InputNoise(1 / frames, own.floor_e2)), target, light=light)
     # With the random numbers of the added noise, so that the means differ little by chance.
     same = {"seed": seed_of_added_noise(0), "draws": 20}
     exact = PairDataset(Electrons([np.full((64, 96), level_e)]), target, light=light, **same)
@@ -120,7 +120,7 @@ def test_added_noise_is_not_that_of_a_virtual_frame_of_the_same_seed() -> None:
 
 
 def test_light_that_is_noisier_than_the_sensor_is_refused() -> None:
-    noisy = Electrons([RAMP], OwnNoise(1.0, 64.0))
+    noisy = Electrons([RAMP], InputNoise(1.0, 64.0))
     with pytest.raises(InputError) as caught:
         PairDataset(noisy, quiet(), light=(0.1, 0.6))
     assert caught.value.what == "light"
@@ -128,7 +128,7 @@ def test_light_that_is_noisier_than_the_sensor_is_refused() -> None:
     PairDataset(noisy, quiet(), light=(0.1, 0.49))
     with pytest.raises(InputError) as caught:
         PairDataset(noisy, quiet(em_gain={"gain": 10}), light=0.1)
-    assert caught.value.what == "own_noise"
+    assert caught.value.what == "input_noise"
 
 
 def test_raw_frames_by_their_noise_profile_or_their_sensor(tmp_path: Path) -> None:

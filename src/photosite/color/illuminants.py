@@ -324,7 +324,7 @@ def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = 
     if not ((powers >= 0) & np.isfinite(powers)).all() or not powers.any():
         raise InputError("power", value=power, expected="0 or above, and above 0 for at least one LED")
     g = np.exp(-(((_LED_NM - peaks[:, None]) / widths[:, None] * 2 * _OHNO_HALF) ** 2))
-    return Spectrum(_LED_NM, powers @ _of_unit_area((g + 2 * g**5) / 3))
+    return Spectrum(_LED_NM, powers @ _unit_area((g + 2 * g**5) / 3))
 
 
 @lru_cache(maxsize=32)
@@ -376,10 +376,10 @@ def white_led(temperature_k: float) -> Spectrum:
 
 
 def _phosphor(peak_nm: float) -> Array:
-    return _of_unit_area(np.exp(-4 * math.log(2) * ((_LED_NM - peak_nm) / _PHOSPHOR_FWHM_NM) ** 2))
+    return _unit_area(np.exp(-4 * math.log(2) * ((_LED_NM - peak_nm) / _PHOSPHOR_FWHM_NM) ** 2))
 
 
-def _of_unit_area(shape: Array) -> Array:
+def _unit_area(shape: Array) -> Array:
     return np.asarray(shape / shape.sum(axis=-1, keepdims=True))  # the steps are 1 nm
 
 

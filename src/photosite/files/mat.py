@@ -72,12 +72,12 @@ def read_mat(file: Path, array_folder: Path | None) -> dict[str, Any]:
         except NotImplementedError:
             raise FileError(file, "is a MATLAB file of version 7.3", hint="Save it with -v7") from None
     values = {name: _plain(value) for name, value in content.items() if not name.startswith("__")}
-    return values if array_folder is None else _with_array_files(values, array_folder, [0])
+    return values if array_folder is None else _read_array_files(values, array_folder, [0])
 
 
-def _with_array_files(value: Any, folder: Path, count: list[int]) -> Any:
+def _read_array_files(value: Any, folder: Path, count: list[int]) -> Any:
     if isinstance(value, dict):
-        return {name: _with_array_files(part, folder, count) for name, part in value.items()}
+        return {name: _read_array_files(part, folder, count) for name, part in value.items()}
     if not (isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in "fiu"):
         return value
     count[0] += 1

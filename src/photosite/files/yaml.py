@@ -170,9 +170,9 @@ def _styled(node: Any, flow: bool = False) -> Any:
         mapping = CommentedMap({key: _styled(value, flow) for key, value in node.items()})
         return in_flow(mapping) if flow else mapping
     if isinstance(node, list | tuple):
-        of_mappings = not flow and len(node) > 0 and all(isinstance(value, dict) for value in node)
+        holds_mappings = not flow and len(node) > 0 and all(isinstance(value, dict) for value in node)
         sequence = CommentedSeq([_styled(value, True) for value in node])
-        return sequence if of_mappings else in_flow(sequence)
+        return sequence if holds_mappings else in_flow(sequence)
     return node
 
 

@@ -44,7 +44,7 @@ STATED = "stated by the contributor, not measured here"
 """Source of the values that the contributor's sensor file stated before the measurement."""
 
 _COMMON_NAMES = {"root", "user", "admin", "localhost", "home", "build", "runner", "ubuntu"}
-"""Names of users and machines that say nothing about a person, and are words of texts."""
+"""Names of users and machines that identify nobody, and are words of texts."""
 
 
 def check_license(license_id: str | None) -> str:

@@ -168,13 +168,13 @@ def load_camera_profile(
     if not isinstance(name, str):
         raise InputError("name", value=name, expected="the name of a camera")
     _check_levels(black_level_dn, white_level_dn)
-    of_profile = {"mono": mono or None, "black_level_dn": black_level_dn, "white_level_dn": white_level_dn}
+    profile_arguments = {"mono": mono or None, "black_level_dn": black_level_dn, "white_level_dn": white_level_dn}
     found = _matched(name, find_cameras(profiles), profiles)
     contributed = [source for source in found if source.kind == "contributed"]
     if contributed:
-        _check_omitted(of_profile, "a contributed camera states it")
+        _check_omitted(profile_arguments, "a contributed camera states it")
         return _contributed(
-            _only_one(_with_setting(contributed, iso)), iso, [one for one in found if one.kind != "contributed"]
+            _only_one(_having_setting(contributed, iso)), iso, [one for one in found if one.kind != "contributed"]
         )
     by_kind = {kind: [source for source in found if source.kind == kind] for kind in {one.kind for one in found}}
     parts = {kind: _only_one(sources) for kind, sources in sorted(by_kind.items())}
@@ -188,7 +188,7 @@ def load_camera_profile(
         expected = "omitted: no noise profile of the camera was found"
         raise InputError("iso", value=iso, expected=expected, where=found[0].name)
     else:
-        _check_omitted(of_profile, "it completes a noise profile, and none of the camera was found")
+        _check_omitted(profile_arguments, "it completes a noise profile, and none of the camera was found")
     spectra, relative = None, None
     if (table := parts.get("spectral sensitivity")) is not None:
         assert isinstance(table.content, SpectralFile)
@@ -274,7 +274,7 @@ def _only_one(sources: Sequence[CameraSource]) -> CameraSource:
     raise InputError("profiles", where=first.name, expected=expected, hint=hint, arguments={"profiles": paths[0]})
 
 
-def _with_setting(sources: Sequence[CameraSource], iso: float | None) -> list[CameraSource]:
+def _having_setting(sources: Sequence[CameraSource], iso: float | None) -> list[CameraSource]:
     having = [source for source in sources if iso is None or iso in source.isos]
     if not having:
         known = sorted({setting for source in sources for setting in source.isos})

@@ -140,21 +140,21 @@ def find_cameras(
     FileError
         If a file is missing, or none of these.
     """
-    found = [source for path in given_places(profiles) for source in _in_path(path)]
+    found = [source for path in given_places(profiles) for source in _path_sources(path)]
     return tuple(sorted(found, key=lambda source: (name_words(source.name), source.kind, str(source.path))))
 
 
-def _in_path(path: Path) -> Iterable[CameraSource]:
+def _path_sources(path: Path) -> Iterable[CameraSource]:
     if not path.is_dir():
-        return _in_file(path)
+        return _file_sources(path)
     if (path / ENTRY_NAME).is_file():
         return [_contributed(entry_in_folder(path))]
     if (path / INDEX_NAME).is_file():
-        return _in_file(path / INDEX_NAME)
-    return list(_in_folder(path))
+        return _file_sources(path / INDEX_NAME)
+    return list(_folder_sources(path))
 
 
-def _in_folder(folder: Path) -> Iterator[CameraSource]:
+def _folder_sources(folder: Path) -> Iterator[CameraSource]:
     """Yield the cameras of a folder with files of other programs.
 
     JSON files of other kinds are skipped, and invalid files with a warning.
@@ -171,14 +171,14 @@ def _in_folder(folder: Path) -> Iterator[CameraSource]:
                 path.suffix.lower() == ".json"
                 and not {"noiseprofiles", "spectral_data"} & read_json_object(path).keys()
             )
-            found = () if unknown else _in_file(path)
+            found = () if unknown else _file_sources(path)
         except FileError as error:
             warnings.warn(PhotositeWarning(f"{error}. The file is skipped"), stacklevel=2)
             continue
         yield from found
 
 
-def _in_file(path: Path) -> Iterable[CameraSource]:
+def _file_sources(path: Path) -> Iterable[CameraSource]:
     if path.suffix.lower() in (".yaml", ".yml"):
         if path.name == ENTRY_NAME:
             return [_contributed(entry_in_folder(path.parent))]

@@ -120,9 +120,9 @@ def rawtoaces_camera(data: Mapping[str, Any], path: Path) -> SpectralFile:
 def csv_camera(path: Path) -> SpectralFile:
     """Read a CSV file with a column for each channel; the name of the file is the camera's.
 
-    With a heading, the first column is the wavelength in nm, and its heading says so: wavelength, lambda or nm, with or
-    without the unit (`wavelength_nm`, `Wavelength (nm)`). Without one, the columns are R, G and B, and the name ends
-    in first and last wavelength and step, as that of rawtoaces' older file `Nikon_D200_380_780_5`.
+    With a heading, the first column is the wavelength in nm, headed wavelength, lambda or nm, with or without the unit
+    (`wavelength_nm`, `Wavelength (nm)`). Without one, the columns are R, G and B, and the name ends in first and last
+    wavelength and step, as that of rawtoaces' older file `Nikon_D200_380_780_5`.
 
     Raises
     ------

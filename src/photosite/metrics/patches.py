@@ -198,9 +198,9 @@ def _error_of_variance(dn: NDArray[np.float64]) -> float:
     """
     frames, count = dn.shape
     deviation = dn - dn.mean(axis=1, keepdims=True)
-    of_pixels = float((deviation**2).mean(axis=0).var())
+    pixel_variance = float((deviation**2).mean(axis=0).var())
     shared = float(((deviation @ deviation.T / count) ** 2).sum()) / frames**2
-    return float(((of_pixels + 2.0 * shared / (count - 1)) / count) ** 0.5)
+    return float(((pixel_variance + 2.0 * shared / (count - 1)) / count) ** 0.5)
 
 
 def _rounding_variance(variance_dn2: float) -> float:

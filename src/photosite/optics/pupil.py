@@ -510,7 +510,7 @@ class SampledOtf:
         result = np.zeros(sy.shape, np.complex128)
         sy, sx = sy[inside], sx[inside]
         change = self._at(sy, sx) if grid is None else grid[inside]
-        change[(sy == 0) & (sx == 0)] = 0  # a wavefront leaves the energy as it is; rounding does not
+        change[(sy == 0) & (sx == 0)] = 0  # a wavefront keeps the energy; rounding does not
         result[inside] = self.pupil.transfer(sy, sx) + change
         return result
 

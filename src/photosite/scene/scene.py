@@ -381,12 +381,12 @@ def tristimulus(scene: Scene) -> NDArray[np.float32]:
     >>> round(float(tristimulus(charts.uniform("A", 40))[0, 0, 1]), 4)
     40.0
     """
-    of_basis = xyz(scene.basis, scene.wavelength_nm)  # (K, 3)
+    basis_xyz = xyz(scene.basis, scene.wavelength_nm)  # (K, 3)
     rows, cols = scene.shape
     values = np.empty((rows, cols, 3), np.float32)
     for first in range(0, rows, _STRIP):
         strip = scene.weights[:, first : first + _STRIP].astype(np.float64)
-        values[first : first + _STRIP] = np.tensordot(strip, of_basis, axes=(0, 0))
+        values[first : first + _STRIP] = np.tensordot(strip, basis_xyz, axes=(0, 0))
     return values
 
 

@@ -36,7 +36,7 @@ class Reduction:
     no_data_values, negative_values
         Values that were replaced by 0, as the options allowed.
     reduced
-        False where the file held a scene, which is kept as it is.
+        False where the file held a scene, which is kept.
     """
 
     scene: Scene
@@ -165,7 +165,7 @@ def _scale(cube: SpectralCube, mean: Array, grid: Array, wanted: float) -> float
 
 def apply_options(scene: Scene, options: ReadOptions) -> Scene:
     """Return a scene with the bands, distance, light and luminance that the options ask for."""
-    scene = _in_range(scene, options)
+    scene = _within_bands(scene, options)
     if options.distance_m is not None or options.width_m is not None:
         distance_m, width_m = options.distance_m or scene.distance_m, options.width_m or scene.width_m
         scene = replace(scene, distance_m=distance_m, width_m=width_m)
@@ -175,7 +175,7 @@ def apply_options(scene: Scene, options: ReadOptions) -> Scene:
     return scene if wanted is None else scene.with_mean_luminance(wanted)
 
 
-def _in_range(scene: Scene, options: ReadOptions) -> Scene:
+def _within_bands(scene: Scene, options: ReadOptions) -> Scene:
     """The scene at the wanted wavelengths; its error is the largest possible there."""
     wanted = within_range(scene.wavelength_nm, options.band_range_nm)
     if wanted.all():

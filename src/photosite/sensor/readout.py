@@ -24,9 +24,9 @@ from photosite.sensor.capture_readout import CombinedNumbers, capture_numbers, c
 from photosite.sensor.chip import Blinking, MeasuredChip
 from photosite.sensor.device import Backend, Gpu, GpuToHost, backend_for
 from photosite.sensor.drawn_readout import drawn_frame, line_noise
+from photosite.sensor.input_noise import InputNoise, check_noisier, drawn_maps, missing_light, with_missing_noise
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
-from photosite.sensor.own_noise import OwnNoise, check_noisier, drawn_maps, missing_light, with_missing_noise
 from photosite.sensor.shot import Part, Shot, ShotOptions
 from photosite.sensor.staged_readout import staged_frame
 
@@ -36,7 +36,7 @@ def digital_numbers(
     mean_electrons: NDArray[np.float32],
     exposure_s: float,
     *,
-    own_noise: OwnNoise | None = None,
+    input_noise: InputNoise | None = None,
     **shot: Unpack[ShotOptions],
 ) -> CombinedNumbers:
     """Return one frame of a sensor, or a rectangle of it, (rows, cols) uint16.
@@ -54,7 +54,7 @@ def digital_numbers(
         captures, of the region. With a `Gpu` as the device, they may be an array on the GPU.
     exposure_s
         Exposure time, for the dark current.
-    own_noise
+    input_noise
         Noise that the electrons have, if they were measured; only the missing noise is added, and electrons may be
         negative. None: they are exact means.
     **shot
@@ -77,7 +77,7 @@ def digital_numbers(
     >>> digital_numbers(sensor, np.full((2, 2), 7980, np.float32), 0.01, seed=1).shape
     (2, 2)
     """
-    return read_frame(sensor, load_measured_chip(sensor), mean_electrons, exposure_s, Shot(**shot), own_noise)
+    return read_frame(sensor, load_measured_chip(sensor), mean_electrons, exposure_s, Shot(**shot), input_noise)
 
 
 def read_frame(
@@ -86,13 +86,13 @@ def read_frame(
     mean_electrons: NDArray[np.float32],
     exposure_s: float,
     shot: Shot,
-    own_noise: OwnNoise | None = None,
+    input_noise: InputNoise | None = None,
 ) -> CombinedNumbers:
     """Return `digital_numbers` of a sensor whose measured chip, None without maps, has been loaded."""
     light_e = mean_electrons
-    if own_noise is not None:
-        check_noisier(sensor, own_noise)
-        light_e = missing_light(mean_electrons, own_noise)
+    if input_noise is not None:
+        check_noisier(sensor, input_noise)
+        light_e = missing_light(mean_electrons, input_noise)
     if sensor.captures is not None:
         if isinstance(shot.device, Gpu):
             hint = "Use Camera.capture with device='cuda'"
@@ -103,10 +103,10 @@ def read_frame(
     sensor, chip = _at_temperature(sensor, chip, shot.temperature_c)
     if sensor.effects is not None:
         out = staged_frame(sensor, chip, mean_electrons, part, exposure, backend)
-    elif chip is None and own_noise is None:
+    elif chip is None and input_noise is None:
         out = drawn_frame(sensor, photo_e, part, exposure, backend)
     else:
-        out = _mapped_frame(sensor, chip, mean_electrons, photo_e, part, exposure, backend, own_noise)
+        out = _mapped_frame(sensor, chip, mean_electrons, photo_e, part, exposure, backend, input_noise)
     return out if backend is shot.device else backend.get(out)
 
 
@@ -133,13 +133,13 @@ def _mapped_frame(
     part: Part,
     exposure: Exposure,
     backend: Backend,
-    own_noise: OwnNoise | None,
+    input_noise: InputNoise | None,
 ) -> NDArray[np.uint16]:
     """Return the digital numbers of a rectangle of a measured chip, or of light that has noise."""
     maps = drawn_maps(sensor, part, exposure) if chip is None else _measured_maps(chip, sensor, part, exposure)
-    if own_noise is not None:
+    if input_noise is not None:
         electrons = mean_electrons if mean_electrons.shape == photo_e.shape else mean_electrons[part]
-        maps, exposure = with_missing_noise(maps, exposure, electrons, own_noise)
+        maps, exposure = with_missing_noise(maps, exposure, electrons, input_noise)
     out: NDArray[np.uint16] = backend.run(expose_measured, photo_e, maps, exposure)
     if chip is not None and len(chip.blinking):
         blinking = _blinking_within(chip.blinking, (part[0].start, part[1].start), photo_e.shape)

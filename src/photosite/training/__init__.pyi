@@ -2,7 +2,7 @@ from .collate import collate as collate
 from .collate import pack as pack
 from .dataset import PairDataset as PairDataset
 from .light import Electrons as Electrons
-from .light import OwnNoise as OwnNoise
+from .light import InputNoise as InputNoise
 from .light import RawFrames as RawFrames
 from .pair import Pair as Pair
 from .scenes import Scenes as Scenes

@@ -40,7 +40,7 @@ class PairDataset(Shown):
     """Pairs of clean and noisy frames; an item is a function of seed and index alone.
 
     It has `__len__` and `__getitem__`, pickles, and works in other processes, forked or spawned: torch's DataLoader
-    and plain loops take it as it is. Items `draws` i to `draws` (i + 1) - 1 share a patch, its light and
+    and plain loops take it. Items `draws` i to `draws` (i + 1) - 1 share a patch, its light and
     sensor. Their noise is independent: item i has frame i of the seed. Images follow one another.
 
     Parameters
@@ -77,7 +77,7 @@ class PairDataset(Shown):
     -----
     The metadata of an item: `index`, `image`, `draw` and `seed`; `sensor`, `serial` and `gain_setting` (0: none);
     `exposure_s` and `light`; `bits`, `black_level_dn`, `white_level_dn`, `system_gain_dn_per_e`, and `cfa`; `chip_row`
-    and `chip_col`, the place on the chip; `own_shot` and `own_floor_e2`, the noise of the light as in `OwnNoise`; and
+    and `chip_col`, the place on the chip; `own_shot` and `own_floor_e2`, the noise of the light as in `InputNoise`; and
     what the source knows. The variance of `noisy` around the truth is, in DN squared, `noise_offset_dn2` +
     `noise_slope_dn` (clean - black level) plus PRNU (0 each for companded numbers, which have no such line). Light
     without noise of its own is the truth.
@@ -218,9 +218,9 @@ class PairDataset(Shown):
             electrons = np.zeros((sensor.array.rows, sensor.array.cols), np.float32)
             electrons[inside] = seen.electrons
         # Frames with noise of their own may be virtual ones that were drawn with the same seed.
-        seed = int(self.seed) if seen.own_noise is None else seed_of_added_noise(int(self.seed))
+        seed = int(self.seed) if seen.input_noise is None else seed_of_added_noise(int(self.seed))
         noisy = digital_numbers(
-            sensor, electrons, exposure_s, own_noise=seen.own_noise, seed=seed, frame=frame, region=region
+            sensor, electrons, exposure_s, input_noise=seen.input_noise, seed=seed, frame=frame, region=region
         )
         return clean_numbers(sensor, electrons)[inside], noisy
 
@@ -233,11 +233,11 @@ class PairDataset(Shown):
         return _range("exposure_s", self.exposure_s)
 
     @cached_property
-    def _of_sensors(self) -> list[_OfSensor]:
-        return [_OfSensor.of(sensor) for sensor in self.all_sensors]
+    def _sensor_facts(self) -> list[_SensorFacts]:
+        return [_SensorFacts.of(sensor) for sensor in self.all_sensors]
 
     def _facts(self, number: int, patch: Patch, corner: tuple[int, int], seen: Light) -> dict[str, Any]:
-        shared, own = self._of_sensors[number], seen.own_noise
+        shared, own = self._sensor_facts[number], seen.input_noise
         return {
             **shared.facts,
             "exposure_s": patch.exposure_s,
@@ -262,7 +262,7 @@ class PairDataset(Shown):
 
 
 @dataclass(frozen=True)
-class _OfSensor:
+class _SensorFacts:
     """What the items of a sensor share: metadata, and their variance in the dark, which grows with exposure time."""
 
     facts: dict[str, Any]
@@ -270,7 +270,7 @@ class _OfSensor:
     in_dark_dn2_per_s: float
 
     @classmethod
-    def of(cls, sensor: Sensor) -> _OfSensor:
+    def of(cls, sensor: Sensor) -> _SensorFacts:
         black, white = sensor.output_levels_dn
         bits, companded = sensor.output_bits, sensor.effects is not None and sensor.effects.companded
         slope = in_dark = in_dark_per_s = 0.0

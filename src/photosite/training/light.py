@@ -19,10 +19,10 @@ from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import check_stored_file
 from photosite.frames.io.formats import read_raw
 from photosite.frames.raw_frame import RawFrame
+from photosite.sensor.input_noise import InputNoise as InputNoise
+from photosite.sensor.input_noise import check_noisier, largest_light
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import NoiseProfile
-from photosite.sensor.own_noise import OwnNoise as OwnNoise
-from photosite.sensor.own_noise import check_noisier, largest_light
 from photosite.training.digest import described, described_files
 from photosite.training.kept import Kept
 from photosite.training.patch import Patch
@@ -42,14 +42,14 @@ class Light(Shown):
     ----------
     electrons
         (rows, cols) float32 mean electrons of the patch, at its light and exposure time.
-    own_noise
+    input_noise
         Noise that the electrons have; None where they are exact.
     facts
         What goes into the item's metadata.
     """
 
     electrons: Electrons2D
-    own_noise: OwnNoise | None
+    input_noise: InputNoise | None
     facts: dict[str, Any]
 
 
@@ -88,13 +88,13 @@ class Electrons(Shown):
     images
         (rows, cols) arrays of electrons, or .npy files of them. The color filter array of a sensor begins at their
         first pixel.
-    own_noise
+    input_noise
         Noise that the values have; None if they are exact means, such as those of `Camera.mean_electrons`.
 
     Raises
     ------
     InputError
-        If there are no images, or one is not a two-dimensional array of finite numbers; without `own_noise` they must
+        If there are no images, or one is not a two-dimensional array of finite numbers; without `input_noise` they must
         not be negative.
     FileError
         If a file is missing.
@@ -107,7 +107,7 @@ class Electrons(Shown):
     """
 
     images: Sequence[NDArray[Any] | FileName]
-    own_noise: OwnNoise | None = None
+    input_noise: InputNoise | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "images", listed("images", self.images))
@@ -121,7 +121,7 @@ class Electrons(Shown):
             found = f"{getattr(image, 'shape', type(image).__name__)}"
             raise InputError(where, value=found, expected="a (rows, cols) array of electrons")
         low, high = float(image.min()), float(image.max())
-        if not (np.isfinite(low) and np.isfinite(high) and (low >= 0 or self.own_noise is not None)):
+        if not (np.isfinite(low) and np.isfinite(high) and (low >= 0 or self.input_noise is not None)):
             raise InputError(where, value=(low, high), expected="finite and not negative")
 
     def __len__(self) -> int:
@@ -148,7 +148,7 @@ class Electrons(Shown):
 
     def check(self, sensor: Sensor, light: float) -> None:
         """Raise `InputError` if the values times a factor have more noise than a sensor."""
-        check_light(sensor, self.own_noise, light)
+        check_light(sensor, self.input_noise, light)
 
     def light(self, image: int, patch: Patch) -> Light:
         """Return the electrons of a patch times its light; its exposure time changes the dark current only."""
@@ -162,12 +162,14 @@ class Electrons(Shown):
             electrons = np.multiply(patch.cut(whole, corner), np.float32(patch.light), dtype=np.float32, order="C")
         if isinstance(whole, np.memmap):
             self._check(electrons, str(self.images[image]))
-        own = self.own_noise
+        own = self.input_noise
         return Light(electrons, None if own is None else own.scaled(patch.light), place_facts(corner, patch))
 
     def describe(self) -> dict[str, Any]:
         """Return names and SHA-256 of the images."""
-        return {"kind": "electrons", "own_noise": described(self.own_noise), "images": described_files(self.images)}
+        # Manifests keep the names of their first version.
+        own = None if self.input_noise is None else described(self.input_noise) | {"type": "OwnNoise"}
+        return {"kind": "electrons", "own_noise": own, "images": described_files(self.images)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,10 +248,10 @@ class RawFrames(Shown):
         kept: Kept[RawFrame] = self._kept  # type: ignore[attr-defined]  # set in __post_init__
         return kept.get(number, lambda: read_raw(frame), lambda raw: raw.dn.nbytes)
 
-    def _gain(self, raw: RawFrame) -> tuple[float, OwnNoise]:
+    def _gain(self, raw: RawFrame) -> tuple[float, InputNoise]:
         """Return DN per electron, and the frame's noise."""
         if self.sensor is not None:
-            return self.sensor.system_gain_dn_per_e, OwnNoise.of_sensor(self.sensor, self.averaged)
+            return self.sensor.system_gain_dn_per_e, InputNoise.of_sensor(self.sensor, self.averaged)
         if raw.noise_profile is None:
             hint = "Pass the frames' sensor to RawFrames, or --input-sensor to photosite dataset"
             raise InputError("a raw frame has no noise profile", hint=hint)
@@ -257,9 +259,9 @@ class RawFrames(Shown):
         slope, offset = (tuple(map(Measured, column.tolist())) for column in raw.noise_profile.T)
         profile = NoiseProfile(names, slope, offset, None, raw.black_level_dn, raw.white_level_dn)
         gain = profile.system_gain_dn_per_e.value
-        return gain, OwnNoise(1 / self.averaged, (profile.dark_noise_dn.value / gain) ** 2 / self.averaged)
+        return gain, InputNoise(1 / self.averaged, (profile.dark_noise_dn.value / gain) ** 2 / self.averaged)
 
-    def electrons(self, image: int) -> tuple[Electrons2D, OwnNoise]:
+    def electrons(self, image: int) -> tuple[Electrons2D, InputNoise]:
         """Return the electrons of a whole frame, negative in places where it is dark, and their noise."""
         raw = self._frame(image)
         gain, own = self._gain(raw)
@@ -297,7 +299,7 @@ class RawFrames(Shown):
         return {"kind": "raw frames", **settings, "images": described_files(self.frames)}
 
 
-def check_light(sensor: Sensor, own: OwnNoise | None, light: float) -> None:
+def check_light(sensor: Sensor, own: InputNoise | None, light: float) -> None:
     """Raise `InputError` if measured light times a factor has more noise than a sensor."""
     if own is None:
         return

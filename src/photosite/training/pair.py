@@ -1,4 +1,4 @@
-"""A training pair: a clean frame, a noisy one, and what is known of both."""
+"""A training pair: a clean frame, a noisy one, and their metadata."""
 
 from __future__ import annotations
 

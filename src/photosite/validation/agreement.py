@@ -225,7 +225,7 @@ def chi_square_of_noise(
     assumed. A patch without noise in both frames counts as equal.
     """
     covariance = None if shared is None else shared.spatial_variance_dn4
-    return _of_variances(spatial_noise(measured), spatial_noise(simulated), used, tolerance, covariance)
+    return _chi_square_of_variances(spatial_noise(measured), spatial_noise(simulated), used, tolerance, covariance)
 
 
 def chi_square_of_temporal_noise(
@@ -242,7 +242,7 @@ def chi_square_of_temporal_noise(
     """
     seen, made = temporal_noise(measured), temporal_noise(simulated)
     covariance = None if shared is None else shared.temporal_variance_dn4
-    return None if seen is None or made is None else _of_variances(seen, made, used, tolerance, covariance)
+    return None if seen is None or made is None else _chi_square_of_variances(seen, made, used, tolerance, covariance)
 
 
 NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -261,7 +261,7 @@ def temporal_noise(found: PatchStatistics) -> NoiseWithError | None:
     return found.temporal_noise_dn, found.temporal_variance_error_dn2
 
 
-def _of_variances(
+def _chi_square_of_variances(
     measured: NoiseWithError,
     simulated: NoiseWithError,
     used: Selection,

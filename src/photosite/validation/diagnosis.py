@@ -82,7 +82,7 @@ def diagnose(
     if found is None:
         return ("the measured patches are not above black: check the black level and the light",)
     better = _better(validation, others, found.scatter)
-    return _of_scale(found, fitted) if better is None else (better,)
+    return _scale_causes(found, fitted) if better is None else (better,)
 
 
 def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatter: float) -> str | None:
@@ -103,7 +103,7 @@ def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatt
     )
 
 
-def _of_scale(found: Scale, fitted: str | None) -> tuple[str, ...]:
+def _scale_causes(found: Scale, fitted: str | None) -> tuple[str, ...]:
     ratios = np.array(list(found.ratio.values()))
     middle = float(np.exp(np.log(ratios).mean()))
     apart = float(ratios.max() / ratios.min() - 1.0)

@@ -149,15 +149,15 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     noise = np.hypot(measured.standard_error_dn, overall * simulated.standard_error_dn)
     ratio, variance = np.where(used, measured.mean_dn / signal, 1.0), np.where(used, (noise / signal) ** 2, 1.0)
     weight = np.where(used[lit], 1.0 / variance[lit], 0.0)
-    of_patches = (weight * ratio[lit]).sum(axis=1) / weight.sum(axis=1)
-    fit = _mean(of_patches, 1.0 / weight.sum(axis=1))
+    patch_ratio = (weight * ratio[lit]).sum(axis=1) / weight.sum(axis=1)
+    fit = _mean(patch_ratio, 1.0 / weight.sum(axis=1))
     scale, error = _scale(fit)
     by_channel = {}
     for k, name in enumerate(measured.channels):
         which = used[:, k]
         if np.count_nonzero(which) >= FEWEST_PATCHES:
-            of_channel = _scale(_mean(ratio[which, k], variance[which, k]))
-            by_channel[name] = ChannelFillFactor(*(fill_factor * found for found in of_channel))
+            estimate = _scale(_mean(ratio[which, k], variance[which, k]))
+            by_channel[name] = ChannelFillFactor(*(fill_factor * found for found in estimate))
     fitted = replace(
         simulated, mean_dn=scale * simulated.mean_dn, standard_error_dn=scale * simulated.standard_error_dn
     )

@@ -397,7 +397,7 @@ def _other_assumptions(
 
     def read(what: str, frame: RawFrame, regions: Sequence[Quadrilateral]) -> None:
         try:
-            found[what] = _in_order(patch_statistics(frame, regions), stack[0].channels)
+            found[what] = _reordered(patch_statistics(frame, regions), stack[0].channels)
         except InputError:  # patches too small under this assumption
             return
 
@@ -412,7 +412,7 @@ def _other_assumptions(
     return found
 
 
-def _in_order(found: PatchStatistics, channels: tuple[str, ...]) -> PatchStatistics:
+def _reordered(found: PatchStatistics, channels: tuple[str, ...]) -> PatchStatistics:
     """Return the statistics of a single frame with channels in another order."""
     order = [found.channels.index(name) for name in channels]
     names = ("pixels", "mean_dn", "standard_error_dn", "spatial_noise_dn", "spatial_variance_error_dn2")

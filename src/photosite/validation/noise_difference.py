@@ -30,7 +30,7 @@ def describe_noise_difference(
         return ()
     ratio = np.full(made.shape, np.nan)
     ratio[which] = seen[which] / made[which]
-    of_channels = ", ".join(
+    by_channel = ", ".join(
         f"{channel} {_median(ratio[which[:, k], k])}"
         for k, channel in enumerate(measured.channels)
         if which[:, k].any()
@@ -38,7 +38,7 @@ def describe_noise_difference(
     what = "noise from frame to frame" if temporal else "noise over pixels"
     patch, k = np.unravel_index(int(np.nanargmax(np.abs(ratio - 1.0))), ratio.shape)
     lines = [
-        f"{what}, measured over simulated: {of_channels}, medians over patches; the largest difference is "
+        f"{what}, measured over simulated: {by_channel}, medians over patches; the largest difference is "
         f"{100 * (ratio[patch, k] - 1):+.2f} % ({measured.names[patch]}, {measured.channels[k]})"
     ]
     error = np.hypot(error_m, error_s)

@@ -177,7 +177,7 @@ def space_of_picture(path: Path, picture: Any) -> RgbSpace:
         if "chromaticity" in info:
             _check_primaries(path, info["chromaticity"], (*_WHITE, *_PRIMARIES))
     exif = exif_of(picture)
-    return _of_exif(path, exif.get_ifd(_EXIF_IFD).get(_COLOR_SPACE), exif.get_ifd(_INTEROP_IFD).get(_INTEROP_INDEX))
+    return _exif_space(path, exif.get_ifd(_EXIF_IFD).get(_COLOR_SPACE), exif.get_ifd(_INTEROP_IFD).get(_INTEROP_INDEX))
 
 
 def exif_of(picture: Any) -> Any:
@@ -199,10 +199,10 @@ def space_of_tiff(path: Path, page: Any) -> RgbSpace:
     if _TRANSFER in tags:
         _check_transfer(path, np.asarray(tags[_TRANSFER], np.float64).ravel(), 1 << int(page.bitspersample))
     exif = tags.get(_EXIF)
-    return _of_exif(path, exif.get("ColorSpace"), None) if isinstance(exif, Mapping) else SRGB
+    return _exif_space(path, exif.get("ColorSpace"), None) if isinstance(exif, Mapping) else SRGB
 
 
-def _of_exif(path: Path, color_space: Any, interoperability: Any) -> RgbSpace:
+def _exif_space(path: Path, color_space: Any, interoperability: Any) -> RgbSpace:
     if color_space == _EXIF_ADOBE or (color_space == _EXIF_UNCALIBRATED and interoperability == "R03"):
         return RgbSpace("Adobe RGB")
     if color_space in (None, _EXIF_SRGB):

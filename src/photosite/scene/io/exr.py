@@ -522,6 +522,6 @@ def _library_errors(path: Path, *, writing: bool = False) -> Iterator[None]:
     except (RuntimeError, OSError, ValueError, TypeError, KeyError) as error:
         reason = " ".join(str(error).replace(os.fspath(path), "it").split())
         if writing:
-            of_system = reason.rpartition('". ')[2].rstrip(".")  # the library names the temporary file before it
-            raise FileError(path, f"cannot be written: {of_system[:120]}") from None
+            system_reason = reason.rpartition('". ')[2].rstrip(".")  # the library names the temporary file before it
+            raise FileError(path, f"cannot be written: {system_reason[:120]}") from None
         raise FileError(path, f"is damaged or truncated ({reason[:120]})", hint=_RENDER_AGAIN) from None

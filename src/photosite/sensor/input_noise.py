@@ -22,7 +22,7 @@ Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class OwnNoise(Shown):
+class InputNoise(Shown):
     """Noise of measured electrons: the variance of a value of mean e is `shot` e + `floor_e2`.
 
     Parameters
@@ -39,8 +39,8 @@ class OwnNoise(Shown):
 
     Examples
     --------
-    >>> OwnNoise(1.0, 9.0).scaled(0.5)
-    OwnNoise(shot=0.5, floor_e2=2.25)
+    >>> InputNoise(1.0, 9.0).scaled(0.5)
+    InputNoise(shot=0.5, floor_e2=2.25)
     """
 
     shot: float = 1.0
@@ -51,19 +51,19 @@ class OwnNoise(Shown):
             if not 0 <= getattr(self, name) < math.inf:
                 raise InputError(name, value=getattr(self, name), expected="0 or above, and finite")
 
-    def scaled(self, light: float) -> OwnNoise:
+    def scaled(self, light: float) -> InputNoise:
         """Return the noise of the values times a factor, by the mean of these products."""
-        return OwnNoise(self.shot * light, self.floor_e2 * light**2)
+        return InputNoise(self.shot * light, self.floor_e2 * light**2)
 
     @classmethod
-    def of_sensor(cls, sensor: Sensor, frames: int = 1) -> OwnNoise:
+    def of_sensor(cls, sensor: Sensor, frames: int = 1) -> InputNoise:
         """Return the temporal noise of electrons from the mean of several frames of a sensor.
 
         Examples
         --------
         >>> import photosite as ps
-        >>> OwnNoise.of_sensor(ps.load_sensor("nikon-d200"), frames=4)
-        OwnNoise(shot=0.25, floor_e2=76.4...)
+        >>> InputNoise.of_sensor(ps.load_sensor("nikon-d200"), frames=4)
+        InputNoise(shot=0.25, floor_e2=76.4...)
         """
         if frames < 1:
             raise InputError("frames", value=frames, expected="1 or more")
@@ -71,7 +71,7 @@ class OwnNoise(Shown):
         return cls(terms.shot / frames, (terms.read_e2 + float(terms.rounding_e2(0.0))) / frames)
 
 
-def largest_light(sensor: Sensor, own: OwnNoise) -> float:
+def largest_light(sensor: Sensor, own: InputNoise) -> float:
     """Return the largest factor on measured light at which a sensor is noisier than the light is.
 
     The shot noise of a sensor with mean e is e, and that of the light `own.shot` e per factor; its read noise is
@@ -80,7 +80,7 @@ def largest_light(sensor: Sensor, own: OwnNoise) -> float:
     Examples
     --------
     >>> import photosite as ps
-    >>> largest_light(ps.load_sensor("nikon-d200"), OwnNoise(shot=1.0, floor_e2=4.0))
+    >>> largest_light(ps.load_sensor("nikon-d200"), InputNoise(shot=1.0, floor_e2=4.0))
     1.0
     """
     read_e = sensor.electrons(sensor.noise.pixel_noise_mv)
@@ -89,12 +89,12 @@ def largest_light(sensor: Sensor, own: OwnNoise) -> float:
     )
 
 
-def check_noisier(sensor: Sensor, own: OwnNoise) -> None:
+def check_noisier(sensor: Sensor, own: InputNoise) -> None:
     """Raise `InputError` if light has noise that a sensor does not have, or if the sensor has effects or captures."""
     if sensor.effects is not None or sensor.captures is not None:
         expected = "None for a sensor with effects or several captures"
         hint = "Use light without noise, or a sensor without effects"
-        raise InputError("own_noise", where=f"sensor '{sensor.name}'", value=own, expected=expected, hint=hint)
+        raise InputError("input_noise", where=f"sensor '{sensor.name}'", value=own, expected=expected, hint=hint)
     if (limit := largest_light(sensor, own)) < 1.0:
         raise InputError(
             "the light has more noise than the sensor",
@@ -124,13 +124,13 @@ def drawn_maps(sensor: Sensor, part: Part, exposure: Exposure) -> MeasuredMaps:
     return MeasuredMaps(prnu, offset, rate, noise, row_dn, column_dn, 0.0, gain)
 
 
-def missing_light(electrons: Map, own: OwnNoise) -> Map:
+def missing_light(electrons: Map, own: InputNoise) -> Map:
     """Return the electrons whose Poisson noise measured light lacks, (1 - shot) e; 0 where e is negative."""
     return np.asarray(np.maximum(electrons * np.float32(1.0 - own.shot), np.float32(0.0)), np.float32)
 
 
 def with_missing_noise(
-    maps: MeasuredMaps, exposure: Exposure, electrons: Map, own: OwnNoise
+    maps: MeasuredMaps, exposure: Exposure, electrons: Map, own: InputNoise
 ) -> tuple[MeasuredMaps, Exposure]:
     """Return maps and exposure that, on `missing_light`, give the frame of measured electrons.
 
