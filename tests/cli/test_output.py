@@ -9,8 +9,9 @@ import warnings
 import pytest
 
 import photosite.cli.output as output
-from photosite.cli.output import Stages, held_warnings, not_listed, table, working
+from photosite.cli.output import Stages, diagnostics_text, held_warnings, not_listed, table, working
 from photosite.errors import PhotositeWarning
+from photosite.values.diagnostic import Diagnostic
 
 
 def test_a_log_gets_a_line_every_ten_seconds(
@@ -63,3 +64,15 @@ def test_held_warnings_appear_once(monkeypatch: pytest.MonkeyPatch) -> None:
             assert seen == []
             not_listed(held, ["listed"])
     assert seen == ["shown by itself"]
+
+
+def test_diagnostics_appear_once() -> None:
+    """Equal texts are one line; of the texts of a kind, three."""
+    odd = [Diagnostic("odd", "warning", f"warning {number % 5}") for number in range(10)]
+    withheld = Diagnostic("unknown", "withheld", "no light", ("prnu_percent", "dsnu_e"))
+    (text,) = diagnostics_text([*odd, withheld], every=False)
+    assert [line.split()[:2] for line in text.splitlines()[1:]] == [["warning", "odd"]] * 4 + [["withheld", "unknown"]]
+    (text,) = diagnostics_text([*odd, withheld])
+    assert len(text.splitlines()) == 1 + 5 + 1
+    assert "prnu_percent, dsnu_e" in text
+    assert diagnostics_text([]) == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from photosite.calibration.calibrate import AnyCalibration
 from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
@@ -11,13 +11,12 @@ from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration
-from photosite.cli.output import many, table
+from photosite.cli.output import diagnostics_text, table
 from photosite.report.effects.hot_pixels import DARK_DISTRIBUTION
 from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
 from photosite.report.numbers import format_uncertain
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.chip import DefectKind, MeasuredChip
-from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 
 _FIGURES = (
@@ -33,8 +32,6 @@ _FIGURES = (
     ("linearity_error_percent",),
 )
 """The figures that are printed, each with the parameter that stands in for it where it is missing."""
-_TEXTS = 3
-"""Diagnostics of one kind that are printed."""
 
 
 def calibration_text(result: AnyCalibration, *, every: bool) -> str:
@@ -50,25 +47,6 @@ def calibration_text(result: AnyCalibration, *, every: bool) -> str:
         cells = zip(part, *(content[name] for name in heads), strict=True)
         parts = [table([("part", *heads), *(tuple(map(_cell, row)) for row in cells)], "<<>>>><")]
     return "\n\n".join([*parts, *diagnostics_text(result.diagnostics, every=every)])
-
-
-def diagnostics_text(diagnostics: Iterable[Diagnostic], *, every: bool) -> list[str]:
-    """Return a table of the diagnostics, each text once; not `every`: at most three of a kind."""
-    kinds: dict[tuple[str, str], list[str]] = {}
-    for entry in diagnostics:
-        text = entry.text
-        if entry.severity == "withheld":
-            text = f"{', '.join(entry.parameters) if every else many(len(entry.parameters), 'parameter')}: {text}"
-        texts = kinds.setdefault((entry.severity, entry.id), [])
-        if text not in texts:
-            texts.append(text)
-    rows = [("severity", "id", "diagnostic (photosite explain ID)")]
-    for (severity, name), texts in kinds.items():
-        shown = texts if every else texts[:_TEXTS]
-        rows += [(severity, name, text) for text in shown]
-        if len(shown) < len(texts):
-            rows.append((severity, name, f"{len(texts) - len(shown)} more; --all lists them"))
-    return [table(rows, "<<<")] if len(rows) > 1 else []
 
 
 def _calibration(calibration: Calibration, every: bool) -> list[str]:

@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, held_warnings, listed, not_listed, say_if_compiling, show, table
+from photosite.cli.output import Stages, diagnostics_text, held_warnings, not_listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
     from photosite.calibration.effects.em_gain import EmGainResult
@@ -92,4 +92,4 @@ def _text(found: EmGainResult) -> str:
     ):
         rows.append((label, format_estimate(entry), unit, interval_text(entry), entry.reason or entry.method))
     rows.insert(3, ("  of theory", f"{found.theory:.4g}", "1", "", f"stages: {found.stated.stages or 'many'}"))
-    return "\n\n".join([table(rows, "<<<<<"), *([listed("warnings:", found.warnings)] if found.warnings else [])])
+    return "\n\n".join([table(rows, "<<<<<"), *diagnostics_text(found.diagnostics)])

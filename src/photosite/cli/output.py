@@ -18,10 +18,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from photosite.errors import PhotositeWarning, printable
-from photosite.values.shown import Tabular
 
 if TYPE_CHECKING:
     from tqdm import tqdm
+
+    from photosite.values.diagnostic import Diagnostic
+    from photosite.values.shown import Tabular
 
 
 def show(
@@ -97,6 +99,29 @@ def table(rows: Sequence[Sequence[str]], align: str, width: int | None = None) -
             padded = (f"{part:{side}{size}}" for part, side, size in zip(parts, align, widths, strict=True))
             lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+_TEXTS = 3
+"""Diagnostics of one kind that are printed unless all are."""
+
+
+def diagnostics_text(diagnostics: Iterable[Diagnostic], *, every: bool = True) -> list[str]:
+    """Return a table of the diagnostics, each text once; not `every`: at most three of a kind."""
+    kinds: dict[tuple[str, str], list[str]] = {}
+    for entry in diagnostics:
+        text = entry.text
+        if entry.severity == "withheld":
+            text = f"{', '.join(entry.parameters) if every else many(len(entry.parameters), 'parameter')}: {text}"
+        texts = kinds.setdefault((entry.severity, entry.id), [])
+        if text not in texts:
+            texts.append(text)
+    rows = [("severity", "id", "diagnostic (photosite explain ID)")]
+    for (severity, name), texts in kinds.items():
+        shown = texts if every else texts[:_TEXTS]
+        rows += [(severity, name, text) for text in shown]
+        if len(shown) < len(texts):
+            rows.append((severity, name, f"{len(texts) - len(shown)} more; --all lists them"))
+    return [table(rows, "<<<")] if len(rows) > 1 else []
 
 
 def tabular(found: Tabular) -> str:

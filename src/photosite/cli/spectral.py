@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, listed, say_if_compiling, show, table
+from photosite.cli.output import Stages, diagnostics_text, listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
     from photosite.calibration.spectral.result import SpectralCalibration
@@ -90,4 +90,4 @@ def _text(calibration: SpectralCalibration) -> str:
         for nm, value, uncertainty, low, high in zip(*columns, *channel.interval_95, strict=True):
             rows.append((f"{nm:g}", format_uncertain(value, uncertainty), f"{low:.4f} to {high:.4f}"))
         lines.append(listed(table(rows, "><<"), [f"{channel.method}\n"]))
-    return "\n".join([*lines, *(f"  {line}" for line in calibration.warnings)])
+    return "\n".join([*lines, *diagnostics_text(calibration.diagnostics)])

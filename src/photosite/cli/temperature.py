@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, held_warnings, listed, not_listed, say_if_compiling, show, table
+from photosite.cli.output import Stages, diagnostics_text, held_warnings, not_listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
     from photosite.calibration.dark.temperature import DarkTemperature
@@ -108,4 +108,4 @@ def _text(found: DarkTemperature) -> str:
     ):
         rows.append((label, format_estimate(entry), unit, interval_text(entry) or entry.reason or ""))
     parts = [table(points, "><<>"), table(rows, "<<<<")]
-    return "\n\n".join([*parts, *([listed("warnings:", found.warnings)] if found.warnings else [])])
+    return "\n\n".join([*parts, *diagnostics_text(found.diagnostics)])
