@@ -5,6 +5,8 @@ import pytest
 
 from photosite.engine.map_statistics import (
     LONGEST_LINE,
+    FrameShift,
+    ResidualSums,
     add_residuals,
     add_scaled,
     label_moments,
@@ -103,7 +105,7 @@ def test_residuals_match_numpy():
     rows, columns = rng.normal(0, 1, (6, 37)), rng.normal(0, 1, (6, 21))
     (second, fourth), histogram = np.zeros((2, 37, 21), np.float32), np.zeros((5, 100), np.int64)
     for frame, row, column in zip(frames, rows, columns, strict=True):
-        add_residuals(frame, total, 6, 3.0, row, column, 2.5, second, fourth, histogram)
+        add_residuals(frame, total, 6, FrameShift(3.0, row, column), 2.5, ResidualSums(second, fourth, histogram))
 
     residual = frames - total / 6 - 3.0
     np.testing.assert_allclose(second, (residual**2).sum(axis=0), rtol=1e-5)

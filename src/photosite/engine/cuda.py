@@ -35,6 +35,7 @@ from photosite.engine.pixel_model import (
     DrawnConstants,
     DrawnMaps,
     Exposure,
+    MeasuredConstants,
     MeasuredMaps,
     blinking_state,
     drawn_pixel,
@@ -205,9 +206,9 @@ def expose_measured_thread(photo_e: Any, maps: Any, exposure: Any, out: Any) -> 
         maps.dark_rate_dn_per_s[r, c],
         maps.read_noise_dn[r, c],
     )
-    line_variance_dn2, gain = maps.line_variance_dn2, maps.gain_dn_per_e
+    shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
     row_dn, column_dn = maps.row_dn[r], maps.column_dn[c]
-    pixel = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, line_variance_dn2, gain, exposure)
+    pixel = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, shared, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
 
 
@@ -218,9 +219,9 @@ def expose_blinking_thread(out: Any, blinking: Any, photo_e: Any, maps: Any, exp
         return
     r, c = blinking.place[j, 0], blinking.place[j, 1]
     prnu, offset_dn, dark_rate = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
-    line_variance_dn2, gain = maps.line_variance_dn2, maps.gain_dn_per_e
+    shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
     row_dn, column_dn, noise_dn = maps.row_dn[r], maps.column_dn[c], blinking.noise_dn[j]
-    mean = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, line_variance_dn2, gain, exposure)
+    mean = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, shared, exposure)
     pixel = blinking_state(mean, blinking.amplitude_dn[j], blinking.high_fraction[j], r, c, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import F64, I64, THREADS, carray, compiled, pointer, prange, prefetch
 from photosite.engine.map_statistics import label_pixels
-from photosite.engine.pair_sums import add_pairs_of_files
+from photosite.engine.pair_sums import LabelClips, PairSums, add_pairs_of_files
 from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
 
 MOST_FRAMES = 1 << 15
@@ -301,15 +301,15 @@ class FrameSums:
         clipped = np.zeros((bands, n_labels, 2), np.int64)
         highest = np.zeros((bands, len(frames)), np.uint32)
         of_labels = _LabelSquares.zeros(bands, n_labels)
-        settings: tuple[Any, ...] = self.labels, self.black, self.white, self.count, last
-        results: tuple[Any, ...] = self.sum, squares, totals, clipped, highest, of_labels.exact, of_labels.spread
+        settings = SumSettings(self.labels, self.black, self.white, self.count, last)
+        into = StackSums(self.sum, squares, totals, clipped, highest, *of_labels)
         if stored:
-            _add_stored(stored, full_scale, settings, results)
+            _add_stored(stored, full_scale, settings, into)
         else:
             if len({frame.dtype for frame in held}) > 1:
                 held = [frame.astype(np.uint16, copy=False) for frame in held]
             held = [np.ascontiguousarray(frame) for frame in held]
-            add_frames(*_addresses(held), *settings, *results)
+            add_frames(_pixels(held), settings, into)
         if only and stored and (top := int(highest.max())) > full_scale:
             self._add_batch(frames, top, last=True)
             return
@@ -446,26 +446,24 @@ def _by_kind(frames: Iterable[Frame]) -> list[list[Frame]]:
     return [list(run) for _, run in groupby(frames, lambda frame: isinstance(frame, np.ndarray))]
 
 
-def _addresses(frames: Sequence[_Ints]) -> tuple[Any, ...]:
-    """Return the arguments of `add_frames` that tell where the pixels are."""
+def _pixels(frames: Sequence[_Ints]) -> FramePixels:
     addresses = np.array([frame.ctypes.data for frame in frames], np.int64)
     like = np.empty(0, frames[0].dtype)
     paired = like.itemsize == 2 and frames[0].shape[1] % 2 == 0 and not (addresses % 4).any()
-    return addresses, like, paired
+    return FramePixels(addresses, like, bool(paired))
 
 
-def _add_stored(
-    frames: Sequence[FrameRows], full_scale: int, settings: tuple[Any, ...], results: tuple[Any, ...]
-) -> None:
+def _add_stored(frames: Sequence[FrameRows], full_scale: int, settings: SumSettings, into: StackSums) -> None:
     """Add frames that are read a few rows at a time, each thread into memory of its own that stays in its cache."""
     rows, cols = frames[0].shape
     labels, black, white, before, last_frames = settings
-    total, _, *others = results
+    by_band = into[2:]
     if last_frames and not before and labels.shape[1] <= 2 and cols % 2 == 0:
         places = [frame.place for frame in frames]
-        if add_pairs_of_files(places, labels, black, white, full_scale, total, others):
+        clips = LabelClips(labels, black, white)
+        if add_pairs_of_files(places, clips, full_scale, PairSums(into.sums, *by_band)):
             return
-        for part in others:  # a file cannot be read; the reads below tell why
+        for part in by_band:  # a file cannot be read; the reads below tell why
             part[...] = 0
     height = max(_READ_BYTES // max(2 * len(frames) * cols, 1) // BAND, 1) * BAND
     unused: list[_Ints] = []
@@ -476,9 +474,8 @@ def _add_stored(
         for frame, out in zip(frames, buffer, strict=True):
             frame.read_rows(first, out[: last - first])
         bands = slice(first // BAND, -(-last // BAND))
-        parts: list[Any] = [part[first:last] for part in results[:2]] + [part[bands] for part in others]
-        arguments: tuple[Any, ...] = (*_addresses([*buffer]), *settings, first, *parts)
-        add_rows(*arguments)
+        parts = StackSums(*(part[first:last] for part in into[:2]), *(part[bands] for part in by_band))
+        add_rows(_pixels([*buffer]), settings, first, parts)
         unused.append(buffer)
 
     with ThreadPoolExecutor(THREADS) as threads:
@@ -499,95 +496,60 @@ def _add_stored(
 # core).
 
 
+class FramePixels(NamedTuple):
+    """Where the pixels of frames are."""
+
+    addresses: I64  # (frames,) of C-contiguous pixels; numba has no arrays of arrays
+    like: _Ints  # an array of the frames' dtype
+    paired: bool  # 16 bits, an even number of columns, and addresses that are multiples of four
+
+
+class SumSettings(NamedTuple):
+    """What frames are added to, and what is counted."""
+
+    labels: I64  # (tile rows, tile cols); at most LANES columns
+    black: int
+    white: int
+    before: int  # number of frames in the sums; 0 overwrites their content
+    last: bool  # whether these frames are the last: then `squares` is not written, but `exact` and `spread` are
+
+
+class StackSums(NamedTuple):
+    """The sums over frames."""
+
+    # (rows, cols) uint32 and uint64, added to
+    sums: _Ints
+    squares: _Ints
+    totals: _Ints  # (bands, frames, labels) uint64, zeros: becomes the total of each frame and label, by bands of rows
+    clipped: _Ints  # (bands, labels, 2) int64, zeros: becomes the count at or below black, and at or above white
+    highest: _Ints  # (bands, frames) uint32, zeros: becomes the largest number
+    # As for `label_squares`
+    exact: _Ints
+    spread: F64
+
+
 @compiled(parallel=True)
-def add_frames(
-    addresses: _Ints,
-    like: _Ints,
-    paired: bool,
-    labels: _Ints,
-    black: int,
-    white: int,
-    before: int,
-    last: bool,
-    sums: _Ints,
-    squares: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> None:
-    """Add frames to the per-pixel sums.
-
-    - `addresses`: (frames,) addresses of the frames' pixels, C-contiguous; numba has no arrays of arrays.
-    - `like`: An array of the frames' dtype.
-    - `paired`: Whether frames have 16 bits, an even number of columns, and addresses that are multiples of four.
-    - `labels`: (tile rows, tile cols); at most LANES columns.
-    - `before`: Number of frames in the sums; 0 overwrites their content.
-    - `last`: Whether these frames are the last: then `squares` is not written, but `exact` and `spread` are.
-    - `sums`, `squares`: (rows, cols) uint32 and uint64, added to.
-    - `totals`: (bands, frames, labels) uint64, zeros: becomes the total of each frame and label, by bands of rows.
-    - `clipped`: (bands, labels, 2) int64, zeros: becomes the count at or below black, and at or above white.
-    - `highest`: (bands, frames) uint32, zeros: becomes the largest number.
-    - `exact`, `spread`: As for `label_squares`.
-    """
-    for band in prange(totals.shape[0]):
-        _add_band(
-            addresses, like, paired, labels, black, white, before, last, 0,
-            sums, squares, totals, clipped, highest, exact, spread, band,
-        )  # fmt: skip
+def add_frames(frames: FramePixels, settings: SumSettings, into: StackSums) -> None:
+    """Add frames to the per-pixel sums."""
+    for band in prange(into.totals.shape[0]):
+        _add_band(frames, settings, 0, into, band)
 
 
 @compiled()
-def add_rows(
-    addresses: _Ints,
-    like: _Ints,
-    paired: bool,
-    labels: _Ints,
-    black: int,
-    white: int,
-    before: int,
-    last: bool,
-    start: int,
-    sums: _Ints,
-    squares: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> None:
+def add_rows(frames: FramePixels, settings: SumSettings, start: int, into: StackSums) -> None:
     """As `add_frames` in one thread, for whole bands of rows of frames, of which the first is the row `start`."""
-    for band in range(totals.shape[0]):
-        _add_band(
-            addresses, like, paired, labels, black, white, before, last, start,
-            sums, squares, totals, clipped, highest, exact, spread, band,
-        )  # fmt: skip
+    for band in range(into.totals.shape[0]):
+        _add_band(frames, settings, start, into, band)
 
 
 @compiled()
-def _add_band(
-    addresses: _Ints,
-    like: _Ints,
-    paired: bool,
-    labels: _Ints,
-    black: int,
-    white: int,
-    before: int,
-    last: bool,
-    start: int,
-    sums: _Ints,
-    squares: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-    band: int,
-) -> None:
+def _add_band(frames: FramePixels, settings: SumSettings, start: int, into: StackSums, band: int) -> None:
+    sums, squares, totals, clipped, highest, exact, spread = into
+    labels, black, white, before, last = settings
     rows, cols = sums.shape
     tile_rows, tile_cols = labels.shape
-    lanes, n = LANES // tile_cols * tile_cols, np.uint64(before + addresses.size)
+    count = frames.addresses.size
+    lanes, n = LANES // tile_cols * tile_cols, np.uint64(before + count)
     run = RUN // (2 * tile_cols) * 2 * tile_cols  # starts with the tile's first column, and with a pair
     stage = np.zeros(_TOGETHER * RUN, np.uint16)
     words = stage.view(np.uint32)
@@ -605,21 +567,11 @@ def _add_band(
             else:
                 run_sums[:m] = 0
                 run_squares[:m] = 0
-            for first in range(0, addresses.size, _TOGETHER):
-                present = min(_TOGETHER, addresses.size - first)
+            for first in range(0, count, _TOGETHER):
+                present = min(_TOGETHER, count - first)
                 top = np.uint32(0)
                 for k in range(present):
-                    place = (r * cols + c) * like.itemsize
-                    here = pointer(addresses[first + k] + place)
-                    if paired:
-                        ahead = addresses[0] + place + 2 * m
-                        if first + k + 1 < addresses.size:
-                            ahead = addresses[first + k + 1] + place
-                        source = carray(here, m // 2, np.uint32)
-                        lowest, high, even, odd = _copy_pairs(source, words, k * RUN, ahead)
-                    else:
-                        _copy(carray(here, m, like.dtype), stage, k * RUN)
-                        lowest, high, even, odd = _extremes_and_totals(stage, words, k * RUN, m)
+                    lowest, high, even, odd = _stage_run(frames, first + k, r * cols + c, m, stage, words, k * RUN)
                     top = max(top, high)
                     highest[band, first + k] = max(highest[band, first + k], high)
                     if tile_cols <= 2:
@@ -642,6 +594,23 @@ def _add_band(
                 squares[r, c : c + m] = run_squares[:m]
         if last:
             add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
+
+
+@compiled()
+def _stage_run(
+    frames: FramePixels, number: int, pixel: int, m: int, stage: _Ints, words: _Ints, at: int
+) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
+    """Copy a run of m pixels of a frame to the stage, and return its extremes and totals."""
+    addresses, like = frames.addresses, frames.like
+    place = pixel * like.itemsize
+    here = pointer(addresses[number] + place)
+    if not frames.paired:
+        _copy(carray(here, m, like.dtype), stage, at)
+        return _extremes_and_totals(stage, words, at, m)
+    ahead = addresses[0] + place + 2 * m
+    if number + 1 < addresses.size:
+        ahead = addresses[number + 1] + place
+    return _copy_pairs(carray(here, m // 2, np.uint32), words, at, ahead)
 
 
 @compiled()

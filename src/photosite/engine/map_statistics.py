@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,30 +274,37 @@ def line_sums(
     return np.stack(by_row), np.stack(by_column)
 
 
+class FrameShift(NamedTuple):
+    """Offset of a frame, and of each row and column beyond that, for the histogram only."""
+
+    whole: float
+    rows: F64
+    columns: F64
+
+
+class ResidualSums(NamedTuple):
+    """Sums of the residuals of the frames of a stack, which `add_residuals` adds to."""
+
+    # (rows, cols) sums of the second and fourth powers
+    second: F32
+    fourth: F32
+    # (blocks, bins) residuals by block of rows: the rows are divided evenly. The center of the bins is 0; the first and
+    # the last bin also count what lies beyond them.
+    histogram: I64
+
+
 @compiled(parallel=True)
 def add_residuals(
-    frame: NDArray[Any],
-    total: NDArray[Any],
-    count: int,
-    shift: float,
-    row_shift: F64,
-    column_shift: F64,
-    bins_per_dn: float,
-    second: F32,
-    fourth: F32,
-    histogram: I64,
+    frame: NDArray[Any], total: NDArray[Any], count: int, shift: FrameShift, bins_per_dn: float, into: ResidualSums
 ) -> None:
     """Add the residuals of one frame: its digital numbers less its shift and the mean of each pixel over the stack.
 
     - `frame`: (rows, cols) uint8 or uint16.
     - `total`, `count`: (rows, cols) sum over the stack that the frame belongs to, and the number of frames in it.
-    - `shift`: Offset of the whole frame.
-    - `row_shift`, `column_shift`: (rows,), (cols,) offset of each line beyond that, for the histogram only.
     - `bins_per_dn`: Bins of the histogram per digital number.
-    - `second`, `fourth`: (rows, cols) sums of the second and fourth powers of the residuals; updated in place.
-    - `histogram`: (blocks, bins) residuals by block of rows: the rows are divided evenly into as many blocks as it has
-      rows. Updated in place. The center of the bins is 0; the first and the last bin also count what lies beyond them.
     """
+    second, fourth, histogram = into
+    whole, row_shift, column_shift = shift
     rows, cols = frame.shape
     blocks, bins = histogram.shape
     inverse = 1.0 / count
@@ -306,7 +313,7 @@ def add_residuals(
         counts = histogram[block]
         for r in range(block * rows // blocks, (block + 1) * rows // blocks):
             for c in range(cols):
-                d = float(frame[r, c]) - float(total[r, c]) * inverse - shift
+                d = float(frame[r, c]) - float(total[r, c]) * inverse - whole
                 square = d * d
                 second[r, c] += np.float32(square)
                 fourth[r, c] += np.float32(square * square)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,14 +44,38 @@ _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 
 
+class LabelClips(NamedTuple):
+    """Labels, and numbers at which pixels are clipped."""
+
+    labels: I64  # (tile rows, 1 or 2)
+    black: int
+    white: int
+
+
+class PairSums(NamedTuple):
+    """The sums over frames; all but `sums` and `highest` are as in `frame_sums.StackSums`, and zeros before."""
+
+    sums: _Ints  # (rows, cols) uint32, or (rows, cols / 2) of two pixels each
+    totals: _Ints
+    clipped: _Ints
+    highest: _Ints
+    exact: _Ints
+    spread: F64
+
+
+class _Files(NamedTuple):
+    """What threads read."""
+
+    # (frames,) descriptors, and positions of the first pixels
+    files: I64
+    places: I64
+    turn: I64  # (1,) next part, for all threads, which take it without waiting for the interpreter
+    step: int  # rows of a part, whole bands
+    height: int  # rows that are read at a time
+
+
 def add_pairs_of_files(
-    places: Sequence[tuple[int, int] | None],
-    labels: _Ints,
-    black: int,
-    white: int,
-    full_scale: int,
-    sums: _Ints,
-    results: Sequence[Any],
+    places: Sequence[tuple[int, int] | None], clips: LabelClips, full_scale: int, into: PairSums
 ) -> bool:
     """Compute the sums of all frames of a stack; return whether it was done, which is else left to the caller.
 
@@ -59,26 +83,24 @@ def add_pairs_of_files(
     full scale, all results but `highest` are wrong.
 
     - `places`: File descriptor and position of the first pixel of each frame; None if it is not in a file.
-    - `labels`: (tile rows, 1 or 2).
-    - `sums`: (rows, cols) uint32, or uint16 if the sums have 16 bits; becomes the sums.
-    - `results`: `totals`, `clipped`, `highest`, `exact` and `spread`, zeros, as of `frame_sums.add_frames`.
+    - `into`: `sums` is (rows, cols) uint32, or uint16 if the sums have 16 bits; becomes the sums.
     """
     known = [place for place in places if place is not None]
     together = 0xFFFF // full_scale
     if not CAN_READ or len(known) < len(places) or together < min(_LEAST_TOGETHER, len(known)):
         return False
-    rows, cols = sums.shape
+    rows, cols = into.sums.shape
     files, offsets = np.array(known, np.int64).T.copy()
     step = BAND * -(-rows // (_PARTS * THREADS * BAND))
     row_bytes = max(2 * cols, 1)
     height = min(max(_STRIP_BYTES // (row_bytes * len(known)), -(-_READ_BYTES // row_bytes)), step)
-    narrow = sums.dtype == np.uint16
-    kernel, of_pairs = (_read_and_add, sums.view(np.uint32)) if narrow else (_read_and_add_many, sums)
-
-    turn = np.zeros(1, np.int64)  # the next part, which threads take without waiting for the interpreter
+    source = _Files(files, offsets, np.zeros(1, np.int64), step, height)
+    narrow = into.sums.dtype == np.uint16
+    kernel, sums = (_read_and_add, into.sums.view(np.uint32)) if narrow else (_read_and_add_many, into.sums)
+    of_pairs = into._replace(sums=sums)
 
     def add(_thread: int) -> bool:
-        return kernel(files, offsets, turn, step, height, together, labels, black, white, of_pairs, *results)
+        return kernel(source, together, clips, of_pairs)
 
     if THREADS == 1:
         return add(0)
@@ -88,32 +110,13 @@ def add_pairs_of_files(
 
 
 @compiled()
-def _read_and_add(
-    files: I64,
-    places: I64,
-    turn: I64,
-    step: int,
-    height: int,
-    _together: int,
-    labels: _Ints,
-    black: int,
-    white: int,
-    sums: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> bool:
+def _read_and_add(source: _Files, _together: int, clips: LabelClips, into: PairSums) -> bool:
     """Read some rows of all frames, a few at a time, and add them, part by part until all parts are taken.
 
-    - `files`, `places`: (frames,) descriptors, and positions of the first pixels.
-    - `turn`: (1,) next part, for all threads.
-    - `step`: Rows of a part, whole bands; `height` are read at a time.
-    - `sums`: (rows, cols / 2), two pixels in each.
-
-    Return whether all rows of the parts could be read.
+    `into.sums` has two pixels in each number. Return whether all rows of the parts could be read.
     """
+    files, places, turn, step, height = source
+    sums = into.sums
     row_bytes = 4 * sums.shape[1]
     lines = np.empty((files.size, height, sums.shape[1]), np.uint32)
     first = step * counted(turn.ctypes.data)
@@ -124,27 +127,16 @@ def _read_and_add(
             for k in range(files.size):
                 if not read_at(files[k], lines[k].ctypes.data, rows * row_bytes, places[k] + start * row_bytes):
                     return False
-            _add_lines(lines, rows, start, labels, black, white, sums, totals, clipped, highest, exact, spread)
+            _add_lines(lines, rows, start, clips, into)
         first = step * counted(turn.ctypes.data)
     return True
 
 
 @compiled()
-def _add_lines(
-    lines: _Ints,
-    rows: int,
-    start: int,
-    labels: _Ints,
-    black: int,
-    white: int,
-    sums: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> None:
+def _add_lines(lines: _Ints, rows: int, start: int, clips: LabelClips, into: PairSums) -> None:
     """Add the first rows of lines (frames, height, pairs) to those of the sums from `start` on."""
+    labels, black, white = clips
+    sums, totals, clipped, highest, exact, spread = into
     tile_rows, tile_cols = labels.shape
     pairs = sums.shape[1]
     # The sums of pairs, and of the squares of even and odd pixels.
@@ -176,24 +168,10 @@ def _add_lines(
 
 
 @compiled()
-def _read_and_add_many(
-    files: I64,
-    places: I64,
-    turn: I64,
-    step: int,
-    height: int,
-    together: int,
-    labels: _Ints,
-    black: int,
-    white: int,
-    sums: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> bool:
-    """As `_read_and_add` for any number of frames: `sums` is (rows, cols), and `together` frames are added in pairs."""
+def _read_and_add_many(source: _Files, together: int, clips: LabelClips, into: PairSums) -> bool:
+    """As `_read_and_add` for any number of frames, `together` of which are added in pairs."""
+    files, places, turn, step, height = source
+    sums = into.sums
     pairs = sums.shape[1] // 2
     lines = np.empty((files.size, height, pairs), np.uint32)
     first = step * counted(turn.ctypes.data)
@@ -204,29 +182,15 @@ def _read_and_add_many(
             for k in range(files.size):
                 if not read_at(files[k], lines[k].ctypes.data, rows * 4 * pairs, places[k] + start * 4 * pairs):
                     return False
-            _add_many_lines(
-                lines, rows, start, together, labels, black, white, sums, totals, clipped, highest, exact, spread
-            )
+            _add_many_lines(lines, rows, start, together, clips, into)
         first = step * counted(turn.ctypes.data)
     return True
 
 
 @compiled()
-def _add_many_lines(
-    lines: _Ints,
-    rows: int,
-    start: int,
-    together: int,
-    labels: _Ints,
-    black: int,
-    white: int,
-    sums: _Ints,
-    totals: _Ints,
-    clipped: _Ints,
-    highest: _Ints,
-    exact: _Ints,
-    spread: F64,
-) -> None:
+def _add_many_lines(lines: _Ints, rows: int, start: int, together: int, clips: LabelClips, into: PairSums) -> None:
+    labels, black, white = clips
+    sums, totals, clipped, highest, exact, spread = into
     tile_rows, tile_cols = labels.shape
     frames, pairs = lines.shape[0], lines.shape[2]
     run = np.empty(3 * _STEP, np.uint32)

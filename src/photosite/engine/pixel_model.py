@@ -119,6 +119,13 @@ class MeasuredMaps(NamedTuple):
     gain_dn_per_e: float  # gain at which the maps were measured
 
 
+class MeasuredConstants(NamedTuple):
+    """What all pixels of a measured chip share: the last two fields of `MeasuredMaps`."""
+
+    line_variance_dn2: float
+    gain_dn_per_e: float
+
+
 class BlinkingPixels(NamedTuple):
     """Pixels with random telegraph noise, which are in one of two states in each frame."""
 
@@ -212,21 +219,20 @@ def measured_pixel(
     noise_dn: float,
     row_dn: float,
     column_dn: float,
-    line_variance_dn2: float,
-    map_gain_dn_per_e: float,
+    shared: MeasuredConstants,
     exposure: Exposure,
 ) -> Pixel:
-    """Return a pixel's parameters from its values in `MeasuredMaps`, whose last two fields all pixels share."""
+    """Return a pixel's parameters from its values in `MeasuredMaps`."""
     # numba's `float` keeps 32 bits.
     dark, noise = np.float64(dark_rate), np.float64(noise_dn)
     return Pixel(
         max(1.0 + float(prnu), 0.0),
-        max(dark, 0.0) * (exposure.exposure_s / map_gain_dn_per_e),
+        max(dark, 0.0) * (exposure.exposure_s / shared.gain_dn_per_e),
         0.0,
         0.0,
         float(offset_dn) + min(dark, 0.0) * exposure.exposure_s + row_dn + column_dn,
-        math.sqrt(max(noise * abs(noise) - line_variance_dn2, 0.0)),
-        exposure.gain_dn_per_e / map_gain_dn_per_e,
+        math.sqrt(max(noise * abs(noise) - shared.line_variance_dn2, 0.0)),
+        exposure.gain_dn_per_e / shared.gain_dn_per_e,
     )
 
 
@@ -328,6 +334,16 @@ def clean_frame(photo_e: F32, well_e: np.float32, gain: np.float32, black_dn: np
     return out
 
 
+@compiled(inline=True)
+def _set_line_offsets(line_dn: F64, row_dn: F64, column_dn: F64, r: int, c: int, n: int) -> None:
+    """Set the first n offsets to those of a row and of the columns from c on."""
+    of_row = row_dn[r] if row_dn.size > 1 else row_dn[0]
+    if column_dn.size > 1:
+        line_dn[:n] = of_row + column_dn[c : c + n]
+    else:
+        line_dn[:n] = of_row + column_dn[0]
+
+
 @compiled(parallel=True)
 def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure) -> NDArray[np.uint16]:
     """Return (rows, cols) digital numbers of a frame of a drawn chip, or of a rectangle of it.
@@ -341,11 +357,8 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
     for block in prange((rows + ROWS - 1) // ROWS):
         run, line_dn = new_run(RUN), np.empty(RUN)
         marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
-        prnu_1, offset_1, dark_1 = (
-            constant_run(maps.prnu),
-            constant_run(maps.offset),
-            constant_run(maps.dark_rate_e_per_s),
-        )
+        prnu_1, offset_1 = constant_run(maps.prnu), constant_run(maps.offset)
+        dark_1 = constant_run(maps.dark_rate_e_per_s)
         end = min((block + 1) * ROWS, rows)
         for top in range(block * ROWS, end, height):
             bottom = min(top + height, end)
@@ -371,20 +384,12 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
                     run.short[0][:count] = np.float32(0.0)
                 for r in range(top, bottom):
                     at, chip_r = (r - top) * n, r + exposure.first_row
-                    electrons, deviates, words, target = (
-                        run.electrons[at:],
-                        run.short[0][at:],
-                        run.words[2, at:],
-                        out[r, c:],
-                    )
+                    electrons, deviates = run.electrons[at:], run.short[0][at:]
+                    words, target = run.words[2, at:], out[r, c:]
                     prnu = row_from(maps.prnu, chip_r, chip_c, prnu_1)
                     offset = row_from(maps.offset, chip_r, chip_c, offset_1)
                     dark = row_from(maps.dark_rate_e_per_s, chip_r, chip_c, dark_1)
-                    row_dn = maps.row_dn[r] if maps.row_dn.size > 1 else maps.row_dn[0]
-                    if maps.column_dn.size > 1:
-                        line_dn[:n] = row_dn + maps.column_dn[c : c + n]
-                    else:
-                        line_dn[:n] = row_dn + maps.column_dn[0]
+                    _set_line_offsets(line_dn, maps.row_dn, maps.column_dn, r, c, n)
                     for i in range(n):
                         pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
@@ -402,7 +407,7 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
     """Return digital numbers as `expose_drawn`, of a measured chip."""
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
-    line_variance_dn2, map_gain = maps.line_variance_dn2, maps.gain_dn_per_e
+    shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
     out = np.empty((rows, cols), np.uint16)
     height, width = run_shape(cols)
     for block in prange((rows + ROWS - 1) // ROWS):
@@ -419,51 +424,25 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
                     prnu, dark = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
                     random_words(pixel_number(r, c, exposure), at, n, frame, EXPOSURE, k0, k1, run)
                     for i in range(n):
-                        pixel = measured_pixel(
-                            prnu[i], np.float32(0.0), dark[i], 0.0, 0.0, 0.0, line_variance_dn2, map_gain, exposure
-                        )
+                        pixel = measured_pixel(prnu[i], np.float32(0.0), dark[i], 0.0, 0.0, 0.0, shared, exposure)
                         mean[i] = mean_electrons(float(photo[i]), pixel)
                 count = (bottom - top) * n
                 poisson_run(count, run, frame, k0, k1)
                 short_normals(count, run.words[2], run.short[0])
                 for r in range(top, bottom):
                     at = (r - top) * n
-                    electrons, deviates, words, target = (
-                        run.electrons[at:],
-                        run.short[0][at:],
-                        run.words[2, at:],
-                        out[r, c:],
-                    )
-                    prnu, dark, row_dn = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:], maps.row_dn[r]
-                    offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
+                    electrons, deviates = run.electrons[at:], run.short[0][at:]
+                    words, target = run.words[2, at:], out[r, c:]
+                    prnu, dark, row = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:], maps.row_dn[r]
+                    offset, noise, column = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
                     for i in range(n):
-                        pixel = measured_pixel(
-                            prnu[i],
-                            offset[i],
-                            dark[i],
-                            noise[i],
-                            row_dn,
-                            columns[i],
-                            line_variance_dn2,
-                            map_gain,
-                            exposure,
-                        )
+                        pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
                         target[i] = rounded_dn(dn, exposure)
                         marks[i] = in_doubt(dn, pixel, exposure)
                     for j in range(marked(marks, n, run.few)):
                         i = run.few[j]
-                        pixel = measured_pixel(
-                            prnu[i],
-                            offset[i],
-                            dark[i],
-                            noise[i],
-                            row_dn,
-                            columns[i],
-                            line_variance_dn2,
-                            map_gain,
-                            exposure,
-                        )
+                        pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)
                         target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
     return out
 
@@ -480,8 +459,8 @@ def expose_blinking(
         r, c = blinking.place[j, 0], blinking.place[j, 1]
         prnu, offset, dark = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
         noise_dn, row_dn, column_dn = blinking.noise_dn[j], maps.row_dn[r], maps.column_dn[c]
-        line_variance_dn2, gain = maps.line_variance_dn2, maps.gain_dn_per_e
-        mean = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, line_variance_dn2, gain, exposure)
+        shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
+        mean = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, shared, exposure)
         pixel = blinking_state(mean, blinking.amplitude_dn[j], blinking.high_fraction[j], r, c, exposure)
         out[r, c] = expose_pixel(float(photo_e[r, c]), pixel, r, c, exposure)
     return out

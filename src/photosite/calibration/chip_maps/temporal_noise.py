@@ -15,7 +15,7 @@ from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.spatial.line_noise import LineSums, TemporalComponents, pool_temporal, temporal_components
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import read_only, threads_for
-from photosite.engine.map_statistics import add_residuals, line_sums
+from photosite.engine.map_statistics import FrameShift, ResidualSums, add_residuals, line_sums
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -169,7 +169,7 @@ def read_residuals(
     # Each residual lacks 1 / n of the noise variance, because the mean contains the frame.
     bins_per_dn = float(np.sqrt(n / max(n - 1, 1))) / bin_dn
     second, fourth = np.zeros((rows, cols), np.float32), np.zeros((rows, cols), np.float32)
-    histogram = np.zeros((BLOCKS, BINS), np.int64)
+    residuals = ResidualSums(second, fourth, np.zeros((BLOCKS, BINS), np.int64))
     by_row, by_column, series = [], [], []
     for dn in frames:
         frame = read_only(dn)
@@ -178,7 +178,7 @@ def read_residuals(
         row_shift = row_sums.sum(axis=1, dtype=np.float64) / cols - row_level - shift
         column_shift = column_sums.sum(axis=0, dtype=np.float64) / rows - column_level - shift
         with threads_for(frame.size):
-            add_residuals(frame, mean.sum, n, shift, row_shift, column_shift, bins_per_dn, second, fourth, histogram)
+            add_residuals(frame, mean.sum, n, FrameShift(shift, row_shift, column_shift), bins_per_dn, residuals)
         by_row.append(row_sums)
         by_column.append(column_sums)
         series.append(frame[place].astype(np.float32) - np.float32(shift))
@@ -186,7 +186,7 @@ def read_residuals(
         raise ValueError(f"expected the {n} frames of the mean, got {len(series)}")
     second /= np.float32(n - 1 if n > 1 else np.nan)
     lines = np.stack(by_row), np.stack(by_column)
-    return StackResiduals(lines, second, fourth, histogram, bin_dn, np.stack(series, axis=1))
+    return StackResiduals(lines, second, fourth, residuals.histogram, bin_dn, np.stack(series, axis=1))
 
 
 @dataclass(frozen=True)
