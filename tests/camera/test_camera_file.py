@@ -322,15 +322,15 @@ class TestPlanes:
     def test_opacity_from_pictures(self, tmp_path: Path, mode: str) -> None:
         from photosite.scene.io.picture import read_alpha
 
-        share = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
-        codes = (share * (65535 if mode == "I;16" else 255)).astype(np.uint16 if mode == "I;16" else np.uint8)
+        fraction = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+        codes = (fraction * (65535 if mode == "I;16" else 255)).astype(np.uint16 if mode == "I;16" else np.uint8)
         picture = Image.fromarray(codes) if mode in ("L", "I;16") else Image.new(mode, (3, 2))
         if mode == "1":
             picture = Image.fromarray(codes).convert("1")
         if "A" in mode:
             picture.putalpha(Image.fromarray(codes))
         picture.save(tmp_path / "mask.png")
-        np.testing.assert_array_equal(read_alpha(tmp_path / "mask.png"), share.astype(np.float32))
+        np.testing.assert_array_equal(read_alpha(tmp_path / "mask.png"), fraction.astype(np.float32))
 
     def test_opacity_in_colour_or_of_another_size_is_an_error(self, tmp_path: Path) -> None:
         Image.new("RGB", (3, 2)).save(tmp_path / "mask.png")

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from photosite.camera.optical_stack import gathered, scale_by_angle
 
 
-def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def plain(mosaic: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Every pixel and neighbor; beyond the border, shifted by whole tiles into the frame."""
-    (rows, cols), (period_r, period_c, size, _) = mosaic.shape, shares.shape
+    (rows, cols), (period_r, period_c, size, _) = mosaic.shape, fractions.shape
 
     def back(index: int, length: int, period: int) -> int:
         while index < 0:
@@ -26,7 +26,7 @@ def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[n
     for r, c in np.ndindex(rows, cols):
         for i, j in np.ndindex(size, size):
             source = back(r + i - size // 2, rows, period_r), back(c + j - size // 2, cols, period_c)
-            out[r, c] += shares[r % period_r, c % period_c, i, j] * mosaic[source]
+            out[r, c] += fractions[r % period_r, c % period_c, i, j] * mosaic[source]
     return out
 
 
@@ -36,9 +36,9 @@ def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[n
 )
 def test_gathered_equals_the_sum_over_neighbours(shape: tuple[int, int], tile: tuple[int, int], size: int) -> None:
     rng = np.random.default_rng(3)
-    mosaic, shares = rng.random(shape), rng.random((*tile, size, size)) / size**2
-    expected = plain(mosaic, shares)
-    assert np.abs(gathered(mosaic.astype(np.float32), shares) - expected).max() < 3e-7 * expected.max() * size
+    mosaic, fractions = rng.random(shape), rng.random((*tile, size, size)) / size**2
+    expected = plain(mosaic, fractions)
+    assert np.abs(gathered(mosaic.astype(np.float32), fractions) - expected).max() < 3e-7 * expected.max() * size
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (3, 5), (1, 4), (2, 300)])
@@ -46,8 +46,8 @@ def test_frames_smaller_than_the_kernel(shape: tuple[int, int]) -> None:
     """One tile is enough: its pixels are their own neighbors."""
     tile = (min(shape[0], 2), 2)
     rng = np.random.default_rng(4)
-    mosaic, shares = rng.random(shape), rng.random((*tile, 7, 7)) / 49
-    assert gathered(mosaic.astype(np.float32), shares) == pytest.approx(plain(mosaic, shares), rel=1e-5)
+    mosaic, fractions = rng.random(shape), rng.random((*tile, 7, 7)) / 49
+    assert gathered(mosaic.astype(np.float32), fractions) == pytest.approx(plain(mosaic, fractions), rel=1e-5)
 
 
 def test_angular_response_is_linear_between_angles() -> None:

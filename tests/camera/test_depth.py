@@ -127,8 +127,8 @@ def texture(seed: int) -> NDArray[np.float64]:
     return np.repeat(np.random.default_rng(seed).random(SAMPLES // 12), 12)
 
 
-def half(share: float = 0.5) -> NDArray[np.float64]:
-    return (np.arange(SAMPLES) < share * SAMPLES).astype(float)
+def half(fraction: float = 0.5) -> NDArray[np.float64]:
+    return (np.arange(SAMPLES) < fraction * SAMPLES).astype(float)
 
 
 ONES = np.ones(SAMPLES)
@@ -251,9 +251,9 @@ def test_opacity_divides_the_light() -> None:
     camera = ps.Camera(LENS, D200.with_(rows=64, cols=96))
     near, far = colored(1, 1.0), colored(2, 4.0)
     images = [camera.mean_electrons(scene, 0.1) for scene in (near, far)]
-    for share in (1.0, 0.3):
-        mixed = camera.mean_electrons(Planes((Plane(near, np.full((64, 96), share)), far)), 0.1)
-        want = share * images[0] + (1 - share) * images[1]
+    for fraction in (1.0, 0.3):
+        mixed = camera.mean_electrons(Planes((Plane(near, np.full((64, 96), fraction)), far)), 0.1)
+        want = fraction * images[0] + (1 - fraction) * images[1]
         np.testing.assert_allclose(mixed, want, atol=1e-5 * want.max())
 
 

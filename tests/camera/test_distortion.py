@@ -184,8 +184,8 @@ def by_wavelength(scene: Scene, curves: RadialMapping, sensor: Sensor) -> NDArra
     total = np.zeros((sensor.array.rows, sensor.array.cols))
     measure = integration_weights(scene.wavelength_nm)
     for index, wavelength in enumerate(scene.wavelength_nm):
-        share = np.clip((wavelength - 400) / 300, 0, 1)
-        real = curves.real_m[0] + share * (curves.real_m[1] - curves.real_m[0])
+        fraction = np.clip((wavelength - 400) / 300, 0, 1)
+        real = curves.real_m[0] + fraction * (curves.real_m[1] - curves.real_m[0])
         one = RadialMapping(np.array([wavelength]), curves.ideal_m, real[None])
         line = replace(scene, basis=scene.basis[:, [index]] * measure[index], wavelength_nm=np.array([wavelength]))
         total += ps.Camera(lens(one), sensor).mean_electrons(line, 0.01)

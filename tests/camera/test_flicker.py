@@ -47,7 +47,7 @@ def test_bands_are_the_limit_of_many_snapshots() -> None:
         moment = start_s + np.arange(1000) * LINE_S + (k + 0.5) / snapshots * exposure_s
         total += np.where((moment * 90 + 10 / 360) % 1 < 0.15, 1 / 0.15, 0.0)
     assert found == pytest.approx(total / snapshots, abs=2e-3 / 0.15)
-    # The share of rows with light is duty + f T; full light lasts duty - f T.
+    # The fraction of rows with light is duty + f T; full light lasts duty - f T.
     assert np.mean(found[:555] > 0) == pytest.approx(0.15 + 90 * exposure_s, abs=2e-3)
     assert np.mean(found[:555] > 0.999 / 0.15) == pytest.approx(0.15 - 90 * exposure_s, abs=4e-3)
 

@@ -73,12 +73,12 @@ class OneColor:
 def sum_over_nodes(lens: Lens, what: Scene) -> NDArray[np.float64]:
     """Return the sum of one frame per wavelength node, each reduced separately."""
     pitch = mosaic.pitch_m(SENSOR)
-    nodes_nm, shares = frame_wavelength_nodes(lens.mapping(what.distance_m), what.wavelength_nm, (60, 88), pitch)
+    nodes_nm, fractions = frame_wavelength_nodes(lens.mapping(what.distance_m), what.wavelength_nm, (60, 88), pitch)
     assert len(nodes_nm) > 3
     total = np.zeros((60, 88))
-    for node_nm, share in zip(nodes_nm, shares, strict=True):
+    for node_nm, fraction in zip(nodes_nm, fractions, strict=True):
         optics: Optics = OneColor(lens, node_nm)  # type: ignore[assignment]
-        total += mosaic.image_rate(replace(what, basis=what.basis * share), ps.Camera(optics, SENSOR))
+        total += mosaic.image_rate(replace(what, basis=what.basis * fraction), ps.Camera(optics, SENSOR))
     return total
 
 

@@ -48,18 +48,18 @@ class Lens(DiffractionLimited):
 class Spot:
     """A Gaussian of light: share, standard deviation, center (down, right)."""
 
-    share: float
+    fraction: float
     sigma_m: float
     y_m: float = 0.0
     x_m: float = 0.0
 
     def otf(self, fy: Array, fx: Array, wavelength_nm: float) -> NDArray[np.complex128]:
         blur = np.exp(-2 * (math.pi * self.sigma_m) ** 2 * (fy**2 + fx**2))
-        return np.asarray(self.share * blur * np.exp(-2j * math.pi * (fy * self.y_m + fx * self.x_m)))
+        return np.asarray(self.fraction * blur * np.exp(-2j * math.pi * (fy * self.y_m + fx * self.x_m)))
 
     def read(self, dy_m: Array, dx_m: Array, cell_m: float = PITCH_M) -> Array:
         """Return the signal of a photodetector from a cell of radiance 1 that is (dy, dx) above and left of it."""
-        return self.share * self._line(dy_m - self.y_m, cell_m) * self._line(dx_m - self.x_m, cell_m)
+        return self.fraction * self._line(dy_m - self.y_m, cell_m) * self._line(dx_m - self.x_m, cell_m)
 
     def _line(self, t: Array, cell_m: float) -> Array:
         """Gaussian, cell and photodetector convolved: differences of the Gaussian's second integral."""
@@ -254,12 +254,12 @@ def test_psfs_are_linear_between_known_wavelengths() -> None:
     )
     sensor = mono(21, 23)
     dy, dx = (np.arange(21) - 10)[:, None] * PITCH_M, (np.arange(23) - 11)[None, :] * PITCH_M
-    for wavelength, share in ((525.0, 0.75), (450.0, 1.0), (700.0, 0.0)):
+    for wavelength, fraction in ((525.0, 0.75), (450.0, 1.0), (700.0, 0.0)):
         scene = Scene(point(21, 23, 10, 11).weights, np.array([[1e17]]), np.array([wavelength]))
         lens = Lens(given=given)
         got = ps.Camera(lens, sensor).mean_electrons(scene, 0.01)
         even = ps.Camera(lens, sensor).mean_electrons(Scene.uniform([1e17], [wavelength]), 0.01)[0, 0]
-        expected = share * first.read(dy, dx) + (1 - share) * second.read(dy, dx)
+        expected = fraction * first.read(dy, dx) + (1 - fraction) * second.read(dy, dx)
         assert np.abs(got / even - expected).max() < 2e-6 * expected.max()
 
 
@@ -318,10 +318,10 @@ def applied_directly(radiance: Array, cells: int = 1) -> Array:
             for right in offsets:
                 y = (r - margin + 0.5 + down - ROWS / 2) * PITCH_M
                 x = (c - margin + 0.5 + right - COLS / 2) * PITCH_M
-                share = np.outer(hats(NODES_Y_M, y), hats(NODES_X_M, x))
-                for p, q in np.argwhere(share):
+                fraction = np.outer(hats(NODES_Y_M, y), hats(NODES_X_M, x))
+                for p, q in np.argwhere(fraction):
                     for spot in spots_at(NODES_Y_M[p], NODES_X_M[q]):
-                        total += light * share[p, q] * spot.read(pixel_y - y, pixel_x - x, PITCH_M / cells)
+                        total += light * fraction[p, q] * spot.read(pixel_y - y, pixel_x - x, PITCH_M / cells)
     return total
 
 

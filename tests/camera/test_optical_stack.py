@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.camera.optical_stack import apply_optical_stack, crosstalk_shares, warn_of_transmittance_range
+from photosite.camera.optical_stack import apply_optical_stack, crosstalk_fractions, warn_of_transmittance_range
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.point_spread import PlanePsf, RadialPsf
 from photosite.sensor.optical_stack import Crosstalk
@@ -35,7 +35,7 @@ def kernels(size: int, seed: int) -> dict[str, list[list[float]]]:
 
 
 def handed_out(mosaic: NDArray[np.float64], of: dict[str, Any], tile: tuple[tuple[str, ...], ...]) -> Any:
-    """Each pixel gives its shares to its neighbors; shares outside the frame are lost."""
+    """Each pixel gives its fractions to its neighbors; shares outside the frame are lost."""
     rows, cols = mosaic.shape
     out = np.zeros_like(mosaic)
     for r, c in np.ndindex(rows, cols):
@@ -103,7 +103,7 @@ def test_optical_crosstalk_precedes_electrical() -> None:
     got = apply_optical_stack(mosaic.astype(np.float32), sensor, LENS, 1.2)
     assert np.abs(got - expected)[3:-3, 3:-3].max() < 1e-6 * expected.max()
     assert got[4:-4, 4:-4].sum() < mosaic.sum()  # some of it has moved outside the lit part
-    # All that is handed out arrives: the shares of a lit pixel far from the border sum to 1.
+    # All that is handed out arrives: the fractions of a lit pixel far from the border sum to 1.
     assert got[1:-1, 1:-1].sum(dtype=np.float64) == pytest.approx(mosaic.sum(), rel=1e-6)
 
 
@@ -119,14 +119,14 @@ def test_image_of_a_point_is_its_kernel() -> None:
         assert np.count_nonzero(got) == 25
 
 
-def test_shares_of_each_pixel_sum_to_1() -> None:
-    """For any tile, the shares from one site sum to 1."""
+def test_fractions_of_each_pixel_sum_to_1() -> None:
+    """For any tile, the fractions from one site sum to 1."""
     tile = (("R", "G", "G"), ("B", "G", "R"))
     crosstalk = Crosstalk.model_validate({"optical": kernels(5, 4), "electrical": kernels(3, 5)})
-    shares = crosstalk_shares(crosstalk, tile)
+    fractions = crosstalk_fractions(crosstalk, tile)
     given = np.zeros((2, 3))
-    for r, c, i, j in np.ndindex(shares.shape):
-        given[(r + i - 3) % 2, (c + j - 3) % 3] += shares[r, c, i, j]
+    for r, c, i, j in np.ndindex(fractions.shape):
+        given[(r + i - 3) % 2, (c + j - 3) % 3] += fractions[r, c, i, j]
     assert given == pytest.approx(1.0, abs=1e-12)
 
 
@@ -337,7 +337,7 @@ def test_lens_table_that_ends_where_the_sensor_responds_is_a_warning(
         assert any("transmittance table" in str(w.message) for w in caught) if warned else not caught
 
 
-def test_share_outside_the_lens_table() -> None:
+def test_fraction_outside_the_lens_table() -> None:
     """A uniform response from 400 to 700 nm and a table from 400 to 600 nm: a third lies outside."""
     sensor = D200.with_(cfa="mono", channels={"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}})
     table = ps.Spectrum(np.array([400.0, 600.0]), np.array([0.9, 0.9]))

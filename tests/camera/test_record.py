@@ -67,10 +67,10 @@ def test_automatic_exposure_reaches_its_level_and_follows_the_light() -> None:
 
     control = ps.AutoExposure(first_s=1e-4, level=0.5)
     clip = list(CAMERA.record(wall, 40, 40.0, control))
-    share = [(np.percentile(raw.dn, 99.5) - 64) / (4095 - 64) for raw in clip]
-    assert share[19] == pytest.approx(0.5, rel=0.02)
-    assert share[20] > 0.99
-    assert share[39] == pytest.approx(0.5, rel=0.02)
+    fraction = [(np.percentile(raw.dn, 99.5) - 64) / (4095 - 64) for raw in clip]
+    assert fraction[19] == pytest.approx(0.5, rel=0.02)
+    assert fraction[20] > 0.99
+    assert fraction[39] == pytest.approx(0.5, rel=0.02)
     assert clip[19].exposure_s / clip[39].exposure_s == pytest.approx(8, rel=0.05)
 
 

@@ -44,7 +44,7 @@ def test_diffraction_limits_what_is_seen_of_six_decades() -> None:
     assert at_f8[-1] > 1.4 * at_f4[-1]
 
 
-def test_glare_reduces_contrast_by_its_share_of_the_mean_light() -> None:
+def test_glare_reduces_contrast_by_its_fraction_of_the_mean_light() -> None:
     """A ColorChecker beside a window 100 times as bright as its white patch."""
     chart = ps.charts.macbeth("D65", 40)
     white = next(region for region in chart.regions if region.name == "white")

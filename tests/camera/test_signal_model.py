@@ -27,7 +27,7 @@ EXPOSURE_S = 1 / 20
 
 
 def kernels(**leaks: float) -> dict[str, Any]:
-    """Return kernels that are not symmetric, from the share that goes to the right."""
+    """Return kernels that are not symmetric, from the fraction that goes to the right."""
     return {name: [[0, k / 2, 0], [k / 4, 1 - 2.25 * k, k], [0, k / 2, 0]] for name, k in leaks.items()}
 
 

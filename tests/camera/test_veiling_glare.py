@@ -69,8 +69,8 @@ def test_black_spot_on_a_bright_field() -> None:
     frame[147 : 147 + side, 197 : 197 + side] = 0
     even = veiled(frame, VeilingGlare(0.04))
     # What the spot itself lacks is missing from the veil: 36 pixels of 120 000.
-    share = side**2 / (rows * cols)
-    assert even[149, 199] / even[10, 10] == pytest.approx(0.04 * (1 - share) / (1 - 0.04 * share), rel=1e-5)
+    fraction = side**2 / (rows * cols)
+    assert even[149, 199] / even[10, 10] == pytest.approx(0.04 * (1 - fraction) / (1 - 0.04 * fraction), rel=1e-5)
     near = veiled(frame, VeilingGlare(0.04, 150 * 6e-6))
     assert near[149, 199] / near[10, 10] == pytest.approx(0.04, rel=2e-3)
 

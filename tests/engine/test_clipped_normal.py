@@ -33,13 +33,15 @@ def moments(case: Array | tuple[float, ...]) -> Array:
 
 def summed_moments(mean: float, before: float, after: float, well: float) -> tuple[float, float]:
     """Return mean and variance from the probabilities of all digital numbers, the well's limit by quadrature."""
-    charge, share = np.array([min(mean, well)]), np.ones(1)
+    charge, fraction = np.array([min(mean, well)]), np.ones(1)
     if before > 0:
         charge = mean + np.sqrt(before) * np.linspace(-10, 10, 4001)
-        share = norm.pdf(charge, mean, np.sqrt(before))
-        share /= share.sum()
+        fraction = norm.pdf(charge, mean, np.sqrt(before))
+        fraction /= fraction.sum()
     borders = np.arange(1, WHITE + 1) - 0.5
-    at_least = np.array([share @ norm.sf((border - np.minimum(charge, well)) / np.sqrt(after)) for border in borders])
+    at_least = np.array(
+        [fraction @ norm.sf((border - np.minimum(charge, well)) / np.sqrt(after)) for border in borders]
+    )
     first, second = at_least.sum(), 2 * borders @ at_least
     return first, second - first**2
 
@@ -88,10 +90,10 @@ def test_charge_below_the_well_agrees_with_quadrature_and_finite_differences(mea
 
     case = mean, 100.0, 200.0
     charge = mean + 10.0 * np.linspace(-10, 10, 20_001)
-    share = norm.pdf(charge, mean, 10.0) / norm.pdf(charge, mean, 10.0).sum()
+    fraction = norm.pdf(charge, mean, 10.0) / norm.pdf(charge, mean, 10.0).sum()
     below = np.minimum(charge, 200.0)
-    first = share @ below
-    assert kept(case) == pytest.approx([first, share @ (below - first) ** 2], rel=1e-6)
+    first = fraction @ below
+    assert kept(case) == pytest.approx([first, fraction @ (below - first) ** 2], rel=1e-6)
     found = clipped_charge(np.array([mean]), np.array([100.0]), 200.0)
     for n, name in enumerate(("mean", "before", "well")):
         step = 1e-3 * np.eye(3)[n]

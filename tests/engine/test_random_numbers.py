@@ -99,15 +99,15 @@ def poisson_p_value(counts: NDArray[np.int64], mean: float) -> float:
     cells = min(200, counts.size // 50)
     cuts = np.unique(np.searchsorted(cumulative, np.linspace(0, 1, cells + 1)[1:-1]))
     borders = np.concatenate([[-np.inf], values[cuts] + 0.5, [np.inf]])
-    share = np.diff(np.concatenate([[0], cumulative[cuts], [1]]))
+    fraction = np.diff(np.concatenate([[0], cumulative[cuts], [1]]))
     seen = np.histogram(counts, borders)[0]
-    keep = share * counts.size >= 5
-    share = np.append(share[keep], share[~keep].sum())
+    keep = fraction * counts.size >= 5
+    fraction = np.append(fraction[keep], fraction[~keep].sum())
     seen = np.append(seen[keep], seen[~keep].sum())
-    if share[-1] * counts.size < 1:
+    if fraction[-1] * counts.size < 1:
         assert seen[-1] <= 12  # expected below 1: more than 12 has a chance of 1e-13
-        share, seen = share[:-1] / share[:-1].sum(), seen[:-1]
-    return float(stats.chisquare(seen, share * seen.sum()).pvalue)
+        fraction, seen = fraction[:-1] / fraction[:-1].sum(), seen[:-1]
+    return float(stats.chisquare(seen, fraction * seen.sum()).pvalue)
 
 
 @pytest.mark.parametrize("mean", [0.01, 0.3, 1.0, 3.7, 9.99, 10.0, 12.5, 30.0, 100.0, 1e3, 12345.6, 1e5])

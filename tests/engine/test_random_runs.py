@@ -82,7 +82,7 @@ def test_mixed_runs_have_the_numbers_of_single_pixels() -> None:
 
 @pytest.mark.parametrize(("mean", "most"), [(10.0, 0.08), (25.0, 0.02), (400.0, 1e-3), (3e5, 0.005), (1e8, 0.1)])
 def test_short_decisions_agree_with_the_exact_ones(mean: float, most: float) -> None:
-    """Of 20 000 trials, at most a share `most` is left to the exact functions."""
+    """Of 20 000 trials, at most a fraction `most` is left to the exact functions."""
     n, zero = 20_000, np.uint32(0)
     run = new_run(n)
     random_words(np.uint32(0), 0, n, FRAME, EXPOSURE, *KEY, run)

@@ -36,9 +36,9 @@ def test_one_dimension_follows_the_closed_form(mean):
     from scipy.stats import truncnorm
 
     chain = _draws([mean], np.eye(1), 40_000)[:, 0]
-    for share in np.linspace(0.05, 0.95, 10):
-        limit = truncnorm.ppf(share, -mean, np.inf, loc=mean)
-        assert abs((chain < limit).mean() - share) < 5 * 1.5 * np.sqrt(share * (1 - share) / chain.size)
+    for fraction in np.linspace(0.05, 0.95, 10):
+        limit = truncnorm.ppf(fraction, -mean, np.inf, loc=mean)
+        assert abs((chain < limit).mean() - fraction) < 5 * 1.5 * np.sqrt(fraction * (1 - fraction) / chain.size)
 
 
 def test_far_from_the_walls_it_is_normal():

@@ -81,7 +81,9 @@ def test_errors_of_tasks_are_those_of_the_call(where: dict[str, Any]) -> None:
         everything(tasks.failing, 5, **where)
 
 
-def test_a_worker_takes_no_more_threads_than_its_share(where: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_takes_no_more_threads_than_its_fraction(
+    where: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     for variable in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr("photosite.engine.workers.cores", lambda: 2)

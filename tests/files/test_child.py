@@ -26,7 +26,7 @@ def process_of_the_child() -> int:
     return int(call_in_child(os.getpid, **LIMITS))
 
 
-def test_calls_share_one_child() -> None:
+def test_calls_fraction_one_child() -> None:
     first = process_of_the_child()
     assert first != os.getpid()
     begun = time.monotonic()

@@ -88,12 +88,12 @@ def clocked(charge: np.ndarray, inefficiency: float, clocks: int) -> np.ndarray:
 def test_charge_transfer_equals_a_clocked_register() -> None:
     rng = np.random.default_rng(1)
     charge = rng.uniform(0, 1000, (60, 5)) * (np.arange(60)[:, None] < 40)
-    shares, none = late_shares(1e-3, 60), late_shares(0.0, 5)
+    fractions, none = late_shares(1e-3, 60), late_shares(0.0, 5)
     assert none.tolist() == [[1.0] * 5]
-    found = transfer_charge(electrons(charge), read_only(shares), read_only(none))
+    found = transfer_charge(electrons(charge), read_only(fractions), read_only(none))
     for c in range(5):
         np.testing.assert_allclose(found[:, c], clocked(electrons(charge)[:, c].astype(float), 1e-3, 60), atol=1e-4)
-    turned = transfer_charge(electrons(charge.T), read_only(none), read_only(shares))
+    turned = transfer_charge(electrons(charge.T), read_only(none), read_only(fractions))
     np.testing.assert_array_equal(turned, found.T)
 
 
@@ -161,7 +161,7 @@ def test_coupling_lowers_the_variance_as_its_kernel_does() -> None:
     dn = frame(quiet(interpixel_capacitance=COUPLING), np.full((300, 400), level, np.float32)) - (100.0 + level)
     expected = level * correlate2d(COUPLING.kernel(), COUPLING.kernel())
     error = 4.5 * level / np.sqrt(dn.size)
-    assert dn.var() == pytest.approx(level * COUPLING.variance_share + 1 / 12, abs=np.sqrt(2) * error)
+    assert dn.var() == pytest.approx(level * COUPLING.variance_fraction + 1 / 12, abs=np.sqrt(2) * error)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (2, 0), (0, 3)):
         covariance = (dn[dy:, dx:] * dn[: 300 - dy, : 400 - dx]).mean()
         assert covariance == pytest.approx(expected[2 + dy, 2 + dx] if dx < 3 else 0.0, abs=error)

@@ -142,8 +142,8 @@ def test_telegraph_noise_has_two_states_of_a_markov_chain():
         values = [float(((one[: 40 - lag] - high) * (one[lag:] - high)).mean() / size.mean()) for one in (state, plain)]
         assert values[0] == pytest.approx(keep**lag, abs=0.03)
         assert values[0] == pytest.approx(values[1], abs=0.04)
-    shares = [np.sort(one.mean(axis=0)) for one in (state, plain)]
-    assert stats.ks_2samp(*shares).pvalue > 1e-4
+    fractions = [np.sort(one.mean(axis=0)) for one in (state, plain)]
+    assert stats.ks_2samp(*fractions).pvalue > 1e-4
     assert (frame(sensor, number=39) == series[39].reshape(ROWS, COLS)).all()
 
 

@@ -66,8 +66,8 @@ def test_uncertainty_of_the_gain_at_a_setting() -> None:
     for setting in (100, 800):
         at = sensor.at_gain_setting(setting)
         names = ["conversion_gain_uv_per_e", "analog_gain"]
-        share = 1.0 / np.array([at.measured(name).value for name in names])
-        relative[setting] = float(np.sqrt(share @ at.covariance_of(names) @ share))  # swing is exact
+        fraction = 1.0 / np.array([at.measured(name).value for name in names])
+        relative[setting] = float(np.sqrt(fraction @ at.covariance_of(names) @ fraction))  # swing is exact
     assert relative == pytest.approx({100: 0.004 / 0.39, 800: 0.02 / 3.12})
 
 

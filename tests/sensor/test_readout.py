@@ -78,7 +78,7 @@ def test_a_chip_of_one_column_or_row_has_its_fixed_pattern(shape: tuple[int, int
     np.testing.assert_array_equal(found, np.clip(np.floor(64.5 + offset_dn), 0, 4095))
 
 
-def test_rows_and_columns_share_a_part_of_the_read_noise() -> None:
+def test_rows_and_columns_fraction_a_part_of_the_read_noise() -> None:
     # Limits of 5 standard deviations of each variance, for normal noise: 1 false alarm in 500 000 seeds.
     rows, cols, frames = 400, 300, 24
     sensor = SENSOR.with_(rows=rows, cols=cols, read_noise_dn=5.0, dsnu_mv=0.0, dark_voltage_mv_per_s=0.0)

@@ -33,11 +33,11 @@ class AutoExposure(Shown):
     first_s
         Exposure time of the first frame.
     level
-        Target, as a share of the range from the black level to the white level; above 0 and below 1.
+        Target, as a fraction of the range from the black level to the white level; above 0 and below 1.
     percentile
         Of the signal of all pixels, 0 to 100.
     speed
-        Above 0, at most 1: share of a deviation, in stops, that one frame corrects.
+        Above 0, at most 1: fraction of a deviation, in stops, that one frame corrects.
     shortest_s, longest_s
         Limits of the exposure time.
 
@@ -84,11 +84,11 @@ class AutoExposure(Shown):
         # An odd step reaches all sites of the color filter array.
         step = math.isqrt(last.dn.size // _SAMPLES) | 1
         signal = float(np.percentile(last.dn[::step, ::step], self.percentile)) - last.black_level_dn
-        share = signal / (last.white_level_dn - last.black_level_dn)
-        if share >= 1.0:
+        fraction = signal / (last.white_level_dn - last.black_level_dn)
+        if fraction >= 1.0:
             return self._limited(last.exposure_s * _SATURATED_FACTOR)
         # A frame without signal is exposed longer, by at most 6 stops.
-        return self._limited(last.exposure_s * (self.level / max(share, self.level / 64.0)) ** self.speed)
+        return self._limited(last.exposure_s * (self.level / max(fraction, self.level / 64.0)) ** self.speed)
 
     def _limited(self, exposure_s: float) -> float:
         return min(max(exposure_s, self.shortest_s), self.longest_s)

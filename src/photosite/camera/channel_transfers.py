@@ -81,7 +81,7 @@ def reduced_transfers(
     coupling: Array,
     wavelength_nm: Array,
     sampling: Sampling,
-    node_shares: Array | None = None,
+    node_fractions: Array | None = None,
     progress: Progress | None = None,
 ) -> tuple[ReducedTransfer, ...]:
     """Return the transfers of a lens, summed over wavelength, with as few terms as the tolerance permits.
@@ -89,7 +89,7 @@ def reduced_transfers(
     - `spread`: Point spread of the lens. The modes of a `FieldPsf` are multiplied by `field_scale`.
     - `coupling`, `wavelength_nm`: (channels, K, wavelengths) electrons per second that a map of weight 1 gives a
       channel; (wavelengths,).
-    - `node_shares`: (N, wavelengths) share of each wavelength's light at each of N wavelength nodes; None: one node.
+    - `node_fractions`: (N, wavelengths) fraction of each wavelength's light at each of N nodes; None: one node.
     - `progress`: Receives the number of sampled wavelengths.
 
     Returns one result for all channels; or, if N > 1 or the lens varies over the field, and that is less work, one for
@@ -99,21 +99,21 @@ def reduced_transfers(
     Raises `InputError` if a point is spread over more cells than a mosaic can be computed with.
     """
     tolerance = TOLERANCE
-    if node_shares is None:
-        node_shares = np.ones((1, wavelength_nm.size))
-    if len(node_shares) > 1:
+    if node_fractions is None:
+        node_fractions = np.ones((1, wavelength_nm.size))
+    if len(node_fractions) > 1:
         tolerance = max(tolerance, _TOLERANCE_WITH_NODES)
     if isinstance(spread, FieldPsf):
         tolerance = max(tolerance, _TOLERANCE_PER_FIELD_ERROR * spread.relative_error)
     with _cache_lock:
         cached = _cache.setdefault(spread, {})
-    arrays = coupling, wavelength_nm, node_shares
+    arrays = coupling, wavelength_nm, node_fractions
     key = (*((array.shape, array.tobytes()) for array in arrays), astuple(sampling), tolerance)
     if (found := cached.get(key)) is None:
 
         def compute() -> Arrays:
             otf = sample_otf(spread, wavelength_nm, sampling, progress)
-            return _to_arrays(_reduce(otf, coupling, node_shares, tolerance))
+            return _to_arrays(_reduce(otf, coupling, node_fractions, tolerance))
 
         inputs = (spread, *arrays, sampling, tolerance)
         found = _from_arrays(cached_arrays("transfers", inputs, compute))
@@ -167,10 +167,10 @@ def _bytes_of(results: Iterable[Sequence[ReducedTransfer]]) -> int:
     return sum(part.nbytes for parts in results for part in parts)
 
 
-def _reduce(otf: SampledOtf, coupling: Array, node_shares: Array, tolerance: float) -> Sequence[ReducedTransfer]:
-    at_nodes = coupling @ otf.node_shares
+def _reduce(otf: SampledOtf, coupling: Array, node_fractions: Array, tolerance: float) -> Sequence[ReducedTransfer]:
+    at_nodes = coupling @ otf.node_fractions
     limit = tolerance * max(of_mode.largest(_STRIDE) for of_mode in MapTransfers.by_map(otf, at_nodes))
-    if len(node_shares) == 1:
+    if len(node_fractions) == 1:
         together = [ReducedTransfer(*_terms(otf, at_nodes, limit), otf.padding_m)]
         if otf.modes == 1:
             return together
@@ -182,14 +182,14 @@ def _reduce(otf: SampledOtf, coupling: Array, node_shares: Array, tolerance: flo
     separate = [
         found
         for channel in range(len(coupling))
-        for found in _reduce_with_nodes(otf, coupling[channel : channel + 1], node_shares, limit, channel)
+        for found in _reduce_with_nodes(otf, coupling[channel : channel + 1], node_fractions, limit, channel)
     ]
-    shared = _reduce_with_nodes(otf, coupling, node_shares, limit, None)
+    shared = _reduce_with_nodes(otf, coupling, node_fractions, limit, None)
     return separate if _work(separate) <= _SEPARATE_PREFERENCE * _work(shared) else shared
 
 
 def _reduce_with_nodes(
-    otf: SampledOtf, coupling: Array, node_shares: Array, limit: float, channel: int | None
+    otf: SampledOtf, coupling: Array, node_fractions: Array, limit: float, channel: int | None
 ) -> Sequence[ReducedTransfer]:
     """Return the terms of some channels as combinations of node maps; none if the channels receive no light.
 
@@ -197,9 +197,9 @@ def _reduce_with_nodes(
     different node maps add up as squares.
     """
     node_maps, couplings = [], []
-    for share in node_shares:
-        of_node = (coupling * share) @ otf.node_shares
-        combinations = _node_maps(otf, of_node, limit / (2 * math.sqrt(len(node_shares))))
+    for fraction in node_fractions:
+        of_node = (coupling * fraction) @ otf.node_fractions
+        combinations = _node_maps(otf, of_node, limit / (2 * math.sqrt(len(node_fractions))))
         node_maps.append(combinations)
         couplings.append(np.einsum("sk,ckn->csn", combinations, of_node))
     if not (count := sum(map(len, node_maps))):

@@ -1,6 +1,6 @@
 """From the charge of every pixel to the inputs of `clipped_moments`, with derivatives: coupling and response curve.
 
-With mean m_i and variance v_i of the charge, well capacity w, interpixel shares k_ij, response curve s and system gain
+With mean m_i and variance v_i of the charge, well capacity w, coupled fractions k_ij, response curve s and system gain
 K, a pixel's own charge keeps its limit, and that of its neighbors counts as normal noise::
 
     q_j    = min(charge_j, w)                          mean E_j and variance V_j in closed form
@@ -88,7 +88,7 @@ def _curve(curve: ResponseCurve | None, factors: Array | None, charge_e: Array, 
 
 @lru_cache(maxsize=2)
 def _neighbors(rows: int, cols: int) -> tuple[csr_array, csr_array]:
-    """Return the symmetric (pixels, pixels) changes of the signals by each share, of next and diagonal neighbors.
+    """Return the symmetric (pixels, pixels) changes of the signals by each fraction, of next and diagonal neighbors.
 
     Beyond the edges the array is continued by its outer pixels, as in `charge_stages.couple_pixels`.
     """
@@ -106,13 +106,13 @@ def _neighbors(rows: int, cols: int) -> tuple[csr_array, csr_array]:
 
 
 class _Coupling:
-    """Shares of the pixels in each other's signals: the own ones, and matrices of those of the neighbors."""
+    """Fractions of the pixels in each other's signals: the own ones, and matrices of those of the neighbors."""
 
     def __init__(self, shape: tuple[int, ...], percents: tuple[float, float]) -> None:
         own, others = zip(*(_split(change) for change in _neighbors(*shape)), strict=True)
-        shares = [percent / 100.0 for percent in percents]
-        self.own = (1.0 + sum(share * each for share, each in zip(shares, own, strict=True))).reshape(shape)
-        self.others = sum(share * each for share, each in zip(shares, others, strict=True))
+        fractions = [percent / 100.0 for percent in percents]
+        self.own = (1.0 + sum(fraction * each for fraction, each in zip(fractions, own, strict=True))).reshape(shape)
+        self.others = sum(fraction * each for fraction, each in zip(fractions, others, strict=True))
         self.squares = self.others.power(2)
         # Derivatives by the two percentages
         self.own_by = [each.reshape(shape) / 100.0 for each in own]

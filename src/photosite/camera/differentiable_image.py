@@ -128,7 +128,7 @@ class DifferentiableImage:
     def _resampling(self, axis: int, start: float, step: float, samples: int) -> csr_array:
         cover = self._grid.overlap(axis, start, step, samples)
         shape = cover.first.size - 1, samples
-        return csr_array((cover.share.astype(np.float64), cover.sample, cover.first), shape=shape)
+        return csr_array((cover.fraction.astype(np.float64), cover.sample, cover.first), shape=shape)
 
     # The transfers of maps to channels on a quarter of the frequencies, and their derivatives.
 
@@ -249,14 +249,14 @@ class DifferentiableImage:
         per_efficiency, on_scene = self._per_efficiency
         rows, cols = self._cells
         # Parseval: each frequency of the half plane stands for two, but those of the first and the last column.
-        share = np.full(cols // 2 + 1, 2.0 / (rows * cols))
-        share[0] /= 2.0
+        fraction = np.full(cols // 2 + 1, 2.0 / (rows * cols))
+        fraction[0] /= 2.0
         if cols % 2 == 0:
-            share[-1] /= 2.0
+            fraction[-1] /= 2.0
         blur = self._blur(False)[0]
         found = np.empty((len(self._sites), on_scene.shape[0]))
         for c, of_channel in enumerate(self._channel_spectra(mosaic)):
-            products = [(np.conj(of_channel) * spectrum).real * share for spectrum in self._spectra(weights)]
+            products = [(np.conj(of_channel) * spectrum).real * fraction for spectrum in self._spectra(weights)]
             quarters = np.stack([self._on_quarter(product) for product in products])
             by_coupling = np.tensordot(quarters, blur, ((1, 2), (1, 2)))  # (K, wavelengths)
             found[c] = (per_efficiency[c] * by_coupling).sum(axis=0)

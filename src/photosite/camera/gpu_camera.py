@@ -23,7 +23,7 @@ from photosite.camera.mean_image import (
     uniform_mosaic,
     warn_of_missing_light,
 )
-from photosite.camera.optical_stack import apply_angular_response, crosstalk_shares, warn_of_transmittance_range
+from photosite.camera.optical_stack import apply_angular_response, crosstalk_fractions, warn_of_transmittance_range
 from photosite.camera.parts import CameraParts
 from photosite.engine.device_mosaic import gathered_on_device, mosaic_on_device, runs_on_device
 from photosite.errors import InputError
@@ -203,7 +203,7 @@ class GpuCamera:
             rate = rate * arrays.put(scale)
         stack = camera.sensor.optical_stack
         if stack is not None and stack.crosstalk is not None:
-            rate = gathered_on_device(arrays, rate, crosstalk_shares(stack.crosstalk, camera.sensor.array.cfa))
+            rate = gathered_on_device(arrays, rate, crosstalk_fractions(stack.crosstalk, camera.sensor.array.cfa))
         return xp.maximum(rate, xp.zeros_like(rate))
 
     def _not_negative(self, rate: Any, scene: Scene) -> Any:

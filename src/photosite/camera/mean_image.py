@@ -53,7 +53,7 @@ Mosaic = NDArray[np.float32]
 
 _STRIP = 256
 _MISSING_LIGHT_LIMIT = 0.01
-"""Share of a channel's response outside the scene's wavelengths above which a warning is issued."""
+"""Fraction of a channel's response outside the scene's wavelengths above which a warning is issued."""
 _MOST_ELECTRONS_PER_S = 1e30
 """For weight 1; 32-bit floats then hold the products with weights, transforms and exposure times."""
 _ROUNDING = 1e-5
@@ -137,8 +137,8 @@ def fine_images(
     shape = (array.rows + 2 * margin[0]) * cells, (array.cols + 2 * margin[1]) * cells
     images = np.zeros((len(coupling), *shape), np.float32)
     for image, of_channel in zip(images, coupling, strict=True):
-        shares = np.ones((1, scene.wavelength_nm.size))
-        transfers = reduced_transfers(spread, of_channel[None], scene.wavelength_nm, sampling, shares, progress)
+        fractions = np.ones((1, scene.wavelength_nm.size))
+        transfers = reduced_transfers(spread, of_channel[None], scene.wavelength_nm, sampling, fractions, progress)
         if not transfers:  # the channel receives no light
             continue
         # A photodetector is wider than a cell.
@@ -267,8 +267,8 @@ def mosaic_parts(
     shape, side = (array.rows, array.cols), math.sqrt(sensor.pixel.fill_factor.value)
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
-    nodes_nm, shares = frame_wavelength_nodes(mapping, scene.wavelength_nm, shape, pitch)
-    transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares, progress)
+    nodes_nm, fractions = frame_wavelength_nodes(mapping, scene.wavelength_nm, shape, pitch)
+    transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, fractions, progress)
     padding = math.ceil(max((reduced.padding_m for reduced in transfers), default=0.0) / min(pitch))
     grid = Grid(shape, padding, (len(array.cfa), len(array.cfa[0])), cells)
     reach_m = math.hypot(*(grid.farthest(axis) * pitch[axis] for axis in (0, 1)))
@@ -402,7 +402,7 @@ def warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
 def frame_wavelength_nodes(
     mapping: RadialMapping | None, wavelength_nm: Array, shape: tuple[int, int], pitch_m: Pitch
 ) -> tuple[list[float], Array]:
-    """Return a few wavelengths whose images stand for all, and the share of each wavelength's light at each of them.
+    """Return a few wavelengths whose images stand for all, and the fraction of each wavelength's light at each of them.
 
     The images of neighboring nodes are at most a quarter of a pixel apart anywhere in the frame.
 
@@ -410,7 +410,7 @@ def frame_wavelength_nodes(
     - `wavelength_nm`: (wavelengths,) of the light.
     - `shape`, `pitch_m`: (rows, cols) of the frame, and its pixel pitch.
 
-    Returns N wavelengths in nm, and the shares, (N, wavelengths).
+    Returns N wavelengths in nm, and the fractions, (N, wavelengths).
     """
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     if mapping is None:
@@ -424,9 +424,9 @@ def frame_wavelength_nodes(
         )
         warnings.warn(PhotositeWarning(what, hint="Extend the table to the corner"), stacklevel=2)
     ideal_m = corner_m * float(inverse_scale(mapping, middle, corner_m)[0][-1])
-    nodes, shares = wavelength_nodes(mapping, wavelength_nm, ideal_m, _STEP_PIXELS * min(pitch_m))
-    used = shares.any(axis=1)
-    return [float(node) for node in nodes[used]], shares[used]
+    nodes, fractions = wavelength_nodes(mapping, wavelength_nm, ideal_m, _STEP_PIXELS * min(pitch_m))
+    used = fractions.any(axis=1)
+    return [float(node) for node in nodes[used]], fractions[used]
 
 
 def frame_warp(mapping: RadialMapping | None, wavelength_nm: float, reach_m: float, pitch_m: Pitch) -> Warp | None:
@@ -444,7 +444,7 @@ def warped_regions(
     if mapping is None:
         return where.regions(regions)
     curves = [image_height(mapping, w) for w in mapping.wavelength_nm]
-    share = np.linspace(0.0, 1.0, _POINTS_PER_SIDE)
+    fraction = np.linspace(0.0, 1.0, _POINTS_PER_SIDE)
 
     def image(row: Array, col: Array) -> tuple[Array, Array]:
         """Return (wavelengths, n) rows and columns in pixels of points in scene samples."""
@@ -457,8 +457,8 @@ def warped_regions(
 
     found = []
     for region in regions:
-        down = region.r0 + share * (region.r1 - region.r0)
-        across = region.c0 + share * (region.c1 - region.c0)
+        down = region.r0 + fraction * (region.r1 - region.r0)
+        across = region.c0 + fraction * (region.c1 - region.c0)
         top = image(np.full(_POINTS_PER_SIDE, region.r0), across)[0].max()
         bottom = image(np.full(_POINTS_PER_SIDE, region.r1), across)[0].min()
         left = image(down, np.full(_POINTS_PER_SIDE, region.c0))[1].max()

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _NO_CROSSTALK: Kernel = ((1.0,),)
 _WAVELENGTH_SAMPLES = 1001
 _UNCOVERED_LIMIT = 0.01
-"""Share of a channel's response outside the lens's transmittance table above which a warning is issued."""
+"""Fraction of a channel's response outside the lens's transmittance table above which a warning is issued."""
 
 
 def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
@@ -75,7 +75,7 @@ def apply_optical_stack(
 ) -> NDArray[np.float32]:
     """Return mean electrons after angular response and crosstalk; the same array if the sensor has neither.
 
-    Random shares of a Poisson count are independent Poisson counts, so noise is drawn afterwards.
+    Random fractions of a Poisson count are independent Poisson counts, so noise is drawn afterwards.
 
     - `mosaic`: (rows, cols) electrons, or electrons per second, without the optical stack. It may be changed.
     - `sensor`: The sensor with its optical stack.
@@ -91,7 +91,7 @@ def apply_optical_stack(
             apply_angular_response(mosaic, stack.angular_response, sensor, optics, distance_m)
         if stack.crosstalk is None:
             return mosaic
-        return gathered(mosaic, crosstalk_shares(stack.crosstalk, sensor.array.cfa))
+        return gathered(mosaic, crosstalk_fractions(stack.crosstalk, sensor.array.cfa))
 
 
 def apply_angular_response(
@@ -121,31 +121,31 @@ def apply_angular_response(
     scale_by_angle(mosaic, y, x, channel_of, np.radians(table.angle_deg), response)
 
 
-def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
+def crosstalk_fractions(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
     """Return optical and electrical crosstalk as one gathering kernel per site of the color filter array's tile.
 
-    Returns (tile rows, tile cols, size, size): the share that a pixel at that site receives of the electrons of the
-    pixel (i - size // 2) rows below it and (j - size // 2) columns to its right. The shares that one pixel gives to all
-    others sum to 1.
+    Returns (tile rows, tile cols, size, size): the fraction that a pixel at that site receives of the electrons of the
+    pixel (i - size // 2) rows below it and (j - size // 2) columns to its right. The fractions that one pixel gives to
+    all others sum to 1.
 
     Examples
     --------
     >>> right = ((0, 0, 0), (0, 0.9, 0.1), (0, 0, 0))
-    >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # from the left neighbor
+    >>> crosstalk_fractions(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # from the left neighbor
     array([0.1, 0.9, 0. ])
     """
-    return combined_shares(_kernels_by_site(crosstalk.optical, cfa), _kernels_by_site(crosstalk.electrical, cfa))
+    return combined_fractions(_kernels_by_site(crosstalk.optical, cfa), _kernels_by_site(crosstalk.electrical, cfa))
 
 
-def combined_shares(light: NDArray[np.float64], charge: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the gathering kernels of `crosstalk_shares`, linear in the kernels of light and in those of charge.
+def combined_fractions(light: NDArray[np.float64], charge: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the gathering kernels of `crosstalk_fractions`, linear in the kernels of light and in those of charge.
 
     Both are (tile rows, tile cols, size, size), the kernel of each site.
     """
     rows, cols = light.shape[:2]
     h, g = light.shape[2] // 2, charge.shape[2] // 2
     size = 2 * (h + g) + 1
-    shares = np.zeros((rows, cols, size, size))
+    fractions = np.zeros((rows, cols, size, size))
     for r, c in np.ndindex(rows, cols):
         # Electrons diffuse to (r, c) from (r + y, c + x), where light from the filter (v, u) away generated them.
         for y, x in np.ndindex(2 * g + 1, 2 * g + 1):
@@ -153,12 +153,12 @@ def combined_shares(light: NDArray[np.float64], charge: NDArray[np.float64]) -> 
             diffused = charge[via_r % rows, via_c % cols, 2 * g - y, 2 * g - x]
             for v, u in np.ndindex(2 * h + 1, 2 * h + 1):
                 source = light[(via_r + v - h) % rows, (via_c + u - h) % cols]
-                shares[r, c, y + v, x + u] += diffused * source[2 * h - v, 2 * h - u]
-    return shares
+                fractions[r, c, y + v, x + u] += diffused * source[2 * h - v, 2 * h - u]
+    return fractions
 
 
 def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
-    """Return (channels, channels): the share of each channel's electrons that each channel reads in a uniform field.
+    """Return (channels, channels): the fraction of each channel's electrons that each channel reads in a uniform field.
 
     Examples
     --------
@@ -170,12 +170,12 @@ def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
     stack = sensor.optical_stack
     if stack is None or stack.crosstalk is None:
         return np.eye(len(names))
-    shares = crosstalk_shares(stack.crosstalk, cfa)
-    rows, cols, size, _ = shares.shape
+    fractions = crosstalk_fractions(stack.crosstalk, cfa)
+    rows, cols, size, _ = fractions.shape
     mixing = np.zeros((len(names), len(names)))
-    for r, c, i, j in np.ndindex(shares.shape):
+    for r, c, i, j in np.ndindex(fractions.shape):
         source = cfa[(r + i - size // 2) % rows][(c + j - size // 2) % cols]
-        mixing[names.index(cfa[r][c]), names.index(source)] += shares[r, c, i, j]
+        mixing[names.index(cfa[r][c]), names.index(source)] += fractions[r, c, i, j]
     sites = [sum(row.count(name) for row in cfa) for name in names]
     return np.asarray(mixing / np.array(sites)[:, None])
 
@@ -197,20 +197,20 @@ _BLOCK = 256
 """Columns that are summed at a time; their sums and weights fit the first-level cache."""
 
 
-def gathered(mosaic: F32, shares: F64) -> F32:
-    """Return each pixel's sum of shares of the pixels around it.
+def gathered(mosaic: F32, fractions: F64) -> F32:
+    """Return each pixel's sum of fractions of the pixels around it.
 
     Beyond its border the mosaic repeats the nearest pixels of the same site in the color filter array's tile.
 
     - `mosaic`: (rows, cols), one whole tile or more.
-    - `shares`: (tile rows, tile cols, size, size), size odd: the share that a pixel at that site receives of the pixel
-      (i - size // 2) rows below it and (j - size // 2) columns to its right.
+    - `fractions`: (tile rows, tile cols, size, size), size odd: the fraction that a pixel at that site receives of the
+      pixel (i - size // 2) rows below it and (j - size // 2) columns to its right.
     """
-    period_c, size = shares.shape[1:3]
-    taps = np.argwhere((shares != 0).any(axis=(0, 1)))
+    period_c, size = fractions.shape[1:3]
+    taps = np.argwhere((fractions != 0).any(axis=(0, 1)))
     block = -(-_BLOCK // period_c) * period_c
-    # weights[r, t, c]: share of tap t at site (r, c mod period), along a block of columns.
-    by_site = shares[:, :, taps[:, 0], taps[:, 1]].transpose(0, 2, 1).astype(np.float32)
+    # weights[r, t, c]: fraction of tap t at site (r, c mod period), along a block of columns.
+    by_site = fractions[:, :, taps[:, 0], taps[:, 1]].transpose(0, 2, 1).astype(np.float32)
     weights = np.ascontiguousarray(np.tile(by_site, block // period_c))
     offsets = np.ascontiguousarray(taps - size // 2)
     out = np.empty_like(mosaic)
@@ -258,54 +258,55 @@ def _inside(index: int, size: int, period: int) -> int:
 
 
 class CrosstalkGather:
-    """Each pixel's sum of shares of the pixels around it, as `gathered`, in double precision and with its adjoint.
+    """Each pixel's sum of fractions of the pixels around it, as `gathered`, in double precision and with its adjoint.
 
     - `shape`: (rows, cols) of the mosaic.
-    - `shares`: (tile rows, tile cols, size, size), see `crosstalk_shares`.
+    - `fractions`: (tile rows, tile cols, size, size), see `crosstalk_fractions`.
     """
 
-    def __init__(self, shape: tuple[int, ...], shares: Array) -> None:
-        self._shape, self._shares, self._size = shape, shares, shares.shape[2]
+    def __init__(self, shape: tuple[int, ...], fractions: Array) -> None:
+        self._shape, self._fractions, self._size = shape, fractions, fractions.shape[2]
         # Beyond its border the mosaic repeats the nearest pixels of the same site of the tile.
         self._rows, self._cols = (
-            _with_border(count, self._size // 2, period) for count, period in zip(shape, shares.shape[:2], strict=True)
+            _with_border(count, self._size // 2, period)
+            for count, period in zip(shape, fractions.shape[:2], strict=True)
         )
 
-    def with_shares(self, shares: Array) -> CrosstalkGather:
-        """Return the sum with other shares of the same size."""
-        return CrosstalkGather(self._shape, shares)
+    def with_fractions(self, fractions: Array) -> CrosstalkGather:
+        """Return the sum with other fractions of the same size."""
+        return CrosstalkGather(self._shape, fractions)
 
     def apply(self, mosaic: Array) -> Array:
         """Return the sums."""
         wide, out = mosaic[self._rows[:, None], self._cols], np.zeros(self._shape)
         for site, i, j in self._taps():
-            out[self._pixels(site)] += self._shares[(*site, i, j)] * wide[i:, j:][self._pixels(site)]
+            out[self._pixels(site)] += self._fractions[(*site, i, j)] * wide[i:, j:][self._pixels(site)]
         return out
 
     def adjoint(self, cotangent: Array) -> Array:
         """Return the adjoint of `apply`."""
         wide = np.zeros((self._rows.size, self._cols.size))
         for site, i, j in self._taps():
-            wide[i:, j:][self._pixels(site)] += self._shares[(*site, i, j)] * cotangent[self._pixels(site)]
+            wide[i:, j:][self._pixels(site)] += self._fractions[(*site, i, j)] * cotangent[self._pixels(site)]
         out = np.zeros(self._shape)
         np.add.at(out, (self._rows[:, None], self._cols), wide)
         return out
 
-    def by_shares(self, cotangent: Array, mosaic: Array) -> Array:
-        """Return the gradient by the shares of the sum of cotangent times `apply(mosaic)`."""
-        wide, found = mosaic[self._rows[:, None], self._cols], np.zeros_like(self._shares)
-        for site in np.ndindex(self._shares.shape[:2]):
+    def by_fractions(self, cotangent: Array, mosaic: Array) -> Array:
+        """Return the gradient by the fractions of the sum of cotangent times `apply(mosaic)`."""
+        wide, found = mosaic[self._rows[:, None], self._cols], np.zeros_like(self._fractions)
+        for site in np.ndindex(self._fractions.shape[:2]):
             for i, j in np.ndindex(self._size, self._size):
                 found[(*site, i, j)] = float((cotangent[self._pixels(site)] * wide[i:, j:][self._pixels(site)]).sum())
         return found
 
     def _taps(self) -> Iterable[tuple[tuple[int, ...], int, int]]:
-        """Yield the site and the place in its kernel of each share that is not 0."""
-        return (((r, c), i, j) for r, c, i, j in np.argwhere(self._shares != 0).tolist())
+        """Yield the site and the place in its kernel of each fraction that is not 0."""
+        return (((r, c), i, j) for r, c, i, j in np.argwhere(self._fractions != 0).tolist())
 
     def _pixels(self, site: tuple[int, ...]) -> tuple[slice, slice]:
         """Return a site's pixels in the frame, or in a wider array shifted by a tap."""
-        down, across = self._shares.shape[:2]
+        down, across = self._fractions.shape[:2]
         return slice(site[0], self._shape[0], down), slice(site[1], self._shape[1], across)
 
 
@@ -337,6 +338,6 @@ def scale_by_angle(mosaic: F32, y: F64, x: F64, channel_of: I64, angle: F64, res
                 k += 1
             while k > 0 and theta < angle[k]:
                 k -= 1
-            share = (theta - angle[k]) / (angle[k + 1] - angle[k])
+            fraction = (theta - angle[k]) / (angle[k + 1] - angle[k])
             of = response[channel_of[r % period_r, c % period_c]]
-            mosaic[r, c] *= np.float32(of[k] + share * (of[k + 1] - of[k]))
+            mosaic[r, c] *= np.float32(of[k] + fraction * (of[k + 1] - of[k]))

@@ -61,8 +61,8 @@ _HINT = "Check the units of the optics and the focus, or use fewer cells per pix
 class SampledOtf:
     """Transfer function of a lens, mode by mode, at the wavelengths at which it is known (spectral nodes)."""
 
-    # (wavelengths, nodes) weights of linear interpolation: the share of each wavelength's light at each node
-    node_shares: Array
+    # (wavelengths, nodes) weights of linear interpolation: the fraction of each wavelength's light at each node
+    node_fractions: Array
     radial: Array | None  # (R, nodes, frequencies) part that depends on |f| only; None without such a part
     step_per_m: float  # frequency step of `radial`
     # (R, nodes, Q, Q // 2 + 1) spectra of the kernels on the cells; None if the spread depends on |f| only
@@ -215,7 +215,7 @@ def refined(radial: RadialTransfer) -> RadialTransfer:
 def _sample_modes(
     modes: tuple[PlanePsf, ...], scale: Array, wavelength_nm: Array, sampling: Sampling, progress: Progress | None
 ) -> SampledOtf:
-    node_shares, nodes_nm = _spectral_nodes(modes[0], wavelength_nm)
+    node_fractions, nodes_nm = _spectral_nodes(modes[0], wavelength_nm)
     samples = _ModeSamples(modes, scale, nodes_nm, sampling)
     samples.fill(0)  # alone: what all wavelengths share is computed once, in the first
     with ThreadPoolExecutor(min(THREADS, _THREADS)) as pool:
@@ -224,17 +224,17 @@ def _sample_modes(
                 progress(done, nodes_nm.size, "wavelengths")
     padding_m = (samples.size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
     radial = samples.cones if samples.cones.any() else None
-    return SampledOtf(node_shares, radial, samples.step_per_m, samples.spectra, padding_m)
+    return SampledOtf(node_fractions, radial, samples.step_per_m, samples.spectra, padding_m)
 
 
 def _spectral_nodes(mode: PlanePsf, wavelength_nm: Array) -> tuple[Array, Array]:
-    """Return (wavelengths, nodes) shares and (nodes,) wavelengths: linear between nodes, constant beyond them."""
+    """Return (wavelengths, nodes) fractions and (nodes,) wavelengths: linear between nodes, constant beyond them."""
     if mode.wavelength_nm is None:
         return np.eye(wavelength_nm.size), wavelength_nm
     grid = np.asarray(mode.wavelength_nm, np.float64)
-    shares = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
-    used = shares.any(axis=0)
-    return shares[:, used], grid[used]
+    fractions = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
+    used = fractions.any(axis=0)
+    return fractions[:, used], grid[used]
 
 
 @dataclass(eq=False)

@@ -17,7 +17,7 @@ from photosite.camera.mean_image import warn_of_missing_light
 from photosite.camera.optical_stack import (
     CrosstalkGather,
     apply_optical_stack,
-    combined_shares,
+    combined_fractions,
     kernels_of_channels,
     warn_of_transmittance_range,
 )
@@ -262,7 +262,7 @@ class SignalModel(Shown):
         Raises
         ------
         InputError
-            As a call; or if the shares of a crosstalk kernel are negative or do not sum to 1.
+            As a call; or if the fractions of a crosstalk kernel are negative or do not sum to 1.
         """
         given = self._arrays(values, "values")
         lens, sensor = self.camera.optics, self.camera.sensor
@@ -446,7 +446,7 @@ class _State:
         }
         self._gather = None
         if self._kernels:
-            self._gather = CrosstalkGather(self._before.shape, combined_shares(*self._kernels.values()))
+            self._gather = CrosstalkGather(self._before.shape, combined_fractions(*self._kernels.values()))
         rate = self._before if self._gather is None else self._gather.apply(self._before)
         self.light_e = self._time_s * rate
         # The pixel: mean and variance of the collected charge
@@ -505,8 +505,8 @@ class _State:
         total += self._time_s * self._gather.apply(before)
         for name in _KERNELS:
             if name in directions:
-                shares = self._shares_of(name, directions[name])
-                total += self._time_s * self._gather.with_shares(shares).apply(self._before)
+                fractions = self._fractions_of(name, directions[name])
+                total += self._time_s * self._gather.with_fractions(fractions).apply(self._before)
         return total
 
     def light_gradient(self, cotangent: Array, names: set[str]) -> dict[str, Array]:
@@ -517,11 +517,11 @@ class _State:
         before = self._time_s * cotangent
         if self._gather is not None:
             if names & {*_KERNELS}:
-                of_shares = self._gather.by_shares(before, self._before)
+                of_fractions = self._gather.by_fractions(before, self._before)
                 for name in names & {*_KERNELS}:
-                    # The shares are linear in each entry of a kernel.
+                    # The fractions are linear in each entry of a kernel.
                     units = np.eye(self._values[name].size).reshape(-1, *self._values[name].shape)
-                    products = [float((of_shares * self._shares_of(name, unit)).sum()) for unit in units]
+                    products = [float((of_fractions * self._fractions_of(name, unit)).sum()) for unit in units]
                     found[name] = np.reshape(products, self._values[name].shape)
             before = self._gather.adjoint(before)
         before = self._seen(before)
@@ -541,9 +541,9 @@ class _State:
         slopes = self._image.derivatives(self._values["weights"], chosen)
         return {name: self._seen(slope) if seen else slope for name, slope in slopes.items()}
 
-    def _shares_of(self, name: str, kernels: Array) -> Array:
+    def _fractions_of(self, name: str, kernels: Array) -> Array:
         """Return the gathering kernels with one of the two kernels replaced."""
-        return combined_shares(*(self._kernels | {name: kernels[self._site_channel]}).values())
+        return combined_fractions(*(self._kernels | {name: kernels[self._site_channel]}).values())
 
 
 def _grid_nm(sensor: Sensor) -> tuple[float, ...] | None:

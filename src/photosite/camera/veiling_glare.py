@@ -77,7 +77,7 @@ def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_
 class _Axis:
     """One axis of the frame: means over blocks, and interpolation between them.
 
-    `to_blocks` is (blocks, pixels) shares, `to_pixels` (pixels, blocks).
+    `to_blocks` is (blocks, pixels) fractions, `to_pixels` (pixels, blocks).
     """
 
     def __init__(self, pixels: int, tile: int, pitch_m: float, spread_m: float) -> None:
@@ -93,7 +93,7 @@ class _Axis:
         output = np.repeat(np.arange(count), np.diff(cover.first))
         self.tile = tile
         self.to_blocks = np.zeros((count, pixels))
-        self.to_blocks[output, cover.sample] = cover.share
+        self.to_blocks[output, cover.sample] = cover.fraction
         # Linear between block centers; constant beyond the first and last, as in the mirror image.
         position = np.clip((np.arange(pixels) + 0.5) / width - 0.5, 0, count - 1)
         self.to_pixels = np.maximum(0.0, 1 - np.abs(position[:, None] - np.arange(count)))
@@ -112,13 +112,13 @@ def _veils(
     """Return the scattered light at each of a channel's sites."""
     down, across = axes
     light: NDArray[np.float64] = np.zeros((down.frequency_per_m.size, across.frequency_per_m.size))
-    share = np.zeros_like(light)
+    fraction = np.zeros_like(light)
     for plane, (r, c) in zip(planes, sites, strict=True):
         means, along = down.to_blocks[:, r :: down.tile], across.to_blocks[:, c :: across.tile]
         light += means @ plane @ along.T
-        share += means.sum(axis=1)[:, None] * along.sum(axis=1)
+        fraction += means.sum(axis=1)[:, None] * along.sum(axis=1)
     squared = down.frequency_per_m[:, None] ** 2 + across.frequency_per_m**2
     # Fourier transform of exp(-r / s) / (2 pi s^2) in the plane.
     transfer = (1 + (2 * math.pi * spread_m) ** 2 * squared) ** -1.5
-    veil = scipy.fft.idctn(scipy.fft.dctn(light / share, type=2) * transfer, type=2)
+    veil = scipy.fft.idctn(scipy.fft.dctn(light / fraction, type=2) * transfer, type=2)
     return [down.to_pixels[r :: down.tile] @ veil @ across.to_pixels[c :: across.tile].T for r, c in sites]

@@ -9,7 +9,7 @@ from photosite.engine.jit import F64, I64, bits_of_double, compiled, prange
 _PARTS = 8
 
 _SAMPLE, _NEAR = 256, 0.08
-"""Values of the sample of a block; share of them, on either side of its median, between which that of the block lies
+"""Values of the sample of a block; fraction of them, on either side of its median, between which that of the block lies
 with a probability of 0.99."""
 
 

@@ -82,9 +82,9 @@ def step_below(place: float, entries: int) -> np.int32:
 
 
 @compiled(inline=True)
-def between(low: float, high: float, share: float) -> float:
+def between(low: float, high: float, fraction: float) -> float:
     """Return the value between two entries of a table; the second one beyond it."""
-    return low + min(share, 1.0) * (high - low)
+    return low + min(fraction, 1.0) * (high - low)
 
 
 @compiled(inline=True)

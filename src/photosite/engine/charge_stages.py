@@ -55,9 +55,9 @@ def taken(held_e: float, passing_e: float, well_e: float) -> float:
 
 
 @compiled(inline=True)
-def coupled(center: float, sides: float, corners: float, side_share: float, corner_share: float) -> float:
+def coupled(center: float, sides: float, corners: float, side_fraction: float, corner_fraction: float) -> float:
     """Return the signal of a pixel from its own and the sums of its four next and four diagonal neighbors."""
-    return center + side_share * (sides - 4.0 * center) + corner_share * (corners - 4.0 * center)
+    return center + side_fraction * (sides - 4.0 * center) + corner_fraction * (corners - 4.0 * center)
 
 
 @compiled(inline=True)
@@ -80,7 +80,7 @@ def multiplied_pixel(charge_e: float, r: int, c: int, register: Register, exposu
 def bloom_columns(charge_e: F32, well_e: float, kept: float) -> F32:
     """Return the charge after blooming: what a pixel cannot hold flows along its column, half each way.
 
-    `kept` is the share of the overflow that the anti-blooming drain leaves. Charge that reaches an end of the column
+    `kept` is the fraction of the overflow that the anti-blooming drain leaves. Charge that reaches an end of the column
     turns around; what finds no room in the whole column is lost.
     """
     rows, cols = charge_e.shape
@@ -121,7 +121,7 @@ def _flow_past(charge_e: F32, held_e: F32, flow_e: F64, well_e: float, kept: flo
 def transfer_charge(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
     """Return the charge after its transfers along the columns and then along the rows.
 
-    `row_shares` is (late, rows): the share of a row's charge that arrives so many rows late; `column_shares`
+    `row_shares` is (late, rows): the fraction of a row's charge that arrives so many rows late; `column_shares`
     (late, cols) likewise.
     """
     rows, cols = charge_e.shape
@@ -130,9 +130,9 @@ def transfer_charge(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
         r: Any = np.int64(line)
         moved, total = np.zeros(cols), np.zeros(cols)
         for late in range(min(row_shares.shape[0], r + 1)):
-            _add_share(moved, charge_e[r - late], row_shares[late, r - late])
+            _add_fraction(moved, charge_e[r - late], row_shares[late, r - late])
         for late in range(min(column_shares.shape[0], cols)):
-            _add_shares(total[late:], moved, column_shares[late])
+            _add_fractions(total[late:], moved, column_shares[late])
         target = out[r]
         for c in range(cols):
             target[c] = np.float32(total[c])
@@ -140,15 +140,15 @@ def transfer_charge(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
 
 
 @compiled()
-def _add_share(total: F64, values: F32, share: float) -> None:
+def _add_fraction(total: F64, values: F32, fraction: float) -> None:
     for i in range(total.size):
-        total[i] += share * np.float64(values[i])
+        total[i] += fraction * np.float64(values[i])
 
 
 @compiled()
-def _add_shares(total: F64, values: F64, shares: F64) -> None:
+def _add_fractions(total: F64, values: F64, fractions: F64) -> None:
     for i in range(total.size):
-        total[i] += shares[i] * values[i]
+        total[i] += fractions[i] * values[i]
 
 
 @compiled(parallel=True)
@@ -218,8 +218,8 @@ def _all_words(
 
 
 @compiled(parallel=True)
-def couple_pixels(charge_e: F32, side_share: float, corner_share: float) -> F32:
-    """Return the signals of pixels that couple a share of theirs to each next and each diagonal neighbor.
+def couple_pixels(charge_e: F32, side_fraction: float, corner_fraction: float) -> F32:
+    """Return the signals of pixels that couple a fraction of theirs to each next and each diagonal neighbor.
 
     Beyond the edges the array is continued by its outer pixels, which keeps the sum of all signals.
     """
@@ -233,7 +233,7 @@ def couple_pixels(charge_e: F32, side_share: float, corner_share: float) -> F32:
         row[1:-1] = charge_e[r]
         for values in (row, column):
             values[0], values[-1] = values[1], values[-2]
-        _couple_row(row, column, side_share, corner_share, out[r])
+        _couple_row(row, column, side_fraction, corner_fraction, out[r])
     return out
 
 
@@ -244,10 +244,10 @@ def _add_rows(above: F32, below: F32, out: F64) -> None:
 
 
 @compiled()
-def _couple_row(row: F64, column: F64, side_share: float, corner_share: float, out: F32) -> None:
+def _couple_row(row: F64, column: F64, side_fraction: float, corner_fraction: float, out: F32) -> None:
     before, center, after = row[:-2], row[1:-1], row[2:]
     column_before, column_center, column_after = column[:-2], column[1:-1], column[2:]
     for c in range(out.size):
         sides = column_center[c] + (before[c] + after[c])
         corners = column_before[c] + column_after[c]
-        out[c] = np.float32(coupled(center[c], sides, corners, side_share, corner_share))
+        out[c] = np.float32(coupled(center[c], sides, corners, side_fraction, corner_fraction))

@@ -166,7 +166,7 @@ def _simulated() -> bool:
 
 
 def _device_function(function: Callable[..., Any]) -> Any:
-    """Return a function for use in kernels; numba's simulator calls it as it is."""
+    """Return a function for use in kernels; numba's simulator calls it unchanged."""
     return function if _simulated() else cuda.jit(device=True, inline=True)(function)
 
 
@@ -307,7 +307,7 @@ def multiply_thread(charge_e: Any, register: Any, exposure: Any, out: Any) -> No
     out[r, c] = multiplied_pixel(np.float64(charge_e[r, c]), r, c, register, exposure)
 
 
-def couple_thread(charge_e: Any, side_share: float, corner_share: float, out: Any) -> None:
+def couple_thread(charge_e: Any, side_fraction: float, corner_fraction: float, out: Any) -> None:
     """Compute the signal of one pixel that is coupled to its neighbors."""
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
@@ -320,7 +320,7 @@ def couple_thread(charge_e: Any, side_share: float, corner_share: float, out: An
     corners = (np.float64(charge_e[above, before]) + np.float64(charge_e[below, before])) + (
         np.float64(charge_e[above, after]) + np.float64(charge_e[below, after])
     )
-    out[r, c] = coupled(np.float64(charge_e[r, c]), sides, corners, side_share, corner_share)
+    out[r, c] = coupled(np.float64(charge_e[r, c]), sides, corners, side_fraction, corner_fraction)
 
 
 class Kernel(NamedTuple):

@@ -63,7 +63,7 @@ def _term_spectra(arrays: Arrays, layer: Layer, grid: Grid) -> Iterator[Any]:
     xp, view = arrays.xp, layer.views[0]
     weights = arrays.put(view.weights)
     overlaps = [grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)]
-    down, across = (_shares(arrays, cover) for cover in overlaps)
+    down, across = (_fractions(arrays, cover) for cover in overlaps)
     narrow = view.weights.shape[1] < grid.cells(0)
     field = None if layer.field is None else _field_weights(arrays, layer.field, grid)
     for mix in layer.mixing:
@@ -82,21 +82,21 @@ def _term_spectra(arrays: Arrays, layer: Layer, grid: Grid) -> Iterator[Any]:
         yield xp.fft.fft(rows, axis=0)
 
 
-def _shares(arrays: Arrays, cover: Overlap) -> list[tuple[Any, Any]]:
-    """Return the samples that each output covers as pairs of (count,) samples and shares, which are 0 for padding."""
+def _fractions(arrays: Arrays, cover: Overlap) -> list[tuple[Any, Any]]:
+    """Return the samples that each output covers as pairs of (count,) samples and fractions, 0 for padding."""
     counts = np.diff(cover.first)
     pairs = []
     for entry in range(int(counts.max())):
         place = np.minimum(cover.first[:-1] + entry, cover.sample.size - 1)
-        share = np.where(entry < counts, cover.share[place], np.float32(0.0))
-        pairs.append((arrays.put(cover.sample[place]), arrays.put(share)))
+        fraction = np.where(entry < counts, cover.fraction[place], np.float32(0.0))
+        pairs.append((arrays.put(cover.sample[place]), arrays.put(fraction)))
     return pairs
 
 
-def _means(xp: Any, values: Any, shares: list[tuple[Any, Any]], axis: int) -> Any:
+def _means(xp: Any, values: Any, fractions: list[tuple[Any, Any]], axis: int) -> Any:
     """Return the means of a map, or of its spectrum, along an axis."""
     shape = (-1, 1) if axis == 0 else (1, -1)
-    parts = (xp.take(values, sample, axis=axis) * xp.reshape(share, shape) for sample, share in shares)
+    parts = (xp.take(values, sample, axis=axis) * xp.reshape(fraction, shape) for sample, fraction in fractions)
     total = next(parts)
     for part in parts:
         total = total + part
@@ -108,14 +108,14 @@ def _field_weights(arrays: Arrays, field: Field, grid: Grid) -> Any:
     xp, centers = arrays.xp, grid.centers(1)
     position = np.interp(grid.centers(0), field.row, np.arange(field.row.size))
     index = np.minimum(position.astype(np.int64), max(field.row.size - 2, 0))
-    share = arrays.put((position - index).astype(np.float32)[:, None])
+    fraction = arrays.put((position - index).astype(np.float32)[:, None])
     low, high = arrays.put(index), arrays.put(np.minimum(index + 1, field.row.size - 1))
 
     def of(mode: int) -> Any:
         lines = np.stack([np.interp(centers, field.col, line) for line in field.weights[mode]]).astype(np.float32)
         across = arrays.put(lines)
         above = xp.take(across, low, axis=0)
-        return above + share * (xp.take(across, high, axis=0) - above)
+        return above + fraction * (xp.take(across, high, axis=0) - above)
 
     return of
 
@@ -134,7 +134,7 @@ class _DeviceTransfer:
             position = xp.sqrt(fy * fy + fx * fx)
             index = xp.astype(position, xp.int32)
             index = xp.minimum(index, xp.full_like(index, last))
-            self._share = position - xp.astype(index, xp.float32)
+            self._fraction = position - xp.astype(index, xp.float32)
             self._index = xp.reshape(index, (-1,))
             self._aperture = arrays.put(rows.aperture_y[:, None]) * arrays.put(rows.aperture_x[None])
 
@@ -150,11 +150,11 @@ class _DeviceTransfer:
     def _of_radial(self, rows: RadialRows, channel: int, term: int) -> Any:
         xp, put = self._arrays.xp, self._arrays.put
         nodes = rows.table[channel, term]
-        shape = self._share.shape
+        shape = self._fraction.shape
         low = xp.reshape(xp.take(put(nodes), self._index, axis=0), shape)
         step = xp.reshape(xp.take(put(np.append(np.diff(nodes), np.float32(0.0))), self._index, axis=0), shape)
-        inside = xp.astype(self._share <= 1.0, xp.float32)
-        central = (low + self._share * step) * (inside * self._aperture)
+        inside = xp.astype(self._fraction <= 1.0, xp.float32)
+        central = (low + self._fraction * step) * (inside * self._aperture)
         fold, begin = rows.fold[channel, term], rows.fold_begin_x
         first_x = np.repeat(np.arange(begin.size - 1), np.diff(begin))
         down, across = (
@@ -185,20 +185,20 @@ def _wrapped(kernel: F64, size: int, axis: int) -> F64:
     return np.moveaxis(out, 0, axis)
 
 
-def gathered_on_device(arrays: Arrays, mosaic: Any, shares: F64) -> Any:
-    """Return each pixel's sum of shares of the pixels around it; see `camera.optical_stack.gathered`.
+def gathered_on_device(arrays: Arrays, mosaic: Any, fractions: F64) -> Any:
+    """Return each pixel's sum of fractions of the pixels around it; see `camera.optical_stack.gathered`.
 
     - `mosaic`: (rows, cols) on the device, one whole tile or more.
-    - `shares`: (tile rows, tile cols, size, size) on the host.
+    - `fractions`: (tile rows, tile cols, size, size) on the host.
     """
-    xp, (tile, size) = arrays.xp, (shares.shape[:2], shares.shape[2])
+    xp, (tile, size) = arrays.xp, (fractions.shape[:2], fractions.shape[2])
     total = xp.zeros_like(mosaic)
-    for y, x in np.argwhere((shares != 0).any(axis=(0, 1))):
+    for y, x in np.argwhere((fractions != 0).any(axis=(0, 1))):
         down, across = (
             arrays.put(_inside(np.arange(count) + shift - size // 2, count, period))
             for count, shift, period in zip(mosaic.shape, (y, x), tile, strict=True)
         )
-        weights = arrays.put(shares[:, :, y, x].astype(np.float32))
+        weights = arrays.put(fractions[:, :, y, x].astype(np.float32))
         for axis, (count, period) in enumerate(zip(mosaic.shape, tile, strict=True)):
             weights = xp.take(weights, arrays.put(np.arange(count) % period), axis=axis)
         total = total + weights * xp.take(xp.take(mosaic, down, axis=0), across, axis=1)

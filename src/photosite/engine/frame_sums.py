@@ -454,7 +454,7 @@ def _pixels(frames: Sequence[_Ints]) -> FramePixels:
 
 
 def _add_stored(frames: Sequence[FrameRows], full_scale: int, settings: SumSettings, into: StackSums) -> None:
-    """Add frames that are read a few rows at a time, each thread into memory of its own that stays in its cache."""
+    """Add frames that are read a few rows at a time, each thread into a buffer that stays in its cache."""
     rows, cols = frames[0].shape
     labels, black, white, before, last_frames = settings
     by_band = into[2:]

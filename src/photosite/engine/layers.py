@@ -4,7 +4,7 @@ A layer's *term* is a combination of weight maps on the padded grid of cells. If
 the sum of several combinations, each times a field weight. If the lens distorts, each cell takes the mean of a map over
 the place it sees through a warp. Occluders attenuate a map before the lens blurs it.
 
-With lateral color, each wavelength node has a view of its own. All terms are combinations of a few *node maps* per
+With lateral color, each wavelength node has its own view. All terms are combinations of a few *node maps* per
 node. These are resampled a strip of rows at a time, and all terms computed from the strip while it is in the cache.
 """
 
@@ -32,7 +32,7 @@ _CHUNK, _BLOCK = 16, 512
 WORKERS = THREADS
 _MAPS_PER_PASS, _TERMS_PER_PASS = 4, 12
 """Maps of one distorted view, and terms of several views, that are computed in one pass: finding the places that cells
-see is much of the work, but the spectra of all terms of a pass are stored."""
+see takes long, but the spectra of all terms of a pass are stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,30 +190,30 @@ def _find_spectra(
             distinct = lines[: numbers[0, -1] + 1]
             spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=WORKERS)[numbers[0]]
             continue
-        above, share = field.above[begin:end], field.share[begin:end]
-        ends, left, place = _ends_of_runs(np.vstack([numbers, above]), share)
+        above, fraction = field.above[begin:end], field.fraction[begin:end]
+        ends, left, place = _ends_of_runs(np.vstack([numbers, above]), fraction)
         with threads_for(terms * ends.size * cols):
-            _sum_rows(lines, numbers[:, ends], weights, used, above[ends], share[ends], out)
+            _sum_rows(lines, numbers[:, ends], weights, used, above[ends], fraction[ends], out)
         known = scipy.fft.rfft(out[:, : ends.size], axis=2, workers=WORKERS)
         _interpolate_rows(known.view(np.float32), left, place, begin, spectra.view(np.float32))
 
 
-def _ends_of_runs(sources: I64, share: F32) -> tuple[I64, I64, F32]:
-    """Find runs of rows that are sums of the same lines, with weights that are linear in `share`.
+def _ends_of_runs(sources: I64, fraction: F32) -> tuple[I64, I64, F32]:
+    """Find runs of rows that are sums of the same lines, with weights that are linear in `fraction`.
 
     - `sources`: (n, rows) what the rows of a run have in common.
-    - `share`: (rows,) increases or is constant within a run.
+    - `fraction`: (rows,) increases or is constant within a run.
 
     Returns the first and the last row of each run; for each row the place of its run's first among these, and how far
     it is from there to the last, 0 to 1.
     """
     changes = np.flatnonzero((sources[:, 1:] != sources[:, :-1]).any(axis=0)) + 1
-    first, last = np.append(0, changes), np.append(changes, share.size) - 1
+    first, last = np.append(0, changes), np.append(changes, fraction.size) - 1
     ends = np.unique(np.concatenate([first, last]))
     of_row = np.repeat(np.arange(first.size), last - first + 1)
-    length = share[last] - share[first]
+    length = fraction[last] - fraction[first]
     length[length == 0] = 1.0
-    place = (share - share[first][of_row]) / length[of_row]
+    place = (fraction - fraction[first][of_row]) / length[of_row]
     return ends, np.searchsorted(ends, first)[of_row], place
 
 
@@ -377,26 +377,26 @@ class _FieldWeights:
     def __init__(self, field: Field | None, grid: Grid) -> None:
         rows, centers = grid.cells(0), grid.centers(1)
         self.across = np.ones((1, 1, centers.size), np.float32)  # (R, P, cols), at the rows of nodes
-        # For each row of cells the row of nodes above it, and the share of the one below.
-        self.above, self.share = np.zeros(rows, np.int64), np.zeros(rows, np.float32)
+        # For each row of cells the row of nodes above it, and the fraction of the one below.
+        self.above, self.fraction = np.zeros(rows, np.int64), np.zeros(rows, np.float32)
         if field is None:
             return
         along = [np.interp(centers, field.col, line) for line in field.weights.reshape(-1, field.col.size)]
         self.across = np.stack(along).astype(np.float32).reshape(*field.weights.shape[:2], centers.size)
         position = np.interp(grid.centers(0), field.row, np.arange(field.row.size))
         self.above = np.minimum(position.astype(np.int64), max(field.row.size - 2, 0))
-        self.share = (position - self.above).astype(np.float32)
+        self.fraction = (position - self.above).astype(np.float32)
 
 
 @compiled(parallel=True)
 def _sum_rows(
-    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: I64, share: F32, out: F32
+    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: I64, fraction: F32, out: F32
 ) -> None:
     """Compute the first rows of `out`, (terms, at least rows, cols), as sums of maps times weights.
 
     - `lines`, `numbers`: Row i of map s is `lines[numbers[s, i]]`.
     - `weights`: (terms, S, P, cols) at the rows of nodes; `used`: (terms, S) whether any is not 0.
-    - `above`, `share`: (rows,) the row of nodes above each row, and the share of the one below.
+    - `above`, `fraction`: (rows,) the row of nodes above each row, and the fraction of the one below.
     """
     rows, cols = numbers.shape[1], out.shape[2]
     blocks = (cols + _BLOCK - 1) // _BLOCK
@@ -405,12 +405,14 @@ def _sum_rows(
         block = slice(left, min(left + _BLOCK, cols))
         for i in range(begin, min(begin + _CHUNK, rows)):
             for term in range(out.shape[0]):
-                _add_weighed(lines, numbers[:, i], weights[term], used[term], above[i], share[i], block, out[term, i])
+                _add_weighed(
+                    lines, numbers[:, i], weights[term], used[term], above[i], fraction[i], block, out[term, i]
+                )
 
 
 @compiled()
 def _add_weighed(
-    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: int, share: float, block: slice, out: F32
+    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: int, fraction: float, block: slice, out: F32
 ) -> None:
     total, below = out[block], min(above + 1, weights.shape[1] - 1)
     total[:] = 0.0
@@ -418,7 +420,7 @@ def _add_weighed(
         if used[s]:
             values, high, low = lines[numbers[s], block], weights[s, above, block], weights[s, below, block]
             for c in range(total.size):
-                total[c] += values[c] * (high[c] + share * (low[c] - high[c]))
+                total[c] += values[c] * (high[c] + fraction * (low[c] - high[c]))
 
 
 @compiled(parallel=True)

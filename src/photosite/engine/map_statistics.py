@@ -207,7 +207,7 @@ def remove_group_means(values: F32, groups: I64, rounds: int, tails: float) -> N
                 row[j] = min(max(row[j], -limit), limit)
 
 
-# Statistics of single frames: exact line sums, and residuals about the mean of a stack.
+# Statistics of a frame: exact line sums, and residuals about the mean of a stack.
 
 
 @compiled()

@@ -208,12 +208,12 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
         # Conjugates and responses in reverse order, for the columns beyond half of the sampling frequency
         reverse, reverse_response = np.empty(half, np.complex64), np.empty((channels, half), np.float32)
         index = np.empty(half, np.uint32)
-        share = np.empty(half, np.float32)
+        fraction = np.empty(half, np.float32)
         for alias_y in range(turn_y.shape[0]):
             y = r + alias_y * small_rows
-            _positions(radial, y, index, share)
+            _positions(radial, y, index, fraction)
             for channel in range(channels):
-                _response(response[channel], index, share, radial, channel, y)
+                _response(response[channel], index, fraction, radial, channel, y)
             mirrored = spectrum[(rows - y) % rows]
             for c in range(half):
                 reverse[c] = np.conj(mirrored[half - 1 - c])
@@ -231,25 +231,25 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
 
 
 @compiled()
-def _positions(radial: RadialRows, y: int, index: NDArray[np.uint32], share: F32) -> None:
-    """Compute the positions of a row of frequencies between the table's nodes; a share above 1 is beyond the last."""
+def _positions(radial: RadialRows, y: int, index: NDArray[np.uint32], fraction: F32) -> None:
+    """Compute the positions of a row of frequencies between the nodes of the table; one above 1 is beyond the last."""
     fx = radial.fx
     last = np.uint32(radial.table.shape[1] - 2)
     square = radial.fy[y] * radial.fy[y]
     for c in range(fx.size):
         position = np.sqrt(square + fx[c] * fx[c])
         index[c] = min(np.uint32(position), last)
-        share[c] = position - np.float32(index[c])
+        fraction[c] = position - np.float32(index[c])
 
 
 @compiled()
-def _response(out: F32, index: NDArray[np.uint32], share: F32, radial: RadialRows, channel: int, y: int) -> None:
+def _response(out: F32, index: NDArray[np.uint32], fraction: F32, radial: RadialRows, channel: int, y: int) -> None:
     """Compute H of a channel along a row of frequencies."""
     nodes, aperture_y, aperture_x = radial.table[channel], radial.aperture_y[y], radial.aperture_x
     for c in range(out.size):
         low = nodes[index[c]]
-        value = low + share[c] * (nodes[index[c] + np.uint32(1)] - low)
-        value = value if share[c] <= np.float32(1.0) else np.float32(0.0)
+        value = low + fraction[c] * (nodes[index[c] + np.uint32(1)] - low)
+        value = value if fraction[c] <= np.float32(1.0) else np.float32(0.0)
         out[c] = value * (aperture_y * aperture_x[c])
     _add_folded(out, radial, channel, y)
 
@@ -308,7 +308,7 @@ def add_general(
         line = np.empty(2 * half, np.float32)
         real = np.empty(half if has_radial else 1, np.float32)
         index = np.empty(half if has_radial else 1, np.uint32)
-        share = np.empty(half if has_radial else 1, np.float32)
+        fraction = np.empty(half if has_radial else 1, np.float32)
         passed = np.empty((2, channels, half), np.complex64)
         mirror_row = (small_rows - pair) % small_rows
         for alias in range(aliases):
@@ -317,11 +317,11 @@ def add_general(
                 if side == 1:
                     y = (rows - y) % rows
                 if has_radial:
-                    _positions(radial, y, index, share)
+                    _positions(radial, y, index, fraction)
                 for channel in range(channels):
                     _kernel_line(line, kernel[channel], first[y], taps[y])
                     if has_radial:
-                        _response(real, index, share, radial, channel, y)
+                        _response(real, index, fraction, radial, channel, y)
                         _multiplied_with_real(passed[side, channel], spectrum[y], line, real)
                     else:
                         _multiplied(passed[side, channel], spectrum[y], line)

@@ -4,13 +4,13 @@ The image is that of a scene at rest: `images[k, i, j]` is what a pixel of chann
 A cell is a part of a pixel. While a pixel of the frame is exposed, it sees a path of places on the cells. Between cells
 the image is interpolated by cubic convolution, phi(y) phi(x) (Keys, IEEE Trans. ASSP 29 (1981) 1153).
 
-An exposure is split into steps with known light. All pixels of a row share the path of a translation, up to their own
+An exposure is split into steps with known light. All pixels of a row have the path of a translation, up to their own
 position. Its integral is then a short kernel for each row::
 
     kernel(i, j) = sum over steps of light * mean over the step of phi(i - y(t)) phi(j - x(t))
 
 The mean is exact: between crossings of cells the product is a polynomial of degree 6, and Gauss's rule of four nodes
-integrates degree 7. Other affine motions give every pixel a path of its own, which is sampled at nodes.
+integrates degree 7. Other affine motions give every pixel its own path, which is sampled at nodes.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def translated_rows(cells: Cells, y: F64, x: F64, light_s: F64, out: F32) -> Non
 
 @compiled()
 def _translated_row(cells: Cells, r: int, y: F64, x: F64, light_s: F64, out: F32) -> None:
-    # A function of its own: numba may compute allocations in a prange loop once for all its iterations.
+    # A separate function: numba may compute allocations in a prange loop once for all its iterations.
     top, left = int(np.floor(y.min())) - 1, int(np.floor(x.min())) - 1
     kernel = np.zeros((int(np.floor(y.max())) + 3 - top, int(np.floor(x.max())) + 3 - left))
     for s in range(light_s.size):
@@ -114,14 +114,14 @@ def _add_step(kernel: F64, y0: float, x0: float, y1: float, x1: float, light_s: 
 
 @compiled()
 def _next_crossing(start: float, along: float, at: float) -> float:
-    """Return the share of a path at which it next reaches a whole number after a share `at`; 2 for never."""
+    """Return the fraction of a path at which it next reaches a whole number after a fraction `at`; 2 for never."""
     if along == 0.0:
         return 2.0
     here = start + at * along
     whole = np.floor(here) + 1.0 if along > 0.0 else np.ceil(here) - 1.0
-    share = (whole - start) / along
+    fraction = (whole - start) / along
     # Rounding may leave the crossing that was just passed.
-    return float(share if share > at + 1e-12 else (whole + np.sign(along) - start) / along)
+    return float(fraction if fraction > at + 1e-12 else (whole + np.sign(along) - start) / along)
 
 
 @compiled(inline=True)

@@ -63,15 +63,15 @@ def _pair_sums(first: _Frames, second: _Frames, shape: _Site, out: I64) -> None:
 
 @compiled()
 def _difference_lines(
-    first: _Frames, second: _Frames, share: F64, offset: F64, reach: int, out: F64, rows_out: F64, columns_out: F64
+    first: _Frames, second: _Frames, fraction: F64, offset: F64, reach: int, out: F64, rows_out: F64, columns_out: F64
 ) -> None:
-    """Compute a - b - share (a + b) - offset in the middle of `out`, and sum its lines."""
-    tile_rows, tile_cols = share.shape
+    """Compute a - b - fraction (a + b) - offset in the middle of `out`, and sum its lines."""
+    tile_rows, tile_cols = fraction.shape
     rows, cols = rows_out.shape[0], columns_out.shape[1]
     for r in range(rows):
         line, columns = out[r, reach:], columns_out[r % tile_rows]
         for k in range(tile_cols):
-            of_sum, less = share[r % tile_rows, k], offset[r % tile_rows, k]
+            of_sum, less = fraction[r % tile_rows, k], offset[r % tile_rows, k]
             start, step = np.uint64(k), np.uint64(tile_cols)
             lanes = np.zeros(_LANES)
             n = np.uint64(cols // tile_cols)
@@ -125,18 +125,18 @@ def difference_products(first: _Frames, second: _Frames, tile: tuple[int, ...], 
     pixels = rows * cols // (tile[0] * tile[1])
     sums = np.zeros((tile[0], tile[1], 5), np.int64)
     _pair_sums(first, second, (rows, cols), sums)
-    share, offset = np.zeros((2, tile[0], tile[1]))
-    for site in np.ndindex(*share.shape):
+    fraction, offset = np.zeros((2, tile[0], tile[1]))
+    for site in np.ndindex(*fraction.shape):
         a, b, aa, ab, bb = map(int, sums[site])
         spread = pixels * (aa + 2 * ab + bb) - (a + b) ** 2  # integers: exact
-        share[site] = (pixels * (aa - bb) - (a - b) * (a + b)) / spread if spread else 0.0
-        offset[site] = ((a - b) - share[site] * (a + b)) / pixels
+        fraction[site] = (pixels * (aa - bb) - (a - b) * (a + b)) / spread if spread else 0.0
+        offset[site] = ((a - b) - fraction[site] * (a + b)) / pixels
     difference = np.zeros((rows + reach, cols + 2 * reach))
     of_rows, of_columns = np.empty((rows, tile[1])), np.zeros((tile[0], cols))
-    _difference_lines(first, second, share, offset, reach, difference, of_rows, of_columns)
+    _difference_lines(first, second, fraction, offset, reach, difference, of_rows, of_columns)
     near = np.zeros((tile[0], tile[1], 2 * reach + 1, 2 * reach + 1))
     _lag_products(difference, reach, near)
-    for r, c in np.ndindex(*share.shape):
+    for r, c in np.ndindex(*fraction.shape):
         for dy, dx in np.ndindex(reach + 1, 2 * reach + 1):
             if (other := dx - reach) > 0 or dy > 0:
                 near[(r + dy) % tile[0], (c + other) % tile[1], reach - dy, reach - other] = near[r, c, reach + dy, dx]

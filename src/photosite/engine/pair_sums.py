@@ -211,14 +211,14 @@ def _add_many_lines(lines: _Ints, rows: int, start: int, together: int, clips: L
                 if lowest <= black or high >= white:
                     lane_clips(here.view(np.uint16), row_labels, black, white, counts, clipped[band])
                 if (k + 1) % together == 0 or k + 1 == frames:
-                    _take_apart(run, m, k < together, run_sums, run_squares)
+                    _unpack_pairs(run, m, k < together, run_sums, run_squares)
             sums[start + r, 2 * c : 2 * (c + m)] = run_sums[: 2 * m]
             lane_squares(run_sums[: 2 * m], run_squares[: 2 * m], LANES, np.uint64(frames), whole, rounded)
         add_lanes(whole, rounded, row_labels, LANES, exact[band], spread[band])
 
 
 @compiled()
-def _take_apart(run: _Ints, m: int, first: bool, sums: _Ints, squares: _Ints) -> None:
+def _unpack_pairs(run: _Ints, m: int, first: bool, sums: _Ints, squares: _Ints) -> None:
     """Add the sums of pairs, and of squares of even and odd pixels, to those of pixels."""
     if first:
         sums[:] = 0

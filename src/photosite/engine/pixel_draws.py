@@ -11,22 +11,22 @@ from photosite.engine.random_numbers import BLINKING, normal, philox4x32, unifor
 
 @compiled()
 def chosen_pixels(
-    pixels: int, share: float, use: np.uint32, series: int, k0: np.uint32, k1: np.uint32
+    pixels: int, fraction: float, use: np.uint32, series: int, k0: np.uint32, k1: np.uint32
 ) -> tuple[I64, F64]:
-    """Return the numbers (n,) of the pixels that a share of all leaves, and three uniform numbers (3, n) of each.
+    """Return the numbers (n,) of the pixels that a fraction of all leaves, and three uniform numbers (3, n) of each.
 
-    Word 0 of the block of a pixel chooses it: a pixel that a share chooses is in every larger share, too. `series`,
-    the second word of the counter, tells several choices of one use apart.
+    Word 0 of the block of a pixel chooses it: a pixel of one fraction is in every larger one, too. `series`, the second
+    word of the counter, distinguishes several choices of one use.
     """
     count = 0
     for i in range(pixels):
         w0, _, _, _ = philox4x32(np.uint32(i), np.uint32(series), use, np.uint32(0), k0, k1)
-        count += int(uniform(w0) < share)
+        count += int(uniform(w0) < fraction)
     numbers, values = np.empty(count, np.int64), np.empty((3, count))
     n = 0
     for i in range(pixels):
         w0, w1, w2, w3 = philox4x32(np.uint32(i), np.uint32(series), use, np.uint32(0), k0, k1)
-        if uniform(w0) < share:
+        if uniform(w0) < fraction:
             numbers[n] = i
             values[0, n], values[1, n], values[2, n] = uniform(w1), uniform(w2), uniform(w3)
             n += 1
@@ -34,7 +34,7 @@ def chosen_pixels(
 
 
 @compiled()
-def shares_of(number: int, count: int, use: np.uint32, k0: np.uint32, k1: np.uint32) -> F64:
+def fractions_of(number: int, count: int, use: np.uint32, k0: np.uint32, k1: np.uint32) -> F64:
     """Return (count,) numbers from 0 to below 1 of a 64-bit number, which is the first two words of the counter."""
     low, high = np.uint32(number & 0xFFFFFFFF), np.uint32(number >> 32)
     out = np.empty((count + 3) // 4 * 4)

@@ -177,7 +177,7 @@ def digital_number(electrons: float, deviate: float, pixel: Pixel, exposure: Exp
 
 
 @compiled(inline=True)
-def in_doubt(dn: float, pixel: Pixel, exposure: Exposure) -> np.uint8:
+def may_round_differently(dn: float, pixel: Pixel, exposure: Exposure) -> np.uint8:
     """Return 1 if the exact deviate could give another number than that from `short_normals`, which gave `dn`; or 0."""
     noise_dn = pixel.noise_e * exposure.gain_dn_per_e + pixel.noise_dn * pixel.map_gain_ratio
     error = NORMAL_ERROR * noise_dn + (_DN_ROUNDING if noise_dn > 0.0 else 0.0)
@@ -394,7 +394,7 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
                         pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
                         target[i] = rounded_dn(dn, exposure)
-                        marks[i] = in_doubt(dn, pixel, exposure)
+                        marks[i] = may_round_differently(dn, pixel, exposure)
                     for j in range(marked(marks, n, run.few)):
                         i = run.few[j]
                         pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
@@ -439,7 +439,7 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
                         pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
                         target[i] = rounded_dn(dn, exposure)
-                        marks[i] = in_doubt(dn, pixel, exposure)
+                        marks[i] = may_round_differently(dn, pixel, exposure)
                     for j in range(marked(marks, n, run.few)):
                         i = run.few[j]
                         pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)

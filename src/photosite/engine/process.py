@@ -1,4 +1,4 @@
-"""Settings of a process that photosite has to itself: a command, or a worker process of its own."""
+"""Settings of a process that runs photosite only: a command, or a worker."""
 
 from __future__ import annotations
 

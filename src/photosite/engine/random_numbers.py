@@ -29,7 +29,7 @@ HOT_PIXELS = np.uint32(9)
 DEFECTS = np.uint32(10)
 """Word 0: whether a pixel is dead or stuck. Word 1: the number of a stuck one. Series 1 and 2: columns, clusters."""
 TELEGRAPH = np.uint32(11)
-"""Word 0: whether a pixel blinks. Words 1 and 2: its amplitude, and its share of time in the upper level."""
+"""Word 0: whether a pixel blinks. Words 1 and 2: its amplitude, and its fraction of time in the upper level."""
 DRIFT = np.uint32(12)
 """Word 0: a step of the black level's drift, whose octave is the pixel; frame 0 is where it starts."""
 LINE_PATTERN = np.uint32(13)

@@ -42,7 +42,7 @@ class Run(NamedTuple):
     mean: F64
     electrons: F64
     deviates: F64
-    # A list of pixels, and what is known of each. These are separate arrays: LLVM cannot tell that rows of one array
+    # A list of pixels, and values of each. These are separate arrays: LLVM cannot tell that rows of one array
     # do not overlap, and would not vectorize the loops.
     late: I64
     few: I64  # another list
@@ -158,7 +158,7 @@ def short_trials(
 
 @compiled(inline=True)
 def _count(mean: float, deviation: np.float32, error: np.float32) -> float:
-    """Return the candidate of a trial; NaN if the error of the deviation leaves it in doubt."""
+    """Return the candidate of a trial; NaN if it could differ within the error of the deviation."""
     place = np.float64(deviation) + mean + 0.43
     count = np.floor(place)
     above = place - count
@@ -173,7 +173,7 @@ def short_verdicts(
 
     The test of `poisson_accept`. With x = (k - mean) / (k + mean), k log(mean / k) + k - mean = -(k - mean) x - 2 k
     (x^3 / 3 + x^5 / 5 + ...), where nothing large cancels. The density errs by 15 units of itself, the logarithm by 20
-    of 1 and 4 of itself. A candidate in doubt is NaN, and never accepted.
+    of 1 and 4 of itself. A candidate that is NaN is never accepted.
 
     - `difference`: Candidate less mean.
     """

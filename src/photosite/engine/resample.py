@@ -15,15 +15,15 @@ _CHUNK = 16
 _FEW_SAMPLES = 4
 """Samples per output up to which all outputs of a line are computed as if they covered as many."""
 _BLOCK = 256
-"""Cells whose shares in samples are computed together, unless each of them sees one sample."""
+"""Cells whose fractions in samples are computed together, unless each of them sees one sample."""
 
 
 class Overlap(NamedTuple):
-    """The samples that each output covers, and their shares: entries first[i] to first[i + 1] belong to output i."""
+    """The samples that each output covers, and their fractions: entries first[i] to first[i + 1] belong to output i."""
 
     first: I64
     sample: I64
-    share: F32
+    fraction: F32
 
     def span(self, start: int, end: int) -> tuple[int, int]:
         """Return the samples that outputs from start to end need: the first, and one after the last."""
@@ -39,7 +39,7 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
     Examples
     --------
     >>> two = overlap(2, 0.5, 1.5, 3)
-    >>> two.first, two.sample, two.share.round(3)
+    >>> two.first, two.sample, two.fraction.round(3)
     (array([0, 2, 3]), array([0, 1, 2]), array([0.333, 0.667, 1.   ], dtype=float32))
     """
     borders = start + step * np.arange(count + 1)
@@ -49,9 +49,9 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
     middle = (cuts[:-1] + cuts[1:]) / 2
     output = np.searchsorted(borders, middle, side="right") - 1
     sample = np.clip(np.floor(middle), 0, samples - 1).astype(np.int64)
-    share = np.diff(cuts) / step
+    fraction = np.diff(cuts) / step
     first = np.searchsorted(output, np.arange(count + 1)).astype(np.int64)
-    return Overlap(first, sample, share.astype(np.float32))
+    return Overlap(first, sample, fraction.astype(np.float32))
 
 
 def mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
@@ -68,7 +68,7 @@ def mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F32
 
 @compiled(parallel=True)
 def _mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
-    first, sample, share = across
+    first, sample, fraction = across
     count = out.shape[1]
     covered = 0
     for i in range(count):
@@ -78,32 +78,32 @@ def _mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
             for i in range(count):
                 total = np.float32(0.0)
                 for entry in range(first[i], first[i + 1]):
-                    total += values[r, sample[entry]] * share[entry]
+                    total += values[r, sample[entry]] * fraction[entry]
                 out[r, i] = total
         return
-    # Equally many entries for each output, for vector instructions; the last ones may have share 0.
-    samples, shares = np.empty((covered, count), np.uint32), np.empty((covered, count), np.float32)
+    # Equally many entries for each output, for vector instructions; the last ones may have fraction 0.
+    samples, fractions = np.empty((covered, count), np.uint32), np.empty((covered, count), np.float32)
     for k in range(covered):
         for i in range(count):
             entry = min(first[i] + k, first[i + 1] - 1)
             samples[k, i] = sample[entry]
-            shares[k, i] = share[entry] if first[i] + k == entry else np.float32(0.0)
+            fractions[k, i] = fraction[entry] if first[i] + k == entry else np.float32(0.0)
     for r in prange(out.shape[0]):
         line, given = out[r], values[r]
         line[:] = 0.0
         for k in range(covered):
-            number, weight = samples[k], shares[k]
+            number, weight = samples[k], fractions[k]
             for i in range(count):
                 line[i] += given[number[i]] * weight[i]
 
 
 @compiled(parallel=True)
 def _mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F32) -> None:
-    first, sample, share = down
+    first, sample, fraction = down
     for i in prange(out.shape[0]):
         begin = first[outputs[i]]
         for entry in range(begin, first[outputs[i] + 1]):
-            row, weight = values[sample[entry] - offset], share[entry]
+            row, weight = values[sample[entry] - offset], fraction[entry]
             if entry == begin:
                 for c in range(out.shape[1]):
                     out[i, c] = row[c] * weight
@@ -122,8 +122,8 @@ def _mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F3
 # exact for a map that is constant within each sample. Neighboring cells share corners and edges, so that no light is
 # lost or counted twice. Without distortion the mean equals that of the resampled lines.
 #
-# A cell no larger than a sample usually sees the samples of its four corners only. Their shares of its area are exact
-# as well, and take a fifth of the time: most cells need no integrals.
+# A cell no larger than a sample usually sees the samples of its four corners only. Their fractions of its area are
+# exact as well, and take a fifth of the time: most cells need no integrals.
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +209,8 @@ class _CornerRow(NamedTuple):
     values: F32  # (R, n)
 
 
-class _Shares(NamedTuple):
-    """Shares of a block of cells in the samples of their corners; that of the upper left corner is the rest of 1."""
+class _Fractions(NamedTuple):
+    """Fractions of a block of cells in the samples of their corners; that of the upper left corner is the rest of 1."""
 
     upper_right: F32
     lower_left: F32
@@ -255,14 +255,14 @@ def _warped_means(source: _Source, trace: _Trace, y_m: F64, out: F32) -> None:
 
 @compiled()
 def _chunk_of_means(source: _Source, trace: _Trace, y_m: F64, begin: int, end: int, out: F32) -> None:
-    # A function of its own: numba may compute allocations in a prange loop once for all its iterations.
+    # A separate function: numba may compute allocations in a prange loop once for all its iterations.
     maps, cells = out.shape[0], out.shape[2]
     # Of two rows of corners, alternating: the row itself,
     corners = _corner_row(maps, cells + 1), _corner_row(maps, cells + 1)
     along = np.empty((2, maps, cells + 1))  # the integrals from each corner to the next,
     known = np.zeros((2, cells), np.bool_)  # and whether they are computed
     side = np.empty((maps, cells + 1))  # integrals from corners to those below
-    shares = _Shares(np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32))
+    fractions = _Fractions(np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32))
     complete = np.empty(cells, np.bool_)
     rest, sides, unknown = (np.empty(cells + 1, np.int64), np.empty(cells + 1, np.int64), np.empty(cells, np.int64))
     pieces = _room(cells + 1, 4 * cells)
@@ -272,7 +272,7 @@ def _chunk_of_means(source: _Source, trace: _Trace, y_m: F64, begin: int, end: i
         upper, lower = corners[above], corners[below]
         _find_places(trace, y_m[r + 1], source, lower)
         for first in range(0, cells, _BLOCK):
-            _means_of_corners(upper, lower, first, shares, complete, out[:, r])
+            _means_of_corners(upper, lower, first, fractions, complete, out[:, r])
         others = rest[: _find_others(complete, rest)]
         count_sides, count_unknown = _find_edges(others, known[above], known[below], sides, unknown)
         pieces = _integrals(source, upper, lower, 0, sides[:count_sides], pieces, side)
@@ -302,8 +302,8 @@ def _find_places(trace: _Trace, y_m: float, source: _Source, corners: _CornerRow
     for c in range(x_m.size):
         position = (y_m * y_m + x_m[c] * x_m[c]) * per_m2
         node = min(int(position), last)
-        share = min(position - node, 1.0)
-        factor = scale[node] + share * (scale[node + 1] - scale[node])
+        fraction = min(position - node, 1.0)
+        factor = scale[node] + fraction * (scale[node + 1] - scale[node])
         x[c] = axis_x + factor * (x_m[c] * per_m_x)
         y[c] = axis_y + factor * (y_m * per_m_y)
     for c in range(x_m.size):
@@ -317,28 +317,28 @@ def _find_places(trace: _Trace, y_m: float, source: _Source, corners: _CornerRow
 
 @compiled()
 def _means_of_corners(
-    upper: _CornerRow, lower: _CornerRow, first: int, shares: _Shares, complete: NDArray[np.bool_], out: F32
+    upper: _CornerRow, lower: _CornerRow, first: int, fractions: _Fractions, complete: NDArray[np.bool_], out: F32
 ) -> None:
     """Compute the means of a block of cells as if they saw the samples of their corners only; note whether they do."""
     end = min(first + _BLOCK, out.shape[1])
-    mixed = _find_shares(upper, lower, first, end, shares, complete[first:end])
+    mixed = _find_fractions(upper, lower, first, end, fractions, complete[first:end])
     for k in range(out.shape[0]):
         line, above, below = out[k, first:end], upper.values[k, first : end + 1], lower.values[k, first : end + 1]
         if not mixed:
             line[:] = above[:-1]
             continue
         value0, value1, value2, value3 = above[:-1], above[1:], below[:-1], below[1:]
-        share1, share2, share3 = shares
+        fraction1, fraction2, fraction3 = fractions
         for c in range(line.size):
-            more = share1[c] * (value1[c] - value0[c]) + share2[c] * (value2[c] - value0[c])
-            line[c] = value0[c] + (more + share3[c] * (value3[c] - value0[c]))
+            more = fraction1[c] * (value1[c] - value0[c]) + fraction2[c] * (value2[c] - value0[c])
+            line[c] = value0[c] + (more + fraction3[c] * (value3[c] - value0[c]))
 
 
 @compiled()
-def _find_shares(
-    upper: _CornerRow, lower: _CornerRow, first: int, end: int, shares: _Shares, complete: NDArray[np.bool_]
+def _find_fractions(
+    upper: _CornerRow, lower: _CornerRow, first: int, end: int, fractions: _Fractions, complete: NDArray[np.bool_]
 ) -> bool:
-    """Compute the shares of cells first to end, and whether these are all; return False if each cell sees one sample.
+    """Compute the fractions of cells first to end, and whether these are all; return False if each sees one sample.
 
     A vertical and a horizontal line between the samples cut a cell into four quadrilaterals, one for each corner, whose
     areas are half of the products of their diagonals. All lengths are from these lines, so that none is negative.
@@ -348,7 +348,7 @@ def _find_shares(
     y0, y1, y2, y3 = upper.y[left], upper.y[right], lower.y[left], lower.y[right]
     col0, col1, col2, col3 = upper.col[left], upper.col[right], lower.col[left], lower.col[right]
     row0, row1, row2, row3 = upper.row[left], upper.row[right], lower.row[left], lower.row[right]
-    share1, share2, share3 = shares
+    fraction1, fraction2, fraction3 = fractions
     differ = 0
     for c in range(end - first):
         differ |= (col0[c] ^ col1[c]) | (col0[c] ^ col2[c]) | (col0[c] ^ col3[c])
@@ -374,7 +374,7 @@ def _find_shares(
         area0, area1 = left0 * top + above0 * near, right1 * top + above1 * far
         area2, area3 = left2 * bottom + below2 * near, right3 * bottom + below3 * far
         per_area = np.float32(1.0) / ((area0 + area1) + (area2 + area3))
-        share1[c], share2[c], share3[c] = area1 * per_area, area2 * per_area, area3 * per_area
+        fraction1[c], fraction2[c], fraction3[c] = area1 * per_area, area2 * per_area, area3 * per_area
         # The samples are two by two neighbors, or fewer, and the lines cut the cell.
         neighbors = (col0[c] == col2[c]) & (col1[c] == col3[c]) & (col1[c] - col0[c] <= 1)
         neighbors &= (row0[c] == row1[c]) & (row2[c] == row3[c]) & (row2[c] - row0[c] <= 1)

@@ -119,7 +119,7 @@ def _more_cells(cells: int, folds: int) -> int:
 def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> F64:
     """Return (channels, maps, fy, fx): the terms with m other than 0, below the Nyquist frequency.
 
-    They are sparse matrices, of apertures times the shares of linear interpolation, times the table of all maps.
+    They are sparse matrices, of apertures times the fractions of linear interpolation, times the table of all maps.
     """
     from scipy.sparse import csr_array
 
@@ -150,8 +150,8 @@ def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64
             inside = position <= nodes - 1
             position, value, point = position[inside], aperture[inside], points[inside]
             node = np.minimum(position.astype(np.intp), nodes - 2)
-            share = position - node
-            entries += [(value * (1 - share), point, node), (value * share, point, node + 1)]
+            fraction = position - node
+            entries += [(value * (1 - fraction), point, node), (value * fraction, point, node + 1)]
         if entries:
             value, point, node = (np.concatenate(part) for part in zip(*entries, strict=True))
             total += csr_array((value, (point, node)), shape=(points.size, nodes)) @ by_node

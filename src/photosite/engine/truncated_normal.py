@@ -61,8 +61,8 @@ def _inside(walls: F64, offset: F64) -> F64:
     system = np.vstack([(walls / norm[:, None]).T, bounds])
     target = np.zeros(offset.size + 1)
     target[-1] = 1.0
-    shares, _ = nnls(system, target, maxiter=100 * offset.size)
-    residual = system @ shares - target
+    fractions, _ = nnls(system, target, maxiter=100 * offset.size)
+    residual = system @ fractions - target
     return np.asarray(-residual[:-1] / residual[-1])
 
 

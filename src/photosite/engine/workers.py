@@ -60,7 +60,7 @@ def run_tasks(
         Arguments of the calls; short, because each passes the scheduler.
     processes
         Number of local processes; None: one for each core. 1 runs the tasks in this process. Each process has its
-        share of the cores for threads, unless variables such as NUMBA_NUM_THREADS are set.
+        fraction of the cores for threads, unless variables such as NUMBA_NUM_THREADS are set.
     scheduler
         Address of a Dask scheduler, such as "tcp://10.0.0.1:8786", on whose workers the tasks run instead, with one
         thread each, and in the working folder of this process where they have it.
@@ -304,7 +304,7 @@ def _on_scheduler(
             hint = f"Start some: photosite worker {scheduler}"
             warnings.warn(PhotositeWarning("the scheduler has no workers", hint=hint), stacklevel=3)
         run, folder = uuid4().hex[:12], os.getcwd()
-        # A task of its own, so that its result is computed again when the workers that hold it die.
+        # A separate task, so that its result is computed again when the workers that hold it die.
         kept = client.submit(_same, function, key=f"photosite-function-{run}", pure=False)
         left = iter(range(len(tasks)))
         places: dict[str, int] = {}

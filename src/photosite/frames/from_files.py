@@ -370,8 +370,8 @@ def _temperature_warning(settings: Sequence[FrameSettings]) -> PhotositeWarning 
 DARK_SPREADS, LIGHT_SPREADS = 1.0, 5.0
 """Limits above the darkest frame, in units of its pixel spread: dark up to the first, light above the second."""
 
-DARKEST_SHARE = 0.25
-"""Largest level of a dark frame, as a share of the converter's range."""
+DARKEST_FRACTION = 0.25
+"""Largest level of a dark frame, as a fraction of the converter's range."""
 
 _LEAST_SPREAD_DN = 12**-0.5
 """Standard deviation of rounding to whole numbers."""
@@ -400,7 +400,7 @@ def classify_by_level(
         levels |= {n: float(frames[n][0].read().mean()) for n in unknown}
         dark = next((n for n in same_gain if complete[n].kind == "dark"), min(unknown, key=levels.__getitem__))
         reference, spread = _level_and_spread(frames[dark][0])
-        if reference > DARKEST_SHARE * (1 << bits):
+        if reference > DARKEST_FRACTION * (1 << bits):
             problem = f"the darkest frame has a mean of {reference:.1f} DN, too high for a dark frame"
             raise FileError(frames[dark][0].name, problem, hint=_HINT, arguments=_ARGUMENTS)
         for n in unknown:

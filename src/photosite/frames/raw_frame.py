@@ -305,8 +305,8 @@ def stated_border(metadata: Mapping[str, Any]) -> Border | None:
 MASKED_BORDER = "masked_border_dn"
 """Metadata name of the mean level of the masked pixels beside the frame."""
 
-_TOLERANCE_DN, _TOLERANCE_SHARE = 1.0, 1e-3
-"""Levels disagree if they differ by more than this many DN and by more than this share of the range up to white."""
+_TOLERANCE_DN, _TOLERANCE_FRACTION = 1.0, 1e-3
+"""Levels disagree if they differ by more than this many DN and by more than this fraction of the range up to white."""
 
 
 def levels_disagree(stated_dn: float, found_dn: float, white_level_dn: float) -> bool:
@@ -317,7 +317,7 @@ def levels_disagree(stated_dn: float, found_dn: float, white_level_dn: float) ->
     >>> levels_disagree(256, 256.6, 4095), levels_disagree(256, 262, 4095), levels_disagree(512, 520, 16383)
     (False, True, False)
     """
-    return abs(found_dn - stated_dn) > max(_TOLERANCE_DN, _TOLERANCE_SHARE * (white_level_dn - stated_dn))
+    return abs(found_dn - stated_dn) > max(_TOLERANCE_DN, _TOLERANCE_FRACTION * (white_level_dn - stated_dn))
 
 
 def masked_border_note(frame: RawFrame) -> tuple[str, ...]:

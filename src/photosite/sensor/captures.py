@@ -30,7 +30,7 @@ class Capture(Section):
     )
     relative_exposure: Fraction = about("Exposure time over that of the frame.", "1", 0.0625, default=Measured(1.0))
     crosstalk: dict[str, UnitInterval] = about(
-        "Share of the electrons of another capture's photodiode that arrive in this one, by its name.",
+        "Fraction of the electrons of another capture's photodiode that arrive in this one, by its name.",
         "1",
         {"large": 0.001},
         keys="captures",
@@ -270,7 +270,7 @@ class Captures(Section):
         """Return the electrons of a capture's photodiode over those of the sensor's pixel, crosstalk included."""
         owner = self.owner(name)
         lost = sum(part.crosstalk.get(owner.name, 0.0) for part in self.parts)
-        gained = sum(share * self[other].relative_sensitivity.value for other, share in owner.crosstalk.items())
+        gained = sum(fraction * self[other].relative_sensitivity.value for other, fraction in owner.crosstalk.items())
         return owner.relative_sensitivity.value * (1.0 - lost) + gained
 
     def light(self, name: str) -> float:

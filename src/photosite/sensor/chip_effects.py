@@ -1,7 +1,7 @@
 """Effects of `photosite.sensor.effects` that belong to the pixels of a drawn chip: defects, hot and blinking pixels.
 
-Which pixels have an effect, and its size there, is drawn from the serial; a larger share keeps the pixels of a smaller
-one. What changes from frame to frame depends on the seed and the frame number alone.
+Which pixels have an effect, and its size there, is drawn from the serial; a larger fraction contains the pixels of a
+smaller one. What changes from frame to frame depends on the seed and the frame number alone.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ _SINGLE, _COLUMNS, _CLUSTERS = range(3)
 
 
 @lru_cache(maxsize=16)
-def _chosen(serial: str, pixels: int, share: float, use: int, series: int = 0) -> tuple[_Numbers, _Floats]:
+def _chosen(serial: str, pixels: int, fraction: float, use: int, series: int = 0) -> tuple[_Numbers, _Floats]:
     """Return the pixels that the serial chooses, and three uniform numbers of each."""
-    numbers, values = chosen_pixels(pixels, share, np.uint32(use), series, *key_from_seed(serial_seed(serial)))
+    numbers, values = chosen_pixels(pixels, fraction, np.uint32(use), series, *key_from_seed(serial_seed(serial)))
     numbers.flags.writeable = values.flags.writeable = False
     return numbers, values
 
 
-def _of_chip(sensor: Sensor, share: float, use: np.uint32) -> tuple[_Numbers, _Floats]:
-    return _chosen(sensor.serial, sensor.array.rows * sensor.array.cols, share, int(use))
+def _of_chip(sensor: Sensor, fraction: float, use: np.uint32) -> tuple[_Numbers, _Floats]:
+    return _chosen(sensor.serial, sensor.array.rows * sensor.array.cols, fraction, int(use))
 
 
 def _within(numbers: _Numbers, cols: int, part: Part) -> tuple[NDArray[np.bool_], tuple[_Numbers, _Numbers]]:
@@ -132,7 +132,7 @@ def set_dead_pixels(prnu: FloatMap, defects: PixelDefects, sensor: Sensor, part:
 
 
 def border_parts(border: Border, sensor: Sensor, part: Part) -> list[Part]:
-    """Return the rectangles within a rectangle that together are its share of the border of the array."""
+    """Return the rectangles within a rectangle that together are its fraction of the border of the array."""
     top, bottom, left, right = border
     ends = ((top, sensor.array.rows - bottom), (left, sensor.array.cols - right))
     lines = [
@@ -151,8 +151,8 @@ def add_listed_hot(rate: FloatMap, defects: PixelDefects, part: Part) -> None:
 def stuck_pixels(defects: PixelDefects, sensor: Sensor) -> tuple[_Numbers, _Floats]:
     """Return the numbers of stuck pixels that are drawn from the serial, and their digital numbers."""
     # Those that the dead pixels leave over: the next numbers of the same draw
-    share = min(defects.dead_fraction + defects.stuck_fraction, 1.0)
-    numbers, values = _of_chip(sensor, share, DEFECTS)
+    fraction = min(defects.dead_fraction + defects.stuck_fraction, 1.0)
+    numbers, values = _of_chip(sensor, fraction, DEFECTS)
     stuck = ~np.isin(numbers, _of_chip(sensor, defects.dead_fraction, DEFECTS)[0])
     return numbers[stuck], np.floor(values[0, stuck] * (sensor.white_level_dn + 1.0))
 
@@ -196,7 +196,7 @@ def noise_ratio(spread: ReadNoiseSpread, sensor: Sensor, part: Part) -> FloatMap
 
 
 def telegraph_pixels(noise: TelegraphNoise, sensor: Sensor) -> tuple[_Numbers, _Floats, _Floats]:
-    """Return numbers (n,), distances of the levels in electrons, and shares of time in the upper one."""
+    """Return numbers (n,), distances of the levels in electrons, and fractions of time in the upper one."""
     numbers, values = _of_chip(sensor, noise.fraction, TELEGRAPH)
     amplitude_e = np.full(len(numbers), noise.amplitude_e)
     if noise.amplitudes == "exponential":

@@ -60,15 +60,15 @@ class NoiseTerms:
         return 1.0 if (em := self._effects.em_gain) is None else em.gain.value
 
     @property
-    def independent_share(self) -> float:
-        """Share that interpixel capacitance leaves of variance that is independent between pixels."""
+    def independent_fraction(self) -> float:
+        """Fraction that interpixel capacitance leaves of variance that is independent between pixels."""
         coupling = self._effects.interpixel_capacitance
         return 1.0 if coupling is None else coupling.variance_share
 
     @property
     def shot(self) -> float:
         """Variance per collected electron."""
-        return (1.0 if (em := self._effects.em_gain) is None else em.excess_noise_factor) * self.independent_share
+        return (1.0 if (em := self._effects.em_gain) is None else em.excess_noise_factor) * self.independent_fraction
 
     @property
     def linear(self) -> float:
@@ -100,7 +100,7 @@ class NoiseTerms:
     @property
     def prnu2(self) -> float:
         """Relative variance of the response over the pixels."""
-        of_pixels = (self.sensor.noise.prnu_percent.value / 100.0) ** 2 * self.independent_share
+        of_pixels = (self.sensor.noise.prnu_percent.value / 100.0) ** 2 * self.independent_fraction
         return of_pixels + self._effects.line_variances[1]
 
     @cached_property

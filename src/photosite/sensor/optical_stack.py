@@ -39,7 +39,7 @@ Kernel = tuple[tuple[float, ...], ...]
 """Rows by columns: how the electrons of the center pixel are distributed over its neighborhood."""
 
 SUM_TOLERANCE = 1e-6
-"""Tolerance of a kernel's sum, for shares written with few digits."""
+"""Tolerance of a kernel's sum, for fractions written with few digits."""
 _LARGEST_KERNEL = 9
 _RIGHT_ANGLE_DEG = 90.0
 
@@ -213,10 +213,10 @@ class Crosstalk(Section):
             if size % 2 == 0 or size > _LARGEST_KERNEL or any(len(row) != size for row in kernel):
                 expected = f"square and odd, from 1 x 1 to {_LARGEST_KERNEL} x {_LARGEST_KERNEL}"
                 raise InputError(f"kernel of {name}", value=[len(row) for row in kernel], expected=expected)
-            shares = np.array(kernel)
-            if not (np.isfinite(shares).all() and (shares >= 0).all()):
-                raise InputError(f"kernel of {name}", value=float(shares.min()), expected="0 or above everywhere")
-            if abs((total := float(shares.sum())) - 1.0) > SUM_TOLERANCE:
+            fractions = np.array(kernel)
+            if not (np.isfinite(fractions).all() and (fractions >= 0).all()):
+                raise InputError(f"kernel of {name}", value=float(fractions.min()), expected="0 or above everywhere")
+            if abs((total := float(fractions.sum())) - 1.0) > SUM_TOLERANCE:
                 hint = "Divide it by its sum, and include losses in the quantum efficiency"
                 raise InputError(f"sum of the kernel of {name}", value=total, expected="1", hint=hint)
         return kernels

@@ -108,7 +108,7 @@ _Value = Annotated[
 AnyValue = Annotated[_Value, _bounded(-math.inf)]
 Positive = Annotated[_Value, _bounded(0.0, open_below=True)]
 NotNegative = Annotated[_Value, _bounded(0.0)]
-UnitShare = Annotated[_Value, _bounded(0.0, 1.0)]
+UnitFraction = Annotated[_Value, _bounded(0.0, 1.0)]
 LogSpread = Annotated[_Value, _bounded(0.0, 5.0)]
 Fraction = Annotated[_Value, _bounded(0.0, 1.0, open_below=True)]
 # 15 %: a deviation of -100 % is then 6.7 standard deviations, more than the 32-bit normal deviates reach.

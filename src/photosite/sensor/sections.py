@@ -77,7 +77,7 @@ class Pixel(Section):
     width_um: Positive = about("Pixel pitch along a row.", "um", 3.45)
     height_um: Positive = about("Pixel pitch along a column.", "um", 3.45)
     fill_factor: Fraction = about(
-        "Light-sensitive share of the pixel's area; 1 if the quantum efficiency includes it, as that of EMVA 1288.",
+        "Light-sensitive fraction of the pixel's area; 1 if the quantum efficiency includes it, as that of EMVA 1288.",
         "1",
         0.9,
         default=Measured(1.0),

@@ -205,13 +205,13 @@ def charge_stages(
     stages: list[tuple[Any, ...]] = []
     # From the last stage to the first, the rectangle grows.
     if (coupling := effects.interpixel_capacitance) is not None:
-        shares = coupling.coupling_percent.value / 100.0, coupling.diagonal_percent.value / 100.0
-        stages.append((couple_pixels, ..., *shares))
+        fractions = coupling.coupling_percent.value / 100.0, coupling.diagonal_percent.value / 100.0
+        stages.append((couple_pixels, ..., *fractions))
         top, bottom, left, right = max(top - 1, 0), min(bottom + 1, rows), max(left - 1, 0), min(right + 1, cols)
-    shares_of_lines = None
+    fractions_of_lines = None
     if (transfer := effects.charge_transfer) is not None:
-        shares_of_lines = transfer.row_shares(rows), transfer.column_shares(cols)
-        late_rows, late_cols = (len(shares) - 1 for shares in shares_of_lines)
+        fractions_of_lines = transfer.row_shares(rows), transfer.column_shares(cols)
+        late_rows, late_cols = (len(fractions) - 1 for fractions in fractions_of_lines)
         down, across = transfer.order
         top, bottom = _with_earlier(top, bottom, rows, late_rows, down)
         left, right = _with_earlier(left, right, cols, late_cols, across)
@@ -220,10 +220,10 @@ def charge_stages(
     around = slice(top, bottom), slice(left, right)
     if effects.em_gain is not None and (register := effects.em_gain.register()) is not None:
         stages.append((multiply_charge, ..., register, exposure._replace(first_row=top, first_col=left)))
-    if shares_of_lines is not None and transfer is not None:
+    if fractions_of_lines is not None and transfer is not None:
         within_part = (
-            read_only(np.ascontiguousarray(shares[:, order][:, lines][:, order]))
-            for shares, lines, order in zip(shares_of_lines, around, transfer.order, strict=True)
+            read_only(np.ascontiguousarray(fractions[:, order][:, lines][:, order]))
+            for fractions, lines, order in zip(fractions_of_lines, around, transfer.order, strict=True)
         )
         stages.append((transfer_charge, transfer.order, *within_part))
     if effects.blooming is not None:

@@ -122,7 +122,7 @@ def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) ->
     """
     signal, terms = np.asarray(signal_e, np.float64), NoiseTerms(sensor)
     dark_e = dark_signal_e(sensor, exposure_s)
-    uneven = (sensor.noise.dcnu_percent.value / 100.0 * dark_e) ** 2 * terms.independent_share
+    uneven = (sensor.noise.dcnu_percent.value / 100.0 * dark_e) ** 2 * terms.independent_fraction
     charge = terms.linear * (signal + dark_e) + uneven + terms.prnu2 * signal**2
     return np.asarray(charge + terms.floor_e2(signal + dark_e) + terms.rounding_e2(signal + dark_e))
 

@@ -95,7 +95,7 @@ class ProfiledCamera(Shown):
 
 def draw_camera(rng: np.random.Generator, *, prnu: bool = True) -> VirtualCamera:
     """Draw a camera from the distributions that `slope_and_offset` assumes; without `prnu` its pixels are alike."""
-    shares = np.array([way.share for way in DEMOSAICING.values()])
+    shares = np.array([way.fraction for way in DEMOSAICING.values()])
     return VirtualCamera(
         electrons_at_white=float(np.exp(rng.uniform(np.log(_SMALLEST_WHITE_E), np.log(LARGEST_WELL_E)))),
         read_noise_e=float(np.exp(rng.uniform(0.0, np.log(8.0)))),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.pixel_draws import shares_of
+from photosite.engine.pixel_draws import fractions_of
 from photosite.engine.random_numbers import DATA, key_from_seed
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import Cfa
@@ -28,7 +28,7 @@ def chances(seed: int, number: int) -> list[float]:
     >>> chances(1, 2)[0] == chances(1, 3)[0]
     False
     """
-    numbers: list[float] = shares_of(number, _COUNT, DATA, *key_from_seed(seed)).tolist()
+    numbers: list[float] = fractions_of(number, _COUNT, DATA, *key_from_seed(seed)).tolist()
     return numbers
 
 

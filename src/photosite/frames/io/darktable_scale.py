@@ -35,9 +35,9 @@ BINS = 300
 
 
 class Demosaicing(NamedTuple):
-    """A way to demosaic: its share of the profiles, and the part of the variance that the details of green keep."""
+    """A way to demosaic: its fraction of the profiles, and the part of the variance that the details of green keep."""
 
-    share: float
+    fraction: float
     factor: float
     relative_spread: float
     offset_ratio: float  # the part that they keep of read noise, which red and blue have as well, over `factor`
@@ -52,7 +52,7 @@ DEMOSAICING = {
     "bilinear": Demosaicing(0.10, 0.0472, 0.023, 1.00, 0.0),
 }
 """darktable's defaults, PPG and later RCD, and others. Mean and spread are over 60 simulated cameras with different
-gain, read noise and color of the light, ratio and bias of the offset over 26. The shares are assumptions."""
+gain, read noise and color of the light, ratio and bias of the offset over 26. The fractions are assumptions."""
 
 MONO = {"none": Demosaicing(1.0, 0.25, 0.0, 1.0, 0.0)}
 
@@ -102,13 +102,13 @@ def slope_and_offset(
     >>> round(low * 1e4, 1), round(high * 1e4, 1)
     (11.9, 22.5)
     """
-    factor, prnu, effect, share, ratio, bias = _nodes(mosaic)
+    factor, prnu, effect, fraction, ratio, bias = _nodes(mosaic)
     slopes = a / factor - effect * prnu**2
     possible = (slopes > 1.0 / LARGEST_WELL_E) & (slopes < 1.0)
     if not possible.any():
         raise InputError("a", value=a, expected="a slope that some sensor has")
     # Density of a: that of the slope, 1 / slope, over the factor.
-    weights = share[possible] / (slopes[possible] * factor[possible])
+    weights = fraction[possible] / (slopes[possible] * factor[possible])
     of_offset = factor[possible] * ratio[possible]
     offsets = (b - a / (2 * BINS) - bias[possible] * a) / of_offset - _PRNU_OFFSET * prnu[possible] ** 2
     errors = np.hypot(_OFFSET_SAMPLING / math.sqrt(pixels) * a / of_offset, _RATIO_SPREAD * offsets)
@@ -118,26 +118,28 @@ def slope_and_offset(
 
 
 def _normal(count: int) -> list[float]:
-    """Return numbers that stand for equal shares of the standard normal distribution."""
+    """Return numbers that stand for equal fractions of the standard normal distribution."""
     return [NormalDist().inv_cdf((k + 0.5) / count) for k in range(count)]
 
 
 @lru_cache(maxsize=2)
 def _nodes(mosaic: Mosaic) -> tuple[NDArray[np.float64], ...]:
-    """Return factor, PRNU, its effect on the slope, share, and ratio and bias of the offset of each combination."""
+    """Return factor, PRNU, its effect on the slope, fraction, and ratio and bias of the offset of each combination."""
     ways = MONO if mosaic == "mono" else DEMOSAICING
     normal = np.array(_normal(15))
     factors = np.concatenate([way.factor * (1.0 + way.relative_spread * normal) for way in ways.values()])
-    shares, ratios, biases = (
+    fractions, ratios, biases = (
         np.repeat(values, 15)
-        for values in zip(*((way.share / 15, way.offset_ratio, way.offset_bias) for way in ways.values()), strict=True)
+        for values in zip(
+            *((way.fraction / 15, way.offset_ratio, way.offset_bias) for way in ways.values()), strict=True
+        )
     )
     low, high = (0.01 * limit for limit in PRNU_PERCENT)
     prnu = low + (high - low) * (np.arange(40) + 0.5) / 40
     effect = _PRNU_SLOPE + _PRNU_SLOPE_SPREAD * normal[::3]
     grid = np.meshgrid(np.arange(factors.size), prnu, effect, indexing="ij")
     index = grid[0].ravel()
-    return factors[index], grid[1].ravel(), grid[2].ravel(), shares[index], ratios[index], biases[index]
+    return factors[index], grid[1].ravel(), grid[2].ravel(), fractions[index], ratios[index], biases[index]
 
 
 def _middle_95(values: NDArray[np.float64], weights: NDArray[np.float64]) -> Measured:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from photosite.sensor.quantity import UnitShare, about
+from photosite.sensor.quantity import UnitFraction, about
 from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
@@ -16,6 +16,6 @@ class Blooming(Section):
     0.9
     """
 
-    drained: UnitShare = about(
+    drained: UnitFraction = about(
         "Share of the charge above the full well that an anti-blooming drain removes.", "1", 0.9, default=Measured(0.0)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from photosite.sensor.quantity import LogSpread, NotNegative, UnitShare, about
+from photosite.sensor.quantity import LogSpread, NotNegative, UnitFraction, about
 from photosite.values.uncertain import Measured
 from photosite.values.validated import Section
 
@@ -18,7 +18,7 @@ class HotPixels(Section):
     1.0
     """
 
-    fraction: UnitShare = about("Share of the pixels that are hot.", "1", 0.001)
+    fraction: UnitFraction = about("Share of the pixels that are hot.", "1", 0.001)
     median_e_per_s: NotNegative = about(
         "Median of their additional dark current, at the temperature of the dark current.", "e-/s", 200.0
     )
