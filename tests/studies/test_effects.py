@@ -11,6 +11,7 @@ import pytest
 
 from photosite.calibration.effect import effects
 from photosite.calibration.setting import calibrate_setting
+from photosite.report.effect import effect_figures
 from photosite.sensor.effects.model import Effects
 from photosite.sensor.io.sensor_file import dump_sensor, parse_sensor
 from photosite.sensor.model import Sensor
@@ -21,7 +22,6 @@ from photosite.studies.effect_study import effect_outcomes, effect_studies, true
 from photosite.studies.outcome import Outcome, Outcomes, compare_estimate
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
-from photosite.values.registry import registered
 
 DOCS = Path(__file__).parents[2] / "docs" / "effects"
 DRAWN = {name: next(each for each in CONDITIONS.values() if name in each.effects) for name in effects()
@@ -46,14 +46,13 @@ NOISE = "read_noise_mv", "row_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltag
 def _parts(name: str) -> dict[str, bool]:
     study = effect_studies().get(name)
     fields = () if study is None or study.draw is None else _fields(name)
-    figures = registered("photosite.report.effects", "FIGURE") if find_spec("photosite.report.effects") else {name: 1}
     covered = [each for each in CONDITIONS.values() if name in each.effects or name == each.disturbed]
     pages = (page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
     return {
         "section": name in Effects.model_fields or bool(fields),
         "drawing": name in DRAWN and _changes_frames(DRAWN[name].sensor(1), fields),
         "estimator": find_spec(f"photosite.calibration.effects.{name}") is not None and name != "output",
-        "figure": name in figures,
+        "figure": name in effect_figures(),
         "study": bool(covered),
         "docs": any(name in page for page in pages),
     }

@@ -16,4 +16,4 @@ def _measure(evidence: Evidence) -> Flicker | Missing:
 
 
 _OF_THE_LIGHT = "the light flickers, not the sensor: a scene draws it"
-EFFECT = Effect(95, _measure, exempt=dict.fromkeys(("section", "drawing", "docs"), _OF_THE_LIGHT))
+EFFECT = Effect(95, _measure, exempt=dict.fromkeys(("section", "drawing", "figure", "docs"), _OF_THE_LIGHT))

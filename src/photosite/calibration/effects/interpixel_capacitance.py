@@ -12,4 +12,4 @@ def _measure(evidence: Evidence) -> PixelCoupling | Missing:
     return evidence.light.noise.coupling
 
 
-EFFECT = Effect(90, _measure, key=None)
+EFFECT = Effect(90, _measure, key=None, exempt={"figure": "one number, in the table of all parameters"})

@@ -32,4 +32,4 @@ def _measure(evidence: Evidence) -> Lag | Missing:
 
 
 _NO_MODEL = "frames are independent in the sensor model: a plain camera draws it for studies"
-EFFECT = Effect(96, _measure, key=None, exempt=dict.fromkeys(("section", "drawing", "docs"), _NO_MODEL))
+EFFECT = Effect(96, _measure, key=None, exempt=dict.fromkeys(("section", "drawing", "figure", "docs"), _NO_MODEL))

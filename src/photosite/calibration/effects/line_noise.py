@@ -49,4 +49,9 @@ def _measure(evidence: Evidence) -> LineNoise:
     return LineNoise(*(getattr(evidence.parameters, name) for name in names))
 
 
-EFFECT = Effect(10, _measure, key=None, exempt={"docs": "fields of the noise, on the page of the sensor file"})
+EFFECT = Effect(
+    10,
+    _measure,
+    key=None,
+    exempt={"docs": "fields of the noise, on the page of the sensor file", "figure": "drawn with line_pattern"},
+)

@@ -50,4 +50,4 @@ def _measure(evidence: Evidence) -> NoiseSpread | Missing:
     return NoiseSpread(evidence.temporal.read_noise_log_spread)
 
 
-EFFECT = Effect(82, _measure, key=None)
+EFFECT = Effect(82, _measure, key=None, exempt={"figure": "in the table of the noise in the dark"})
