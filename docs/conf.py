@@ -8,7 +8,10 @@ import sys
 from pathlib import Path
 
 import click
+from docutils import nodes
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+from sphinx.writers.html import HTML5Translator
 
 import photosite
 from photosite.cli.main import COMMANDS
@@ -41,6 +44,7 @@ default_role = "code"  # docstrings write names in single backticks
 html_theme = "furo"
 html_title = f"photosite {release}"
 html_copy_source = False
+html_math_renderer = "mathml"  # browsers set it without scripts
 
 # Pages in Markdown, and notebooks
 
@@ -132,8 +136,17 @@ def as_plain_text(app: Sphinx, context: click.Context, lines: list[str]) -> None
     lines[:] = plain
 
 
+def write_math(translator: HTML5Translator, node: nodes.math | nodes.math_block) -> None:
+    """Write LaTeX as MathML."""
+    block = isinstance(node, nodes.math_block)
+    mathml = convert(node.astext(), display="block" if block else "inline")
+    translator.body.append(f'<div class="math">{mathml}</div>\n' if block else mathml)
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
     """Connect the functions above."""
+    app.add_html_math_renderer("mathml", inline_renderers=(write_math, None), block_renderers=(write_math, None))
     app.connect("builder-inited", write_command_pages, priority=100)
     app.connect("builder-inited", write_diagnostics_page, priority=100)
     for part in ("description", "options", "arguments", "epilog"):
