@@ -1,4 +1,4 @@
-"""A server of the bench with its worker processes, called in this process without a port."""
+"""A server of the workbench with its worker processes, called in this process without a port."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("fastapi", reason="the extra app is not installed")
 pytest.importorskip("httpx", reason="httpx is not installed")
 
-from photosite.app.server import Bench, Settings, create_app
+from photosite.app.server import Settings, Workbench, create_app
 
 PORT, TOKEN = 8123, "the-key-of-the-tests"
 BASE = f"http://127.0.0.1:{PORT}"
@@ -33,23 +33,23 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def bench(served: Path) -> Iterator[Bench]:
-    made = Bench(Settings(folder=served, upload_bytes=1 << 20, pictures=1, jobs=1, job_s=60.0))
+def workbench(served: Path) -> Iterator[Workbench]:
+    made = Workbench(Settings(folder=served, upload_bytes=1 << 20, pictures=1, jobs=1, job_s=60.0))
     yield made
     made.close()
 
 
 @pytest.fixture
-def client(bench: Bench):
+def client(workbench: Workbench):
     """A client that has the key, as a notebook has it."""
     from starlette.testclient import TestClient
 
-    return TestClient(create_app(bench, PORT, TOKEN), base_url=BASE, headers={"Authorization": f"Bearer {TOKEN}"})
+    return TestClient(create_app(workbench, PORT, TOKEN), base_url=BASE, headers={"Authorization": f"Bearer {TOKEN}"})
 
 
 @pytest.fixture
-def stranger(bench: Bench):
+def stranger(workbench: Workbench):
     """A client without the key."""
     from starlette.testclient import TestClient
 
-    return TestClient(create_app(bench, PORT, TOKEN), base_url=BASE, follow_redirects=False)
+    return TestClient(create_app(workbench, PORT, TOKEN), base_url=BASE, follow_redirects=False)

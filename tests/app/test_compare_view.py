@@ -23,7 +23,7 @@ from photosite.app.compare_view import (
 )
 from photosite.app.lens_state import LensState
 from photosite.app.places import Places
-from photosite.app.state import CameraState, SensorState, bench
+from photosite.app.state import CameraState, SensorState, prepared
 from photosite.app.views import PlanRequest, SweepRequest, plan, run_sweep
 from photosite.errors import InputError
 
@@ -146,4 +146,4 @@ def test_no_view_reads_a_light_from_outside_the_folder(name: str, tmp_path: Path
         run_sweep(SweepRequest(illuminant=name), places)
     for scene in ({"illuminant": name}, {"options": {"illuminant": name}}):
         with pytest.raises(InputError):
-            bench(CameraState.model_validate({"scene": scene}), places)
+            prepared(CameraState.model_validate({"scene": scene}), places)

@@ -110,8 +110,8 @@ def test_an_upload_is_checked_and_can_be_used(client, tmp_path: Path) -> None:
         ("..", b"", 422),
     ],
 )
-def test_bad_uploads_are_refused_and_deleted(client, bench, name: str, content: bytes, status: int) -> None:
-    folder = bench.folder / "uploads"
+def test_bad_uploads_are_refused_and_deleted(client, workbench, name: str, content: bytes, status: int) -> None:
+    folder = workbench.folder / "uploads"
     before = set(folder.rglob("*")) if folder.exists() else set()
     answer = client.post("/api/uploads", params={"kind": "sensor", "name": name}, content=content)
     assert answer.status_code == status
@@ -143,7 +143,7 @@ def frame_bytes(tmp_path: Path) -> bytes:
     return path.read_bytes()
 
 
-def test_frames_are_uploaded_to_one_folder(client, bench, tmp_path: Path) -> None:
+def test_frames_are_uploaded_to_one_folder(client, workbench, tmp_path: Path) -> None:
     content = frame_bytes(tmp_path)
     first = client.post("/api/uploads?kind=frames&name=stack/dark_10ms_0.png", content=content).json()
     assert first["holds"] == "6 x 8 pixels"
@@ -151,7 +151,7 @@ def test_frames_are_uploaded_to_one_folder(client, bench, tmp_path: Path) -> Non
     names = ["flat_10ms_0.png", "../../flat_20ms_0.png", "a/b/../c/flat_30ms_0.png", "/etc/flat_40ms_0.png"]
     for name in names:
         assert client.post("/api/uploads", params=rest | {"name": name}, content=content).status_code == 201, name
-    folder = bench.places.path(first["name"])
+    folder = workbench.places.path(first["name"])
     stored = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.png"))
     assert stored == [
         *("c/flat_30ms_0.png", "etc/flat_40ms_0.png", "flat_10ms_0.png", "flat_20ms_0.png", "stack/dark_10ms_0.png")
@@ -166,7 +166,7 @@ def test_an_uploaded_folder_holds_frames_only(client, tmp_path: Path, name: str)
     assert answer.json()["error"]
 
 
-def test_frames_that_cannot_be_read_are_refused_and_deleted(client, bench, tmp_path: Path) -> None:
+def test_frames_that_cannot_be_read_are_refused_and_deleted(client, workbench, tmp_path: Path) -> None:
     good = client.post("/api/uploads?kind=frames&name=dark_10ms_0.png", content=frame_bytes(tmp_path)).json()
     rest = {"kind": "frames", "folder": good["name"]}
     damaged = np.random.default_rng(1).integers(0, 256, 3000, np.uint8).tobytes()
@@ -174,7 +174,7 @@ def test_frames_that_cannot_be_read_are_refused_and_deleted(client, bench, tmp_p
         assert client.post("/api/uploads", params=rest | {"name": name}, content=damaged).status_code == 422, name
     twice = client.post("/api/uploads", params=rest | {"name": "dark_10ms_0.png"}, content=frame_bytes(tmp_path))
     assert twice.status_code == 422
-    assert [path.name for path in bench.places.path(good["name"]).iterdir()] == ["dark_10ms_0.png"]
+    assert [path.name for path in workbench.places.path(good["name"]).iterdir()] == ["dark_10ms_0.png"]
 
 
 @pytest.mark.parametrize("folder", ["upload:0000000000000000", "file:inner", "inner/mine.sensor.yaml", "../x"])
@@ -196,11 +196,11 @@ def test_names_that_cannot_be_asked_for_are_not_listed(tmp_path: Path) -> None:
     assert listed(tmp_path, "sensor") == []
 
 
-def test_only_files_of_results_are_sent(client, bench) -> None:
-    folder = bench.folder / "results" / ("0" * 16)
+def test_only_files_of_results_are_sent(client, workbench) -> None:
+    folder = workbench.folder / "results" / ("0" * 16)
     folder.mkdir(parents=True)
     (folder / "report.html").write_text("<p>result</p>")
-    (bench.folder / "results" / "secret").write_text("x")
+    (workbench.folder / "results" / "secret").write_text("x")
     answer = client.get(f"/api/results/{'0' * 16}/report.html")
     assert (answer.status_code, answer.text) == (200, "<p>result</p>")
     assert answer.headers["content-disposition"].startswith("attachment")

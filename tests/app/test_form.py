@@ -9,7 +9,7 @@ import pytest
 from photosite.app.form import FormField, form
 from photosite.app.lens_state import LensState, lens
 from photosite.app.places import Places
-from photosite.app.state import CameraState, SceneState, SensorState, bench, changed_sensor
+from photosite.app.state import CameraState, SceneState, SensorState, changed_sensor, prepared
 from photosite.optics.io.optics_file import (
     KINDS,
     ChromaticFocus,
@@ -146,6 +146,6 @@ def test_flicker_and_motion_are_on_the_form_and_valid_with_their_example() -> No
     (light, *_) = form(SensorState(), "macbeth", Places()).scene
     examples = {field.name: field.example for field in light.fields if field.fields}
     assert set(examples) == {"flicker", "motion"}
-    found = bench(CameraState(scene=SceneState(**examples)), Places())
+    found = prepared(CameraState(scene=SceneState(**examples)), Places())
     scene = found.seen(found.scene())
     assert (scene.flicker.frequency_hz, scene.motion.cols_per_s) == (100.0, 100.0)

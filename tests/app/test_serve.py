@@ -1,4 +1,4 @@
-"""The command that serves the bench, in a process of its own."""
+"""The command that serves the workbench, in a process of its own."""
 
 from __future__ import annotations
 

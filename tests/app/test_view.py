@@ -17,9 +17,9 @@ from photosite.app.form import parameters_of
 from photosite.app.kept_scenes import scene_of
 from photosite.app.places import Places
 from photosite.app.preview_light import approximate_rate
-from photosite.app.shown import View
-from photosite.app.state import CameraState, bench
+from photosite.app.state import CameraState, prepared
 from photosite.app.view import view_bytes
+from photosite.app.view_pixels import View
 from photosite.cli.main import run
 from photosite.engine.mosaic_means import mosaic_means
 
@@ -147,7 +147,7 @@ def test_the_preview_is_close_to_the_frame(
             "sensor": {"changes": {"rows": 240, "cols": 360}},
         }
     )
-    found = bench(state, Places())
+    found = prepared(state, Places())
     exact = found.camera.mean_electrons(scene_of(found), 1.0)
     rows, cols = (step * np.arange(size // step) for size in exact.shape)
     preview, notes = approximate_rate(found.camera, scene_of(found), rows, cols, step)
@@ -170,7 +170,7 @@ def test_a_view_of_single_pixels_is_exact_once_the_mean_image_is_known(tmp_path:
     view = View(row=20, col=30, rows=40, cols=60, height=400, width=600)
     header, dn, *_ = decoded(view_bytes(other, places, view, tmp_path))
     assert header["exact"]
-    found = bench(other, places)
+    found = prepared(other, places)
     whole = found.camera.capture(scene_of(found), 0.01, seed=9).dn
     assert np.array_equal(dn, whole[header["row"] : header["row"] + 40, header["col"] : header["col"] + 60])
 
@@ -179,7 +179,7 @@ def test_a_change_of_the_luminance_scales_the_preview(tmp_path: Path) -> None:
     for luminance in (40.0, 3.0, 900.0):
         state = CameraState.model_validate({"scene": {"mean_luminance_cd_m2": luminance}, "sensor": {"changes": SMALL}})
         header, _, mean, _ = decoded(view_bytes(state, Places(), View(height=130, width=194), tmp_path))
-        found = bench(state, Places())
+        found = prepared(state, Places())
         rate, _ = approximate_rate(found.camera, scene_of(found), np.arange(130), np.arange(194), 1)
         assert not header["exact"]
         assert mean == pytest.approx(rate * state.capture.exposure_s, rel=1e-4, abs=1e-4)
@@ -194,7 +194,7 @@ def test_the_preview_shows_the_bands_of_a_flickering_lamp(tmp_path: Path) -> Non
         }
     )
     _, _, mean, _ = decoded(view_bytes(state, Places(), View(height=150, width=20), tmp_path))
-    found = bench(state, Places())
+    found = prepared(state, Places())
     exact = found.mean_image(scene_of(found))
     assert mean == pytest.approx(mosaic_means(exact, (0, 0), mean.shape, (2, 2), 4), rel=1e-3)
     assert mean.max() > 1.5 * mean[:, 0].min()
@@ -220,7 +220,7 @@ def test_the_noise_of_a_preview_has_the_statistics_of_the_frame(tmp_path: Path) 
     )
     header, dn, *_ = decoded(view_bytes(state, Places(), View(height=200, width=200), tmp_path))
     assert (header["exact"], header["step"]) == (False, 3)
-    found = bench(state, Places())
+    found = prepared(state, Places())
     frame = found.camera.capture(scene_of(found), state.capture.exposure_s).dn
     # 10 000 pixels of a channel: the standard deviation has a relative uncertainty of 0.7 %, so 5 % is seven of them.
     # They are means over 3 x 3 pixels, which have a third of it.
@@ -237,7 +237,7 @@ def test_a_small_view_of_the_exact_frame_has_means_of_pixels(tmp_path: Path) -> 
     assert preview["regions"][0]["waits"]
     exact_frame(state, places, tmp_path)
     header, dn, _, picture = decoded(view_bytes(state, places, view, tmp_path))
-    found = bench(state, places)
+    found = prepared(state, places)
     frame = found.camera.capture(scene_of(found), state.capture.exposure_s).dn
     assert header["step"] == 3
     assert np.array_equal(dn, mosaic_means(frame, (0, 0), dn.shape, (2, 2), 3))
@@ -257,7 +257,7 @@ def test_the_preview_of_clipped_blacks_and_of_noisy_rows_has_the_statistics_of_t
         {"scene": {"source": "uniform", "mean_luminance_cd_m2": 0.01}, "sensor": {"changes": changes}}
     )
     _, dn, *_ = decoded(view_bytes(state, Places(), View(height=200, width=200), tmp_path))
-    found = bench(state, Places())
+    found = prepared(state, Places())
     means = mosaic_means(found.camera.capture(scene_of(found), 1 / 3).dn, (0, 0), dn.shape, (2, 2), 3)
     # 200 rows: the standard deviation of their means has a relative uncertainty of 5 %, and so has that of the other.
     assert dn.mean(axis=1).std() == pytest.approx(means.mean(axis=1).std(), rel=0.3)
@@ -270,7 +270,7 @@ def test_statistics_of_a_region_are_those_of_the_frame(tmp_path: Path) -> None:
     exact_frame(state, places, tmp_path)
     view = View(height=64, width=96, regions=((20, 41, 30, 60),))
     header, *_ = decoded(view_bytes(state, places, view, tmp_path))
-    found = bench(state, places)
+    found = prepared(state, places)
     dn = found.camera.capture(scene_of(found), state.capture.exposure_s).dn.astype(float)
     cfa = np.array(found.camera.sensor.array.cfa)
     rows, cols = np.mgrid[20:41, 30:60]

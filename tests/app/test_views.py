@@ -72,10 +72,10 @@ def test_a_sweep_and_its_code_agree(
     assert executed(python)["table"].to_dict() == found["columns"]
     monkeypatch.chdir(tmp_path)
     start, file, rest = command.partition("\nEND\n")[0], command.split("\n", 1)[1].partition("\nEND\n")[0], command
-    assert start.startswith("cat > bench.sweep.yaml")
-    Path("bench.sweep.yaml").write_text(file)
+    assert start.startswith("cat > workbench.sweep.yaml")
+    Path("workbench.sweep.yaml").write_text(file)
     json_of(rest.strip().splitlines()[-1], capsys)
-    table = np.genfromtxt("bench.csv", delimiter=",", names=True)
+    table = np.genfromtxt("workbench.csv", delimiter=",", names=True)
     assert table["snr_db"].tolist() == pytest.approx(found["columns"]["snr_db"], rel=1e-12)
 
 

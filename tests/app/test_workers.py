@@ -126,9 +126,9 @@ def _busy(progress=None) -> None:
         progress(1, 2, "parts")
 
 
-def test_a_frame_that_does_not_fit_on_the_disk_fails_with_the_reason(client, bench, monkeypatch) -> None:
-    kept, missing = bench.kept, bench.folder / "missing"
-    monkeypatch.setattr(type(bench), "kept", property(lambda _: missing))
+def test_a_frame_that_does_not_fit_on_the_disk_fails_with_the_reason(client, workbench, monkeypatch) -> None:
+    kept, missing = workbench.kept, workbench.folder / "missing"
+    monkeypatch.setattr(type(workbench), "kept", property(lambda _: missing))
     state = {"sensor": {"changes": {"rows": 64, "cols": 64}}}
     job = client.post("/api/frames", json={"state": state}).json()
     while job["status"] in ("queued", "running"):
@@ -140,25 +140,25 @@ def test_a_frame_that_does_not_fit_on_the_disk_fails_with_the_reason(client, ben
     assert kept.exists()
 
 
-def test_the_server_survives_the_death_of_its_worker(client, bench) -> None:
+def test_the_server_survives_the_death_of_its_worker(client, workbench) -> None:
     view = {"state": {}, "view": {"height": 40, "width": 60}}
     assert client.post("/api/view", json=view).status_code == 200
-    os.kill(bench.pool.workers[0].process.pid, signal.SIGKILL)
+    os.kill(workbench.pool.workers[0].process.pid, signal.SIGKILL)
     statuses = {client.post("/api/view", json=view).status_code for _ in range(2)}
     assert statuses <= {200, 503}
     assert client.post("/api/view", json=view).status_code == 200
 
 
-def test_files_used_least_recently_are_deleted_beyond_the_limit(bench, monkeypatch) -> None:
+def test_files_used_least_recently_are_deleted_beyond_the_limit(workbench, monkeypatch) -> None:
     import photosite.app.server as server
 
     for number in range(4):
-        path = Path(bench.kept, f"frame-{number}.npy")
+        path = Path(workbench.kept, f"frame-{number}.npy")
         path.write_bytes(b"x" * 100)
         os.utime(path, (number + 4e9, number + 4e9))
     monkeypatch.setattr(server, "_KEPT_BYTES", 250)
-    bench.tidy()
-    assert sorted(path.name for path in bench.kept.glob("frame-?.npy")) == ["frame-2.npy", "frame-3.npy"]
+    workbench.tidy()
+    assert sorted(path.name for path in workbench.kept.glob("frame-?.npy")) == ["frame-2.npy", "frame-3.npy"]
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the list of processes of Linux")

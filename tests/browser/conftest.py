@@ -1,4 +1,4 @@
-"""A server of the bench and Chromium; tests are skipped with a message where something is missing."""
+"""A server of the workbench and Chromium; tests are skipped with a message where something is missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the bench's copied code gives: Python in this process, and commands as the command line runs them."""
+"""What the workbench's copied code gives: Python in this process, and commands as the command line runs them."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
     lines += [f"found = ps.studies.compare_cameras(cameras, {arguments})", "print(found)", "found.plot()"]
     command = ""
     if not any(one.sensor.changed for one in request.cameras):
-        names = [f"bench-{number}.camera.yaml" for number in range(1, len(labels) + 1)]
+        names = [f"workbench-{number}.camera.yaml" for number in range(1, len(labels) + 1)]
         for name, label, one in zip(names, labels, request.cameras, strict=True):
             content = json.dumps(_camera_file(label, one, places), indent=1)
             command += f"cat > {name} <<'END'\n{content}\nEND\n"

@@ -10,7 +10,7 @@ from typing import Any
 
 from photosite.app.lens_state import LensState
 from photosite.app.places import Places
-from photosite.app.state import CameraState, FlickerState, MotionState, SensorState, bench, light_name
+from photosite.app.state import CameraState, FlickerState, MotionState, SensorState, light_name, prepared
 from photosite.scene.scene_request import BUILT_IN_SCENES
 from photosite.sensor.gain_table import GAIN_TABLE
 from photosite.values.exposure import format_exposure, parse_exposure
@@ -24,7 +24,7 @@ def python_text(state: CameraState, places: Places) -> str:
     >>> print(python_text(CameraState(), Places()).splitlines()[2])
     sensor = ps.load_sensor('nikon-d200')
     """
-    found = bench(state, places)
+    found = prepared(state, places)
     taken, request = state.capture, found.request
     lines = ["import photosite as ps", "", *sensor_lines(state.sensor, places)]
     lines += lens_lines(state.lens, places)
@@ -141,7 +141,7 @@ def command_text(state: CameraState, places: Places) -> str:
     return optics_file_text(lens) + shlex.join(words)
 
 
-OPTICS_FILE = "bench.optics.yaml"
+OPTICS_FILE = "workbench.optics.yaml"
 """The optics file that a command writes for a lens that its options cannot describe."""
 
 

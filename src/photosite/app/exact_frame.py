@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photosite.app.kept_scenes import scene_of
 from photosite.app.places import Places
 from photosite.app.recorded_warnings import recorded_warnings
-from photosite.app.state import CameraState, SensorState, bench
+from photosite.app.state import CameraState, SensorState, prepared
 from photosite.develop.develop import develop, save_picture
 from photosite.errors import InputError
 from photosite.frames.companding import decompanded
@@ -27,7 +27,7 @@ def exact_frame(
     state: CameraState, places: Places, folder: Path, progress: Callable[[int, int, str], object] | None = None
 ) -> dict[str, Any]:
     """Compute the exact frame of a state, keep it in a folder for views, and return its facts."""
-    found = bench(state, places)
+    found = prepared(state, places)
     scene = scene_of(found)
     with recorded_warnings() as texts:
         rate = kept_mean(state, folder)
@@ -73,7 +73,7 @@ def saved_frame(
     if suffix == ".dng" and not state.capture.noise:
         raise InputError("a noise-free frame is not whole numbers", hint="Save it as TIFF")
     exact_frame(state, places, folder, progress)
-    found, rate = bench(state, places), kept_mean(state, folder)
+    found, rate = prepared(state, places), kept_mean(state, folder)
     if rate is None:
         raise InputError("the frame is not kept any more", hint="Wait for the exact frame")
     mean = found.exposed(rate)

@@ -34,7 +34,7 @@ MOST_JSON_BYTES = 1 << 20
 
 _ENTERED = b"""<!doctype html><html lang="en"><head><meta charset="utf-8"><title>photosite</title>
 <link rel="icon" href="/icon.svg">
-<meta http-equiv="refresh" content="0; url=/"></head><body><p><a href="/">Open the bench</a></p></body></html>"""
+<meta http-equiv="refresh" content="0; url=/"></head><body><p><a href="/">Open the workbench</a></p></body></html>"""
 _NO_ENTRY = b"""<!doctype html><html lang="en"><head><meta charset="utf-8"><title>photosite</title></head><body>
 <h1>photosite</h1><p>Open the link that <code>photosite serve</code> printed in the terminal. It holds the key of this
 server.</p></body></html>"""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from photosite.app.state import Bench
+from photosite.app.state import PreparedState
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import SceneRequest
 
@@ -27,12 +27,12 @@ def add_kept(kept: OrderedDict[Any, Any], key: Any, value: Any, most: int = 16) 
     kept[key] = value
 
 
-def scene_of(found: Bench) -> Scene:
+def scene_of(found: PreparedState) -> Scene:
     """Return the scene of a state, made once."""
     return _made(found.request)
 
 
-def unit_scene(found: Bench) -> tuple[Scene, float]:
+def unit_scene(found: PreparedState) -> tuple[Scene, float]:
     """Return the scene at 1 cd/m2 where the state gives its luminance, and the factor of its light to that luminance.
 
     The image is linear in the luminance, so that a change of it needs neither a scene nor an image.

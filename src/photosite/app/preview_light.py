@@ -17,7 +17,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from photosite.app.kept_scenes import KEPT_SCENES, add_kept
-from photosite.app.state import Bench
+from photosite.app.state import PreparedState
 from photosite.camera.camera import Camera
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
 from photosite.engine.mosaic_means import block_start
@@ -39,7 +39,7 @@ _PADDING_STEP = 16
 _rates: OrderedDict[tuple[Any, ...], tuple[F32, list[str]]] = OrderedDict()
 
 
-def preview_rate(found: Bench, scene: Scene, rows: I64, cols: I64, step: int) -> tuple[F32, list[str]]:
+def preview_rate(found: PreparedState, scene: Scene, rows: I64, cols: I64, step: int) -> tuple[F32, list[str]]:
     """Return `approximate_rate`, that of the last state again where only luminance, exposure or noise changed."""
     of_any_luminance = found.state.scene.model_copy(update={"mean_luminance_cd_m2": None})
     state = found.state.model_copy(update={"scene": of_any_luminance})
@@ -59,7 +59,7 @@ def preview_rate(found: Bench, scene: Scene, rows: I64, cols: I64, step: int) ->
     return rate, [*notes]
 
 
-def relative_light(found: Bench, rows: I64, step: int) -> F32:
+def relative_light(found: PreparedState, rows: I64, step: int) -> F32:
     """Return (rows, 1) light of a flickering lamp that reaches rows of a view, relative to its mean."""
     state, sensor = found.state, found.camera.sensor
     if state.scene.flicker is None:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.app.kept_scenes import add_kept
-from photosite.app.preview_sensor import bench_of_size
-from photosite.app.state import Bench
+from photosite.app.preview_sensor import with_sensor_size
+from photosite.app.state import PreparedState
 from photosite.engine.jit import compiled, prange
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -25,7 +25,7 @@ _LEVELS, _PER_LEVEL = 64, 512
 """Signals at which the mean and the noise of a pixel are estimated, and pixels of a row of each."""
 
 
-def averaged_numbers(found: Bench, scene: Scene, mean_e: F32, step: int) -> F32:
+def averaged_numbers(found: PreparedState, scene: Scene, mean_e: F32, step: int) -> F32:
     """Return digital numbers of means over `step` x `step` pixels of a color, normally distributed.
 
     The mean and the standard deviation of a pixel are those of simulated pixels at some signals; noise of rows and
@@ -51,7 +51,7 @@ def _line_noise_mv(sensor: Sensor) -> tuple[float, float]:
 _at_levels: OrderedDict[tuple[Any, ...], tuple[Sensor, F64, F64]] = OrderedDict()
 
 
-def _pixels_at_levels(found: Bench, scene: Scene, top: float) -> tuple[F64, F64]:
+def _pixels_at_levels(found: PreparedState, scene: Scene, top: float) -> tuple[F64, F64]:
     """Return mean and standard deviation of digital numbers at squares of even steps from 0 to `top` electrons.
 
     Noise of rows and columns is left out.
@@ -61,11 +61,11 @@ def _pixels_at_levels(found: Bench, scene: Scene, top: float) -> tuple[F64, F64]
     if key not in _at_levels:
         levels = top * np.linspace(0.0, 1.0, _LEVELS) ** 2
         tile = len(sensor.array.cfa), len(sensor.array.cfa[0])
-        sample = bench_of_size(found, _LEVELS * tile[0], _PER_LEVEL * tile[1], [])
+        sample = with_sensor_size(found, _LEVELS * tile[0], _PER_LEVEL * tile[1], [])
         if any(lines_mv := _line_noise_mv(sensor)):
             alone_mv = max(sensor.noise.read_noise_mv.value**2 - lines_mv[0] ** 2 - lines_mv[1] ** 2, 0.0) ** 0.5
             alone = sample.camera.sensor.with_(row_noise_mv=0, column_noise_mv=0, read_noise_mv=alone_mv)
-            sample = Bench(found.state, replace(sample.camera, sensor=alone), found.request)
+            sample = PreparedState(found.state, replace(sample.camera, sensor=alone), found.request)
         mosaic = np.repeat(levels.astype(np.float32), tile[0])[:, None] * np.ones(_PER_LEVEL * tile[1], np.float32)
         drawn = np.asarray(sample.frame(mosaic, scene).dn, np.float64).reshape(_LEVELS, -1)
         add_kept(_at_levels, key, (sensor, drawn.mean(axis=1), drawn.std(axis=1)))

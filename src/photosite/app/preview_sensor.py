@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from photosite.app.kept_scenes import add_kept
-from photosite.app.state import Bench
+from photosite.app.state import PreparedState
 from photosite.sensor.model import Sensor
 
 
-def bench_of_size(found: Bench, rows: int, cols: int, notes: list[str]) -> Bench:
-    """Return the bench with a sensor of another size."""
-    return Bench(
+def with_sensor_size(found: PreparedState, rows: int, cols: int, notes: list[str]) -> PreparedState:
+    """Return a state with a sensor of another size."""
+    return PreparedState(
         found.state, replace(found.camera, sensor=of_size(found.camera.sensor, rows, cols, notes)), found.request
     )
 

@@ -45,9 +45,9 @@ from photosite.app.files import (
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
 from photosite.app.places import UPLOAD, Part, Places, Text
-from photosite.app.shown import View
 from photosite.app.state import CameraState, SensorState
 from photosite.app.view import prepare_views, view_bytes
+from photosite.app.view_pixels import View
 from photosite.app.workers import BusyError, Job, Pool, Queue, WorkerError
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.errors import InputError, PhotositeError
@@ -166,7 +166,7 @@ class Settings:
     memory_bytes: int = 0
 
 
-class Bench:
+class Workbench:
     """The worker processes, uploads and kept frames of a server."""
 
     def __init__(self, settings: Settings) -> None:
@@ -232,19 +232,19 @@ def _page_files() -> Iterator[dict[str, tuple[bytes, str]]]:
     }
 
 
-def create_app(bench: Bench, port: int, token: str) -> App:
+def create_app(workbench: Workbench, port: int, token: str) -> App:
     """Return the application, guarded."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
-        bench.close()
+        workbench.close()
 
     refused: dict[int | str, dict[str, Any]] = {
         status: {"model": Error} for status in (400, 401, 403, 413, 421, 422, 503, 507)
     }
     app = FastAPI(
-        title="photosite bench",
+        title="photosite workbench",
         version=photosite.__version__,
         summary="The functions of the commands, for the page and for notebooks.",
         docs_url=None,
@@ -292,18 +292,18 @@ def create_app(bench: Bench, port: int, token: str) -> App:
     @app.get("/api/server")
     def server() -> ServerInfo:
         """Return the server's version and limits."""
-        folder = bench.settings.folder
+        folder = workbench.settings.folder
         return ServerInfo(
             version=photosite.__version__,
             folder=None if folder is None else str(folder.resolve()),
-            upload_bytes=bench.settings.upload_bytes,
+            upload_bytes=workbench.settings.upload_bytes,
             cores=os.cpu_count() or 1,
         )
 
     @app.post("/api/form")
     def fields(request: FormRequest) -> Form:
         """Return the fields of the camera view, with units, limits and the sensor's values."""
-        return form(request.sensor, request.scene, bench.places)
+        return form(request.sensor, request.scene, workbench.places)
 
     @app.post("/api/view", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
     def view(request: ViewRequest) -> Response:
@@ -312,21 +312,21 @@ def create_app(bench: Bench, port: int, token: str) -> App:
         The body is the length of a JSON header (4 bytes, little endian), the header, (rows, cols) mean
         electrons as float32, digital numbers as the header's `dn_type`, and (rows, cols, 4) bytes of the picture.
         """
-        arguments = (request.state, bench.places, request.view, bench.kept)
-        content = bench.pool.call(request.tab, view_bytes, *arguments, time_s=_VIEW_S)
+        arguments = (request.state, workbench.places, request.view, workbench.kept)
+        content = workbench.pool.call(request.tab, view_bytes, *arguments, time_s=_VIEW_S)
         return Response(content, media_type="application/octet-stream")
 
     @app.post("/api/frames", status_code=202)
     def frame(request: FrameRequest) -> JobInfo:
         """Compute the exact frame; a new request of a tab cancels its last one."""
-        arguments = (request.state, bench.places, bench.kept)
-        return _info(bench.queue.add("frame", request.tab, exact_frame, *arguments, replaces=True))
+        arguments = (request.state, workbench.places, workbench.kept)
+        return _info(workbench.queue.add("frame", request.tab, exact_frame, *arguments, replaces=True))
 
     @app.post("/api/save", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
     def save(request: SaveRequest) -> Response:
         """Return the exact frame as DNG or TIFF, or its developed picture as PNG."""
-        arguments = (request.state, bench.places, bench.kept, request.suffix)
-        job = bench.queue.add("save", f"save-{uuid.uuid4()}", saved_frame, *arguments)
+        arguments = (request.state, workbench.places, workbench.kept, request.suffix)
+        job = workbench.queue.add("save", f"save-{uuid.uuid4()}", saved_frame, *arguments)
         while job.status in ("queued", "running"):
             time.sleep(0.02)
         content, job.result = job.result, None  # not kept
@@ -338,32 +338,32 @@ def create_app(bench: Bench, port: int, token: str) -> App:
     @app.post("/api/code")
     def code(state: CameraState) -> Code:
         """Return Python code and a command that reproduce the frame of a state."""
-        places = bench.places
+        places = workbench.places
         return Code(python=python_text(state, places), command=command_text(state, places))
 
     @app.get("/api/jobs/{job_id}")
     def job(job_id: str) -> JobInfo:
         """Return a job, with its result once it is done."""
-        return _info(_job(bench, job_id))
+        return _info(_job(workbench, job_id))
 
     @app.delete("/api/jobs/{job_id}")
     def cancel(job_id: str) -> JobInfo:
         """Cancel a job and free its processor."""
-        found = _job(bench, job_id)
-        bench.queue.cancel(found)
+        found = _job(workbench, job_id)
+        workbench.queue.cancel(found)
         return _info(found)
 
     @app.get("/api/files")
     def files_of(kind: FileKind | Literal["folder"] = "scene") -> list[FileEntry]:
         """Return the files, or the folders, of the served folder."""
-        return listed(bench.settings.folder, kind)
+        return listed(workbench.settings.folder, kind)
 
     @app.get("/api/results/{result}/{name}", response_class=Response)
     def result_file(
         result: Annotated[str, ApiPath(pattern="^[0-9a-f]{16}$")], name: Annotated[str, ApiPath(max_length=100)]
     ) -> Response:
         """Return a file of a result."""
-        folder = bench.folder / "results" / result
+        folder = workbench.folder / "results" / result
         found = next((path for path in folder.iterdir() if path.name == name), None) if folder.is_dir() else None
         if found is None:
             raise InputError("file", value=name, expected="one of a result that is kept", hint="Compute it again")
@@ -383,21 +383,21 @@ def create_app(bench: Bench, port: int, token: str) -> App:
         from starlette.concurrency import run_in_threadpool
 
         if kind == "frames":
-            new = FrameFolder.start(bench.folder / "uploads") if not folder else None
-            if new is not None and len(bench.uploads) >= _MOST_UPLOADS:
+            new = FrameFolder.start(workbench.folder / "uploads") if not folder else None
+            if new is not None and len(workbench.uploads) >= _MOST_UPLOADS:
                 raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
-            place = new or FrameFolder.of(bench.uploads.get(folder.removeprefix(UPLOAD)))
-            stored = await place.store(name, request.stream(), bench.settings.upload_bytes * _FOLDER_FILES)
+            place = new or FrameFolder.of(workbench.uploads.get(folder.removeprefix(UPLOAD)))
+            stored = await place.store(name, request.stream(), workbench.settings.upload_bytes * _FOLDER_FILES)
             holds = await run_in_threadpool(check_frame, stored)
-            bench.uploads[place.path.name] = place.path
+            workbench.uploads[place.path.name] = place.path
             size = stored.stat().st_size
             return Upload(name=f"upload:{place.path.name}", file_name=stored.name, bytes=size, holds=holds)
-        if len(bench.uploads) >= _MOST_UPLOADS:
+        if len(workbench.uploads) >= _MOST_UPLOADS:
             raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
-        path = await store(bench.folder / "uploads", name, kind, request.stream())
+        path = await store(workbench.folder / "uploads", name, kind, request.stream())
         holds = await run_in_threadpool(check_upload, path, kind)
         key = path.parent.name
-        bench.uploads[key] = path
+        workbench.uploads[key] = path
         return Upload(name=f"upload:{key}", file_name=path.name, bytes=path.stat().st_size, holds=holds)
 
     @app.get("/api/parameters")
@@ -406,19 +406,19 @@ def create_app(bench: Bench, port: int, token: str) -> App:
         return [ParameterInfo(name=name, label=one.label, unit=one.unit) for name, one in PARAMETER_LABELS.items()]
 
     for entry in views.VIEWS:
-        _add_view(app, bench, entry)
-    return Guard(app, port, token, bench.settings.upload_bytes)
+        _add_view(app, workbench, entry)
+    return Guard(app, port, token, workbench.settings.upload_bytes)
 
 
-def _add_view(app: FastAPI, bench: Bench, entry: views.JobView) -> None:
+def _add_view(app: FastAPI, workbench: Workbench, entry: views.JobView) -> None:
     """Add a request that starts a job, and one for its code."""
     request_type = entry.request
 
     def start(request: request_type, tab: TabId = "api") -> JobInfo:  # type: ignore[valid-type]
-        return _info(bench.queue.add(entry.name, tab, entry.compute, request, bench.places, replaces=True))
+        return _info(workbench.queue.add(entry.name, tab, entry.compute, request, workbench.places, replaces=True))
 
     def text(request: request_type) -> Code:  # type: ignore[valid-type]
-        python, command = entry.code(request, bench.places)
+        python, command = entry.code(request, workbench.places)
         return Code(python=python, command=command)
 
     start.__doc__, text.__doc__ = entry.summary, f"Return code that does the same as /api/{entry.name}."
@@ -427,8 +427,8 @@ def _add_view(app: FastAPI, bench: Bench, entry: views.JobView) -> None:
     app.post(f"/api/{entry.name}/code", operation_id=f"{entry.name}_code")(text)
 
 
-def _job(bench: Bench, job_id: str) -> Job:
-    found = bench.queue.get(job_id)
+def _job(workbench: Workbench, job_id: str) -> Job:
+    found = workbench.queue.get(job_id)
     if found is None:
         raise InputError("job", value=job_id[:40], expected="the id of a job that is kept")
     return found
@@ -476,7 +476,7 @@ def serve(settings: Settings, port: int, started: Callable[[str], object]) -> No
             raise InputError("port", value=port, expected=f"free: {error.strerror}") from None
         port = bound.getsockname()[1]
         token = secrets.token_urlsafe(32)
-        app = create_app(Bench(settings), port, token)
+        app = create_app(Workbench(settings), port, token)
         config = uvicorn.Config(
             app,
             log_level="error",

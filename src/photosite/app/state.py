@@ -31,7 +31,7 @@ from photosite.sensor.io.sensor_file import load_sensor, preset_names
 from photosite.sensor.model import Sensor
 
 MOST_PIXELS = 64_000_000
-"""Pixels, and cells of the image, that the bench computes a frame of."""
+"""Pixels, and cells of the image, that the workbench computes a frame of."""
 
 Numbers = Annotated[tuple[float, ...], Field(max_length=10_000)]
 Value = bool | int | float | Text | Numbers | None
@@ -195,7 +195,7 @@ def _digest(part: BaseModel) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class PreparedState:
     """The camera and the scene request of a state."""
 
     state: CameraState
@@ -237,7 +237,7 @@ class Bench:
         )
 
 
-def bench(state: CameraState, places: Places) -> Bench:
+def prepared(state: CameraState, places: Places) -> PreparedState:
     """Return camera and scene of a state.
 
     Raises
@@ -255,7 +255,7 @@ def bench(state: CameraState, places: Places) -> Bench:
     seen = SetUp(sensor=sensor, optics=optics, scene=request, cells_per_pixel=cells)
     drawn = seen.seen
     assert isinstance(drawn, SceneRequest)
-    return Bench(state, seen.camera, drawn)
+    return PreparedState(state, seen.camera, drawn)
 
 
 def changed_sensor(state: SensorState, places: Places) -> Sensor:

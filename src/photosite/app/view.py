@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from photosite.app.places import Places
 from photosite.app.recorded_warnings import recorded_warnings
-from photosite.app.shown import View, shown_pixels
-from photosite.app.state import CameraState, bench
+from photosite.app.state import CameraState, prepared
 from photosite.app.view_header import view_header
+from photosite.app.view_pixels import View, view_pixels
 from photosite.develop.develop import develop_rgba
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
@@ -35,8 +35,8 @@ def view_bytes(state: CameraState, places: Places, view: View, folder: Path) -> 
     """
     started = time.perf_counter()
     with recorded_warnings() as texts:
-        found = bench(state, places)
-        shown = shown_pixels(found, view, folder)
+        found = prepared(state, places)
+        shown = view_pixels(found, view, folder)
         picture = b""
         notes = [*shown.notes]
         if view.developed:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from photosite.app.exact_frame import kept_frame
 from photosite.app.kept_scenes import unit_scene
 from photosite.app.preview_sensor import of_size
-from photosite.app.shown import Rectangle, Shown, View
-from photosite.app.state import Bench
+from photosite.app.state import PreparedState
+from photosite.app.view_pixels import Rectangle, View, ViewPixels
 from photosite.metrics.capture_snr import capture_budget
 from photosite.sensor.capture_readout import largest_light_e
 from photosite.sensor.clean_frame import clean_numbers
@@ -23,7 +23,7 @@ from photosite.values.cfa import channel_names, channel_sites
 HISTOGRAM_BINS = 128
 
 
-def view_header(found: Bench, shown: Shown, view: View, folder: Path) -> dict[str, Any]:
+def view_header(found: PreparedState, shown: ViewPixels, view: View, folder: Path) -> dict[str, Any]:
     """Return what the page writes beside the picture, by name."""
     sensor, taken = found.camera.sensor, found.state.capture
     at = sensor if taken.temperature_c is None else sensor.at_temperature(taken.temperature_c)
@@ -116,7 +116,7 @@ def _histogram(pixels: NDArray[Any], white_dn: float, cfa: tuple[tuple[str, ...]
     return {"dn_per_bin": top / HISTOGRAM_BINS, "counts": counts}
 
 
-def _statistics(found: Bench, shown: Shown, region: Rectangle, folder: Path) -> dict[str, Any]:
+def _statistics(found: PreparedState, shown: ViewPixels, region: Rectangle, folder: Path) -> dict[str, Any]:
     """Return mean, standard deviation and SNR of each channel in a region of the frame."""
     sensor = found.camera.sensor
     r0, r1, c0, c1 = region

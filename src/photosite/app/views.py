@@ -246,7 +246,8 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
             "measure": {request.measure: measured},
         }
         file = "\n".join(f"{name}: {json.dumps(value)}" for name, value in content.items())
-        command = f"cat > bench.sweep.yaml <<'END'\n{file}\nEND\nphotosite sweep bench.sweep.yaml -o bench.csv\n"
+        command = f"cat > workbench.sweep.yaml <<'END'\n{file}\nEND\n"
+        command += "photosite sweep workbench.sweep.yaml -o workbench.csv\n"
     return "\n".join(lines) + "\n", command
 
 

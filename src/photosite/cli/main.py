@@ -59,7 +59,7 @@ COMMANDS = {
     "compare": "Compare another simulator's patches or mosaics with photosite's.",
     "develop": "Develop a raw frame to a picture.",
     "mtf": "Measure sharpness on a slanted edge in a raw frame.",
-    "serve": "Serve the bench, a page in the browser on this machine.",
+    "serve": "Serve the workbench, a page in the browser on this machine.",
     "reproduce": "Repeat the studies, such as the coverage of the intervals.",
     "bench": "Time photosite on this machine against a plain implementation.",
 }

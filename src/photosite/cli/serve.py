@@ -1,4 +1,4 @@
-"""`photosite serve`: the bench in the browser."""
+"""`photosite serve`: the workbench in the browser."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Server(Command):
 )
 @options.json_option
 def command(folder: Path | None, port: int, opens: bool, upload_mb: int, job_minutes: int, as_json: bool) -> None:
-    """Serve the bench, a page in the browser on this machine, until Ctrl-C.
+    """Serve the workbench, a page in the browser on this machine, until Ctrl-C.
 
     The page simulates cameras, calibrates folders, compares sensors, plans measurements and sweeps, with the functions
     of the commands. It can read scenes, sensor files, lenses and frames in FOLDER, and nothing else on the disk;

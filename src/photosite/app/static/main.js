@@ -39,7 +39,7 @@ async function route(byHand) {
     if (each === name) link.setAttribute("aria-current", "page"); else link.removeAttribute("aria-current");
     document.getElementById(`view-${each}`).hidden = each !== name;
   }
-  document.title = `${links.get(name).textContent} – photosite bench`;
+  document.title = `${links.get(name).textContent} – photosite workbench`;
   try {
     if (name !== "camera") await VIEWS[name].show(content);
     else if (!started) { started = true; await camera.start(content); }

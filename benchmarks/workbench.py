@@ -1,6 +1,6 @@
-"""Time and memory of the bench in Chromium: slider to picture, first load, and ten tabs at once.
+"""Time and memory of the workbench in Chromium: slider to picture, first load, and ten tabs at once.
 
-    python benchmarks/bench_in_browser.py [--moves 40] [--tabs 10]
+    python benchmarks/workbench.py [--moves 40] [--tabs 10]
 
 Each slider moves by one step at a time, as by a key; the time is from the event to the picture drawn on the canvas. The
 sensor is the D200 with 10 megapixels, the picture 900 x 600 pixels on the screen. Needs Playwright and Chromium.

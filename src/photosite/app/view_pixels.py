@@ -21,8 +21,8 @@ from photosite.app.kept_scenes import unit_scene
 from photosite.app.places import Part
 from photosite.app.preview_light import preview_rate, relative_light
 from photosite.app.preview_noise import averaged_numbers
-from photosite.app.preview_sensor import bench_of_size, of_size
-from photosite.app.state import Bench
+from photosite.app.preview_sensor import of_size, with_sensor_size
+from photosite.app.state import PreparedState
 from photosite.engine.jit import read_only
 from photosite.engine.mosaic_means import mosaic_means
 from photosite.frames.raw_frame import RawFrame
@@ -55,7 +55,7 @@ class View(Part):
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ViewPixels:
     """What a view shows.
 
     Parameters
@@ -92,7 +92,7 @@ def _pixels(first: int, count: int, step: int, tile: int, size: int) -> I64:
     return index[index + step // 2 < size]
 
 
-def shown_pixels(found: Bench, view: View, folder: Path) -> Shown:
+def view_pixels(found: PreparedState, view: View, folder: Path) -> ViewPixels:
     """Return the pixels in view: those of the exact frame where it is kept in the folder, else those of a preview."""
     state, sensor = found.state, found.camera.sensor
     array, (scene, factor) = sensor.array, unit_scene(found)
@@ -114,7 +114,7 @@ def shown_pixels(found: Bench, view: View, folder: Path) -> Shown:
             notes = [*notes, "the preview is without motion"]
     else:
         mean_e = found.exposed(_reduced(rate, rows, cols, step, tile))
-    of_view = bench_of_size(found, rows.size, cols.size, notes)
+    of_view = with_sensor_size(found, rows.size, cols.size, notes)
     contiguous = step == 1 and sensor.effects is None and sensor.captures is None and sensor.maps is None
     exact = whole is not None or (contiguous and rate is not None)
     if whole is not None:
@@ -137,14 +137,14 @@ def shown_pixels(found: Bench, view: View, folder: Path) -> Shown:
         few = _picked(
             mean_e, *(_spread(np.arange(axis.size), 3, t) // 3 for axis, t in zip((rows, cols), tile, strict=True))
         )
-        of_few = bench_of_size(found, few.shape[0], few.shape[1], [])
+        of_few = with_sensor_size(found, few.shape[0], few.shape[1], [])
         taken = of_few.frame(few, scene)
         if state.capture.noise:
             dn, pixels = averaged_numbers(found, scene, mean_e, step), np.asarray(taken.dn)
         else:
             dn, pixels = of_view.camera.clean_dn(mean_e), of_few.camera.clean_dn(few)
     notes = [] if exact else notes
-    return Shown(rows, cols, step, taken, with_numbers(taken, dn), dn, mean_e, pixels, exact, tuple(notes))
+    return ViewPixels(rows, cols, step, taken, with_numbers(taken, dn), dn, mean_e, pixels, exact, tuple(notes))
 
 
 def _spread(index: I64, step: int, tile: int) -> I64:
@@ -154,12 +154,12 @@ def _spread(index: I64, step: int, tile: int) -> I64:
     return np.asarray(found[found <= index[-1]])
 
 
-def _empty(of_view: Bench, scene: Scene, tile: tuple[int, int]) -> RawFrame:
+def _empty(of_view: PreparedState, scene: Scene, tile: tuple[int, int]) -> RawFrame:
     """Return a small dark frame, with the metadata of a state."""
     small = of_size(of_view.camera.sensor, 2 * tile[0], 2 * tile[1], [])
     camera = replace(of_view.camera, sensor=small)
     dark = np.zeros((2 * tile[0], 2 * tile[1]), np.float32)
-    raw: RawFrame = Bench(of_view.state, camera, of_view.request).frame(dark, scene)
+    raw: RawFrame = PreparedState(of_view.state, camera, of_view.request).frame(dark, scene)
     return raw
 
 

@@ -426,7 +426,7 @@ def test_sensors_are_compared_with_linked_pictures_and_code(page, link) -> None:
     page.click("#code-close")
     view.get_by_role("button", name="Copy as command").click()
     page.wait_for_selector("#code[open]")
-    assert "photosite cameras compare bench-1.camera.yaml bench-2.camera.yaml" in page.inner_text("#code-text")
+    assert "photosite cameras compare workbench-1.camera.yaml workbench-2.camera.yaml" in page.inner_text("#code-text")
     page.click("#code-close")
     view.get_by_role("button", name="Compute").click()
     wait(page, "location.hash.startsWith('#compare=')")
