@@ -68,7 +68,7 @@ def test_every_part_that_is_switched_on_is_a_valid_sensor_with_the_values_of_its
 
 
 def test_the_values_of_the_form_make_the_same_sensor() -> None:
-    """Each part of a sensor that is sent back as the form shows it leaves the sensor as it is."""
+    """Each part of a sensor that is sent back as the form shows it leaves the sensor unchanged."""
     for source in ("nikon-d200", "dual-gain-phone", "split-pixel-automotive"):
         own = changed_sensor(SensorState(source=source), Places())
         for field in fields_of(source):

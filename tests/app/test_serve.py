@@ -1,4 +1,4 @@
-"""The command that serves the workbench, in a process of its own."""
+"""The command that serves the workbench, in a separate process."""
 
 from __future__ import annotations
 

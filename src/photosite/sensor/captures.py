@@ -46,10 +46,10 @@ class Capture(Section):
         "Electrons at which the capture saturates; default that of the sensor.", "e-", 22000, default=None
     )
     dark_current_e_per_s: NotNegative | None = about(
-        "Mean dark current; default that of the sensor. Of a charge of its own.", "e-/s", 4.2, default=None
+        "Mean dark current; default that of the sensor. For a separate charge.", "e-/s", 4.2, default=None
     )
     charge: Literal["own", "shared", "overflow"] = about(
-        "own: a photodiode or exposure of its own; shared: the charge of `charge_of`, read again; overflow: the charge "
+        "own: a separate photodiode or exposure; shared: the charge of `charge_of`, read again; overflow: the charge "
         "beyond the well of `charge_of`, in a second capacitor.",
         NO_UNIT,
         "shared",
