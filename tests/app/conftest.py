@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -53,3 +54,10 @@ def stranger(workbench: Workbench):
     from starlette.testclient import TestClient
 
     return TestClient(create_app(workbench, PORT, TOKEN), base_url=BASE, follow_redirects=False)
+
+
+@pytest.fixture
+def unrendered(undrawn: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    """Reports without figures; tests/report has these."""
+    with undrawn():
+        yield

@@ -37,6 +37,8 @@ from photosite.frames.io.libcamera import read_libcamera
 from photosite.frames.raw_frame import RawFrame
 
 NOWHERE = Places()
+
+pytestmark = pytest.mark.usefixtures("unrendered")
 CHANGED = SensorState(changes={"read_noise_e": 2.0})
 
 

@@ -153,7 +153,7 @@ def form(sensor: SensorState, scene: str, places: Places) -> Form:
 
 
 def _scene_groups(scene: str) -> Iterator[FormGroup]:
-    about = {**parameters_of(Chart.under), "mean_luminance_cd_m2": parameters_of(Chart.under)["luminance_cd_m2"]}
+    about = parameters_of(Chart.under)
     infos = {name: SceneState.model_fields[name] for name in _LIGHT}
     about["illuminant"] = infos["illuminant"].description or ""
     fields = [_field(name, info, info.default, about[name]) for name, info in infos.items()]

@@ -12,8 +12,8 @@ import shutil
 import socket
 import time
 import uuid
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -222,16 +222,6 @@ def _machine_bytes() -> int:
         return 8 << 30
 
 
-@contextmanager
-def _page_files() -> Iterator[dict[str, tuple[bytes, str]]]:
-    folder = resources.files("photosite.app") / "static"
-    yield {
-        entry.name: (entry.read_bytes(), _KINDS[Path(entry.name).suffix])
-        for entry in folder.iterdir()
-        if Path(entry.name).suffix in _KINDS
-    }
-
-
 def create_app(workbench: Workbench, port: int, token: str) -> App:
     """Return the application, guarded."""
 
@@ -252,9 +242,19 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         lifespan=lifespan,
         responses=refused,
     )
-    with _page_files() as files:
-        page = dict(files)
+    _answer_errors(app)
+    _add_page(app)
+    _add_facts(app, workbench)
+    _add_camera(app, workbench)
+    _add_jobs(app, workbench)
+    _add_files(app, workbench)
+    _add_uploads(app, workbench)
+    for entry in views.VIEWS:
+        _add_view(app, workbench, entry)
+    return Guard(app, port, token, workbench.settings.upload_bytes)
 
+
+def _answer_errors(app: FastAPI) -> None:
     @app.exception_handler(PhotositeError)
     async def invalid(_: Request, error: PhotositeError) -> JSONResponse:
         return JSONResponse({"error": str(error)}, 422)
@@ -270,25 +270,30 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         return JSONResponse({"error": str(error.detail)}, error.status_code, headers=error.headers)
 
     @app.exception_handler(BusyError)
-    async def busy(_: Request, error: BusyError) -> JSONResponse:
-        return JSONResponse({"error": str(error)}, 503)
-
     @app.exception_handler(WorkerError)
-    async def failed(_: Request, error: WorkerError) -> JSONResponse:
+    async def failed(_: Request, error: Exception) -> JSONResponse:
         return JSONResponse({"error": str(error)}, 503)
 
     @app.exception_handler(ClientDisconnect)
     async def gone(_: Request, __: ClientDisconnect) -> JSONResponse:
         return JSONResponse({"error": "the connection was closed"}, 400)
 
-    def served(name: str) -> Callable[[], Response]:
-        content, kind = page[name]
-        return lambda: Response(content, media_type=f"{kind}; charset=utf-8")
 
-    for name in page:  # a route for each file: no path of a request is ever a path on disk
-        route = "/" if name == "index.html" else f"/{name}"
-        app.add_api_route(route, served(name), methods=["GET"], include_in_schema=False, response_class=Response)
+def _add_page(app: FastAPI) -> None:
+    """Add a route for each file of the page: no path of a request is ever a path on disk."""
+    for entry in (resources.files("photosite.app") / "static").iterdir():
+        kind = _KINDS.get(Path(entry.name).suffix)
+        if kind is not None:
+            answer = _fixed_answer(entry.read_bytes(), f"{kind}; charset=utf-8")
+            route = "/" if entry.name == "index.html" else f"/{entry.name}"
+            app.add_api_route(route, answer, methods=["GET"], include_in_schema=False, response_class=Response)
 
+
+def _fixed_answer(content: bytes, media_type: str) -> Callable[[], Response]:
+    return lambda: Response(content, media_type=media_type)
+
+
+def _add_facts(app: FastAPI, workbench: Workbench) -> None:
     @app.get("/api/server")
     def server() -> ServerInfo:
         """Return the server's version and limits."""
@@ -305,6 +310,13 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         """Return the fields of the camera view, with units, limits and the sensor's values."""
         return form(request.sensor, request.scene, workbench.places)
 
+    @app.get("/api/parameters")
+    def parameters() -> list[ParameterInfo]:
+        """Return the parameters of a calibration, for the wants of a plan."""
+        return [ParameterInfo(name=name, label=one.label, unit=one.unit) for name, one in PARAMETER_LABELS.items()]
+
+
+def _add_camera(app: FastAPI, workbench: Workbench) -> None:
     @app.post("/api/view", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
     def view(request: ViewRequest) -> Response:
         """Return the pixels in view: those of the exact frame where it was computed, else a preview.
@@ -341,6 +353,8 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         places = workbench.places
         return Code(python=python_text(state, places), command=command_text(state, places))
 
+
+def _add_jobs(app: FastAPI, workbench: Workbench) -> None:
     @app.get("/api/jobs/{job_id}")
     def job(job_id: str) -> JobInfo:
         """Return a job, with its result once it is done."""
@@ -353,6 +367,8 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         workbench.queue.cancel(found)
         return _info(found)
 
+
+def _add_files(app: FastAPI, workbench: Workbench) -> None:
     @app.get("/api/files")
     def files_of(kind: FileKind | Literal["folder"] = "scene") -> list[FileEntry]:
         """Return the files, or the folders, of the served folder."""
@@ -369,6 +385,8 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
             raise InputError("file", value=name, expected="one of a result that is kept", hint="Compute it again")
         return FileResponse(found, media_type="application/octet-stream", filename=found.name)
 
+
+def _add_uploads(app: FastAPI, workbench: Workbench) -> None:
     @app.post("/api/uploads", status_code=201)
     async def upload(
         request: Request,
@@ -382,32 +400,21 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         """
         from starlette.concurrency import run_in_threadpool
 
+        if not (kind == "frames" and folder) and len(workbench.uploads) >= _MOST_UPLOADS:
+            raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
         if kind == "frames":
             new = FrameFolder.start(workbench.folder / "uploads") if not folder else None
-            if new is not None and len(workbench.uploads) >= _MOST_UPLOADS:
-                raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
             place = new or FrameFolder.of(workbench.uploads.get(folder.removeprefix(UPLOAD)))
             stored = await place.store(name, request.stream(), workbench.settings.upload_bytes * _FOLDER_FILES)
             holds = await run_in_threadpool(check_frame, stored)
             workbench.uploads[place.path.name] = place.path
             size = stored.stat().st_size
             return Upload(name=f"upload:{place.path.name}", file_name=stored.name, bytes=size, holds=holds)
-        if len(workbench.uploads) >= _MOST_UPLOADS:
-            raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
         path = await store(workbench.folder / "uploads", name, kind, request.stream())
         holds = await run_in_threadpool(check_upload, path, kind)
         key = path.parent.name
         workbench.uploads[key] = path
         return Upload(name=f"upload:{key}", file_name=path.name, bytes=path.stat().st_size, holds=holds)
-
-    @app.get("/api/parameters")
-    def parameters() -> list[ParameterInfo]:
-        """Return the parameters of a calibration, for the wants of a plan."""
-        return [ParameterInfo(name=name, label=one.label, unit=one.unit) for name, one in PARAMETER_LABELS.items()]
-
-    for entry in views.VIEWS:
-        _add_view(app, workbench, entry)
-    return Guard(app, port, token, workbench.settings.upload_bytes)
 
 
 def _add_view(app: FastAPI, workbench: Workbench, entry: views.JobView) -> None:

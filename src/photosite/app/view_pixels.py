@@ -120,11 +120,8 @@ def view_pixels(found: PreparedState, view: View, folder: Path) -> ViewPixels:
     if whole is not None:
         dn = _reduced(whole, rows, cols, step, tile)
         taken = _empty(of_view, scene, tile)
-        pixels = (
-            dn
-            if step == 1
-            else _picked(whole, *(_spread(axis, step, t) for axis, t in zip((rows, cols), tile, strict=True)))
-        )
+        spread = (_spread(axis, step, t) for axis, t in zip((rows, cols), tile, strict=True))
+        pixels = dn if step == 1 else _picked(whole, *spread)
     elif step == 1:
         if contiguous:
             region = int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
