@@ -60,9 +60,8 @@ def test_invalid_wavelengths(values: object, unit: str | None) -> None:
 
 def test_bands_out_of_order_are_named() -> None:
     grid = np.array([400.0, 420, 410, 430])
-    with raises(FileError, "its wavelengths are not", arguments={"sort_bands": True}) as caught:
+    with raises(FileError, "its wavelengths are not", arguments={"sort_bands": True}):
         band_order("cube.hdr", grid, sort=False)
-    assert caught.value.arguments == {"sort_bands": True}
     assert band_order("cube.hdr", grid, sort=True).tolist() == [0, 2, 1, 3]
     assert band_order("cube.hdr", grid[::-1], sort=True).tolist() == [3, 1, 2, 0]
 

@@ -170,9 +170,8 @@ def test_convert_does_not_overwrite_its_input(tmp_path: Path) -> None:
 
 def test_a_tolerance_without_a_reduction_is_an_error(tmp_path: Path) -> None:
     some_scene().save(tmp_path / "scene.h5")
-    with raises(FileError, "holds a scene of", arguments={"tolerance": 0.2}) as caught:
+    with raises(FileError, "holds a scene of", arguments={"tolerance": 0.2}):
         convert_scene(tmp_path / "scene.h5", tmp_path / "b.h5", tolerance=0.2)
-    assert caught.value.arguments == {"tolerance": 0.2}
     assert not (tmp_path / "b.h5").exists()
     assert not convert_scene(tmp_path / "scene.h5", tmp_path / "b.h5").reduced
 
@@ -230,9 +229,8 @@ def test_files_of_no_known_format(tmp_path: Path) -> None:
     ],
 )
 def test_invalid_options_of_reading(option: str, value: Any) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, option, value=value):
         read_scene("a.h5", **{option: value})
-    assert (caught.value.what, caught.value.value) == (option, value)
 
 
 @pytest.mark.parametrize(("name", "meant"), [("unit", "units"), ("luminance", "mean_luminance_cd_m2")])
@@ -298,9 +296,8 @@ def test_options_that_do_not_apply_are_an_error(tmp_path: Path, name: str, optio
 def test_options_given_twice_must_agree() -> None:
     grid = [500.0, 600.0]
     assert merged_options({"wavelength_nm": grid, "units": "percent"}, {"wavelength_nm": tuple(grid)})["units"]
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "mean_luminance_cd_m2", value=10):
         merged_options({"mean_luminance_cd_m2": 40.0}, {"mean_luminance_cd_m2": 10})
-    assert (caught.value.what, caught.value.value) == ("mean_luminance_cd_m2", 10)
 
 
 def test_an_error_of_a_camera_file_is_written_with_its_fields(tmp_path: Path) -> None:

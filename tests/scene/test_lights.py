@@ -95,9 +95,8 @@ def test_gradients_and_spots() -> None:
     ],
 )
 def test_invalid_lights(lights: list[object], field: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, field):
         mixed(charts.slanted_edge(rows=20, cols=30), lights)  # type: ignore[arg-type]
-    assert caught.value.what == field
 
 
 def test_a_scene_without_reflectance_cannot_be_relit() -> None:

@@ -233,6 +233,5 @@ def test_small_differences_survive_double_precision() -> None:
 
 @pytest.mark.parametrize("tolerance", [1e-9, 9e-7])
 def test_tolerances_below_single_precision_are_an_error(tolerance: float) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "tolerance", value=tolerance):
         ReadOptions(tolerance=tolerance)
-    assert (caught.value.what, caught.value.value) == ("tolerance", tolerance)

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
 from photosite.errors import InputError
@@ -74,6 +75,5 @@ def test_a_data_loader_gives_the_same_in_workers(start: str) -> None:
     ],
 )
 def test_invalid_arguments(pairs: list[Pair], library: str, what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         collate(pairs, library)  # type: ignore[arg-type]
-    assert caught.value.what == what

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
 from photosite.engine.random_numbers import seed_of_added_noise
@@ -121,14 +122,12 @@ def test_added_noise_is_not_that_of_a_virtual_frame_of_the_same_seed() -> None:
 
 def test_light_that_is_noisier_than_the_sensor_is_refused() -> None:
     noisy = Electrons([RAMP], InputNoise(1.0, 64.0))
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "light") as caught:
         PairDataset(noisy, quiet(), light=(0.1, 0.6))
-    assert caught.value.what == "light"
     assert caught.value.expected.startswith("at most 0.5")
     PairDataset(noisy, quiet(), light=(0.1, 0.49))
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "input_noise"):
         PairDataset(noisy, quiet(em_gain={"gain": 10}), light=0.1)
-    assert caught.value.what == "input_noise"
 
 
 def test_raw_frames_by_their_noise_profile_or_their_sensor(tmp_path: Path) -> None:
@@ -144,9 +143,8 @@ def test_raw_frames_by_their_noise_profile_or_their_sensor(tmp_path: Path) -> No
         assert pair.metadata["own_shot"] == pytest.approx(0.1)
         assert pair.metadata["input_saturated"] == 0
     mono = RawFrame(raw.dn, bits=12, black_level_dn=64, noise_profile=raw.noise_profile[:1])
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "cfa"):
         PairDataset(RawFrames([mono]), darker, light=0.1)
-    assert caught.value.what == "cfa"
 
 
 def test_flips_keep_the_color_filter_array() -> None:
@@ -224,9 +222,8 @@ def test_sensors_with_effects_and_captures() -> None:
     ],
 )
 def test_invalid_arguments(make: Callable[[], Any], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         make()
-    assert caught.value.what == what
 
 
 @pytest.mark.parametrize("index", [1.0, "1", slice(0, 2)])

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from raising import raises
 
 import photosite as ps
 from photosite.errors import InputError
@@ -139,6 +140,5 @@ def test_memory_stays_flat_over_ten_thousand_items(tmp_path: Path) -> None:
     ],
 )
 def test_invalid_arguments(make: Callable[[], Any], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         make()
-    assert caught.value.what == what

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from killed_writers import kill_while_writing
 from process_groups import members
+from raising import raises
 
 import photosite as ps
 from photosite.errors import FileError, InputError
@@ -127,18 +128,16 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
         (dataset(), {"shard_format": "webdataset"}, "shard_format", "webdataset"),
         (changed, {}, "dataset.sensors[0].serial", "7"),
     ):
-        with pytest.raises(FileError) as caught:
+        with raises(FileError, name, value=value):
             write_shards(other, tmp_path / "a", pairs_per_shard=5, **settings)
-        assert (caught.value.what, caught.value.value) == (name, value)
     assert contents(tmp_path / "a") == before
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "photo.jpg").write_bytes(b"")
     with pytest.raises(FileError) as caught:
         write_shards(dataset(), tmp_path / "b")
     assert caught.value.what.startswith("holds 'photo.jpg'")
-    with pytest.raises(InputError) as wrong:
+    with raises(InputError, "pairs_per_shard"):
         write_shards(dataset(), tmp_path / "c", pairs_per_shard=0)
-    assert wrong.value.what == "pairs_per_shard"
 
 
 def test_the_changed_input_is_named(tmp_path: Path) -> None:
@@ -224,9 +223,8 @@ def test_a_missing_input_is_an_error_at_once(source: Any, tmp_path: Path) -> Non
 
 
 def test_a_folder_that_does_not_exist(tmp_path: Path) -> None:
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "there is no such folder"):
         ps.training.ShardDataset(tmp_path / "nosuch")
-    assert caught.value.what == "there is no such folder"
 
 
 def test_the_card_says_what_the_pairs_are(tmp_path: Path) -> None:

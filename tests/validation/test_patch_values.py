@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.validation.patch_values import PatchValues, compare_values
@@ -100,9 +101,8 @@ def test_saturated_values_are_left_out_and_named():
 )
 def test_values_that_cannot_be_compared(change, what):
     facts = {"names": NAMES, "channels": ("R", "G", "B"), "unit": "e", "mean": LEVELS} | change
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         compare_values(PatchValues.exact(**facts), exact(LEVELS))
-    assert caught.value.what == what
 
 
 @pytest.mark.parametrize("wrong", [{"level": 0.0}, {"level": 1.0}, {"tolerance_percent": -1.0}])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from raising import raises
 from scipy.stats import linregress
 
 from photosite.errors import InputError
@@ -69,6 +70,5 @@ def test_intervals_cover_the_truth_in_95_percent():
     ],
 )
 def test_points_without_a_regression(simulated, measured, variance, what):
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         regress(simulated, measured, variance)
-    assert caught.value.what == what

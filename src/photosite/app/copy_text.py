@@ -57,7 +57,7 @@ def _dynamic(part: FlickerState | MotionState) -> str:
     fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(part, FlickerState) and part.kind == "table":
         fields["table"] = part.table  # as it was given: dividing it by its mean again can change its last digit
-    return f"ps.{type(value).__name__}({_arguments(fields)})"
+    return f"ps.scenes.{type(value).__name__}({_arguments(fields)})"
 
 
 def _flicker_text(flicker: FlickerState) -> str:

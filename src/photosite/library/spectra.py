@@ -25,8 +25,6 @@ _MOST_WAVELENGTHS = 10_000
 _RANGE_IN_NAME = re.compile(r"(?P<camera>.+?)_(?P<first>\d{3,4})_(?P<last>\d{3,4})_(?P<step>\d{1,3})")
 _WAVELENGTH_HEADING = re.compile(r"(wavelengths?|lambda|λ)( (in )?nm)?|nm")
 
-NOT_IN_SPECTRA = "absolute quantum efficiency (the sensitivities are relative) and fill factor"
-
 
 @dataclass(frozen=True, eq=False)
 class SpectralSensitivity(Shown):

@@ -72,8 +72,7 @@ def test_other_files_have_no_method(tmp_path: Path, name: str) -> None:
 
 
 def test_unknown_methods_and_built_in_scenes(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "method", value="jakob"):
         read_scene(picture(tmp_path), method="jakob")
-    assert (caught.value.what, caught.value.value) == ("method", "jakob")
     with raises(InputError, "the chart"):
         SceneRequest("ramp", {"method": "jakob-hanika"}).scene()

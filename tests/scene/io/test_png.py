@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from raising import raises
 
 from photosite.errors import FileError
 from photosite.scene.io.formats import read_scene
@@ -150,9 +151,8 @@ def test_unknown_color_spaces_are_an_error(tmp_path: Path, extra: Parts, what: s
 
 
 def assert_transparent(file: Path) -> None:
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, TRANSPARENT):
         read_scene(file, mean_luminance_cd_m2=1)
-    assert caught.value.what == TRANSPARENT
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -181,9 +181,8 @@ def test_opacity_of_16_bits(tmp_path: Path, channels: int) -> None:
 
 
 def test_opacity_in_color_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "opacity"):
         read_alpha(written(tmp_path / "a.png", picture(3)))
-    assert caught.value.what == "opacity"
 
 
 def header(**changes: int) -> bytes:
