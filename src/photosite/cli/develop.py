@@ -91,7 +91,7 @@ def command(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG or JPEG, sRGB).
+    """Develop a raw frame into a picture (PNG or JPEG, sRGB).
 
     Steps: demosaic, white balance, the file's color matrix, sRGB encoding. Gray surfaces are gray if the file
     states the white of its light, as frames of `photosite simulate`, DNG and camera raw do.

@@ -63,7 +63,7 @@ def command(
 ) -> None:
     """Measure the modulation transfer function (MTF) on a slanted edge in a raw frame, without demosaicing.
 
-    RAW is a DNG, camera raw, TIFF, PNG, HDF5 or FITS file. The edge must be straight, a few degrees off the vertical or
+    RAW is a raw frame in any format that is read. The edge must be straight, a few degrees off the vertical or
     horizontal, and reach from side to side of the region. The method is the e-SFR of ISO 12233, on the pixels of one
     channel. 0.5 cycles/pixel is the Nyquist frequency.
 

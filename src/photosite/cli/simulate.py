@@ -107,7 +107,7 @@ if TYPE_CHECKING:
     *("-o", "--output"),
     suffixes=WRITTEN_SUFFIXES,
     default="shot.dng",
-    text="Raw frame to write: .dng, .tif, .png or .h5.",
+    text=f"Raw frame to write: {', '.join(WRITTEN_SUFFIXES)}.",
 )
 @options.file_option(
     "--preview", suffixes=options.PICTURE_SUFFIXES, text="Also write a developed picture: .png or .jpg."

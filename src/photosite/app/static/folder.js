@@ -30,7 +30,7 @@ export function folderDrop(taken) {
   async function send(found) {
     const frames = found.filter(({ name }) => FRAMES.test(name) && !name.split("/").some((part) => part.startsWith("."))).sort((a, b) => (a.name < b.name ? -1 : 1));
     if (busy) return;
-    if (!frames.length) { text.textContent = "There are no frames in it: DNG, camera raw, TIFF, PNG, HDF5 or FITS."; return; }
+    if (!frames.length) { text.textContent = "There are no raw frames in it."; return; }
     const label = frames[0].name.split("/")[0], depth = frames.every(({ name }) => name.startsWith(`${label}/`)) ? label.length + 1 : 0;
     const others = found.length - frames.length;
     busy = true;

@@ -44,7 +44,7 @@ def read_raw(
     cfa: str | Sequence[Sequence[str]] | None = None,
     index: int | None = None,
 ) -> RawFrame:
-    """Read one raw frame from DNG, camera raw, TIFF, PNG, HDF5 or FITS.
+    """Read one raw frame from a file of one of the formats in `photosite.frames.io.format_table`.
 
     Parameters
     ----------
