@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 
 import photosite as ps
 from photosite.camera.color_matrix import color_matrix
@@ -275,15 +276,15 @@ def test_automatic_exposure_leaves_room_for_the_dark_current() -> None:
 
 @pytest.mark.parametrize("exposure_s", [0.0, -1.0, math.nan, math.inf])
 def test_exposure_must_be_positive_and_finite(exposure_s: float) -> None:
-    with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
+    with raises(InputError, "exposure_s"):
         CAMERA.capture(CHART, exposure_s)
 
 
 @pytest.mark.parametrize("exposure_s", ["1/3", True, None])
 def test_exposure_must_be_a_number(exposure_s: object) -> None:
-    with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
+    with raises(InputError, "exposure_s"):
         CAMERA.capture(CHART, exposure_s)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
+    with raises(InputError, "exposure_s"):
         next(CAMERA.stream(CHART, exposure_s))  # type: ignore[arg-type]
 
 

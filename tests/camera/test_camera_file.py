@@ -164,11 +164,13 @@ def test_errors_of_the_scene_itself_name_the_line(tmp_path: Path) -> None:
     assert (caught.value.line, caught.value.where) == (4, f"scene: {tmp_path / 'field.h5'}")
     (tmp_path / "field.h5").write_text("no scene")
     set_up = load_camera(written(tmp_path, "name: x\nscene: field.h5\n"))
-    with pytest.raises(FileError, match=r"mine\.camera\.yaml:3: scene: .*field\.h5: "):
+    with pytest.raises(FileError) as caught:
         set_up.scene.scene()
+    assert (caught.value.line, caught.value.where) == (3, f"scene: {tmp_path / 'field.h5'}")
     text = "scene:\n  - {source: uniform, distance_m: 3}\n  - {source: uniform, distance_m: 1}\n"
-    with pytest.raises(FileError, match=r"mine\.camera\.yaml:2: scene: "):
+    with pytest.raises(FileError) as caught:
         load_camera(written(tmp_path, text)).scene.scene()
+    assert caught.value.line == 2
 
 
 def test_illuminant_file_is_relative_to_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

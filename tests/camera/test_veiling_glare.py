@@ -111,6 +111,6 @@ def test_no_glare_and_no_light() -> None:
 
 
 def test_narrow_spread_is_an_error() -> None:
-    with pytest.raises(InputError, match="at least 8 pixels of 6 um") as caught:
+    with pytest.raises(InputError) as caught:
         veiled(np.ones((40, 40)), VeilingGlare(0.1, 12e-6))
     assert (caught.value.where, caught.value.what) == ("veiling_glare", "spread_m")

@@ -159,9 +159,9 @@ def test_a_file_truncated_before_and_after_opening(tmp_path):
     frames = open_frames(tmp_path)
     whole = (tmp_path / "dark_1.dng").read_bytes()
     (tmp_path / "dark_1.dng").write_bytes(whole[:-1])
-    with pytest.raises(FileError, match=r"dark_1\.dng: .*truncated"):
+    with raises(FileError, "is truncated", path=str(tmp_path / "dark_1.dng")):
         list(frames.groups[0])
-    with pytest.raises(FileError, match=r"dark_1\.dng: .*truncated"):
+    with raises(FileError, "is truncated", path=str(tmp_path / "dark_1.dng")):
         open_frames(tmp_path)
     (tmp_path / "dark_1.dng").unlink()
     with raises(FileError, "there is no such file"):

@@ -30,7 +30,7 @@ def _rounded(linear_dn: Sequence[float], companded_dn: Sequence[float]) -> list[
 
 
 def decompanded(raw: RawFrame) -> RawFrame:
-    """Return a frame with the linear numbers of its stated table, rounded; a frame that states none as it is.
+    """Return a frame with the linear numbers of its stated table, rounded; other frames unchanged.
 
     Raises
     ------

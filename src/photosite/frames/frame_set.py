@@ -117,7 +117,7 @@ class FrameSet(Diagnosed, Tabular):
         The saturation level that the files state, or None.
     border
         Lines without light around the frames, which only `FrameSource.whole` reads: rows at the top and at the bottom,
-        columns at the left and at the right. None if there are none.
+        columns at the left and at the right. None without them.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -134,12 +134,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         (TEMPERATURE_VARIED, _temperature_warning(settings)),
         *((LIT_BORDER, each) for each in border_warnings),
     )
-    diagnostics = []
-    for kind, warning in found:
-        if warning is not None:
-            diagnostics.append(kind(str(warning)))
-            warning.where = source
-            warnings.warn(warning, stacklevel=3)
+    diagnostics = (*_warned(found, source), *_assumed_bits(frames, properties))
     stated_black = _shared([f.header.black_level_dn for f in frames])
     opened = FrameSet(
         groups,
@@ -149,12 +144,23 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         source,
         sensor=properties.sensor,
         black_level_dn=stated_black if properties.black_level_dn is None else properties.black_level_dn,
-        diagnostics=(*diagnostics, *_assumed_bits(frames, properties)),
+        diagnostics=diagnostics,
         white_level_dn=_shared([f.header.white_level_dn for f in frames]),
         border=beside,
     )
     part = _shared([stated_border(f.header.metadata) for f in frames])
     return opened if part is None else without_border(opened, part)
+
+
+def _warned(found: Iterable[tuple[DiagnosticKind, PhotositeWarning | None]], source: str) -> list[Diagnostic]:
+    """Issue warnings, and return their diagnostics."""
+    diagnostics = []
+    for kind, warning in found:
+        if warning is not None:
+            diagnostics.append(kind(str(warning)))
+            warning.where = source
+            warnings.warn(warning, stacklevel=4)
+    return diagnostics
 
 
 def _check_existing(files: Sequence[FrameFile]) -> None:

@@ -210,7 +210,7 @@ class RawFrame(Shown):
         }
 
     def capture(self, name: str, sensor: Sensor) -> RawFrame:
-        """Return one of the captures that the frame combines as a frame of its own, in the sensor's converter numbers.
+        """Return one of the captures that the frame combines as a single frame, in the sensor's converter numbers.
 
         The exposure time stays that of the frame. The metadata state the name, under "capture".
 

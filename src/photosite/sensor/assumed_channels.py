@@ -45,7 +45,7 @@ def assumed_channels(names: Sequence[str], peak: float) -> dict[str, Channel]:
     Raises
     ------
     InputError
-        If a name is none of these.
+        If a name is unknown.
 
     Examples
     --------

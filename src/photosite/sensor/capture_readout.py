@@ -39,7 +39,7 @@ def captures_of(sensor: Sensor) -> Captures:
 
 
 def part_sensor(sensor: Sensor, name: str) -> Sensor:
-    """Return one capture as a sensor of its own, without captures.
+    """Return one capture as a sensor without captures.
 
     The fill factor contains the relative sensitivity. The exposure time is that of the capture.
 

@@ -237,7 +237,7 @@ def drift_e(drift: BlackLevelDrift, exposure: Exposure) -> float:
 
     A sum of steps that are held for 1, 2, 4, ... frames has a spectrum of about 1/f between the shortest and the
     longest (M. Gardner, "White and brown music, fractal curves and one-over-f fluctuations", Scientific American 238
-    (1978) 16, who gives R. Voss as the source). Each step starts at a frame of its own, drawn from the seed.
+    (1978) 16, who gives R. Voss as the source). Each step starts at a frame that is drawn from the seed.
     """
     total = 0.0
     for octave in range(drift.octaves):

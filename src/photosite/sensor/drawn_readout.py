@@ -32,7 +32,7 @@ def drawn_frame(
 
 
 def within(values: NDArray[T], part: Part) -> NDArray[T]:
-    """Return a rectangle of a map; a map of shape (1, 1), which is one value for all pixels, as it is."""
+    """Return a rectangle of a map; a map of shape (1, 1), which is one value for all pixels, unchanged."""
     return read_only(values if values.shape == (1, 1) else values[part])
 
 

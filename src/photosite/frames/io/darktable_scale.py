@@ -84,7 +84,7 @@ def slope_and_offset(
     """Return slope and offset of a raw pixel's variance from darktable's a and b of green.
 
     Values are the middles of the 95 % intervals, which are 1.96 standard uncertainties to either side. That of the
-    offset includes the sampling error of a frame of so many pixels; that of the slope is smaller than the rest.
+    offset includes the sampling error of a frame of so many pixels; that of the slope is smaller.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Frames in HDF5: every dataset of unsigned integers with the shape of a frame or of a stack of frames.
 
 A dataset (rows, cols) of uint8, uint16 or uint32 is a frame, one of (frames, rows, cols) a stack. Attributes of the
-dataset, of the groups above it and of the file state the rest; the nearest one counts:
+dataset, of the groups above it and of the file state the other fields; the nearest one counts:
 
     exposure_s          exposure time in seconds (or exposure_ms, exposure_us, exposure_ns)
     kind                "dark" or "light"
