@@ -218,13 +218,13 @@ def test_frames_that_dng_cannot_hold(tmp_path, fields, what):
 
 
 @pytest.mark.parametrize(
-    ("code", "value", "what"), [(50717, 4000, "white level"), (33422, b"\2\1\1\0", "filter array")]
+    ("code", "value", "what"), [(50717, 4000, "white level"), (33422, b"\2\1\1\0", "color filter array")]
 )
 def test_an_edited_dng(tmp_path, code, value, what):
     make_frame((24, 24), 12, "rggb").save(tmp_path / "a.dng")
     with tifffile.TiffFile(tmp_path / "a.dng", mode="r+") as file:
         file.pages.first.tags[code].overwrite(value)
-    with pytest.raises(FileError, match=f"was edited: its tags state .*{what}"):
+    with raises(FileError, f"the file was edited: its tags state {what}"):
         read_raw(tmp_path / "a.dng")
 
 

@@ -87,7 +87,7 @@ def test_own_frames(tmp_path):
 def test_other_programs_frames(tmp_path, order, sub):
     source = foreign(tmp_path / "shot.dng", order, sub)
     before = source.read_bytes()
-    with pytest.raises(FileError, match="no NoiseProfile tag"):
+    with raises(FileError, "the file has no NoiseProfile tag"):
         read_dng_profile(source)
     write_dng_profile(PROFILE, source, tmp_path / "with.dng")
     found = read_dng_profile(tmp_path / "with.dng")

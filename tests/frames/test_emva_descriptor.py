@@ -229,6 +229,6 @@ def test_writing_needs_one_gain_setting(tmp_path):
 def test_a_folder_with_files_is_unchanged(tmp_path):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "mine.txt").write_text("mine")
-    with pytest.raises(FileError, match="not an empty folder"):
+    with raises(FileError, "exists already and is not an empty folder", path=str(tmp_path / "set")):
         write_descriptor(measurement(), tmp_path / "set")
     assert [p.name for p in (tmp_path / "set").iterdir()] == ["mine.txt"]

@@ -193,9 +193,9 @@ def test_brackets_in_a_file_name(tmp_path):
 def test_files_that_are_not_text(tmp_path):
     path = tmp_path / "protocol.yaml"
     path.write_bytes(bytes(range(256)))
-    with pytest.raises(FileError, match="not text in UTF-8"):
+    with raises(FileError, "is not a", path=str(path)):
         read_protocol(path)
-    with pytest.raises(FileError, match="no such file"):
+    with raises(FileError, "there is no such file", path=str(tmp_path / "other.yaml")):
         read_protocol(tmp_path / "other.yaml")
 
 

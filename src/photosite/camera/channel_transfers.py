@@ -247,7 +247,7 @@ def _work(parts: Sequence[ReducedTransfer]) -> float:
 
 
 def _term_cost(mixing: Array) -> float:
-    """Return the cost of terms, in transforms of the frame."""
+    """Count in transforms of the frame."""
     return len(mixing) + _MAP_COST * int(mixing.any(axis=2).sum())
 
 

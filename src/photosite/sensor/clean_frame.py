@@ -57,7 +57,6 @@ def clean_numbers(sensor: Sensor, mean_electrons: NDArray[np.float32]) -> NDArra
 
 
 def _clean_charge(sensor: Sensor, effects: Effects, mean_electrons: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the charge that reaches the amplifier."""
     rows, cols, well_e = sensor.array.rows, sensor.array.cols, sensor.pixel.well_capacity_e.value
     charge_e = mean_electrons if effects.blooming is not None else np.minimum(mean_electrons, np.float32(well_e))
     zero = np.uint32(0)

@@ -246,7 +246,6 @@ def check_quantities(fields: Mapping[str, float], kinds: Iterable[type[BaseModel
 
 @cache
 def _adapter(kind: type[BaseModel], name: str) -> TypeAdapter[Measured]:
-    """Return the validator of one field."""
     field = kind.model_fields[name]
     annotated: Any = Annotated[(field.annotation, *field.metadata)]
     return TypeAdapter(annotated)

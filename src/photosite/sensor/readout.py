@@ -239,7 +239,6 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: Part, exposure: Exp
 
 
 def _blinking_within(blinking: Blinking, corner: tuple[int, int], shape: tuple[int, ...]) -> BlinkingPixels:
-    """Return the blinking pixels of a rectangle."""
     place = np.column_stack([blinking.row - corner[0], blinking.col - corner[1]])
     inside = ((place >= 0) & (place < np.array(shape))).all(axis=1)
     columns = blinking.amplitude_dn, blinking.high_fraction, blinking.noise_dn
