@@ -109,7 +109,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     cfas = [f.header.resolve_cfa(f.file.path, properties.cfa) for f in frames]
     cfa = _common("color filter array", frames, cfas, None)
     if properties.sensor is not None:
-        cfa = properties.sensor.array.cfa if cfa is None else cfa
+        cfa = cfa or properties.sensor.array.cfa
         _check_sensor(source, properties.sensor, bits, cfa)
     beside = _shared([f.header.border for f in frames])
     sources = [
@@ -122,18 +122,14 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         )
         for f in frames
     ]
-    listed = [f.file.settings for f in frames]
-    settings, level_warning = classify_by_level(list(zip(sources, listed, strict=True)), bits)
+    listed = zip(sources, [f.file.settings for f in frames], strict=True)
+    settings, level_warning = classify_by_level(list(listed), bits)
     try:
         groups = group_frames(zip(sources, settings, strict=True))
     except InputError as error:
         raise error.in_file(source) from None
-    found = (
-        (KIND_BY_LEVEL, level_warning),
-        (OTHER_EXPOSURE, _exposure_warning(frames)),
-        (TEMPERATURE_VARIED, _temperature_warning(settings)),
-        *((LIT_BORDER, each) for each in border_warnings),
-    )
+    found = [(KIND_BY_LEVEL, level_warning), (OTHER_EXPOSURE, _exposure_warning(frames))]
+    found += [(TEMPERATURE_VARIED, _temperature_warning(settings)), *((LIT_BORDER, each) for each in border_warnings)]
     diagnostics = (*_warned(found, source), *_assumed_bits(frames, properties))
     stated_black = _shared([f.header.black_level_dn for f in frames])
     opened = FrameSet(
