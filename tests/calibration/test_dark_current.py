@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.dark.black_level_change import BY_CHANCE, black_level_change, contradiction
+from photosite.calibration.dark.black_level_change import CHANGE_P_VALUE, black_level_change, contradiction
 from photosite.calibration.dark.dark_frames import dark_lines, measure_dark_level
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.reduction.frame_reader import FrameReader
@@ -121,7 +121,7 @@ def test_the_dark_noise_of_the_sensor_is_not_better_known_with_more_groups_of_th
 def test_a_steady_black_level_neither_shifts_nor_drifts():
     """60 sets: 0.06 alarms are expected by chance, and more than one in 550 runs with new seeds."""
     found = [black_level_change(reduced(seed, lambda g, i, rng: 0.0)) for seed in range(60)]
-    assert BY_CHANCE <= 0.0005
+    assert CHANGE_P_VALUE <= 0.0005
     assert sum(change.shift > 0.0 or change.drift > 0.0 for change in found) <= 1
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.chip_maps.defects import channel_values, deviations, listed, together
+from photosite.calibration.chip_maps.defects import channel_values, deviations, listed, merged
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.chip import DefectKind
 from photosite.sensor.readout import digital_numbers
@@ -41,7 +41,7 @@ def test_merged_lists_are_sorted() -> None:
     chosen = np.zeros((4, 4), bool)
     chosen[2, 1] = chosen[0, 3] = True
     values = np.arange(16.0).reshape(4, 4)
-    joined = together(
+    joined = merged(
         [listed(DefectKind.OFFSET, chosen, values, values), listed(DefectKind.HOT, chosen, 2 * values, values)]
     )
     assert list(zip(joined.row.tolist(), joined.col.tolist(), joined.kind.tolist(), strict=True)) == [

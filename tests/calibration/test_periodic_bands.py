@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.chip_maps.temporal_noise import FALSE_ALARMS, find_bands
+from photosite.calibration.chip_maps.temporal_noise import BAND_P_VALUE, find_bands
 
 LINES = 500
 
@@ -16,7 +16,7 @@ def test_false_alarms_for_independent_lines(count) -> None:
     """1000 profiles; binomial at 1e-4 with twice the rate, because the background is the median of 65 frequencies."""
     rng = np.random.default_rng(1)
     alarms = sum(bool(find_bands(rng.normal(0, 1, (count, LINES)))) for _ in range(1000))
-    assert alarms <= stats.binom.isf(1e-4, 1000, 2 * FALSE_ALARMS)
+    assert alarms <= stats.binom.isf(1e-4, 1000, 2 * BAND_P_VALUE)
 
 
 @pytest.mark.parametrize("cycles", [12, 100, 229])

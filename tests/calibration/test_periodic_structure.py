@@ -59,7 +59,7 @@ def test_readout_channels_are_found_with_their_size(axis):
         assert seen.period == period
         assert seen.by_lines == axis
         assert seen.difference == pytest.approx(size, rel=0.35)
-        assert not seen.of_mosaic()
+        assert not seen.is_mosaic()
         assert "color filter" not in str(seen)
 
 
@@ -81,11 +81,11 @@ def test_gains_of_lines_need_a_mosaic_in_which_they_differ():
     values = tiled(flat(np.random.default_rng(11), shape=(144, 192)), [[1.004, 0.996]])
     bayer = found(values, np.array([[0, 1], [1, 2]]))
     assert (bayer.separable, bayer.by_lines) == ((), "")
-    assert not bayer.of_mosaic()
+    assert not bayer.is_mosaic()
     quad = found(values, np.kron(np.array([[0, 1], [1, 2]]), np.ones((2, 2), np.int64)))
     assert quad.by_lines == "columns"
     assert quad.uncertainty < 0.001
-    np.testing.assert_allclose(quad.of_channels, [[1.004, 0.996]], atol=6 * quad.uncertainty)
+    np.testing.assert_allclose(quad.channel_table, [[1.004, 0.996]], atol=6 * quad.uncertainty)
 
 
 def test_greens_that_differ_are_named_where_green_saturates_first():
@@ -114,7 +114,7 @@ def test_a_mosaic_is_found_in_its_phase():
     for cell, patterns in (([[0.5, 1.0], [1.0, 0.7]], "RGGB BGGR"), ([[1.0, 0.5], [0.7, 1.0]], "GRBG GBRG")):
         seen = found(tiled(flat(rng), cell))
         assert seen is not None
-        assert seen.of_mosaic()
+        assert seen.is_mosaic()
         assert " ".join(seen.bayer_patterns()) == patterns
 
 
@@ -140,7 +140,7 @@ def test_the_stated_mosaic_is_no_structure_and_its_wrong_phase_is():
     assert found(values, np.array([[0, 1], [1, 2]])) is None
     wrong = found(values, np.array([[1, 0], [2, 1]]))
     assert wrong is not None
-    assert wrong.of_mosaic()
+    assert wrong.is_mosaic()
 
 
 def test_lines_far_apart_belong_to_a_striped_filter():
@@ -148,10 +148,10 @@ def test_lines_far_apart_belong_to_a_striped_filter():
     stripes = found(tiled(flat(rng), [[0.5, 1.0, 0.7]]))
     assert stripes is not None
     assert stripes.by_lines == "columns"
-    assert stripes.of_mosaic()
+    assert stripes.is_mosaic()
     between = found(tiled(flat(rng), [[1.0, 1.0 + 2.0 * MOSAIC_FRACTION]]))
     assert between is not None
-    assert not between.of_mosaic()
+    assert not between.is_mosaic()
     assert "striped color filter" in str(between)
 
 
@@ -190,5 +190,5 @@ def test_offsets_of_alternating_lines_are_found_in_dark_frames():
         dark[:, 1::2] += 0.4
         seen = periodic_offsets(dark)
         assert seen is not None
-        assert (seen.period, seen.by_lines, seen.of_channels.shape) == (2, "columns", (1, 2))
-        assert seen.of_channels[0, 1] == pytest.approx(0.2, abs=5 * seen.uncertainty)
+        assert (seen.period, seen.by_lines, seen.channel_table.shape) == (2, "columns", (1, 2))
+        assert seen.channel_table[0, 1] == pytest.approx(0.2, abs=5 * seen.uncertainty)

@@ -81,7 +81,7 @@ def test_the_limit_is_twice_the_interval():
     t = np.array([0.1, 1.0])
     assert isinstance(screen_dark_slope(Uncertain.of(-4.0, 1.0), t), Implausible)
     assert screen_dark_slope(Uncertain.of(-3.8, 1.0), t).value == -3.8
-    assert "temporal variance falls by 3.6" in screen_dark_slope(Uncertain.of(-4.0, 1.0), t, of_variance=True).reason
+    assert "temporal variance falls by 3.6" in screen_dark_slope(Uncertain.of(-4.0, 1.0), t, variance=True).reason
     assert isinstance(screen_responsivity(Uncertain.of(1.05, 0.01), Uncertain.of(1.0)), Implausible)
     assert screen_responsivity(Uncertain.of(1.03, 0.01), Uncertain.of(1.0)).value == 1.03
 

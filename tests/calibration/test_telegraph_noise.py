@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from photosite.calibration.chip_maps.pixel_noise import (
-    FALSE_ALARMS,
+    BLINKING_P_VALUE,
     find_blinking,
     least_visits,
     ratio_limit,
@@ -41,7 +41,10 @@ def test_false_alarms_for_normal_noise(frames) -> None:
     count, alarms = 400_000 if frames < 100 else 100_000, 0
     for _ in range(10):
         alarms += np.count_nonzero(two_levels(rng.standard_normal((count // 10, frames))).ratio > ratio_limit(frames))
-    low, high = stats.binom.ppf(1e-4, count, FALSE_ALARMS / 1.5), stats.binom.isf(1e-4, count, FALSE_ALARMS * 1.5)
+    low, high = (
+        stats.binom.ppf(1e-4, count, BLINKING_P_VALUE / 1.5),
+        stats.binom.isf(1e-4, count, BLINKING_P_VALUE * 1.5),
+    )
     assert low <= alarms <= high
 
 

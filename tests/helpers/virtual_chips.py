@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.chip_maps.defects import channel_values, together
+from photosite.calibration.chip_maps.defects import channel_values, merged
 from photosite.errors import InputError
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, draw_chip, no_blinking, no_defects
 from photosite.sensor.model import Sensor
@@ -69,7 +69,7 @@ def _with_defects(
     deviation: NDArray[np.float64],
 ) -> Defects:
     new = Defects(*place, np.full(len(place[0]), kind, np.uint8), value, deviation)
-    return together([chip.defects, new])
+    return merged([chip.defects, new])
 
 
 def plant_hot(

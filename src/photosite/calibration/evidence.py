@@ -38,7 +38,7 @@ class Evidence:
         The sensor as known before the measurement, None if unknown.
     measured, pooled
         The measurements of each channel, and of all channels together.
-    parameters, by_line, of_channels
+    parameters, by_line, channel_parameters
         The parameters of all channels together, at small signal and by the straight lines of EMVA 1288, and of each
         channel.
     electrical_scale
@@ -58,7 +58,7 @@ class Evidence:
     pooled: Measurements
     parameters: Parameters
     by_line: Parameters
-    of_channels: Mapping[str, Parameters]
+    channel_parameters: Mapping[str, Parameters]
     electrical_scale: Mapping[str, Uncertain]
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
@@ -110,7 +110,7 @@ def collect_evidence(
         pooled=pooled,
         parameters=parameters,
         by_line=by_line,
-        of_channels={
+        channel_parameters={
             name: estimate_parameters(m, mv_per_dn) for name, m in zip(reduction.names, measured, strict=True)
         },
         electrical_scale=scale,
@@ -144,7 +144,7 @@ def _measure_channels(
     dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> list[Measurements]:
     """Return the measurements of each channel."""
-    found = [(pattern if by_line else pattern.of_electrons()).variances for pattern in patterns]
+    found = [(pattern if by_line else pattern.in_electrons()).variances for pattern in patterns]
     measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
     for k, channel in enumerate(light.channels):  # none without light frames
         gain = channel.line_gain if by_line else channel.gain

@@ -152,10 +152,10 @@ class Measurements:
         if isinstance(spread, Missing):
             spread = self.response_variance
         spread = derive(lambda variance: variance - self.channel_variance, spread)
-        offsets, gains = self._of_lines()
+        offsets, gains = self._line_variance()
         if isinstance(response, Uncertain) and isinstance(spread, Uncertain):
-            of_pixels, of_columns = spread * response.value**2, Uncertain.of(0.0, gains * abs(response.value))
-            response = mean_for_sensor(response + of_columns, of_pixels, independent)
+            pixel_part, column_part = spread * response.value**2, Uncertain.of(0.0, gains * abs(response.value))
+            response = mean_for_sensor(response + column_part, pixel_part, independent)
         black, saturation = mean_for_sensor(self.black_level, self.dsnu_variance, self.pixels), self.saturation_dn
         if isinstance(black, Uncertain):
             black = black + offsets
@@ -178,7 +178,7 @@ class Measurements:
             saturation_responsivity=response if same else self.saturation_responsivity,
         )
 
-    def _of_lines(self) -> tuple[Uncertain, float]:
+    def _line_variance(self) -> tuple[Uncertain, float]:
         """Return the errors of the means by few rows and columns: of the offset in DN, and of the gain, relative."""
         row, column, gain = (
             max(part.value, 0.0) / count if isinstance(part, Uncertain) else 0.0

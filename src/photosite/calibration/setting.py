@@ -115,7 +115,7 @@ def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagno
     return Calibration(
         **estimates,
         by_line=evidence.by_line,
-        channels=evidence.of_channels if len(names) > 1 else {},
+        channels=evidence.channel_parameters if len(names) > 1 else {},
         clipped_electrons=saturated_electrons(evidence.pooled),
         findings=findings,
         curves=evidence.curves,

@@ -26,6 +26,12 @@ from photosite.values.shown import Shown
 COVERAGE_95 = 1.959963984540054
 """Half-width of a 95 % interval in standard uncertainties (normal distribution)."""
 
+SIGMA_1_IN_1000, SIGMA_1_IN_10_000 = 3.29, 3.89
+"""Distances in standard uncertainties, to either side, that a normal distribution exceeds in 1 of 1000 and 10 000."""
+
+NORMAL_MAD = 1.4826
+"""Standard deviation over median absolute deviation of a normal distribution."""
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Source:

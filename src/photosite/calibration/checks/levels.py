@@ -21,13 +21,13 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.exposure import format_exposure
 
-FARTHEST = 1.5
+LARGEST_FACTOR = 1.5
 """Factor by which a signal may deviate from the proportion of the others; lamps and shutters are better."""
 
 LEAST_SIGNAL = 0.02
 """Signal, as a fraction of the brightest in the linear range, below which stray light hides the proportion."""
 
-AT_THE_TOP, LEAST_BITS = 0.98, 6
+FULL_SCALE_FRACTION, LEAST_BITS = 0.98, 6
 """Fraction of a light level's pixels at the full scale of a smaller converter that shows that converter's bit depth,
 and the smallest bit depth that is searched."""
 
@@ -166,7 +166,7 @@ def wrong_full_scale(reduction: Reduction) -> None:
     for k, name in enumerate(reduction.names):
         top = reduction.whites[k]
         fraction = max(group.levels[k].high_fraction for group in reduction.lights)
-        if fraction >= AT_THE_TOP and top & (top + 1) == 0 and LEAST_BITS <= top.bit_length() < bits:
+        if fraction >= FULL_SCALE_FRACTION and top & (top + 1) == 0 and LEAST_BITS <= top.bit_length() < bits:
             pixels = "every pixel" if fraction == 1.0 else f"{100 * fraction:.3g} % of the pixels"
             raise reduction.error(
                 WRONG_BIT_DEPTH,
@@ -209,10 +209,10 @@ class _Proportion:
 
     @property
     def beyond(self) -> NDArray[np.bool_]:
-        """Whether a level deviates by more than `FARTHEST`, and beyond chance."""
+        """Whether a level deviates by more than `LARGEST_FACTOR`, and beyond chance."""
         expected = np.median(self.signal / self.x) * self.x
         significant = np.abs(self.signal - expected) > 5.0 * self.uncertainty
-        return np.asarray(((self.ratio > FARTHEST) | (self.ratio < 1.0 / FARTHEST)) & significant)
+        return np.asarray(((self.ratio > LARGEST_FACTOR) | (self.ratio < 1.0 / LARGEST_FACTOR)) & significant)
 
 
 def disproportion(reduction: Reduction, channels: Sequence[Channel]) -> None:
@@ -250,7 +250,7 @@ def _likely_cause(found: _Proportion, exposure_s: NDArray[np.float64] | None) ->
         power = np.abs(np.log(off) / math.log(factor))
         if np.all(power > 0.9) and np.all(power < 1.1):
             return f"they deviate by a factor of {words}: units are mixed (s, ms, us, ns)", "State all in one unit"
-    if float(found.signal.max()) < FARTHEST * float(found.signal.min()):
+    if float(found.signal.max()) < LARGEST_FACTOR * float(found.signal.min()):
         cause = "the signal is the same at every level: automatic exposure, or a lamp dimmed against the exposure time"
         return cause, "Switch the automatic exposure off and keep the lamp constant"
     order = np.argsort(found.signal)

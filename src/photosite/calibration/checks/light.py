@@ -94,7 +94,7 @@ def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
 LAMP_DRIFT = 0.01
 """Shift from frame to frame, as a fraction of the signal, above which a warning is given."""
 
-FALSE_ALARMS = 0.001
+UNSTEADY_P_VALUE = 0.001
 """Fraction of calibrations under a steady lamp that may report an unsteady one; the same for the black level."""
 
 UNSTEADY_LIGHT = DiagnosticKind(
@@ -121,8 +121,8 @@ UNSTEADY_BLACK = DiagnosticKind(
 
 
 def _rate_per_level(groups: Sequence[GroupStatistics]) -> float:
-    """Return the false alarm rate per level at which all levels together have `FALSE_ALARMS` at most (Bonferroni)."""
-    return FALSE_ALARMS / max(sum(len(entry.levels) for entry in groups if entry.frames > 1), 1)
+    """Return the probability per level at which all levels have `UNSTEADY_P_VALUE` at most (Bonferroni)."""
+    return UNSTEADY_P_VALUE / max(sum(len(entry.levels) for entry in groups if entry.frames > 1), 1)
 
 
 def unsteady_light(evidence: Evidence) -> Iterator[Diagnostic]:
@@ -213,7 +213,7 @@ def stated_levels(evidence: Evidence) -> Iterator[Diagnostic]:
             yield STATED_WHITE(text, brightest)
 
 
-FIRST_BY_CHANCE = 5e-4
+FIRST_P_VALUE = 5e-4
 """Fraction of calibrations with frames in random order in which a difference may be reported."""
 
 FIRST_LEAST_FRAMES = 3
@@ -278,7 +278,7 @@ def _first_frames(reduction: Reduction) -> tuple[float, int, int] | None:
     extreme = max(lowest, highest)
     by_chance = 2.0 * float(binom.sf(extreme - 1, len(chances), max(chances)))
     fraction = float(np.median(fractions))
-    if by_chance > FIRST_BY_CHANCE or abs(fraction) < FIRST_LEAST_FRACTION or (fraction > 0.0) != (highest > lowest):
+    if by_chance > FIRST_P_VALUE or abs(fraction) < FIRST_LEAST_FRACTION or (fraction > 0.0) != (highest > lowest):
         return None
     return fraction, extreme, len(fractions)
 

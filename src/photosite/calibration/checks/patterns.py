@@ -54,7 +54,7 @@ def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
     """Periods, steps between taps and far pixels of the mean frames."""
     found = evidence.patterns
     if (light := found.structure) is not None:
-        kind = UNSTATED_MOSAIC if light.of_mosaic() else PERIODIC_GAIN
+        kind = UNSTATED_MOSAIC if light.is_mosaic() else PERIODIC_GAIN
         yield kind(str(light), light.difference)
     if (dark := found.dark_structure) is not None:
         yield PERIODIC_OFFSET(str(dark), dark.difference)

@@ -16,7 +16,7 @@ from photosite.calibration.photon_transfer.noise_covariance import SHARED_NOISE
 from photosite.calibration.photon_transfer.response_shape import TONE_CURVE
 from photosite.calibration.spatial.nonuniformity import is_large
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
-from photosite.values.uncertain import Missing, Uncertain, derive
+from photosite.values.uncertain import SIGMA_1_IN_1000, Missing, Uncertain, derive
 
 _BY_LIGHT = ("responsivity_*", "quantum_efficiency_*")
 
@@ -112,9 +112,6 @@ def uneven_light(evidence: Evidence) -> Iterator[Diagnostic]:
         )
 
 
-FAR = 3.29
-"""Size of a bend, in its standard uncertainties, from which a warning names its cause: 1 in 1000."""
-
 BENT_VARIANCE = DiagnosticKind(
     "bent-variance",
     "warning",
@@ -183,8 +180,8 @@ def response(evidence: Evidence) -> Iterator[Diagnostic]:
             change,
         )
         return
-    by_sensor = abs(change) > FAR * spread or any(curve.bend[i].beyond(FAR) for i in levels)
-    by_light = any(curve.light_bend(int(i)).beyond(FAR) for i in levels)
+    by_sensor = abs(change) > SIGMA_1_IN_1000 * spread or any(curve.bend[i].beyond(SIGMA_1_IN_1000) for i in levels)
+    by_light = any(curve.light_bend(int(i)).beyond(SIGMA_1_IN_1000) for i in levels)
     if by_sensor:
         responsivity = _responsivity_change(channel)
         yield BENT_RESPONSE(

@@ -28,11 +28,11 @@ class Implausible(Missing):
     id: str = IMPLAUSIBLE.id
 
 
-def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:
+def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, variance: bool = False) -> Value:
     """Return the slope of the dark level or variance against exposure, or why it cannot be a dark current.
 
     A dark current is not negative, and exposure times too short for any charge are in a wrong unit. The slope is in
-    DN/s, or in DN^2/s `of_variance`; `exposure_s` holds the dark exposure times.
+    DN/s, or in DN^2/s `variance`; `exposure_s` holds the dark exposure times.
     """
     if isinstance(slope, Missing):
         return slope
@@ -43,7 +43,7 @@ def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_varia
         return slope
     low, high = float(exposure_s.min()), float(exposure_s.max())
     fall, uncertainty = -slope.value * (high - low), slope.standard_uncertainty * (high - low)
-    what, unit = ("temporal variance", "DN²") if of_variance else ("level", "DN")
+    what, unit = ("temporal variance", "DN²") if variance else ("level", "DN")
     return Implausible(
         f"the dark {what} falls by {fall:.3g} ± {uncertainty:.1g} {unit} from {format_exposure(low)} to "
         f"{format_exposure(high)} s, but a dark current is not negative: the camera clamps its black level, the black "
@@ -68,17 +68,17 @@ def too_short_for_dark_current(exposure_s: NDArray[np.float64]) -> Implausible |
     )
 
 
-def screen_variance_slope(slope: Value, of_mean: Value) -> Value:
+def screen_variance_slope(slope: Value, mean_slope: Value) -> Value:
     """Return the slope of the dark variance, or why it is withheld where that of the level is implausible.
 
     With black level clamping the dark current shows in the variance only (EMVA 1288 R4.0, dark current), which then
     grows beyond chance. Otherwise it is no more credible than the level.
     """
-    if isinstance(slope, Missing) or not isinstance(of_mean, Implausible):
+    if isinstance(slope, Missing) or not isinstance(mean_slope, Implausible):
         return slope
     if slope.value > BEYOND_CHANCE * (slope.value - slope.interval_95[0]):
         return slope
-    return Implausible(f"the dark temporal variance does not grow beyond chance, and {of_mean.reason}")
+    return Implausible(f"the dark temporal variance does not grow beyond chance, and {mean_slope.reason}")
 
 
 def screen_responsivity(responsivity: Value, gain: Value) -> Value:

@@ -98,8 +98,10 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
             longest_light,
         )
     if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
-        of_channel = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""
-        yield NO_SATURATION(f"no flat field reached saturation{of_channel}; all unclipped levels were taken as linear")
+        channels_text = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""
+        yield NO_SATURATION(
+            f"no flat field reached saturation{channels_text}; all unclipped levels were taken as linear"
+        )
     for name, channel in zip(names, channels, strict=True):
         if (levels := int((channel.used & channel.levels.trusted).sum())) < 3:
             known = not isinstance(channel.gain, Missing)
@@ -112,7 +114,7 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
             yield FEW_LEVELS(f"channel {name} has {count} in its linear range; {what}", levels)
 
 
-SCATTER = 4.0
+LARGEST_SCATTER = 4.0
 """Chi square per degree of freedom of the photon transfer above which a warning is given."""
 
 SCATTERED_TRANSFER = DiagnosticKind(
@@ -131,7 +133,11 @@ def variances(evidence: Evidence) -> Iterator[Diagnostic]:
     if not evidence.light.channels:
         return
     fit = None if isinstance(evidence.light.gain, Missing) else evidence.light.gain_fit
-    if fit is not None and fit.degrees_of_freedom and (scatter := fit.chi_square / fit.degrees_of_freedom) > SCATTER:
+    if (
+        fit is not None
+        and fit.degrees_of_freedom
+        and (scatter := fit.chi_square / fit.degrees_of_freedom) > LARGEST_SCATTER
+    ):
         yield SCATTERED_TRANSFER(
             f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
             f"uncertainties were widened accordingly",
@@ -182,13 +188,13 @@ def negative_variances(evidence: Evidence) -> Iterator[Diagnostic]:
         if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
             continue
         # Roots of variances have an upper limit; far below zero the interval ends at 0 instead.
-        of_variance = entry.upper_limit_95 is not None or entry.interval_95[1] == 0.0
+        from_variance = entry.upper_limit_95 is not None or entry.interval_95[1] == 0.0
         times = next(limit for part, limit in FAR_BELOW_ZERO.items() if part in name)
-        if of_variance and entry.value < -times * entry.standard_uncertainty:
+        if from_variance and entry.value < -times * entry.standard_uncertainty:
             below.append(name)
-    if of_lines := [name for name in below if name in ("row_noise_dn", "column_noise_dn")]:
+    if line_names := [name for name in below if name in ("row_noise_dn", "column_noise_dn")]:
         yield ALIKE_LINES(
-            f"{', '.join(of_lines)}: the lines of the dark frames differ less from frame to frame than independent "
+            f"{', '.join(line_names)}: the lines of the dark frames differ less from frame to frame than independent "
             f"pixels make them differ, as after the camera subtracted the mean of each line; take raw frames"
         )
     if others := [name for name in below if not name.startswith(("row_noise", "column_noise"))]:

@@ -40,7 +40,7 @@ CLIPPED_DARK = 1e-3
 MOST_SUSPECTS = 4096
 """Largest number of pixels that are searched for two levels: those with the largest variance in their channel."""
 
-_SUSPECT = 1e-3
+_SUSPECT_P_VALUE = 1e-3
 """Probability that an ordinary pixel's variance makes it a suspect."""
 
 _FEW_BLINKING = 3
@@ -104,7 +104,7 @@ class _DarkMaps:
 
     def suspects(self) -> _Place:
         """Return rows and columns of the pixels with the most extreme noise."""
-        (row, col), ratio = self.noisier(_SUSPECT)
+        (row, col), ratio = self.noisier(_SUSPECT_P_VALUE)
         keep = np.sort(np.argsort(-ratio, kind="stable")[:MOST_SUSPECTS])
         return row[keep], col[keep]
 
@@ -138,19 +138,19 @@ class _DarkMaps:
     def maps(self, level: FloatMap, shot: FloatMap | None) -> dict[str, FloatMap]:
         """Return offset, read noise and dark rate; `level`, the mean reference dark above black, becomes the offset."""
         noise = self.moderated_variance()
-        of_mean = np.zeros(len(self.groups))
-        of_mean[self.reference] = 1.0
+        offset_weights = np.zeros(len(self.groups))
+        offset_weights[self.reference] = 1.0
         read = self.variance - np.float32(QUANTIZATION_DN2)
         if self.rate is not None:
             level -= np.float32(self.exposure_s) * self.rate
-            of_mean -= self.exposure_s * self.coefficients
+            offset_weights -= self.exposure_s * self.coefficients
         if shot is not None:
             read -= np.float32(self.exposure_s) * shot
         size = np.abs(read)
         np.sqrt(size, out=size)
         maps = {
             "offset_dn": level,
-            "offset_uncertainty_dn": self.uncertainty(of_mean, noise, shot),
+            "offset_uncertainty_dn": self.uncertainty(offset_weights, noise, shot),
             "read_noise_dn": np.copysign(size, read, out=read),
         }
         if self.rate is not None:
@@ -304,14 +304,14 @@ def _chip(
         # Shot noise of the dark current, DN^2 per second; none for a negative rate.
         shot = np.maximum(dark.rate + np.float32(shared), 0.0) * np.float32(gain)
     maps = dark.maps(level, shot)
-    of_rate = ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s")
+    rate_names = ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s")
     if response is not None:
         unknown = np.zeros((1, 1), np.float32)
-        rate, uncertainty = (maps.get(name, unknown) for name in of_rate)
+        rate, uncertainty = (maps.get(name, unknown) for name in rate_names)
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, uncertainty, dark.tile)
     blinking, distance, traces = _blinking(dark, look, suspects, shot)
     short = too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None
-    known = {name: values for name, values in maps.items() if name not in of_rate}
+    known = {name: values for name, values in maps.items() if name not in rate_names}
     # The response above uses the same times and levels, and stays valid; so do hot pixels, relative to the others.
     found = _defects(dark, blinking, distance, known if short else maps, glow)
     if withheld:
@@ -341,7 +341,7 @@ def _with_distribution(
     spread, steady_dn = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2)
     median = float(np.median(dark.variance))
     noise_dn = math.sqrt(median) * math.exp(_NOISY_PIXEL * (spread.value or 0.0))
-    _, ratio = dark.noisier(_SUSPECT)
+    _, ratio = dark.noisier(_SUSPECT_P_VALUE)
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
     frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
     fraction, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
@@ -388,10 +388,10 @@ def _defects(
         found.append(defects.listed(DefectKind.RESPONSE, (np.abs(off) > far) & ~dead, relative, off))
     jumping = blinking.row, blinking.col
     found.append(defects.of_kind(DefectKind.BLINKING, jumping, blinking.amplitude_dn, distance))
-    place, ratio = dark.noisier(defects.NOISY_PROBABILITY)
+    place, ratio = dark.noisier(defects.NOISY_P_VALUE)
     noisy = defects.of_kind(DefectKind.NOISY, place, np.sqrt(dark.variance[place]), ratio**0.5)
     steady = ~np.isin(np.ravel_multi_index(place, shape), np.ravel_multi_index(jumping, shape))
-    return defects.together([*found, noisy.where(steady)])
+    return defects.merged([*found, noisy.where(steady)])
 
 
 def _blinking(

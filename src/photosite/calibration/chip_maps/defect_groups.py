@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 Shape = Literal["column", "row", "cluster", "pixel"]
 SHAPES: tuple[Shape, ...] = ("column", "row", "cluster", "pixel")
 
-_FALSE_LINE = 1e-3
+_LINE_P_VALUE = 1e-3
 """Probability that chance puts as many of scattered defects into any line of the chip."""
 _LEAST_IN_LINE = 4
 
@@ -121,7 +121,7 @@ def _lines(position: NDArray[np.intp], lines: int) -> NDArray[np.intp]:
         rest = np.delete(counts, found)
         fullest = int(rest.max())
         rate = (rest.sum() - fullest) / max(rest.size - 1, 1)
-        if fullest < _LEAST_IN_LINE or poisson.sf(fullest - 1, rate) * lines >= _FALSE_LINE:
+        if fullest < _LEAST_IN_LINE or poisson.sf(fullest - 1, rate) * lines >= _LINE_P_VALUE:
             break
         found.append(int(np.argmax(np.where(np.isin(np.arange(lines), found), -1, counts))))
     return np.array(sorted(found), np.intp)

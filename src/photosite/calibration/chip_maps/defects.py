@@ -21,7 +21,7 @@ u = 0.2.
 DEAD_RESPONSE = 0.5
 """Relative response below which a pixel is dead."""
 
-NOISY_PROBABILITY = 1e-7
+NOISY_P_VALUE = 1e-7
 """Probability that the noise of an ordinary pixel exceeds the limit for noisy pixels."""
 
 _NORMAL_QUARTILE = 0.6744897501960817
@@ -83,7 +83,7 @@ def of_kind(
     return Defects(row, col, np.full(len(row), kind, np.uint8), value.astype(np.float64), deviation.astype(np.float64))
 
 
-def together(lists: Sequence[Defects]) -> Defects:
+def merged(lists: Sequence[Defects]) -> Defects:
     """Merge lists of defects, sorted by row, column and kind."""
     columns = {entry.name: np.concatenate([getattr(one, entry.name) for one in lists]) for entry in fields(Defects)}
     order = np.lexsort((columns["kind"], columns["col"], columns["row"]))

@@ -20,7 +20,7 @@ LEAST_VARIANCE_DN2 = 0.5
 LEAST_BLINKING = 10
 """Smallest number of blinking pixels from which their distribution is estimated."""
 
-MISFIT_PROBABILITY = 0.01
+_MISFIT_P_VALUE = 0.01
 """Probability of the blinking pixels' amplitudes or fractions of time, below which they are of another distribution."""
 
 _WINDOW = (0.3, 0.7)
@@ -226,7 +226,7 @@ def blinking_distribution(
     fraction_of_time = (number[chosen] + within - first + 0.5) / (last - first + 1)
     # Lilliefors' limits for an exponential distribution with an estimated mean at 1 %: 1.25 / sqrt(n)
     uneven = float(kstest(excess / mean, "expon").statistic) * math.sqrt(count) > 1.25
-    if uneven or kstest(fraction_of_time, "uniform").pvalue < MISFIT_PROBABILITY:
+    if uneven or kstest(fraction_of_time, "uniform").pvalue < _MISFIT_P_VALUE:
         what = "amplitudes are not exponential" if uneven else "fractions of time are not uniform"
         reason = f"the {what}; {count} pixels of {least:.3g} DN or more blink"
         return Estimate(reason=reason, method=method), Estimate(reason=reason, method=method)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 _SAMPLE = 200_000
 """Pixels sampled for the quartiles, which are then known to 0.3 %."""
 
-_OWN = 1e-6
+_EXTREME_P_VALUE = 1e-6
 """Probability below which a pixel's variance is too large to be moderated, and is kept unchanged."""
 
 
@@ -100,10 +100,10 @@ def moderated(variances: NDArray[np.float32], freedom: int, spread: NoiseSpread)
         total = freedom + spread.freedom
         total -= 2.0 if total > 4.0 else 0.0  # the mean does not exist for few degrees of freedom
         best = variances * np.float32(freedom / total) + np.float32(spread.freedom / total * spread.variance)
-    return np.where(variances > np.float32(spread.limit(_OWN, freedom)), variances, best)
+    return np.where(variances > np.float32(spread.limit(_EXTREME_P_VALUE, freedom)), variances, best)
 
 
-FALSE_ALARMS = 1e-4
+BLINKING_P_VALUE = 1e-4
 """Probability that a pixel with normal noise is classified as blinking."""
 
 LEAST_FRAMES = 12
@@ -187,7 +187,7 @@ def two_levels(series: NDArray[np.floating]) -> TwoLevels:
 
 @lru_cache(maxsize=8)
 def ratio_limit(frames: int) -> float:
-    """Return the ratio that pixels with normal noise exceed with probability `FALSE_ALARMS`.
+    """Return the ratio that pixels with normal noise exceed with probability `BLINKING_P_VALUE`.
 
     The ratio does not depend on the mean and variance of the values, so one sample of normal numbers gives its
     distribution. For normal noise the ratio is independent of the measured variance (Basu), so the limit also holds for
@@ -199,7 +199,7 @@ def ratio_limit(frames: int) -> float:
     logs = np.sort(np.log(np.concatenate(chunks)))
     start = logs[-_DRAWS // 100]
     decay = float(np.mean(logs[logs > start] - start))
-    return float(np.exp(start + decay * np.log(0.01 / FALSE_ALARMS)))
+    return float(np.exp(start + decay * np.log(0.01 / BLINKING_P_VALUE)))
 
 
 def find_blinking(series: NDArray[np.floating], seed: int = 0) -> tuple[NDArray[np.bool_], TwoLevels]:

@@ -44,9 +44,9 @@ class ResponseMap:
         value, uncertainty = (np.empty(self.slopes.shape, np.float32) for _ in range(2))
         for k, (variance, seconds) in enumerate(zip(self.variance, self.seconds, strict=True)):
             for part in defects.sites(tile, k):
-                rate, of_rate = (m if m.shape == (1, 1) else m[part] for m in (dark_rate, dark_uncertainty))
+                rate, rate_uncertainty = (m if m.shape == (1, 1) else m[part] for m in (dark_rate, dark_uncertainty))
                 value[part] = self.slopes[part] - seconds * rate
-                uncertainty[part] = np.sqrt(variance + (seconds * of_rate) ** 2)
+                uncertainty[part] = np.sqrt(variance + (seconds * rate_uncertainty) ** 2)
             mean = float(np.mean(defects.channel_values(value, tile, k), dtype=np.float64))
             for part in defects.sites(tile, k):
                 value[part] = value[part] / np.float32(mean) - np.float32(1.0)
@@ -99,6 +99,6 @@ def read_response_map(reader: FrameReader, evidence: Evidence, dark_variance: fl
         slopes.add(sums.mean_frame(), coefficients[:, i].tolist())
         for k, totals in enumerate(sums.label_totals()):
             level = Level.of(totals)
-            of_frame = level.variance if level.repeated else expected[k, i]
-            variance[k] += coefficients[k, i] ** 2 * of_frame / level.frames
+            frame_variance = level.variance if level.repeated else expected[k, i]
+            variance[k] += coefficients[k, i] ** 2 * frame_variance / level.frames
     return ResponseMap(slopes.slopes.astype(np.float32), variance, coefficients @ exposure)

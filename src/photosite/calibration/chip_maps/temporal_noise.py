@@ -21,7 +21,7 @@ from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Uncertain
 
-FALSE_ALARMS = 1e-3
+BAND_P_VALUE = 1e-3
 """Probability that line means of independent lines show a band."""
 
 _WINDOW = 65
@@ -99,7 +99,7 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     single = fdtrc(2.0 * count, freedom, power / background)
     alarm = -np.expm1(power.size * np.log1p(-np.minimum(single, 1.0 - 1e-12)))
     padded = np.pad(power, 1)
-    peak = (alarm < FALSE_ALARMS) & (power >= padded[:-2]) & (power >= padded[2:])
+    peak = (alarm < BAND_P_VALUE) & (power >= padded[:-2]) & (power >= padded[2:])
     peak[: LEAST_CYCLES - 1] = False
     found = []
     for k in np.flatnonzero(peak):

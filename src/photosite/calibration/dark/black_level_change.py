@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.values.diagnostic import DiagnosticKind
-from photosite.values.uncertain import Missing, Uncertain, Value
+from photosite.values.uncertain import SIGMA_1_IN_10_000, Missing, Uncertain, Value
 
-BY_CHANCE = 5e-4
+CHANGE_P_VALUE = 5e-4
 """Fraction of steady black levels that count as shifting, and again as drifting."""
 
-FAR_APART = 3.89
-"""Distance of the dark currents from mean and variance, in standard uncertainties, that occurs in 1 of 10 000."""
-
-NOTABLE = 0.1
+NOTABLE_CHANGE = 0.1
 """Shift or drift, relative to the temporal noise of a pixel, from which a warning is given."""
 
 
@@ -60,7 +57,7 @@ class BlackLevelChange:
 
     def notable(self, size_dn: float) -> bool:
         """Whether a shift or a drift is worth a warning."""
-        return size_dn > NOTABLE * self.noise
+        return size_dn > NOTABLE_CHANGE * self.noise
 
     def warning(self, what: str) -> str:
         """Return the warning of a black level that moves."""
@@ -131,10 +128,10 @@ def black_level_change(darks: Sequence[GroupStatistics]) -> BlackLevelChange:
     noise = math.sqrt(max(pooled_level(entry.levels).variance for entry in darks if entry.frames > 1))
     if freedom == 0:
         return BlackLevelChange(0.0, 0.0, 0.0, noise)
-    shifts = scatter > float(chdtri(freedom, BY_CHANCE)) and excess > 0.0
+    shifts = scatter > float(chdtri(freedom, CHANGE_P_VALUE)) and excess > 0.0
     rest = (scatter if shifts else max(scatter, freedom)) / freedom
     trends = len(moved)
-    drifts = trends > 0 and trend / trends > float(fdtri(trends, freedom, 1.0 - BY_CHANCE)) * rest
+    drifts = trends > 0 and trend / trends > float(fdtri(trends, freedom, 1.0 - CHANGE_P_VALUE)) * rest
     steady, wandering = (abs(math.fsum(moved)), math.hypot(*moved)) if drifts else (0.0, 0.0)
     return BlackLevelChange(math.sqrt(excess / freedom) if shifts else 0.0, steady, wandering, noise)
 
@@ -145,7 +142,7 @@ class Contradiction:
 
     Parameters
     ----------
-    of_mean, of_variance
+    from_mean, from_variance
         The two dark currents.
     apart
         Their distance in standard uncertainties.
@@ -153,8 +150,8 @@ class Contradiction:
         Movement of the black level over the range of dark exposures that would explain it, DN.
     """
 
-    of_mean: Uncertain
-    of_variance: Uncertain
+    from_mean: Uncertain
+    from_variance: Uncertain
     apart: float
     moved_dn: float
 
@@ -164,8 +161,8 @@ class Contradiction:
         else:
             cause = "the black level rises, or the camera filters the noise of long exposures"
         return (
-            f"the dark current from the mean, {self.of_mean.value:.3g} e-/s, and from the variance, "
-            f"{self.of_variance.value:.3g} e-/s, differ by {self.apart:.2g} standard uncertainties, as if the black "
+            f"the dark current from the mean, {self.from_mean.value:.3g} e-/s, and from the variance, "
+            f"{self.from_variance.value:.3g} e-/s, differ by {self.apart:.2g} standard uncertainties, as if the black "
             f"level moved by {self.moved_dn:.2g} DN between the dark exposures: {cause}"
         )
 
@@ -185,11 +182,11 @@ def contradiction(
     """
     if isinstance(slope, Missing) or isinstance(variance_slope, Missing) or isinstance(gain, Missing):
         return None
-    of_mean, of_variance = slope / gain, variance_slope / (gain * gain)
-    difference = Uncertain.of(slope.value, sampling) / gain - of_variance
+    from_mean, from_variance = slope / gain, variance_slope / (gain * gain)
+    difference = Uncertain.of(slope.value, sampling) / gain - from_variance
     # Not the interval: few exposure times leave few degrees of freedom, but on clean frames the uncertainty is at least
     # that of sampling, which is well known.
     apart = abs(difference.value) / difference.standard_uncertainty
-    if apart <= FAR_APART:
+    if apart <= SIGMA_1_IN_10_000:
         return None
-    return Contradiction(of_mean, of_variance, apart, difference.value * gain.value * float(np.ptp(exposure_s)))
+    return Contradiction(from_mean, from_variance, apart, difference.value * gain.value * float(np.ptp(exposure_s)))

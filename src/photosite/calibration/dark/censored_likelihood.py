@@ -37,7 +37,7 @@ ROUNDING_ERROR = 10.0
 In units of s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; the error of the mean is half of it in
 units of s. The number is the largest over a grid of sensors with a million pixels each."""
 
-MISFIT = 1e-3
+MISFIT_P_VALUE = 1e-3
 """Fraction of sensors that follow the model and may be reported not to."""
 
 LEAST_PIXELS = 100
@@ -46,7 +46,7 @@ LEAST_PIXELS = 100
 LEAST_CLASS, MOST_CLASSES = 20.0, 30
 """Least expected pixels in a class of the comparison with the model, and largest number of classes."""
 
-_TOGETHER = 4
+_BATCH_FRAMES = 4
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(24)
 _LOG_WEIGHTS = np.log(_WEIGHTS) + _NODES**2
 _NEWTON_STEPS = 60
@@ -87,7 +87,7 @@ def count_clipped(
     """Return the counts per channel of dark frames, in one pass and in memory independent of their number."""
     numbers, zeros = FrameSums(shape, tile), np.zeros(shape, np.uint16)
     left = iter(frames)
-    while batch := list(islice(left, _TOGETHER)):
+    while batch := list(islice(left, _BATCH_FRAMES)):
         numbers.add(batch)
         for dn in batch:
             np.add(zeros, dn == 0, out=zeros, casting="unsafe")
@@ -159,11 +159,11 @@ def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[fl
     exponent = n0 * log_p - n1_part / (2.0 * v) - (m - mu) ** 2 / (2.0 * a) + _LOG_WEIGHTS
     top = exponent.max(axis=1, keepdims=True)
     fraction = np.exp(exponent - top)
-    whole = fraction.sum(axis=1, keepdims=True)
-    fraction /= whole
+    weight_sum = fraction.sum(axis=1, keepdims=True)
+    fraction /= weight_sum
     pixels = counts.pixels.astype(np.float64)
     log_cell = (
-        (top + np.log(whole) + np.log(width))[:, 0]
+        (top + np.log(weight_sum) + np.log(width))[:, 0]
         - 0.5 * math.log(2.0 * math.pi * a)
         - 0.5 * n1[:, 0] * math.log(2.0 * math.pi * v)
     )
@@ -263,7 +263,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     theta = theta + covariance @ _expectations(counts, theta)[1]
     mu, a, b = (float(value) for value in theta)
     total = a + b
-    of_total = math.sqrt(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2])
+    total_uncertainty = math.sqrt(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2])
     if not (b > 0.0 and total > 0.0):
         return CLIPPED_TOO_FAR.missing(f"{zeros}; the rest shows no read noise")
     if b < LEAST_READ_NOISE**2:
@@ -271,7 +271,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
             f"{zeros} and the read noise is near {math.sqrt(b):.2g} DN, below {LEAST_READ_NOISE:g}: rounding and "
             f"clipping together hide it"
         )
-    uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), of_total / (2.0 * total))
+    uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), total_uncertainty / (2.0 * total))
     if uncertain > MOST_UNCERTAIN:
         return CLIPPED_TOO_FAR.missing(f"{zeros}; the noise of the rest is known to ±{100 * uncertain:.0f} % only")
     misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
@@ -311,4 +311,4 @@ def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float
     classes = np.add.reduceat(expected, edges)
     chi_square = float((((np.add.reduceat(found, edges) - classes) ** 2) / classes).sum())
     freedom = len(edges) - 1
-    return chi_square / freedom, float(chi2.sf(chi_square, freedom)) > MISFIT
+    return chi_square / freedom, float(chi2.sf(chi_square, freedom)) > MISFIT_P_VALUE

@@ -30,7 +30,7 @@ from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_
 _REACH, _POINTS = 8.0, 97
 """Half-width of the integrals in standard deviations, and points of the one over the fixed pattern."""
 
-_MOST = 1 << 16
+_HIGHEST_NUMBER = 1 << 16
 """Upper limit of the digital numbers."""
 
 
@@ -52,7 +52,7 @@ class _Pixels:
         t = np.linspace(-_REACH, _REACH, _POINTS) if d > 0.0 else np.zeros(1)
         fraction = np.exp(-0.5 * t * t)
         offset = d * t
-        top = max(2, min(math.ceil(mu + _REACH * (d + r)) + 2, _MOST))  # a solver may try any noise
+        top = max(2, min(math.ceil(mu + _REACH * (d + r)) + 2, _HIGHEST_NUMBER))  # a solver may try any noise
         y = np.arange(1, top, dtype=np.float64)
         at_least = ndtr((mu + offset[:, None] - y + 0.5) / r)
         # E[y^k] is the sum over y of P(Y >= y) (y^k - (y - 1)^k).
@@ -296,8 +296,8 @@ def correct_clipped_darks(reduction: Reduction, reference: GroupStatistics, read
     darks = reduction.darks
     if not any(level.low_fraction > CLIPPED_DARK_FRACTION for entry in darks for level in entry.levels):
         return None
-    of_group = {id(source) for source in reference.group.frames}
-    sources = [entry.source for entry in reduction.used if id(entry.source) in of_group]
+    members = {id(source) for source in reference.group.frames}
+    sources = [entry.source for entry in reduction.used if id(entry.source) in members]
     shape = reduction.frames.rows, reduction.frames.cols
     counts = count_clipped((source.read() for source in sources), shape, reader.tile)
     censored = []

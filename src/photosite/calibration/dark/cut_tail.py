@@ -16,13 +16,13 @@ from photosite.engine.frame_sums import MeanFrame
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Uncertain
 
-_BEYOND_NORMAL = 10.0
+_ZEROS_OVER_NORMAL = 10.0
 """Zeros over those of normal noise from which single noisy pixels are the cause."""
 
 _NEGLIGIBLE = 0.05
 """Variance that may be cut off, over its uncertainty, below which nothing is read again."""
 
-_WORTH_A_WARNING = 0.5
+_NOTABLE = 0.5
 """Uncertainty of the variance that is cut off, over that from sampling, from which a warning names it."""
 
 
@@ -49,9 +49,7 @@ class CutTail:
     def warning(self) -> str | None:
         """Return the warning of noise that is cut off; None where sampling alone is as uncertain."""
         fractions = zip(self.levels, self.variance, strict=True)
-        if not any(
-            cut.standard_uncertainty > _WORTH_A_WARNING * level.variance_uncertainty for level, cut in fractions
-        ):
+        if not any(cut.standard_uncertainty > _NOTABLE * level.variance_uncertainty for level, cut in fractions):
             return None
         noise = float(np.mean([level.variance for level in self.levels]))
         raised, doubt = 50.0 * self.pooled.value / noise, 50.0 * self.pooled.standard_uncertainty / noise
@@ -92,8 +90,8 @@ def measure_cut_tail(
     ]
     if not any(_matters(level, fraction) for level, fraction in zip(group.levels, zeros, strict=True)):
         return None
-    of_group = {id(source) for source in group.group.frames}
-    sources = [entry.source for entry in reduction.used if id(entry.source) in of_group]
+    members = {id(source) for source in group.group.frames}
+    sources = [entry.source for entry in reduction.used if id(entry.source) in members]
     lost, number = np.zeros(len(zeros)), np.zeros(len(zeros))
     for source in sources:
         dn = source.read()
@@ -125,7 +123,7 @@ def _matters(level: Level, zeros: float) -> bool:
     if zeros == 0.0 or zeros > CLIPPED_DARK_FRACTION:
         return False
     normal = float(ndtr((0.5 - level.mean) / math.sqrt(level.spatial_variance + level.variance)))
-    return zeros > _BEYOND_NORMAL * normal and zeros * level.mean**2 > _NEGLIGIBLE * level.variance_uncertainty
+    return zeros > _ZEROS_OVER_NORMAL * normal and zeros * level.mean**2 > _NEGLIGIBLE * level.variance_uncertainty
 
 
 def _cut(level: Level, zeros: float, lost: float, number: float, samples: int) -> Uncertain:

@@ -186,18 +186,18 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
     """Return what the dark lines and the reference level of one channel show."""
     black, slope = lines.mean.line
     slope = screen_dark_slope(slope, lines.mean.exposure_s)
-    noise_slope = screen_dark_slope(lines.variance.line[1], lines.variance.exposure_s, of_variance=True)
+    noise_slope = screen_dark_slope(lines.variance.line[1], lines.variance.exposure_s, variance=True)
     read = level.noise + Uncertain.of(-QUANTIZATION_DN2, level.clipping_uncertainty)
     # The sensor's mean noise is that of its pixels, which are the same in all groups: only sampling averages out.
     spread = level.variance_spread
-    of_pixels = Uncertain.of(0.0, spread and spread * math.sqrt(max(1.0 - lines.variance.repetition, 0.0)))
+    pixel_sampling = Uncertain.of(0.0, spread and spread * math.sqrt(max(1.0 - lines.variance.repetition, 0.0)))
     return Measurements(
         pixels=level.pixels,
         read_variance=read + Uncertain.of(0.0, level.rounding_variance),
         black_level=lines.mean.at_zero if isinstance(black, Missing) else black,
         dark_slope=slope,
         dark_slope_variance=slope if isinstance(slope, Missing) else Uncertain(0.0),
-        dark_variance=derive(lambda variance: variance + of_pixels, lines.variance.at_zero),
+        dark_variance=derive(lambda variance: variance + pixel_sampling, lines.variance.at_zero),
         dark_variance_slope=screen_variance_slope(noise_slope, slope),
         read_method=f"{level.frames} {label}",
         charge_uncertainty_dn=lines.mean.charge_uncertainty_dn,

@@ -18,7 +18,7 @@ from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value, c
 
 Array = NDArray[np.float64]
 
-BEYOND_SAMPLING = 0.001
+SCATTER_P_VALUE = 0.001
 """Fraction of ideal measurements whose dark variances may be reported to scatter beyond their sampling."""
 
 SAME_EXPOSURE = 1e-6
@@ -157,7 +157,7 @@ class DarkLine:
 
         fit = self.fit
         free = 0 if fit is None else fit.degrees_of_freedom
-        if fit is None or free == 0 or fit.chi_square <= float(chi2.isf(BEYOND_SAMPLING, free)):
+        if fit is None or free == 0 or fit.chi_square <= float(chi2.isf(SCATTER_P_VALUE, free)):
             return 0.0
         return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
 
@@ -207,7 +207,7 @@ class DarkLines:
     variance: DarkLine
 
     @classmethod
-    def of_single(cls, exposure_s: Sequence[float], levels: Sequence[Level], variance: DarkLine) -> DarkLines:
+    def through_single(cls, exposure_s: Sequence[float], levels: Sequence[Level], variance: DarkLine) -> DarkLines:
         """Return the lines through levels of one frame each, whose temporal variance is unknown.
 
         The spread over pixels is an upper limit of the noise that is left in a mean.
@@ -234,7 +234,7 @@ class DarkLines:
         own = np.array([level.mean_variance for level in levels])
         corrected = np.array([level.shared_mean > 0.0 for level in levels])
         best_known = min((level for level in levels if level.repeated), key=lambda level: level.variance_uncertainty)
-        of_mean, of_variance = (
+        shared_means, shared_variances = (
             np.array([getattr(level, f"shared_{name}") for level in levels])
             if corrected.any()
             # The same for all: with unequal fractions of one cause the fit would use their difference.
@@ -248,12 +248,12 @@ class DarkLines:
             else differing_fraction(y / best_known.step, best_known.rounding_pixel / best_known.step)
         )
         sampling = np.where(corrected, own, temporal / samples) + moved
-        mean = DarkLine.through(t, y, sampling, of_mean, differing=differing)
+        mean = DarkLine.through(t, y, sampling, shared_means, differing=differing)
         noise = DarkLine.through(
             t[repeated],
             np.array([level.noise.value for level in levels if level.repeated]),
             uncertainty[repeated] ** 2,
-            of_variance[repeated],
+            shared_variances[repeated],
             [level.noise for level in levels if level.repeated],
             differing,
         )

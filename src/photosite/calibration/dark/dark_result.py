@@ -40,10 +40,10 @@ ComponentsPair = tuple[VarianceComponents | Missing, VarianceComponents | Missin
 """Row, column and pixel parts of a channel: plain and high-passed."""
 
 
-BEYOND_CHANCE = 3.0
+SLOPE_SPREAD_SIGMA = 3.0
 """Spread of the dark slopes, in standard uncertainties, from which it is taken into account."""
 
-NEGLIGIBLE = 0.1
+NEGLIGIBLE_SPREAD = 0.1
 """Variance from the spread of the dark slopes, over the uncertainty of DSNU squared, up to which it is not."""
 
 
@@ -240,8 +240,8 @@ class DarkResult:
         for slope, m in zip(self.slopes, self.channels, strict=True):
             dsnu, spread = m.dsnu_variance, slope.variance
             assert isinstance(dsnu, Uncertain)
-            seen = spread.value > BEYOND_CHANCE * spread.standard_uncertainty
-            if seen and square * spread.value > NEGLIGIBLE * dsnu.standard_uncertainty:
+            seen = spread.value > SLOPE_SPREAD_SIGMA * spread.standard_uncertainty
+            if seen and square * spread.value > NEGLIGIBLE_SPREAD * dsnu.standard_uncertainty:
                 return self.slope_map.moved(self.mean, exposure_s)
         return self.mean
 
@@ -254,24 +254,26 @@ def with_shared_charge(dark: DarkResult, shared: SharedNoise | None) -> DarkResu
     if shared is None or isinstance(shared.charge, Missing):
         return dark
 
-    def of(m: Measurements, factor: Uncertain, doubt: float) -> Measurements:
+    def of(m: Measurements, factor: Uncertain, cause_uncertainty: float) -> Measurements:
         found = replace(m, dark_variance_slope=derive(lambda slope: slope * factor, m.dark_variance_slope))
-        if not shared.doubt:
+        if not shared.unclear_cause:
             return found
-        of_filter = Uncertain.of(1.0, doubt)
+        filter_factor = Uncertain.of(1.0, cause_uncertainty)
         noise: dict[str, Any] = {
-            name: derive(lambda v: v * of_filter, getattr(m, name))
+            name: derive(lambda v: v * filter_factor, getattr(m, name))
             for name in ("read_variance", "dark_variance", "dsnu_variance")
         }
         return replace(found, **noise)
 
-    factors, doubts = ([getattr(entry, name) for entry in shared.charge] for name in ("factor", "doubt"))
-    channels = tuple(map(of, dark.channels, factors, doubts))
+    factors, cause_uncertainties = (
+        [getattr(entry, name) for entry in shared.charge] for name in ("factor", "cause_uncertainty")
+    )
+    channels = tuple(map(of, dark.channels, factors, cause_uncertainties))
     mean = Uncertain.of(
         float(np.mean([factor.value for factor in factors])),
         float(np.mean([factor.standard_uncertainty for factor in factors])),
     )
-    return replace(dark, channels=channels, pooled=of(dark.pooled, mean, float(np.mean(doubts))))
+    return replace(dark, channels=channels, pooled=of(dark.pooled, mean, float(np.mean(cause_uncertainties))))
 
 
 def without_mean_slope(dark: DarkResult, found: Contradiction | None) -> DarkResult:

@@ -30,7 +30,7 @@ def unknown_darks(reduction: Reduction, why: Missing) -> DarkResult:
         DarkLines(level, unknown_variance(lights, k, float(level.y[0]), why.reason)) for k, level in enumerate(levels)
     )
     pixels = [level.pixels for level in reduction.first_group.levels]
-    measured = tuple(_unknown(why, of_channel) for of_channel in pixels)
+    measured = tuple(_unknown(why, count) for count in pixels)
     return DarkResult(groups=(), lines=lines, channels=measured, pooled=_unknown(why, sum(pixels)))
 
 
@@ -119,4 +119,4 @@ def _single_lines(reduction: Reduction, channel: int | None) -> DarkLines:
     if channel is not None:
         dimmest = min(levels, key=lambda level: level.spatial_variance)
         variance = unknown_variance(reduction.lights, channel, dimmest.mean, SINGLE_DARK_FRAMES, largest)
-    return DarkLines.of_single([entry.group.exposure_s for entry in darks], levels, variance)
+    return DarkLines.through_single([entry.group.exposure_s for entry in darks], levels, variance)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from photosite.sensor.model import Sensor
 
-_UNEVEN = 0.01
+_SCATTER_P_VALUE = 0.01
 """Probability of so large a scatter about the fit by chance, below which the scatter widens the uncertainty."""
 _DOUBLINGS_C = np.geomspace(1.0, 60.0, 241)
 """Doubling temperatures in which the best one is searched for, before it is refined."""
@@ -119,13 +119,13 @@ class DarkTemperature(Diagnosed, Reported, Tabular):
         elif self.degrees_of_freedom == 0:
             text = "two temperatures do not show whether one doubling temperature describes the range; take a third"
             own.append(NO_DOUBLING_TEMPERATURE(text))
-        of_each = (
+        inherited = (
             entry.within(f"{_middle(one):.1f} °C")
             for one in self.calibrations
             for entry in one.diagnostics
             if entry.severity in ("note", "warning") and entry.id != NO_FLAT_FIELDS.id
         )
-        return (*own, *of_each)
+        return (*own, *inherited)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the dark current against the temperature on Matplotlib axes, new ones by default, and return them."""
@@ -221,7 +221,7 @@ def _fitted(
     freedom = len(celsius) - 2
     method = _METHOD.format(len(entries))
     inverse = np.linalg.pinv(jacobian.T @ (weight[:, None] * jacobian))
-    if freedom and chi2.sf(chi_square, freedom) < _UNEVEN:
+    if freedom and chi2.sf(chi_square, freedom) < _SCATTER_P_VALUE:
         inverse *= chi_square / freedom
         method += "; the scatter about the fit is beyond chance and widens the uncertainty"
     u_rate, u_steep = np.sqrt(np.diag(inverse)).tolist()

@@ -206,9 +206,9 @@ def _in_electrons(deviation: Uncertain, ends_dn: tuple[float, float], gain: Valu
     """Return a standard deviation in DN in electrons, its interval widened by the uncertainty of the gain."""
     if isinstance(gain, Missing):
         return Estimate(reason=gain.reason, method=_METHOD)
-    of_gain = COVERAGE_95 * gain.relative * deviation.value
+    gain_part = COVERAGE_95 * gain.relative * deviation.value
     low, high = (
-        deviation.value + sign * math.hypot(end - deviation.value, of_gain)
+        deviation.value + sign * math.hypot(end - deviation.value, gain_part)
         for sign, end in zip((-1.0, 1.0), ends_dn, strict=True)
     )
     return Estimate.of(deviation / gain, _METHOD, interval_95=(max(low, 0.0) / gain.value, high / gain.value))
@@ -221,12 +221,13 @@ def _measure(evidence: Evidence) -> BlackLevelSeries | Missing:
     rows, cols = dark.mean.mean.shape
     frames = dark.mean.statistics.frames
     # Of a frame: the noise of rows and columns, which are few
-    of_row, of_column = (
+    row_variance, column_variance = (
         frames * float(np.mean([max(getattr(parts, name).value, 0.0) for parts in dark.mean.noise]))
         for name in ("row", "column")
     )
     noise = [
-        pooled_level(entry.levels).variance / (rows * cols) + of_row / rows + of_column / cols for entry in dark.groups
+        pooled_level(entry.levels).variance / (rows * cols) + row_variance / rows + column_variance / cols
+        for entry in dark.groups
     ]
     found = measure_drift([entry.frame_means for entry in dark.groups], noise, gain)
     return found or EFFECT_NOT_MEASURED.missing(f"no exposure time has {LEAST_FRAMES} dark frames that differ")

@@ -23,13 +23,13 @@ from photosite.values.uncertain import Measured, Missing, Source, Uncertain
 LEAST_PIXELS = 5
 """Smallest number of overflowing pixels from which blooming is estimated."""
 
-_BELOW = 0.8
+_UNSATURATED = 0.8
 """Fraction of the saturation signal up to which a shorter exposure shows the dark current of a pixel."""
-_BEYOND = 1.2
+_OVERFLOWING = 1.2
 """Dark signal over the saturation signal from which a pixel's overflow is used."""
 _REACH, _ORDINARY = 12, 2000
 """Pixels of a column to each side that may take the overflow; pixels without it that show the noise of the sums."""
-_SEEN = 0.005
+_SEEN_P_VALUE = 0.005
 _METHOD = (
     "charge in the columns beside {} hot pixels that overflow in dark frames of {:.3g} s, against the charge that they "
     "cannot hold"
@@ -112,7 +112,7 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
     used = {id(entry.source) for entry in evidence.reduction.used}
     well, longest = top - black, darks[-1]
     first, full = _mean(darks[0], used), _mean(longest, used)
-    row, col = np.nonzero(full - first > _BELOW * well)
+    row, col = np.nonzero(full - first > _UNSATURATED * well)
     if not len(row):
         return EFFECT_NOT_SEEN.missing("no pixel overflows by its dark current")
     if top > (1 << frames.bits) - 1.5:
@@ -121,9 +121,9 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
     for group in darks[1:-1]:
         shown = (_mean(group, used) - first)[row, col]
         longer = longest.exposure_s / (group.exposure_s - darks[0].exposure_s)
-        signal = np.where(shown < _BELOW * well, shown * longer, signal)
+        signal = np.where(shown < _UNSATURATED * well, shown * longer, signal)
     near = np.array([_hot_pixels_near(int(r), int(c), row, col) for r, c in zip(row, col, strict=True)])
-    chosen = (signal > _BEYOND * well) & (near == 1)
+    chosen = (signal > _OVERFLOWING * well) & (near == 1)
     if not np.isfinite(signal).any():
         return _without("no shorter dark exposure shows the dark current of the saturated pixels; take one in between")
     if chosen.sum() < LEAST_PIXELS:
@@ -154,7 +154,7 @@ def _fraction_kept(overflow: _Floats, column: _Floats, ordinary: _Floats, exposu
     method = _METHOD.format(len(column), exposure_s)
     low, high = kept.interval_95
     limit = high if low < 0.0 < high else None
-    seen = bool(stdtr(freedom, -slope / u) < _SEEN)
+    seen = bool(stdtr(freedom, -slope / u) < _SEEN_P_VALUE)
     return BloomingResult(Estimate.of(kept, method, limit), overflow, column, float(ordinary.std()), seen)
 
 

@@ -25,9 +25,9 @@ from photosite.values.uncertain import Measured, Missing, Source, Uncertain
 Direction = Literal["parallel", "serial"]
 _Floats = NDArray[np.float64]
 
-_SEEN = 0.005
+_SEEN_P_VALUE = 0.005
 """Probability of so much charge without any inefficiency, below which it is taken for seen."""
-_UNEVEN = 0.01
+_SCATTER_P_VALUE = 0.01
 """Probability of so large a scatter about the line by chance, below which the scatter widens the uncertainty."""
 _LEAST_LINES = 2
 _PASSES = 3
@@ -227,7 +227,7 @@ def _edge_response(
     spread = math.sqrt(float(np.linalg.inv(scaled.T @ scaled)[0, 0]))
     left = len(signal) - design.shape[1]
     scatter = float(((trailing * weight - scaled @ solution) ** 2).sum()) / max(left, 1)
-    if left and f.sf(scatter, left, shared) < _UNEVEN:
+    if left and f.sf(scatter, left, shared) < _SCATTER_P_VALUE:
         spread *= math.sqrt(scatter)
         shared = min(shared, left)
         method += "; the points scatter about the line beyond chance, which widens the uncertainty"
@@ -244,7 +244,7 @@ def _edge_response(
         trailing - design[:, 1:] @ solution[1:],
         1.0 / weight,
         profile,
-        bool(stdtr(shared, -slope.value / slope.standard_uncertainty) < _SEEN),
+        bool(stdtr(shared, -slope.value / slope.standard_uncertainty) < _SEEN_P_VALUE),
     )
 
 

@@ -59,7 +59,7 @@ OF_WELL = 0.9
 """Part of the signal of full wells up to which a flat field has a smooth density: its brightest pixels are not full."""
 
 _WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
-_EXPECTED, _OF_PEAK, _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 25.0, 0.1, 4, 9, 4
+_EXPECTED, _PEAK_FRACTION, _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 25.0, 0.1, 4, 9, 4
 _METHOD = "code density of flat fields against a smooth one (IEEE 1241), {}"
 
 
@@ -327,7 +327,7 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
     smooth_codes = max(2 * _reach(density.noise_dn) + 1 for density in densities)
     errors = [_summed(code, half) for half in (first, second)]
     # Of the sums: the scatter of the halves, over several of the smooth parts
-    of_sums = np.sqrt(uniform_filter1d(0.25 * (errors[0] - errors[1]) ** 2, _AVERAGED * smooth_codes))
+    sum_uncertainty = np.sqrt(uniform_filter1d(0.25 * (errors[0] - errors[1]) ** 2, _AVERAGED * smooth_codes))
     dnl, inl = (_product(*pair) for pair in ((first, second), errors))
     inside = (code >= levels_dn[0]) & (code <= levels_dn[1])
     return ConverterCodes(
@@ -335,7 +335,7 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
         dnl_lsb=0.5 * (first + second),
         dnl_uncertainty_lsb=np.hypot(spread, SMOOTH_DNL_LSB),
         inl_lsb=0.5 * (errors[0] + errors[1]),
-        inl_uncertainty_lsb=np.hypot(of_sums, SMOOTH_INL_LSB),
+        inl_uncertainty_lsb=np.hypot(sum_uncertainty, SMOOTH_INL_LSB),
         smooth_codes=smooth_codes,
         dnl_rms_lsb=_root(dnl, SMOOTH_DNL_LSB, len(code), "differential nonlinearity"),
         inl_rms_lsb=_root(inl, SMOOTH_INL_LSB, len(code) / smooth_codes, "integral nonlinearity"),
@@ -401,7 +401,7 @@ def _smooth_densities(groups: Sequence[_Codes], widths: Array) -> list[SmoothDen
         density = _moving(counts / (1.0 + widths[part]), reach)
         # Whole windows only, and not the tails, where a polynomial does not follow the density
         peak = maximum_filter1d(density, 8 * reach + 1)
-        known = (density >= _EXPECTED) & (density >= _OF_PEAK * peak)
+        known = (density >= _EXPECTED) & (density >= _PEAK_FRACTION * peak)
         known[:reach] = known[-reach:] = False
         found.append(SmoothDensity(density, known, part, reach))
     return found

@@ -16,13 +16,11 @@ from photosite.sensor.effects.em_gain import EmGain
 from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Reported, ResultTable, Tabular
-from photosite.values.uncertain import Measured, Missing, Uncertain, Value, derive
+from photosite.values.uncertain import SIGMA_1_IN_1000, Measured, Missing, Uncertain, Value, derive
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
 
-_FAR = 3.29
-"""Distance from theory in standard uncertainties from which the result has a warning: 1 in 1000."""
 _BY_PHOTONS = "ratio of the responsivities"
 _BY_EXPOSURE = "ratio of the slopes of the signal against the exposure time, in constant light"
 
@@ -85,7 +83,7 @@ class EmGainResult(Diagnosed, Reported, Tabular):
         if found.value is None or not found.standard_uncertainty:
             return ()
         distance = (found.value - theory) / found.standard_uncertainty
-        if abs(distance) <= _FAR:
+        if abs(distance) <= SIGMA_1_IN_1000:
             return ()
         what = "more" if distance > 0.0 else "less"
         why = (

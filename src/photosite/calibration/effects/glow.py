@@ -21,7 +21,7 @@ from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Measured, Missing, Value, correlated
+from photosite.values.uncertain import NORMAL_MAD, Measured, Missing, Value, correlated
 
 Array = NDArray[np.float64]
 
@@ -173,7 +173,7 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
         return None
     side = max(2, -(-max(rows, cols) // MOST_BLOCKS))
     # One spread for all blocks, which are small
-    values = block_means(rate_dn_per_s, side, CLIPPED * 1.4826)
+    values = block_means(rate_dn_per_s, side, CLIPPED * NORMAL_MAD)
     y, count = values.ravel(), values.size
     decays = np.geomspace(side, 0.5 * max(rows, cols), _DECAYS)
     maps = _maps(tuple(decays), (rows, cols), side)
@@ -189,11 +189,11 @@ def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:
         return GlowMap(values, scatter, (rows, cols), (), *(Estimate.of(no, _METHOD),) * 3)
     # The same without the plane: a uniform dark current
     drops = _drops(y, plane[:, :1], maps, members)
-    of_set = drops.max(axis=0)
-    first, second = np.argsort(of_set)[:-3:-1]
+    best_drops = drops.max(axis=0)
+    first, second = np.argsort(best_drops)[:-3:-1]
     at = int(drops[:, first].argmax())
     places, others = (tuple(PLACES[k] for k in np.flatnonzero(members[n])) for n in (first, second))
-    if of_set[first] - of_set[second] < AMBIGUOUS:
+    if best_drops[first] - best_drops[second] < AMBIGUOUS:
         named = " or ".join(" and ".join(found).replace("_", " ") for found in (places, others))
         reason = EFFECT_NOT_MEASURED.missing(f"the map of the dark current does not tell where the glow is: {named}")
         return GlowMap(values, scatter, (rows, cols), places, *(Estimate.of(reason, _METHOD),) * 3)
@@ -227,8 +227,8 @@ def _basis(place: Place, decay: float, shape: tuple[int, int], side: int) -> Arr
     if len(lines) == 1:
         means = np.exp(-from_line[place] / decay).reshape(-1, side).mean(axis=1)
         down = lines[0] in ("top", "bottom")
-        of_blocks = (len(r) // side, len(c) // side)
-        return np.broadcast_to(means[:, None] if down else means[None], of_blocks)
+        block_shape = (len(r) // side, len(c) // side)
+        return np.broadcast_to(means[:, None] if down else means[None], block_shape)
     # Of a corner, at the centers of quarters of the blocks
     inner = [from_line[line].reshape(-1, side) for line in lines]
     quarters = [np.stack([half.mean(axis=1) for half in np.array_split(part, 2, axis=1)], axis=1) for part in inner]
@@ -241,10 +241,10 @@ def _drops(y: Array, usual: Array, maps: Array, members: Array) -> Array:
     projector, _ = np.linalg.qr(usual)
     left = y - projector @ (projector.T @ y)
     drops = np.zeros((len(maps), len(members)))
-    for k, of_places in enumerate(maps):
-        rest = of_places - (of_places @ projector) @ projector.T
+    for k, place_maps in enumerate(maps):
+        rest = place_maps - (place_maps @ projector) @ projector.T
         along = members @ (rest @ left)
-        gram, own = (((members @ (part @ part.T)) * members).sum(axis=1) for part in (rest, of_places))
+        gram, own = (((members @ (part @ part.T)) * members).sum(axis=1) for part in (rest, place_maps))
         # Positive, and not nearly the usual terms themselves
         usable = (along > 0.0) & (gram > 1e-4 * own)
         drops[k, usable] = along[usable] ** 2 / gram[usable]

@@ -24,11 +24,11 @@ LEAST_PIXELS = 20
 """Smallest number of hot pixels from which their distribution is estimated."""
 
 _CELLS, _NODES, _BINS = 240, 25, 100
-_FAR = 1.5
+_LIMIT_RATIO = 1.5
 """Distance of the limit of hot pixels from the median, in units of the distance that no other pixel reaches."""
 _MOSTLY_SEEN = 0.3
 """Smallest fraction of the hot pixels above the limit, for which the distribution below it is known."""
-MISFIT_PROBABILITY = 0.01
+_MISFIT_P_VALUE = 0.01
 """Probability of the tail's shape below which it is not log-normal."""
 _WIDEST = 0.5
 """Largest relative uncertainty of the fraction."""
@@ -216,7 +216,7 @@ def dark_distribution(
     best, covariance = fit.solve()
     if covariance is None or fit.seen(best) < _MOSTLY_SEEN or covariance[0, 0] > _WIDEST**2:
         return without("most hot pixels lie below, so that their distribution is not known")
-    if fit.misfit(best) < MISFIT_PROBABILITY:
+    if fit.misfit(best) < _MISFIT_P_VALUE:
         return without("their dark current is not log-normal")
     found = [_logarithmic(float(x), math.sqrt(u2), method) for x, u2 in zip(best, np.diag(covariance), strict=True)]
     return result(found[0], found[1], found[2], fit.below(best, covariance))
@@ -241,7 +241,7 @@ def _reach(values: _Floats, noise: _Floats) -> float:
     if over > below > 0.0:
         growth = math.log(over / below) / tenth  # of the logarithm, per standard deviation
         skewed = over * math.expm1(growth * last) / math.expm1(tenth * growth)
-    return _FAR * float(max(normal, skewed, float(middle - values.min()), 5.0 * float(np.median(noise))))
+    return _LIMIT_RATIO * float(max(normal, skewed, float(middle - values.min()), 5.0 * float(np.median(noise))))
 
 
 def _body(body: _Floats, noise: _Floats, hot_mean: Uncertain, hot_variance: Uncertain) -> tuple[Estimate, Estimate]:
@@ -251,11 +251,11 @@ def _body(body: _Floats, noise: _Floats, hot_mean: Uncertain, hot_variance: Unce
     square = (body - body.mean()) ** 2
     sampling = Uncertain.of_variance(float(square.mean()), float(square.std()) / math.sqrt(n))
     variance = sampling - float((noise**2).mean()) - hot_variance
-    of_mean = Estimate.of(mean, "mean of the pixels without hot ones")
+    mean_estimate = Estimate.of(mean, "mean of the pixels without hot ones")
     what = "spread of the pixels' dark currents without hot ones, less their noise, over the mean"
     if mean.value < 3.0 * mean.standard_uncertainty:
-        return of_mean, Estimate(reason="the dark current is not distinguishable from zero", method=what)
-    return of_mean, Estimate.of_variance(variance * (100.0 / mean.value) ** 2, what)
+        return mean_estimate, Estimate(reason="the dark current is not distinguishable from zero", method=what)
+    return mean_estimate, Estimate.of_variance(variance * (100.0 / mean.value) ** 2, what)
 
 
 class _Tail:
@@ -332,11 +332,11 @@ class _Tail:
         center = self._moments(x)
         slopes = [(self._moments(x + part) - self._moments(x - part)) / 2.0 for part in np.diag(step)]
         correlation = covariance / np.outer(step, step)
-        of_mean, of_variance = (
+        mean_estimate, of_variance = (
             Uncertain.of(float(value), math.sqrt(float(slope @ correlation @ slope)))
             for value, slope in zip(center, np.array(slopes).T, strict=True)
         )
-        return of_mean, of_variance
+        return mean_estimate, of_variance
 
     def _moments(self, x: _Floats) -> _Floats:
         from scipy.special import ndtr

@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtri
 
 from photosite.calibration.finding import Finding
-from photosite.calibration.photon_transfer.noise_covariance import BY_CHANCE, NoiseCovariance
+from photosite.calibration.photon_transfer.noise_covariance import CORRELATION_P_VALUE, NoiseCovariance
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured, Uncertain
@@ -39,7 +39,7 @@ _MISSING_HARMONICS = 3
 """Harmonics that are tried beyond the last one found."""
 _CIRCLE_FRAMES = 3
 """Frames of a level that a circle needs."""
-SCATTER_BY_CHANCE = 0.01
+SCATTER_P_VALUE = 0.01
 """Probability of the disagreement of levels from which the uncertainty of the depth is scaled with it."""
 _CORRECTIONS = 4
 """Passes; each corrects the rows' light for the mean of the bands over the frames, which few frames leave."""
@@ -110,7 +110,7 @@ def find_flicker(
     scores = [entry.row / entry.row_uncertainty for entry in extra]
     # The variance of the row means follows a chi-square distribution.
     freedom = np.array([entry.row_freedom for entry in extra])
-    limits = (chdtri(freedom, BY_CHANCE / len(extra)) / freedom - 1.0) / np.sqrt(2.0 / freedom)
+    limits = (chdtri(freedom, CORRELATION_P_VALUE / len(extra)) / freedom - 1.0) / np.sqrt(2.0 / freedom)
     if (scores < limits).all():
         return None
     fractions = [max(entry.row, 0.0) / square for entry, square in zip(extra, square_dn2, strict=True)]
@@ -150,12 +150,12 @@ def with_frequency(flicker: Flicker, levels: Sequence[RowLight], line_time_us: M
         return flicker
     line_s = Uncertain.of(1e-6 * line_time_us.value, 1e-6 * line_time_us.standard_uncertainty)
     frequency = cycles_per_row / line_s
-    of_frequency = Estimate.of(frequency, "one sine in the rows of all frames, least squares")
+    frequency_estimate = Estimate.of(frequency, "one sine in the rows of all frames, least squares")
     depth = _depth(amplitudes, frequency)
-    of_depth = (
+    depth_estimate = (
         None if depth is None else Estimate.of(depth, "radius of the circle of the bands' phasors, over sinc(f T)")
     )
-    return replace(flicker, frequency_hz=of_frequency, depth=of_depth)
+    return replace(flicker, frequency_hz=frequency_estimate, depth=depth_estimate)
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def _frequency(scaled: Array, freedom: int, frames: int) -> tuple[Uncertain, int
         return None
     found = left(best, 1)
     # Of as many frequencies as there are rows, the best was chosen.
-    if (total - found) / (2 * frames) < fdtri(2 * frames, freedom, 1.0 - BY_CHANCE / rows) * found / freedom:
+    if (total - found) / (2 * frames) < fdtri(2 * frames, freedom, 1.0 - CORRELATION_P_VALUE / rows) * found / freedom:
         return None
     harmonics = tried = 1
     # A pulse may lack single harmonics.
@@ -259,7 +259,7 @@ def _frequency(scaled: Array, freedom: int, frames: int) -> tuple[Uncertain, int
         tried += 1
         other = _minimum(left, best, step, tried)
         more, waves = left(other, tried), 2 * frames * (tried - harmonics)
-        if (found - more) / waves > fdtri(waves, freedom, 1.0 - BY_CHANCE) * more / freedom:
+        if (found - more) / waves > fdtri(waves, freedom, 1.0 - CORRELATION_P_VALUE) * more / freedom:
             best, found, harmonics = other, more, tried
     # The second derivative of the sum of squares over the variance is 2 / u^2.
     h = 0.02 / rows
@@ -319,7 +319,7 @@ def _depth(bands: Sequence[_Bands], frequency_hz: Uncertain) -> Uncertain | None
         depth = float(np.sum(weight * amplitude / kept) / weight.sum())
         spread = float(np.sum(weight * (amplitude / kept - depth) ** 2))
         freedom = len(used) - 1
-        by_chance = freedom == 0 or spread < chdtri(freedom, SCATTER_BY_CHANCE)
+        by_chance = freedom == 0 or spread < chdtri(freedom, SCATTER_P_VALUE)
         return depth, 1.0 / math.sqrt(weight.sum()), 1.0 if by_chance else spread / freedom
 
     # What a level keeps of the depth must be more than its noise.
@@ -327,6 +327,6 @@ def _depth(bands: Sequence[_Bands], frequency_hz: Uncertain) -> Uncertain | None
     if not used:
         return None
     f, u = frequency_hz.value, frequency_hz.standard_uncertainty
-    depth, of_noise, spread = mean(f)
-    of_frequency = 0.5 * (mean(f + u)[0] - mean(f - u)[0])
-    return Uncertain.of(depth, math.hypot(of_noise * math.sqrt(spread), of_frequency))
+    depth, noise_part, spread = mean(f)
+    frequency_part = 0.5 * (mean(f + u)[0] - mean(f - u)[0])
+    return Uncertain.of(depth, math.hypot(noise_part * math.sqrt(spread), frequency_part))

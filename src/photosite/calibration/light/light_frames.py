@@ -54,9 +54,9 @@ class LightResult:
     channels
         The channels, empty without light frames.
     gain_fit
-        Photon transfer of all channels together, with the response curve where there is one.
+        Photon transfer of all channels pooled, with the response curve where there is one.
     gain, line_gain
-        System gain of all channels together, DN/e-: at small signal, and the slope of the standard's line.
+        System gain of all channels pooled, DN/e-: at small signal, and the slope of the standard's line.
     noise
         Structure of the noise, which the gain takes into account.
     tone
@@ -108,17 +108,17 @@ def measure_light_frames(
             channels = _with_unsaturated_neighbors(channels)
     if not dark.level_unknown and (tone := find_tone_curve([channel.levels for channel in channels])) is not None:
         return _withheld(channels, noise, tone=tone)
-    together = _photon_transfer(channels, noise.shared)
-    alone = [together] if len(channels) == 1 else [_photon_transfer([channel], noise.shared) for channel in channels]
+    pooled = _photon_transfer(channels, noise.shared)
+    single = [pooled] if len(channels) == 1 else [_photon_transfer([channel], noise.shared) for channel in channels]
     measured = tuple(
         replace(channel, gain=own.gain, line_gain=own.line_gain, curve=own.channels[0].curve)
-        for channel, own in zip(channels, alone, strict=True)
+        for channel, own in zip(channels, single, strict=True)
     )
     if not dark.noise_unknown and (ratio := find_dark_noise_ratio(measured)) is not None:
         return _withheld(channels, noise, ratio=ratio)
     if (unequal := _unequal_gains(reduction)) is not None:
-        together = replace(together, gain=unequal, line_gain=unequal)
-    return replace(together, channels=measured, noise=noise, outliers=tuple(outliers))
+        pooled = replace(pooled, gain=unequal, line_gain=unequal)
+    return replace(pooled, channels=measured, noise=noise, outliers=tuple(outliers))
 
 
 def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:
@@ -149,7 +149,7 @@ def _withheld(
 
 
 def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) -> LightResult:
-    """Return the gains and curves of some channels together."""
+    """Return the gains and curves that fit some channels."""
     if (why := _no_photon_transfer(channels)) is not None:
         return LightResult(tuple(channels), None, why, why, NoiseStructure())
     levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
@@ -165,7 +165,7 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
         else:
             bend = None
     line = fit_gain(levels, used)
-    of_line, bent = gain_value(line), None
+    line_value, bent = gain_value(line), None
     if not isinstance(factor, Missing) and bend is None:
         bent = fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
     if isinstance(bent, Missing):
@@ -173,17 +173,22 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     if bent is None and channels[0].dark.mean.reason:
         shared_by_charge = brighter_fatter(levels, used)
         factor = derive(lambda a: a * shared_by_charge, factor)
-    of_line, gain = (
+    line_value, gain = (
         factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if factor.parts else value
-        for value in (of_line, of_line if bent is None else gain_value(bent.fit, bent.gain))
+        for value in (line_value, line_value if bent is None else gain_value(bent.fit, bent.gain))
     )
     if bent is None or isinstance(gain, Missing):
         return LightResult(
-            tuple(channels), line, of_line, of_line, NoiseStructure(), bend=None if isinstance(bend, Missing) else bend
+            tuple(channels),
+            line,
+            line_value,
+            line_value,
+            NoiseStructure(),
+            bend=None if isinstance(bend, Missing) else bend,
         )
     curves = (replace(curve, gain=gain) for curve in bent.curves)
     curved = tuple(replace(channel, curve=curve) for channel, curve in zip(channels, curves, strict=True))
-    return LightResult(curved, bent.fit, gain, of_line, NoiseStructure())
+    return LightResult(curved, bent.fit, gain, line_value, NoiseStructure())
 
 
 def _no_photon_transfer(channels: Sequence[Channel]) -> Missing | None:
@@ -202,7 +207,7 @@ def _no_photon_transfer(channels: Sequence[Channel]) -> Missing | None:
 
 def _unequal_gains(reduction: Reduction) -> Missing | None:
     """Return why the channels have no common system gain; None where they have."""
-    gains = [1.0 if steps is None else steps.of_groups[reduction.reference or 0] for steps in reduction.steps]
+    gains = [1.0 if steps is None else steps.by_group[reduction.reference or 0] for steps in reduction.steps]
     if max(gains) < (1.0 + EQUAL_GAINS) * min(gains):
         return None
     each = ", ".join(f"{name} {gain:.3g}" for name, gain in zip(reduction.names, gains, strict=True))

@@ -43,7 +43,7 @@ _UNSATURATED = 0.9
 NO_PHOTONS = UNKNOWN_PHOTONS.missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
 
-FAR_CURRENT, LARGEST_DARK = 3.0, 0.1
+CURRENT_SIGMA, LARGEST_DARK = 3.0, 0.1
 """Standard uncertainties to the largest dark current that the means allow; fraction of the signal up to which it may be
 unknown."""
 
@@ -136,7 +136,7 @@ class Channel:
         if self.curve is None and np.linalg.matrix_rank(design / np.abs(design).max(axis=0)) == 2:
             found = fit_linear(design, self.levels.signal[take], self.levels.signal_covariance[np.ix_(take, take)])
             current = found.uncertain[1]
-            reach = FAR_CURRENT * current.standard_uncertainty
+            reach = CURRENT_SIGMA * current.standard_uncertainty
             high = min(high, max(current.value, 0.0) + reach)
             low = min(max(current.value - reach, 0.0), high)
         if high * float(np.abs(seconds).max()) > LARGEST_DARK * float(self.levels.signal[take].max()):
@@ -186,9 +186,9 @@ class Channel:
         """Return (levels,) temporal variance, the dark's included, DN^2, and the square of its uncertainty."""
         levels, dark = self.levels, self.dark.variance
         weights = dark.weights_at(levels.exposure_s)
-        of_dark = np.sum(weights**2 * dark.variance, axis=1)
+        dark_part = np.sum(weights**2 * dark.variance, axis=1)
         # Negative only by rounding.
-        return levels.shot + weights @ dark.y, np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)
+        return levels.shot + weights @ dark.y, np.maximum(np.diag(levels.shot_covariance) - dark_part, 0.0)
 
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.values.diagnostic import DiagnosticKind
 
-BY_CHANCE = 1e-4
+RATIO_P_VALUE = 1e-4
 """Fraction of channels of ordinary frames that may be reported (Student's t)."""
 
 LEAST_DIFFERENCE = 0.3
@@ -40,7 +40,7 @@ class DarkNoiseRatio:
     @property
     def beyond_chance(self) -> bool:
         """Whether the ratio differs from 1 beyond chance, and by enough to matter."""
-        limit = float(stdtrit(min(self.freedom, 1e6), 1.0 - BY_CHANCE / 2.0)) * self.uncertainty
+        limit = float(stdtrit(min(self.freedom, 1e6), 1.0 - RATIO_P_VALUE / 2.0)) * self.uncertainty
         return abs(self.ratio - 1.0) > max(LEAST_DIFFERENCE, limit)
 
     def __str__(self) -> str:

@@ -12,7 +12,7 @@ from photosite.values.uncertain import Uncertain, correlated
 
 Array = NDArray[np.float64]
 
-BY_CHANCE = 1.0 / 6.0
+SCATTER_P_VALUE = 1.0 / 6.0
 """Fraction of ideal measurements whose scatter counts as beyond sampling: one standard deviation, one side."""
 
 
@@ -97,7 +97,7 @@ def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
     freedom = m - p
     parameters, normal, estimator, chi_square = _solve(design, y, covariance)
     extra = 0.0
-    if freedom > 0 and chi_square > float(chdtri(freedom, BY_CHANCE)):
+    if freedom > 0 and chi_square > float(chdtri(freedom, SCATTER_P_VALUE)):
         extra = _extra_variance(design, y, covariance)
         parameters, normal, estimator, _ = _solve(design, y, covariance + extra * np.eye(m))
     return Fit(parameters, normal, estimator, extra, chi_square, freedom)

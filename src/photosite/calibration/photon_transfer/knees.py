@@ -28,7 +28,7 @@ LEAST_POINTS = 3
 _NEW_PIECE, _LEFT_OUT = 30.0, 12.0
 """Costs in chi square of another piece, and of a point between two pieces, where captures are blended."""
 
-_MODEL = 0.01
+_MODEL_ERROR = 0.01
 """Relative deviation of the variance from a straight line that is no knee."""
 
 LEAST_STEP = 0.03
@@ -85,7 +85,7 @@ def find_pieces(signal: _Array, variance: _Array, uncertainty: _Array) -> list[P
     [(0, 17, 0.5), (18, 29, 8.0)]
     """
     count = len(signal)
-    spread = np.hypot(uncertainty, _MODEL * variance)
+    spread = np.hypot(uncertainty, _MODEL_ERROR * variance)
     best, choice = np.full(count + 1, np.inf), np.full(count + 1, -1)
     best[0] = 0.0
     for start in range(count):

@@ -23,7 +23,7 @@ from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.float64]
 
-BY_CHANCE = 1e-4
+OUTLIER_P_VALUE = 1e-4
 """Fraction of sets of levels, of one channel and range, in which a level may be taken for an outlier."""
 
 LEAST_LEVELS = 4
@@ -38,13 +38,13 @@ LEAST_SIGNAL = 0.02
 HIGHEST_SIGNAL = 0.95
 """Signal, as a fraction of that at the largest variance, up to which levels are compared."""
 
-OUT_OF_ORDER = 1.2
+ORDER_FACTOR = 1.2
 """Factor by which the light of a level too dim or too bright to be compared may be out of order."""
 
-MOST = 3
-"""Outliers at most; they are also at most a quarter of the levels, and two of more than `MANY` levels."""
+MOST_OUTLIERS = 3
+"""Outliers at most; they are also at most a quarter of the levels, and two of more than `MANY_LEVELS` levels."""
 
-MANY = 60
+MANY_LEVELS = 60
 """Levels above which trying all sets of three takes too long."""
 
 LEAST_OF_CURVE = 8
@@ -143,8 +143,8 @@ def _channel_outliers(levels: LightLevels, white: int) -> dict[int, float]:
         # A dim or saturated level is only known to have less or more light than all that were compared.
         x, signal = by_signal.x, by_signal.signal
         low, high = x[trusted].min(), x[trusted].max()
-        dimmer = (signal < signal[trusted].min()) & (x > OUT_OF_ORDER * low) & ~below
-        brighter = (signal > signal[trusted].max()) & (OUT_OF_ORDER * x < high) & (x > 0.0) & ~below
+        dimmer = (signal < signal[trusted].min()) & (x > ORDER_FACTOR * low) & ~below
+        brighter = (signal > signal[trusted].max()) & (ORDER_FACTOR * x < high) & (x > 0.0) & ~below
         found |= {int(i): float(x[i] / low) for i in np.flatnonzero(dimmer)}
         found |= {int(i): float(x[i] / high) for i in np.flatnonzero(brighter)}
     return {int(order[i]): ratio for i, ratio in found.items()}
@@ -160,7 +160,7 @@ def _outliers(levels: LightLevels) -> dict[int, float]:
     per_dn = per_dn / np.median(per_dn)
     uncertainty = np.sqrt(np.diag(levels.signal_covariance)) / signal
     design = np.stack([(signal / signal.max()) ** power for power in _POWERS[:terms]], axis=1)
-    for count in range(min(MOST if n <= MANY else 2, n // 4), 0, -1):
+    for count in range(min(MOST_OUTLIERS if n <= MANY_LEVELS else 2, n // 4), 0, -1):
         freedom = n - count - terms
         if freedom < (2 if count == 1 else 3):
             continue
@@ -172,7 +172,7 @@ def _outliers(levels: LightLevels) -> dict[int, float]:
             continue
         scale = 1.0 if fit.extra_variance > 0.0 else max(1.0, math.sqrt(fit.chi_square / freedom))
         spread = np.einsum("ij,jk,ik->i", design, fit.covariance, design) + fit.extra_variance + uncertainty**2
-        limit = -float(stdtrit(freedom, BY_CHANCE / (2.0 * (n - count + 1)))) * scale * np.sqrt(spread)
+        limit = -float(stdtrit(freedom, OUTLIER_P_VALUE / (2.0 * (n - count + 1)))) * scale * np.sqrt(spread)
         # Beyond the other levels the curve may go on differently: by as much as its highest power matters there.
         simple = np.delete(design, min(terms, 3) - 1, axis=1) if terms > 1 else design
         other = simple @ fit_linear(simple[left], per_dn[left], np.diag(uncertainty[left] ** 2)).parameters
@@ -196,8 +196,8 @@ def _worst(design: Array, y: Array, uncertainty: Array, count: int) -> NDArray[n
     left = np.eye(len(y)) - orthogonal @ orthogonal.T
     chosen = np.array(list(combinations(range(len(y)), count)))
     # What the sum of squares loses without these points: e' (1 - H)^-1 e, with the hat matrix H.
-    of_chosen = left[chosen[:, :, None], chosen[:, None, :]] + 1e-9 * np.eye(count)
-    lost = np.einsum("ij,ij->i", residual[chosen], np.linalg.solve(of_chosen, residual[chosen][..., None])[..., 0])
+    reduced = left[chosen[:, :, None], chosen[:, None, :]] + 1e-9 * np.eye(count)
+    lost = np.einsum("ij,ij->i", residual[chosen], np.linalg.solve(reduced, residual[chosen][..., None])[..., 0])
     return np.asarray(chosen[int(lost.argmax())])
 
 

@@ -46,7 +46,7 @@ FRAME_REACH = 2
 LEAST_RUN = 4
 """Successive frames that the estimate needs."""
 
-PART = 1 << 18
+PIXELS_AT_ONCE = 1 << 18
 """Pixels of a frame that are compared at once."""
 
 Run = Sequence[NDArray[np.unsignedinteger]]
@@ -138,11 +138,11 @@ class FrameProducts:
             return
         center = np.eye(m) - 1.0 / m
         basis = [center @ toeplitz(np.arange(m) == lag) @ center for lag in range(FRAME_REACH + 1)]
-        for whole, pixels in frame_products(np.asarray(run, np.uint16), site, tile, BLOCK, PART):
-            of_pattern, pattern = whole.mean(axis=0), float(whole.mean())
-            products = whole - of_pattern - of_pattern[:, None] + pattern
+        for whole, pixels in frame_products(np.asarray(run, np.uint16), site, tile, BLOCK, PIXELS_AT_ONCE):
+            frame_means, pattern = whole.mean(axis=0), float(whole.mean())
+            products = whole - frame_means - frame_means[:, None] + pattern
             if pattern:
-                products -= np.outer(of_pattern - pattern, of_pattern - pattern) / pattern
+                products -= np.outer(frame_means - pattern, frame_means - pattern) / pattern
             self._fitted += [float(np.vdot(each, products)) for each in basis]
             self._normal += [[pixels * float(np.vdot(a, b)) for b in basis] for a in basis]
             self._square += float(np.trace(products))
@@ -168,7 +168,7 @@ class FrameProducts:
 REACH = 2
 """Rows and columns to the farthest neighbor whose covariance is summed: crosstalk to the next pixels reaches two."""
 
-BY_CHANCE = 5e-4
+CORRELATION_P_VALUE = 5e-4
 """Fraction of calibrations with independent pixels in which correlated noise may be reported."""
 
 FILTER_FRACTION = 0.3
@@ -177,18 +177,18 @@ FILTER_FRACTION = 0.3
 A filter gives 1, crosstalk 0.
 """
 
-FAR_APART = 3.0
+FILTER_SIGMA = 3.0
 """Standard uncertainties by which that fraction must be apart from the limit."""
 
-SUSPECTED = 2.0
+SUSPICION_SIGMA = 2.0
 """Standard uncertainties of the mean correlation with the next pixels above which it widens the gain's uncertainty."""
 
-LARGEST_IN_DOUBT = 0.1
+LARGEST_UNCLEAR_CORRECTION = 0.1
 """Largest correction of photon transfer that is made when its cause is uncertain."""
 
-IN_DOUBT = 0.5
-"""Standard uncertainty that such a doubt adds, as a fraction of the correction: the interval then reaches from none to
-twice the correction."""
+CAUSE_UNCERTAINTY = 0.5
+"""Standard uncertainty that an uncertain cause adds, as a fraction of the correction: the interval then reaches
+from none to twice the correction."""
 
 _LAGS = range(-REACH, REACH + 1)
 _NEXT = (REACH - 1, REACH, REACH, REACH + 1), (REACH, REACH - 1, REACH + 1, REACH)
@@ -236,7 +236,7 @@ class NoiseCovariance:
         return float(self.covariance[REACH, REACH] + self.frames.values[:1].sum())
 
     @property
-    def of_neighbors(self) -> NDArray[np.float64]:
+    def neighbor_values(self) -> NDArray[np.float64]:
         """(lags,) covariances with the neighbors, DN^2."""
         return _without_middle(self.covariance)
 
@@ -259,10 +259,10 @@ class NoiseCovariance:
 
         They are the sum over the neighbors, the sum over the next pixels, every neighbor, and every frame.
         """
-        of_sum = self.of_neighbors.sum() / self.sum_uncertainty
-        of_next = self.covariance[_NEXT].sum() / self.next_uncertainty
-        of_lags = self.of_neighbors / _without_middle(self.uncertainty)
-        return np.concatenate([[of_sum, of_next], of_lags, self.frames.values / self.frames.uncertainty])
+        neighbor_sum = self.neighbor_values.sum() / self.sum_uncertainty
+        next_pixels = self.covariance[_NEXT].sum() / self.next_uncertainty
+        each_lag = self.neighbor_values / _without_middle(self.uncertainty)
+        return np.concatenate([[neighbor_sum, next_pixels], each_lag, self.frames.values / self.frames.uncertainty])
 
 
 def mean_covariance(levels: Sequence[NoiseCovariance], weights: NDArray[np.float64]) -> NoiseCovariance:
@@ -336,17 +336,17 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     for run in runs:
         stack = np.asarray(run, np.uint16)
         del run  # free the frames
-        for number, of_site in zip(tile.flat, _products_by_site(stack, tile.shape), strict=True):
-            between[number].merge(of_site)
+        for number, site_products in zip(tile.flat, _products_by_site(stack, tile.shape), strict=True):
+            between[number].merge(site_products)
         for found in _products_of_pairs(stack, tile.shape):
             variance = {phase: _variance(found, phase, tile.shape) for phase in np.ndindex(*tile.shape)}
             for phase in variance:
                 channel = int(tile[phase])
                 means[channel].append(_RowMeans.of(found, phase, tile.shape))
-                for dy, dx, of_lag, count, other in _lagged(found, phase, tile.shape):
+                for dy, dx, lag_covariance, count, other in _lagged(found, phase, tile.shape):
                     place = channel, dy + REACH, dx + REACH
                     weight = variance[phase] * variance[other] * count
-                    products[place] += of_lag * count
+                    products[place] += lag_covariance * count
                     squares[place] += weight
                     counts[place] += count
                     again[place] += weight * (tile[other] == channel)
@@ -354,13 +354,19 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     result = []
     for k in range(channels):
         uncertainty = 0.5 * np.sqrt(squares[k]) / counts[k]
-        of_sums = (squares[k] + again[k]) / counts[k] ** 2
-        of_sum, of_next = (0.5 * math.sqrt(each.sum()) for each in (_without_middle(of_sums), of_sums[_NEXT]))
+        sum_variances = (squares[k] + again[k]) / counts[k] ** 2
+        sum_uncertainty, next_uncertainty = (
+            0.5 * math.sqrt(each.sum()) for each in (_without_middle(sum_variances), sum_variances[_NEXT])
+        )
         covariance = 0.5 * products[k] / counts[k]
         # Crosstalk along a row adds to the variance of its mean.
         row = _row_noise(means[k], float(covariance[REACH].sum()))
         period = _row_period(means[k], tile.shape[0])
-        result.append(NoiseCovariance(covariance, uncertainty, of_sum, of_next, *row, period, between[k].covariance()))
+        result.append(
+            NoiseCovariance(
+                covariance, uncertainty, sum_uncertainty, next_uncertainty, *row, period, between[k].covariance()
+            )
+        )
     return result
 
 
@@ -416,13 +422,13 @@ class _RowMeans:
         return cls(len(rows), len(columns), float(means @ means) / (len(means) - 1), spectrum)
 
 
-def _row_noise(means: Sequence[_RowMeans], of_pixels: float) -> tuple[float, float, float]:
+def _row_noise(means: Sequence[_RowMeans], row_covariance: float) -> tuple[float, float, float]:
     """Return the variance that rows share, its uncertainty and its degrees of freedom.
 
-    `of_pixels` is the covariance summed along a row. It comes from the same pixels: its own noise, and what far pixels
-    of the row have in common, widen the uncertainty on frames of few columns.
+    `row_covariance` is the covariance summed along a row. It comes from the same pixels: its own noise, and what far
+    pixels of the row have in common, widen the uncertainty on frames of few columns.
     """
-    shared = [0.5 * entry.square - of_pixels / entry.cols for entry in means]
+    shared = [0.5 * entry.square - row_covariance / entry.cols for entry in means]
     square = 0.5 * float(np.mean([entry.square for entry in means]))
     freedom = float(sum(entry.rows - 1 for entry in means))
     fraction = len(_LAGS) / means[0].cols
@@ -436,7 +442,7 @@ def _row_period(means: Sequence[_RowMeans], tile_rows: int) -> float | None:
     # The power of one frequency of white noise is exponential, and the mean of m of them gamma-distributed.
     m = float(len(means))
     usual = float(np.median(power)) / (gammaincinv(m, 0.5) / m)
-    if not 0 < at < n - 1 or power[at] < usual * gammainccinv(m, BY_CHANCE / n) / m:
+    if not 0 < at < n - 1 or power[at] < usual * gammainccinv(m, CORRELATION_P_VALUE / n) / m:
         return None
     # The vertex of the parabola through the amplitudes around the maximum.
     before, top, after = np.sqrt(power[at - 1 : at + 2])
@@ -448,24 +454,24 @@ def _lagged(
     found: DifferenceProducts, phase: tuple[int, ...], tile: tuple[int, ...]
 ) -> Iterable[tuple[int, int, float, int, tuple[int, int]]]:
     """Yield (rows, columns, covariance, products, phase of the neighbor) for the neighbors of the pixels of a phase."""
-    of_rows, of_columns = _plane_lines(found, phase, tile)
-    rows, cols, of_plane = len(of_rows), len(of_columns), float(of_rows.sum())
+    row_sums, column_sums = _plane_lines(found, phase, tile)
+    rows, cols, plane_sum = len(row_sums), len(column_sums), float(row_sums.sum())
     by_row = _by_phase(phase[0], tile[0])
     by_column = _by_phase(phase[1], tile[1])
     for r, lags_y in by_row.items():
         for c, lags_x in by_column.items():
             other_rows, other_columns = _plane_lines(found, (r, c), tile)
-            of_other = float(other_rows.sum())
+            other_sum = float(other_rows.sum())
             shifts_y, shifts_x = [s for _, s in lags_y], [s for _, s in lags_x]
             places = np.ix_([REACH + dy for dy, _ in lags_y], [REACH + dx for dx, _ in lags_x])
             near = found.near[phase][places]
             pixels = np.outer([rows - abs(s) for s in shifts_y], [cols - abs(s) for s in shifts_x])
-            of_row, in_row = _line_products(of_rows, other_rows, shifts_y, cols)
-            of_column, in_column = _line_products(of_columns, other_columns, shifts_x, rows)
-            far_row = (of_row - near.sum(1)) / (in_row - pixels.sum(1))
-            far_column = (of_column - near.sum(0)) / (in_column - pixels.sum(0))
-            of_frame = of_plane * of_other - of_row.sum() - of_column.sum() + near.sum()
-            far = of_frame / (float(rows * cols) ** 2 - in_row.sum() - in_column.sum() + pixels.sum())
+            row_products, in_row = _line_products(row_sums, other_rows, shifts_y, cols)
+            column_products, in_column = _line_products(column_sums, other_columns, shifts_x, rows)
+            far_row = (row_products - near.sum(1)) / (in_row - pixels.sum(1))
+            far_column = (column_products - near.sum(0)) / (in_column - pixels.sum(0))
+            far_products = plane_sum * other_sum - row_products.sum() - column_products.sum() + near.sum()
+            far = far_products / (float(rows * cols) ** 2 - in_row.sum() - in_column.sum() + pixels.sum())
             covariance = near / pixels - far_row[:, None] - far_column + far
             for i, (dy, _) in enumerate(lags_y):
                 for j, (dx, _) in enumerate(lags_x):
@@ -506,13 +512,13 @@ class SharedCharge:
     between_frames: NDArray[np.float64]
 
     @property
-    def doubt(self) -> float:
+    def cause_uncertainty(self) -> float:
         """Standard uncertainty of the factor where a filter in the camera may be the cause."""
-        return IN_DOUBT * abs(self.factor.value - 1.0)
+        return CAUSE_UNCERTAINTY * abs(self.factor.value - 1.0)
 
     def with_uncertain_cause(self) -> SharedCharge:
-        """Return the correction with the uncertainty of a doubt about the cause."""
-        return replace(self, factor=self.factor + Uncertain.of(0.0, self.doubt))
+        """Return the correction with the uncertainty of its cause."""
+        return replace(self, factor=self.factor + Uncertain.of(0.0, self.cause_uncertainty))
 
     def factors(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (levels,) summed covariance over the variance that so many successive frames of a level show.
@@ -521,7 +527,7 @@ class SharedCharge:
         """
         return np.asarray(self.factor.value / (1.0 - self._in_pairs(frames) / np.maximum(frames - 1.0, 1.0)))
 
-    def of_mean(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean_factors(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (levels,) variance of the mean of so many frames over that of independent frames, which they show."""
         pairs = self._in_pairs(frames)
         return np.asarray((1.0 + pairs) / (1.0 - pairs / np.maximum(frames - 1.0, 1.0)))
@@ -546,14 +552,14 @@ class SharedNoise:
         Correlation with the same pixel of the next frame; None within chance.
     charge
         By channel, what corrects photon transfer; or why the noise of the frames is not the sensor's.
-    doubt
+    unclear_cause
         Why a filter in the camera may be the cause, and what would tell; empty where shared charge is.
     """
 
     neighbors: tuple[float, float] | None
     frames: float | None
     charge: tuple[SharedCharge, ...] | Missing
-    doubt: str = ""
+    unclear_cause: str = ""
 
     @property
     def seen(self) -> bool:
@@ -581,8 +587,8 @@ class SharedNoise:
         if not several:
             return scaled, Uncertain.of(1.0, float(relative.mean()))
         independent = 1.0 / float(np.sum(relative**-2.0))
-        together = independent * float(np.sum(1.0 / relative))
-        return scaled, Uncertain.of(1.0, math.sqrt(together**2 - independent))
+        sum_error = independent * float(np.sum(1.0 / relative))
+        return scaled, Uncertain.of(1.0, math.sqrt(sum_error**2 - independent))
 
     def means(self, levels: LightLevels, index: int) -> LightLevels:
         """Return the levels of a channel with the noise of their means, which contain all covariances."""
@@ -602,8 +608,8 @@ class SharedNoise:
         after = "; DSNU and PRNU are those of the frames, after the sharing" if self.neighbors is not None else ""
         seen = seen_correlations(self.neighbors, self.frames)
         cause = f"and the dark noise is not: {' and '.join(causes)}"
-        if self.doubt:
-            cause = f"{self.doubt}; or {' and '.join(causes)}"
+        if self.unclear_cause:
+            cause = f"{self.unclear_cause}; or {' and '.join(causes)}"
             after = f"; the uncertainties of gain, read noise and DSNU include half of this{after}"
         return (
             f"{seen}, {cause}. The system gain comes from summed covariances, {above:.2g} % above that from "
@@ -640,35 +646,36 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
     if any(entry.variance <= 0.0 for entry in shot):
         return None
     scores = np.abs([entry.scores() for entry in shot])
-    limit = NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / (scores.size + 1))
-    of_next = _correlation_with_next(shot)
-    of_channels = abs(of_next.value) / of_next.standard_uncertainty
-    if max(scores.max(), of_channels) < limit:
-        if of_channels < SUSPECTED:
+    limit = NormalDist().inv_cdf(1.0 - 0.5 * CORRELATION_P_VALUE / (scores.size + 1))
+    next_pixels = _correlation_with_next(shot)
+    next_score = abs(next_pixels.value) / next_pixels.standard_uncertainty
+    if max(scores.max(), next_score) < limit:
+        if next_score < SUSPICION_SIGMA:
             return None
-        suspected = SharedCharge(Uncertain.of(1.0, abs(of_next.value)), np.empty(0))
+        suspected = SharedCharge(Uncertain.of(1.0, abs(next_pixels.value)), np.empty(0))
         return SharedNoise(None, None, (suspected,) * len(shot))
-    of_neighbors, of_frames = np.split(scores, [2 + len(shot[0].of_neighbors)], axis=1)
+    neighbor_values, frame_values = np.split(scores, [2 + len(shot[0].neighbor_values)], axis=1)
     neighbors = frames = None
-    if max(of_neighbors.max(), of_channels) >= limit:
+    if max(neighbor_values.max(), next_score) >= limit:
         across, down = (
             float(np.mean([entry.covariance[place] / entry.variance for entry in shot]))
             for place in ((REACH, REACH + 1), (REACH + 1, REACH))
         )
         neighbors = across, down
-    if of_frames.max(initial=0.0) >= limit:
+    if frame_values.max(initial=0.0) >= limit:
         frames = float(np.mean([entry.frames.values[0] / entry.variance for entry in shot]))
-    doubt = _doubt(shot, dark, neighbors, frames)
-    if isinstance(doubt, Missing):
-        return SharedNoise(neighbors, frames, doubt)
+    unclear_cause = _unclear_cause(shot, dark, neighbors, frames)
+    if isinstance(unclear_cause, Missing):
+        return SharedNoise(neighbors, frames, unclear_cause)
     charge = tuple(_shared_charge(entry, neighbors is not None, frames is not None) for entry in shot)
-    if not doubt:
+    if not unclear_cause:
         return SharedNoise(neighbors, frames, charge)
     largest = max(abs(entry.factor.value - 1.0) for entry in charge)
-    if largest > LARGEST_IN_DOUBT:
-        why = f"{seen_correlations(neighbors, frames)}, {doubt}, which would change the gain by {100.0 * largest:.2g} %"
+    if largest > LARGEST_UNCLEAR_CORRECTION:
+        seen = f"{seen_correlations(neighbors, frames)}, {unclear_cause}"
+        why = f"{seen}, which would change the gain by {100.0 * largest:.2g} %"
         return SharedNoise(neighbors, frames, SHARED_NOISE.missing(why))
-    return SharedNoise(neighbors, frames, tuple(entry.with_uncertain_cause() for entry in charge), doubt)
+    return SharedNoise(neighbors, frames, tuple(entry.with_uncertain_cause() for entry in charge), unclear_cause)
 
 
 def _correlation_with_next(shot: Sequence[NoiseCovariance]) -> Uncertain:
@@ -687,7 +694,7 @@ def _shared_charge(shot: NoiseCovariance, neighbors: bool, frames: bool) -> Shar
     if neighbors:
         # The sum with the variance is the spectral density at frequency 0, whose relative uncertainty does not change
         # with the correlation; that of the sum holds for independent pixels.
-        summed = float(shot.of_neighbors.sum())
+        summed = float(shot.neighbor_values.sum())
         grown = max(1.0 + summed / shot.variance, 1.0)
         total += Uncertain.of(summed, grown * shot.sum_uncertainty) / shot.variance
     if not frames:
@@ -706,7 +713,7 @@ def seen_correlations(neighbors: tuple[float, float] | None, frames: float | Non
     return f"the noise is correlated between {' and between '.join(seen)}"
 
 
-def _doubt(
+def _unclear_cause(
     shot: Sequence[NoiseCovariance],
     dark: Sequence[NoiseCovariance],
     neighbors: tuple[float, float] | None,
@@ -720,25 +727,27 @@ def _doubt(
     if min(noise) <= QUANTIZATION_DN2:
         return "and rounding hides whether the dark noise is too, as after a filter in the camera (take a higher gain)"
 
-    def chosen(of_neighbors: NDArray[np.float64], of_frames: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.append(of_neighbors if neighbors is not None else [], of_frames if frames is not None else [])
+    def chosen(neighbor_values: NDArray[np.float64], frame_values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.append(neighbor_values if neighbors is not None else [], frame_values if frames is not None else [])
 
-    of_shot = np.concatenate([chosen(entry.of_neighbors, entry.frames.values) / entry.variance for entry in shot])
-    of_dark, u_dark = (
+    shot_correlation = np.concatenate(
+        [chosen(entry.neighbor_values, entry.frames.values) / entry.variance for entry in shot]
+    )
+    dark_correlation, u_dark = (
         np.concatenate([values / variance for values, variance in zip(each, noise, strict=True)])
         for each in (
-            [chosen(entry.of_neighbors, entry.frames.values) for entry in dark],
+            [chosen(entry.neighbor_values, entry.frames.values) for entry in dark],
             # Opposite lags of a channel have the same products, which doubles the variance of their sum.
             [chosen(math.sqrt(2.0) * _without_middle(entry.uncertainty), entry.frames.uncertainty) for entry in dark],
         )
     )
-    power = float(of_shot @ of_shot)
-    fraction = float(of_shot @ of_dark) / power
-    uncertainty = float(np.sqrt(np.sum((of_shot * u_dark) ** 2))) / power
-    if fraction + FAR_APART * uncertainty < FILTER_FRACTION:
+    power = float(shot_correlation @ shot_correlation)
+    fraction = float(shot_correlation @ dark_correlation) / power
+    uncertainty = float(np.sqrt(np.sum((shot_correlation * u_dark) ** 2))) / power
+    if fraction + FILTER_SIGMA * uncertainty < FILTER_FRACTION:
         return ""
-    if fraction - FAR_APART * uncertainty < FILTER_FRACTION:
-        times = max((FAR_APART * uncertainty / FILTER_FRACTION) ** 2, 1.0)
+    if fraction - FILTER_SIGMA * uncertainty < FILTER_FRACTION:
+        times = max((FILTER_SIGMA * uncertainty / FILTER_FRACTION) ** 2, 1.0)
         return (
             f"and the dark frames are too few to show whether a filter in the camera is the cause (take "
             f"{2 * math.ceil(times)} times as many at the shortest exposure time)"

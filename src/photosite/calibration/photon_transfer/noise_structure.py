@@ -86,14 +86,14 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
         if not flats:
             return NoiseStructure()
     dark_noise = _covariances(reader, dark, PIXELS)
-    light_noise, square = _of_levels(reader, flats, dark, dark_noise, PIXELS)
+    light_noise, square = _mean_covariances(reader, flats, dark, dark_noise, PIXELS)
     flicker = find_flicker(light_noise, dark_noise, square)
     shared = find_shared_noise(light_noise, dark_noise)
     if not known:
         return _withheld(shared, flicker)
     if shared is not None and sum(_pairs(reader, group) for group in flats) > PIXELS:
         dark_noise = _covariances(reader, dark, PIXELS_CORRELATED)
-        light_noise, _ = _of_levels(reader, flats, dark, dark_noise, PIXELS_CORRELATED)
+        light_noise, _ = _mean_covariances(reader, flats, dark, dark_noise, PIXELS_CORRELATED)
         again = find_shared_noise(light_noise, dark_noise)
         if not shared.seen or (again is not None and again.seen):
             shared = again
@@ -108,8 +108,8 @@ def _coupling(
     """Return the coupling of pixels, or why the covariances do not show it."""
     if shared is not None and isinstance(shared.charge, Missing):
         return shared.charge
-    if shared is not None and shared.doubt:
-        return SHARED_NOISE.missing(f"{seen_correlations(shared.neighbors, shared.frames)}, {shared.doubt}")
+    if shared is not None and shared.unclear_cause:
+        return SHARED_NOISE.missing(f"{seen_correlations(shared.neighbors, shared.frames)}, {shared.unclear_cause}")
     if min(entry.variance for entry in shot) <= 0.0 or min(signal) <= 0.0:
         return NO_COUPLING
     return fit_coupling(shot, tile, signal, seen=shared is not None and shared.neighbors is not None)
@@ -127,7 +127,7 @@ def _withheld(shared: SharedNoise | None, flicker: Flicker | None) -> NoiseStruc
     return NoiseStructure(SharedNoise(None, None, why))
 
 
-def _of_levels(
+def _mean_covariances(
     reader: FrameReader,
     flats: Sequence[GroupStatistics],
     dark: GroupStatistics,
@@ -148,10 +148,10 @@ def _of_levels(
         pairs.append(min(_pairs(reader, group), left))
         used.append(group)
     means, squares = [], []
-    for k, of_dark in enumerate(dark_noise):
+    for k, dark_covariance in enumerate(dark_noise):
         noise = [entry[k] for entry in found]
         variance = np.array([entry.variance for entry in noise])
-        weights = np.array(pairs) * np.maximum(variance - of_dark.variance, 0.0) / variance**2
+        weights = np.array(pairs) * np.maximum(variance - dark_covariance.variance, 0.0) / variance**2
         weights = weights / weights.sum() if weights.any() else np.eye(len(noise))[0]
         signal = np.array([group.levels[k].mean - dark.levels[k].mean for group in used])
         means.append(mean_covariance(noise, weights))
@@ -191,17 +191,17 @@ def without_flicker(
             levels = []
             lines = group_lines(reader, group, most=group.frames)
             found = temporal_components(group.levels, lines, reader.tile)
-            of_rows = lines[0].sum(axis=2, dtype=np.float64) / reader.frames.cols
-            bands.append(RowLight(group.group.exposure_s, of_rows - dark_rows))
+            row_means = lines[0].sum(axis=2, dtype=np.float64) / reader.frames.cols
+            bands.append(RowLight(group.group.exposure_s, row_means - dark_rows))
             for k, (level, parts) in enumerate(zip(group.levels, found, strict=True)):
-                of_dark = dark.noise[k].row.value * dark.statistics.frames
+                dark_part = dark.noise[k].row.value * dark.statistics.frames
                 # The bands are those of the same frames: they leave no error behind in what is left.
                 pixel = parts.pixel.value * math.sqrt(2.0 / ((group.frames - 1) * level.pixels))
                 own = Uncertain.of(parts.pixel.value, pixel) + parts.column
                 levels.append(
-                    replace(level, variance=own.value + of_dark, variance_uncertainty=own.standard_uncertainty)
+                    replace(level, variance=own.value + dark_part, variance_uncertainty=own.standard_uncertainty)
                 )
-                fractions.append((parts.row.value - of_dark) / (level.mean - dark.statistics.levels[k].mean) ** 2)
+                fractions.append((parts.row.value - dark_part) / (level.mean - dark.statistics.levels[k].mean) ** 2)
             group = replace(group, levels=tuple(levels))
         lights.append(group)
     fraction = math.sqrt(max(float(np.median(fractions)), 0.0))

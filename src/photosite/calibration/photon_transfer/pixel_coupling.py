@@ -22,7 +22,7 @@ from photosite.values.uncertain import Measured, Uncertain
 _LAGS = [(dy, dx) for dy in range(REACH + 1) for dx in range(-REACH, REACH + 1) if dy > 0 or dx > 0]
 """Neighbors on one side: those on the other have the same products."""
 
-_MOST = 0.06
+_LARGEST_FRACTION = 0.06
 """Largest fraction that is fitted: half of the signal in all neighbors."""
 
 
@@ -99,7 +99,7 @@ def fit_coupling(
         expected = _correlations(fractions, tile, np.asarray(signal, float))
         return np.asarray(((found / variance - expected) / (error / variance)).ravel())
 
-    fit = least_squares(misfit, np.zeros(2), bounds=(-_MOST, _MOST))
+    fit = least_squares(misfit, np.zeros(2), bounds=(-_LARGEST_FRACTION, _LARGEST_FRACTION))
     spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
     side, corner = (Uncertain.of(float(value), float(u)) for value, u in zip(fit.x, spread, strict=True))
     return PixelCoupling(side, corner, seen)
@@ -115,11 +115,11 @@ def _correlations(
     middle = slice(REACH, REACH + 3)
     kernel[middle, middle] = [row, [side, 1.0 - 4.0 * (side + corner), side], row]
     sites, neighbors, lagged = tile.ravel(), _neighbors(tile.shape), kernel.ravel()[_lagged_places()]
-    of_channels = np.array([(sites == k) / np.count_nonzero(sites == k) for k in range(len(signal))])
+    site_weights = np.array([(sites == k) / np.count_nonzero(sites == k) for k in range(len(signal))])
     belongs = np.array([sites == k for k in range(len(signal))], float)
-    mixing = of_channels @ (belongs[:, neighbors] @ kernel.ravel()).T
+    mixing = site_weights @ (belongs[:, neighbors] @ kernel.ravel()).T
     charge = np.linalg.solve(mixing, signal).astype(np.float64)[sites]
-    covariance = of_channels @ (charge[neighbors] @ (kernel.ravel() * lagged).T)
+    covariance = site_weights @ (charge[neighbors] @ (kernel.ravel() * lagged).T)
     return np.asarray(covariance[:, 1:] / covariance[:, :1])
 
 

@@ -40,7 +40,7 @@ from photosite.values.uncertain import Missing, Source, Uncertain
 
 Array = NDArray[np.float64]
 
-FRACTION = (0.5, 0.6)
+SENSOR_FRACTION = (0.5, 0.6)
 """Mean and standard deviation of the sensor's fraction of the bend before the variances are seen."""
 
 OWN_BEND = 0.5
@@ -48,7 +48,7 @@ OWN_BEND = 0.5
 
 Where the variances show more, it is OWN_BEND itself: nearly free."""
 
-OWN_BY_CHANCE = (1e-3, 0.03)
+FREE_BEND_P_VALUES = (1e-3, 0.03)
 """Fraction of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
 
 LARGEST_BEND = math.log(2.0)
@@ -106,8 +106,8 @@ class ResponseCurve(Shown):
     @property
     def light_deviation_percent(self) -> tuple[Uncertain, ...]:
         """(n,) deviation of each signal that is due to the light, not in proportion to what is stated, percent."""
-        of_light = (self.light_bend(i) for i in range(len(self.signal_dn)))
-        return tuple(100.0 / part.apply(math.exp, math.exp) - 100.0 for part in of_light)
+        light_bends = (self.light_bend(i) for i in range(len(self.signal_dn)))
+        return tuple(100.0 / part.apply(math.exp, math.exp) - 100.0 for part in light_bends)
 
     def to_dict(self) -> dict[str, Any]:
         """Return signals, electrons, and deviations of sensor and light, each with its standard uncertainty."""
@@ -198,7 +198,7 @@ def fit_bent_gain(
     found = joint.fit(line, OWN_BEND * joint.largest_bend) if bent else None
     if bent or joint.may_bend():
         free = joint.fit(line, OWN_BEND)
-        if _better(free.fit, line if found is None else found.fit, OWN_BY_CHANCE[bent]):
+        if _better(free.fit, line if found is None else found.fit, FREE_BEND_P_VALUES[bent]):
             return free if bent else free.in_noise_alone()
     return found
 
@@ -290,8 +290,8 @@ class _Joint:
         at, t, y = self.at, self.t[self.at], self.y
         n, size = len(self.t), len(self.y)
         mean = np.zeros(3 + 2 * n)
-        mean[0], mean[2] = FRACTION[0], 0.5
-        prior = block_diag(np.diag([FRACTION[1] ** 2, own**2, 0.25]), self.shape_covariance)
+        mean[0], mean[2] = SENSOR_FRACTION[0], 0.5
+        prior = block_diag(np.diag([SENSOR_FRACTION[1] ** 2, own**2, 0.25]), self.shape_covariance)
         effects, gain = mean.copy(), float(line.parameters[0])
         for _ in range(_ROUNDS):
             fraction, bent, before = effects[:3]
@@ -314,8 +314,8 @@ class _Joint:
             fit = fit_linear(model[:, None], rest, sampling + spread @ design.T)
             moved = gain
             gain = float(fit.parameters[0])
-            whole = sampling + spread @ design.T + fit.extra_variance * np.eye(size)
-            solved = np.linalg.solve(whole, np.column_stack([rest - gain * model, model, spread]))
+            total = sampling + spread @ design.T + fit.extra_variance * np.eye(size)
+            solved = np.linalg.solve(total, np.column_stack([rest - gain * model, model, spread]))
             effects = mean + spread.T @ solved[:, 0]
             effects[:2] = np.clip(effects[:2], (-1.0, -0.4), (2.5, 0.4))
             effects[3:] = 0.0  # the shapes' errors are marginalized about their mean
@@ -339,14 +339,14 @@ class _Joint:
             Uncertain(float(value), dict(zip(keys, map(float, row), strict=True)))
             for value, row in zip(fraction * by_fraction + bent * by_own, loads, strict=True)
         ]
-        of_gain = (vectors[:, keep] / np.sqrt(scales[keep])).T @ (change @ with_gain)
+        gain_loads = (vectors[:, keep] / np.sqrt(scales[keep])).T @ (change @ with_gain)
         dark = effect_of_darks(self.masked, fit)
         gain_fit = GainFit(**vars(fit), dark=dark)
-        shared = float(of_gain @ of_gain)
+        shared = float(gain_loads @ gain_loads)
         own = max(float(fit.covariance[0, 0]) - dark.standard_uncertainty**2 - shared, 0.0)
         source = Source.student(fit.freedom) if math.isfinite(fit.freedom) else None
         gain = Uncertain.of(float(fit.parameters[0]), math.sqrt(own), source) + dark
-        gain += Uncertain(0.0, dict(zip(keys, map(float, of_gain), strict=True)))
+        gain += Uncertain(0.0, dict(zip(keys, map(float, gain_loads), strict=True)))
         ends = np.append(0, np.cumsum([len(each) for each in self.signals]))
         curves = tuple(
             ResponseCurve(
@@ -369,9 +369,9 @@ def _scaled(shape: ResponseShape) -> Array:
 
 def _interleaved(blocks: Sequence[Array]) -> Array:
     """Return the covariance of all bends, then all slopes, from those of (bends, slopes) of each channel."""
-    whole = block_diag(*blocks)
+    total = block_diag(*blocks)
     halves = [len(block) // 2 for block in blocks]
     starts = np.append(0, np.cumsum([2 * half for half in halves]))[:-1]
     bends = [np.arange(start, start + half) for start, half in zip(starts, halves, strict=True)]
     order = np.concatenate([*bends, *(part + half for part, half in zip(bends, halves, strict=True))])
-    return np.asarray(whole[np.ix_(order, order)])
+    return np.asarray(total[np.ix_(order, order)])

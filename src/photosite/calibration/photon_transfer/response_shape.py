@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 LEAST_LEVELS = 4
 """Different light levels that a bend needs."""
 
-BY_CHANCE = 1e-3
+BEND_P_VALUE = 1e-3
 """Fraction of straight responses under proportional light that may be analyzed as bent."""
 
 LEAST_SIGNAL = 20.0
@@ -77,7 +77,7 @@ def find_shape(levels: LightLevels, used: NDArray[np.bool_], signals: Array) -> 
     """Return the shape at some signals (n,), DN; None where signals are proportional to the stated light within noise.
 
     Levels are compared with a constant ln(x / y), and polynomials of t with it. False alarms of all these chi-square
-    tests together are `BY_CHANCE` at most.
+    tests together are `BEND_P_VALUE` at most.
     """
     variance = np.diag(levels.signal_covariance)
     take = used & levels.trusted & (levels.x > 0.0) & (levels.signal > LEAST_SIGNAL * np.sqrt(variance))
@@ -104,7 +104,7 @@ class _Points:
         orders = range(min(HIGHEST_ORDER, m - 2) + 1)
         squares = [self._chi_square(order) for order in orders]
         chances = [chdtrc(m - 1, squares[0]), *(chdtrc(k, squares[0] - squares[k]) for k in orders[1:])]
-        return bool(min(chances) * len(chances) > BY_CHANCE)
+        return bool(min(chances) * len(chances) > BEND_P_VALUE)
 
     def _chi_square(self, order: int) -> float:
         """Return chi square about the polynomial of an order."""
@@ -174,7 +174,7 @@ def _wiener_slope(a: Array, b: Array) -> Array:
     return np.asarray(low * b[None, :] - 0.5 * low**2)
 
 
-STRONG = 0.8
+TONE_EXPONENT = 0.8
 """Exponent of the signal against the light below which the response is that of a tone curve; 1 is straight."""
 
 TONE_LEAST_LEVELS, LEAST_RANGE = 3, 2.0
@@ -183,16 +183,16 @@ TONE_LEAST_LEVELS, LEAST_RANGE = 3, 2.0
 STILL_RISING = 0.98
 """Fraction of the largest signal above which flat fields may all be saturated."""
 
-QUIETER, LEAST_RISE = 6.0, 0.2
+QUIETER_SIGMA, LEAST_RISE = 6.0, 0.2
 """Standard uncertainties by which half of the flat fields are quieter than the dark frames, and relative rise of their
 signal, at which they are not saturated."""
 
-LEAST_STRAIGHT, FALLEN, RISEN = 4, 6.0, 1.1
+LEAST_STRAIGHT, FALLEN_SIGMA, RISEN_RATIO = 4, 6.0, 1.1
 """Light levels up to 70 % of the signal at the largest variance that show a bend of the response. With fewer, falling
 variances of rising signals are those of a tone curve or of soft saturation: standard uncertainties by which the
 variance falls, and ratio of the signals beyond its maximum. Sharp saturation ends at one signal."""
 
-SCATTER = 25.0
+TONE_CHI_SQUARE = 25.0
 """Chi square per degree of freedom of the variances about a line through the origin that a tone curve exceeds."""
 
 
@@ -243,7 +243,7 @@ def _exponent(levels: LightLevels) -> float | None:
     take = levels.repeated & levels.trusted & ~levels.clipped & (levels.x > 0.0) & (levels.signal > 0.0)
     if not take.any():
         return None
-    quiet = levels.shot < -QUIETER * np.sqrt(np.diag(levels.shot_covariance))
+    quiet = levels.shot < -QUIETER_SIGMA * np.sqrt(np.diag(levels.shot_covariance))
     lowest, highest = levels.signal[take].min(), levels.signal[take].max()
     rising = take & (levels.signal < STILL_RISING * highest)
     if 2 * quiet[rising].sum() <= rising.sum() or highest < (1.0 + LEAST_RISE) * lowest:
@@ -253,12 +253,12 @@ def _exponent(levels: LightLevels) -> float | None:
         return None
     log_x = np.log(x) - np.log(x).mean()
     exponent = float(log_x @ np.log(y) / (log_x @ log_x))
-    if exponent >= STRONG:
+    if exponent >= TONE_EXPONENT:
         return exponent if _falls(levels) else None
     weight = 1.0 / np.diag(levels.shot_covariance)[take]
     slope = float((weight * y) @ v / ((weight * y) @ y))
     chi_square = float(weight @ (v - slope * y) ** 2)
-    return exponent if slope <= 0.0 or chi_square > SCATTER * (len(y) - 1) else None
+    return exponent if slope <= 0.0 or chi_square > TONE_CHI_SQUARE * (len(y) - 1) else None
 
 
 def _falls(levels: LightLevels) -> bool:
@@ -267,6 +267,6 @@ def _falls(levels: LightLevels) -> bool:
     order = np.argsort(levels.signal[take])
     y, v, u = (each[take][order] for each in (levels.signal, levels.shot, np.sqrt(np.diag(levels.shot_covariance))))
     peak = int(v.argmax())
-    fallen = y[peak + 1 :][v[peak + 1 :] + FALLEN * np.hypot(u[peak + 1 :], u[peak]) < v[peak]]
+    fallen = y[peak + 1 :][v[peak + 1 :] + FALLEN_SIGMA * np.hypot(u[peak + 1 :], u[peak]) < v[peak]]
     straight = np.count_nonzero(y <= LINEAR_FRACTION * y[peak])
-    return bool(len(fallen) > 1 and fallen[-1] > RISEN * fallen[0] and straight < LEAST_STRAIGHT)
+    return bool(len(fallen) > 1 and fallen[-1] > RISEN_RATIO * fallen[0] and straight < LEAST_STRAIGHT)

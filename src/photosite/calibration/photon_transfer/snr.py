@@ -63,14 +63,14 @@ class SnrCurve(Shown):
         signal, variance = self._signal_and_variance(x)
         variance = np.where(variance > 0.0, variance, np.nan)
         snr = signal / np.sqrt(variance)
-        of_dark = -0.5 * snr / variance * self.dark_variance_dn2.standard_uncertainty
+        dark_part = -0.5 * snr / variance * self.dark_variance_dn2.standard_uncertainty
         if self.photons:
-            of_gain = -0.5 * snr / variance * signal * k.standard_uncertainty
-            of_response = snr * (1.0 - 0.5 * k.value * signal / variance) * self.response_dn.relative
+            gain_part = -0.5 * snr / variance * signal * k.standard_uncertainty
+            response_part = snr * (1.0 - 0.5 * k.value * signal / variance) * self.response_dn.relative
         else:
-            of_gain = snr * (1.0 - k.value * signal / variance) * k.relative
-            of_response = np.zeros_like(snr)
-        return snr, np.sqrt(of_dark**2 + of_gain**2 + of_response**2)
+            gain_part = snr * (1.0 - k.value * signal / variance) * k.relative
+            response_part = np.zeros_like(snr)
+        return snr, np.sqrt(dark_part**2 + gain_part**2 + response_part**2)
 
     def with_pattern(self, x: ArrayLike, dsnu_dn: float, prnu: float) -> NDArray[np.float64]:
         """Return the linear model's ratio with the fixed pattern as noise: that of the pixels of one frame.

@@ -34,7 +34,7 @@ SINGLE_DARK_FRAMES = (
     "frames (better 50) at one exposure time"
 )
 
-BY_CHANCE = 1e-3
+BEND_P_VALUE = 1e-3
 """Fraction of straight responses under proportional light whose means may count as bent."""
 
 LARGEST_BEND = 0.5
@@ -120,7 +120,7 @@ def straightening(levels: LightLevels, used: NDArray[np.bool_]) -> Value:
     covariance = levels.signal_covariance[np.ix_(take, take)]
     line, bent = (fit_linear(np.vander(unit, order, increasing=True), y, covariance) for order in (2, 3))
     chances = [chdtrc(line.degrees_of_freedom, line.chi_square), chdtrc(1, line.chi_square - bent.chi_square)]
-    if 2.0 * min(chances) > BY_CHANCE:
+    if 2.0 * min(chances) > BEND_P_VALUE:
         return Uncertain(1.0)
     _, slope, square = bent.uncertain
     if slope.value <= 0.0:
@@ -150,12 +150,12 @@ def brighter_fatter(levels: Sequence[LightLevels], used: Sequence[NDArray[np.boo
     """
     precision, weighted = 0.0, 0.0
     usual = []
-    for of_channel, take in zip(levels, used, strict=True):
-        take = take & of_channel.repeated
-        mean, variance = of_channel.signal[take], of_channel.shot[take]
+    for channel_levels, take in zip(levels, used, strict=True):
+        take = take & channel_levels.repeated
+        mean, variance = channel_levels.signal[take], channel_levels.shot[take]
         if len(np.unique(mean)) < 2:
             continue
-        sampling = of_channel.noise_uncertainty[take] ** 2
+        sampling = channel_levels.noise_uncertainty[take] ** 2
         # What c mean^2 adds to the slope of the line.
         reach = float(slope_coefficients(mean, 1.0 / sampling) @ mean**2)
         usual.append(BRIGHTER_FATTER * reach / float(mean.max()))

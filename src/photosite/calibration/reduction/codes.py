@@ -25,20 +25,20 @@ from photosite.values.diagnostic import DiagnosticKind
 Counts = NDArray[np.int64]
 """(n, 3): channel, digital number, and how often it occurs among the sampled pixels of a group."""
 
-OFTEN = 20
+FREQUENT_COUNT = 20
 """Counts of two numbers between which the others must occur. By chance a number between them is missing in fewer than
 1 of 10^8 cases (Poisson counts, a density without a dip)."""
 
 LEAST_GAPS = 8
 """Distances of numbers that a step is computed from."""
 
-STRETCHED = 1e-3
+STRETCH_TOLERANCE = 1e-3
 """Relative difference within which a gain is that between the full scales of two bit depths."""
 
-BY_CHANCE = 5e-4
+DOUBLED_P_VALUE = 5e-4
 """Fraction of clean calibrations in which doubled numbers may be reported."""
 
-SMOOTH = 0.7
+SMOOTH_FREQUENCY = 0.7
 """Frequency times standard deviation above which a density of normal noise has no amplitude (exp(-9.7))."""
 
 LEAST_NOISE_DN = 3.0
@@ -48,7 +48,7 @@ LEAST_STEP, PEAKS, ORDERS, MISFIT = 0.55, 4, 12, 0.1
 """Smallest step that is searched; peaks that it is searched from, and their orders k; largest squared misfit of the
 heights, relative."""
 
-NEAR, LEAST_TWICE, LEAST_RATIO = 15, 3, 1.5
+NEAR_NUMBERS, LEAST_TWICE, LEAST_RATIO = 15, 3, 1.5
 """Numbers on either side with which a number's counts are compared; numbers that stand for two codes, at least; and how
 much more often they must occur (2 times with a digital gain)."""
 
@@ -62,30 +62,30 @@ class Steps:
 
     Parameters
     ----------
-    of_groups
+    by_group
         (groups,) step at each group's level, in the order of the groups.
     uniform
         Whether the step is the same at all levels, as with a digital gain; else it grows, as with decoded square-root
         companding.
     """
 
-    of_groups: tuple[float, ...]
+    by_group: tuple[float, ...]
     uniform: bool = True
 
     @property
     def step(self) -> float:
         """The largest step."""
-        return max(self.of_groups)
+        return max(self.by_group)
 
     def quantization(self, group: int) -> float:
         """Return the quantization noise at a group's level, DN^2."""
-        step = self.of_groups[group]
+        step = self.by_group[group]
         again = self.uniform and step != round(step)
         return (step**2 + again) / 12.0
 
     def __str__(self) -> str:
         if not self.uniform:
-            low, high = min(self.of_groups), self.step
+            low, high = min(self.by_group), self.step
             return f"neighboring numbers are {low:.3g} DN apart at low levels and {high:.3g} DN at high ones"
         if self.step < 1.0:
             return f"some numbers stand for two codes of the converter, as after a digital gain of {self.step:.4g}"
@@ -102,7 +102,7 @@ class Steps:
         """
         for fewer in range(6, bits):
             gain = ((1 << bits) - 1) / ((1 << fewer) - 1)
-            if self.uniform and self.step != round(self.step) and abs(self.step - gain) < STRETCHED * gain:
+            if self.uniform and self.step != round(self.step) and abs(self.step - gain) < STRETCH_TOLERANCE * gain:
                 return fewer
         return None
 
@@ -160,7 +160,7 @@ def _missing(groups: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> S
     """Return the steps from gaps between numbers that occur often."""
     gaps = []
     for codes, counts in groups:
-        often = counts >= OFTEN
+        often = counts >= FREQUENT_COUNT
         gaps.append(np.diff(codes)[often[1:] & often[:-1]])
     together = np.concatenate(gaps)
     if len(together) < LEAST_GAPS or np.count_nonzero(together > 1) < 3:
@@ -194,14 +194,14 @@ def _doubled(
         codes, counts = groups[i]
         total[codes] += counts
     number = float(total.sum())
-    lowest = math.ceil(SMOOTH / min(noise_dn[i] for i in chosen) * _LENGTH)
+    lowest = math.ceil(SMOOTH_FREQUENCY / min(noise_dn[i] for i in chosen) * _LENGTH)
     power = np.abs(np.fft.rfft(total)) ** 2 / number
     if lowest >= len(power):
         return None
     places: list[float] = []
     left = power.copy()
     left[:lowest] = 0.0
-    limit = math.log(len(power) * channels / BY_CHANCE)
+    limit = math.log(len(power) * channels / DOUBLED_P_VALUE)
     while len(places) < PEAKS and left.max() > limit:
         peak = int(np.argmax(left))
         places.append(peak / _LENGTH)
@@ -225,8 +225,8 @@ def _count_ratio(counts: NDArray[np.float64], step: float) -> float:
     The offset of the codes is the one with the largest ratio. A converter with unequal steps, whose counts may have the
     same frequencies, reaches 1.2.
     """
-    usual = uniform_filter1d(counts, 2 * NEAR + 1)
-    known = np.flatnonzero(usual > OFTEN)
+    usual = uniform_filter1d(counts, 2 * NEAR_NUMBERS + 1)
+    known = np.flatnonzero(usual > FREQUENT_COUNT)
     relative = counts[known] / usual[known]
     codes = np.arange(int(known.max(initial=0) / step) + 2)
     ratios = [0.0]

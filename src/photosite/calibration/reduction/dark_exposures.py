@@ -21,10 +21,10 @@ from photosite.values.exposure import format_exposure
 LEAST_EXPOSURES = 4
 """Exposure times of repeated dark frames that show which one of them is wrong: three others lie on a line."""
 
-FAR = 10.0
+MEAN_SIGMA = 10.0
 """Deviation of a mean from the line of the others, in standard uncertainties, from which its noise is looked at."""
 
-NOISE_FAR, NOISE_NEAR = 4.0, 4.0
+NOISE_SIGMA = 4.0
 """Deviation of its variance, in standard uncertainties: from the line at the stated exposure time, at least, and at the
 exposure time that explains the mean, at most."""
 
@@ -105,7 +105,7 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
         black, slope = line.parameters
         spread = np.sqrt(u2_mean[i] + line.extra_variance + at @ line.covariance @ at)
         far = abs(mean[i] - at @ line.parameters) / spread
-        if far < FAR or slope <= FAR * np.sqrt(line.covariance[1, 1]):
+        if far < MEAN_SIGMA or slope <= MEAN_SIGMA * np.sqrt(line.covariance[1, 1]):
             continue
         shown = np.array([1.0, (mean[i] - black) / slope])
         stated_off, shown_off = (
@@ -115,6 +115,6 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
         )
         if _saturates(exposure_s, spatial, i, float(shown[1])):
             continue
-        if shown[1] > 0.0 and stated_off > NOISE_FAR and shown_off < NOISE_NEAR:
+        if shown[1] > 0.0 and stated_off > NOISE_SIGMA and shown_off < NOISE_SIGMA:
             found[far] = WrongExposure(places[i], float(exposure_s[i]), float(shown[1]))
     return found[max(found)] if found else None

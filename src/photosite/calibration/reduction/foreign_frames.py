@@ -20,32 +20,33 @@ from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, block_
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.engine.map_statistics import remove_group_means
 from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.uncertain import NORMAL_MAD
 
 Array = NDArray[np.floating]
 
-POWER = 3.0
+COMPARED_SIGMA = 3.0
 """Covariance of two patterns, in standard uncertainties, from which they are compared."""
 
-SAME = 0.3
+LEAST_COMMON_FRACTION = 0.3
 """Least fraction of the usual covariance that a pattern has with those of its chip; those of other chips have none."""
 
-SIGNIFICANCE = 8.0
+COMMON_SIGMA = 8.0
 """Usual covariance with the others, in standard uncertainties, from which its lack in a frame is no chance."""
 
-LEAST_FRAMES, MANY = 3, 200
+LEAST_FRAMES, MOST_COMPARED = 3, 200
 """Least frames that show a majority; frames that others are compared with, at most."""
 
 NOISE_FRAMES, NOISE_CHANGE, NOISE_SCATTER = 4, 0.3, 8.0
 """Least frames for the comparison of their noise; least relative difference of a variance; the same as a multiple of
 its scatter, that of the others (median absolute deviation) or of chance."""
 
-CLIPPED = 0.002
+HIGHEST_FRACTION = 0.002
 """Fraction of a frame's pixels at the highest number of all above which its noise, maybe clipped, is not compared."""
 
-HEAVY = 4.0
+LARGEST_KURTOSIS = 4.0
 """Kurtosis, 3 for normal noise, above which a channel is partly saturated by its wells and is not compared."""
 
-TAILS = 5.0
+CLIPPED_SIGMA = 5.0
 """Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
 
 
@@ -71,7 +72,7 @@ def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int6
     for places, groupings in _places(labels.tobytes(), labels.shape):
         pixels = np.take(stack, places, axis=1)
         # The second round is without the pull of the tails on the means.
-        remove_group_means(pixels, groupings, 2, TAILS * 1.4826)
+        remove_group_means(pixels, groupings, 2, CLIPPED_SIGMA * NORMAL_MAD)
         channels.append(pixels)
     return channels
 
@@ -108,7 +109,7 @@ def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None)
     if strength is None:
         strength = np.full(count, np.median(common[~np.isnan(common)]))
     pattern = np.minimum.outer(strength, strength[core])
-    compared = (pattern > POWER * uncertainty) & ~np.isnan(common)
+    compared = (pattern > COMPARED_SIGMA * uncertainty) & ~np.isnan(common)
     same = compared & (np.nan_to_num(common) > 0.5 * pattern)
     left, largest = set(range(len(core))), np.zeros(0, np.intp)
     while left:
@@ -119,7 +120,12 @@ def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None)
     alike, expected, spread = (
         np.where(inside, values[:, largest], 0.0).sum(axis=1) for values in (common, pattern, uncertainty**2)
     )
-    return [int(i) for i in np.flatnonzero((alike < SAME * expected) & (expected > SIGNIFICANCE * np.sqrt(spread)))]
+    return [
+        int(i)
+        for i in np.flatnonzero(
+            (alike < LEAST_COMMON_FRACTION * expected) & (expected > COMMON_SIGMA * np.sqrt(spread))
+        )
+    ]
 
 
 def _chance(patterns: Array, shifted: Array) -> float:
@@ -138,14 +144,14 @@ def _connected(linked: NDArray[np.bool_], start: int) -> NDArray[np.intp]:
     return np.flatnonzero(found)
 
 
-def _of_normal_channels(channels: Sequence[Array]) -> list[Array]:
+def _normal_channels(channels: Sequence[Array]) -> list[Array]:
     """Return the patterns without channels of heavy tails or without noise, and with the same spread in the others."""
     normal = []
     for pixels in channels:
         square = pixels**2
         variance = square.mean(axis=1)
         # One number that differs in 4096 gives 2e-4 DN^2; less is rounding of equal numbers.
-        if variance.min() > 1e-6 and np.median(np.mean(square**2, axis=1) / variance**2) <= HEAVY:
+        if variance.min() > 1e-6 and np.median(np.mean(square**2, axis=1) / variance**2) <= LARGEST_KURTOSIS:
             normal.append(pixels / np.float32(math.sqrt(np.median(variance))))
     return normal
 
@@ -163,8 +169,8 @@ def _noise(patterns: Array) -> Array:
 
 
 def _spread(count: int) -> NDArray[np.intp]:
-    """Return up to `MANY` places, spread evenly."""
-    return np.unique(np.linspace(0, count - 1, min(count, MANY)).round().astype(np.intp))
+    """Return up to `MOST_COMPARED` places, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_COMPARED)).round().astype(np.intp))
 
 
 FOREIGN_FRAMES = DiagnosticKind(
@@ -198,7 +204,7 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
     n = len(samples)
     if n < LEAST_FRAMES or samples[0].size < LEAST_PIXELS:
         return {}
-    normal = _of_normal_channels(fine_pattern(samples, labels))
+    normal = _normal_channels(fine_pattern(samples, labels))
     if not normal:
         return {}
     patterns, shifted = _joined(normal)
@@ -206,14 +212,16 @@ def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[n
     found = dict.fromkeys(find_foreign(patterns, shifted), reason)
     rest = np.setdiff1d(np.arange(n), list(found))
     highest = max(int(sample.max()) for sample in samples)
-    if len(rest) < NOISE_FRAMES or max(np.mean(sample == highest) for sample in samples) > CLIPPED:
+    if len(rest) < NOISE_FRAMES or max(np.mean(sample == highest) for sample in samples) > HIGHEST_FRACTION:
         return found
     variance = _noise(patterns[rest])
     usual = float(np.median(variance))
     if usual <= 0.0 or not patterns[rest].any(axis=1).all():
         return found
     change = variance / usual - 1.0
-    scatter = max(1.4826 * float(np.median(np.abs(change))), math.sqrt(2.0) * _chance(patterns[rest], shifted[rest]))
+    scatter = max(
+        NORMAL_MAD * float(np.median(np.abs(change))), math.sqrt(2.0) * _chance(patterns[rest], shifted[rest])
+    )
     limit = max(NOISE_CHANGE, NOISE_SCATTER * scatter)
     for place in np.flatnonzero(np.abs(change) > limit):
         times = float(np.sqrt(variance[place] / usual))
@@ -249,12 +257,12 @@ def find_foreign_groups(
     noise = [_group_noise(entry) for entry in darks]
     found = _foreign(darks, [entry.mean for entry in darks], noise, labels)
     subtracted: Array = np.zeros(labels.shape)
-    black, of_black = np.zeros(int(labels.max()) + 1), 0.0
+    black, black_noise = np.zeros(int(labels.max()) + 1), 0.0
     if reference is not None:
-        dark, of_black = darks[reference], noise[reference]
+        dark, black_noise = darks[reference], noise[reference]
         subtracted, black = dark.mean, np.array([level.mean for level in dark.statistics.levels])
     linear: list[int] = []
-    relative, of_relative = [], []
+    relative, relative_noise = [], []
     levels = [pooled_level(entry.statistics.levels) for entry in lights]
     repeated = [i for i, level in enumerate(levels) if level.repeated]
     peak = max((levels[i] for i in repeated), key=lambda level: level.variance, default=None)
@@ -265,8 +273,8 @@ def find_foreign_groups(
         if dim and signal.min() > 0.0 and not any(level.clipped for level in entry.statistics.levels):
             linear.append(i)
             relative.append((entry.mean - subtracted) / signal[labels])
-            of_relative.append(float(np.mean((_group_noise(entry) + of_black) / signal**2)))
-    return found, [linear[i] for i in _foreign([lights[i] for i in linear], relative, of_relative, labels)]
+            relative_noise.append(float(np.mean((_group_noise(entry) + black_noise) / signal**2)))
+    return found, [linear[i] for i in _foreign([lights[i] for i in linear], relative, relative_noise, labels)]
 
 
 def _group_noise(entry: GroupSample) -> float:

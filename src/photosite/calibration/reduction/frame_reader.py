@@ -54,12 +54,12 @@ class _Read(NamedTuple):
     sample: NDArray[np.uint16] | None = None
     identity: FrameIdentity | None = None
 
-    def whole(self) -> NDArray[np.unsignedinteger]:
+    def dn_values(self) -> NDArray[np.unsignedinteger]:
         """Return the (rows, cols) digital numbers."""
         return self.dn.read() if isinstance(self.dn, StoredRows) else self.dn
 
 
-_TOGETHER, _TOGETHER_BYTES = 12, 240 << 20
+_BATCH_FRAMES, _BATCH_BYTES = 12, 240 << 20
 """Frames added to the sums in one pass, and their memory limit."""
 
 _MOST_OPEN = 256
@@ -119,7 +119,7 @@ class FrameReader:
         self._kept_bytes = 0
         self._shape = frames.rows, frames.cols
         frame_bytes = max(2 * frames.rows * frames.cols, 1)
-        self._together = max(1, min(_TOGETHER, _TOGETHER_BYTES // frame_bytes))
+        self._batch_frames = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // frame_bytes))
         self._open = _open_files()
         threads = THREADS  # compressed frames are decoded on all cores
         self._ahead = max(2, threads, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
@@ -377,12 +377,12 @@ class FrameReader:
                 self._checkpoint.save(group, sums, first)
 
     def _batch(self, following: list[_Read], left: Iterator[_Read]) -> list[_Read]:
-        """Return the frames of the next pass: at most `_open`, of which at most `_together` are in memory."""
+        """Return the frames of the next pass: at most `_open`, of which at most `_batch_frames` are in memory."""
         batch, held = [], 0
         for read in chain(following, left):
             batch.append(read)
             held += not isinstance(read.dn, StoredRows)
-            if len(batch) == self._open or held == self._together:
+            if len(batch) == self._open or held == self._batch_frames:
                 break
         return batch
 
@@ -400,21 +400,21 @@ class FrameReader:
         Each source comes with the number of frames of its group, or 0 if it need not be sampled.
         """
         pending: deque[Future[_Read]] = deque()
-        for source, together in sources:
+        for source, group_size in sources:
             if source.thread_safe:
-                pending.append(self._threads.submit(self._checked, source, together, identify))
+                pending.append(self._threads.submit(self._checked, source, group_size, identify))
             else:
                 pending.append(Future())
-                pending[-1].set_result(self._checked(source, together, identify))
+                pending[-1].set_result(self._checked(source, group_size, identify))
             if len(pending) > self._ahead:
                 yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()
 
-    def _checked(self, source: FrameSource, together: int = 0, identify: bool = False) -> _Read:
+    def _checked(self, source: FrameSource, group_size: int = 0, identify: bool = False) -> _Read:
         stamp = file_stamp(source.path) if identify else None
         if not identify and (opened := source.open_rows()) is not None:
-            return _Read(source, opened, self._sample(opened, together))
+            return _Read(source, opened, self._sample(opened, group_size))
         dn = source.read()
         if dn.shape != self._shape or dn.dtype not in (np.uint8, np.uint16):
             raise FileError(
@@ -422,13 +422,13 @@ class FrameReader:
                 f"the frame is {dn.shape} of {dn.dtype}, but the others are {self._shape} of uint16",
                 hint="Remove it, or calibrate frames of one size",
             )
-        return _Read(source, dn, self._sample(dn, together), identity(stamp, dn) if identify else None)
+        return _Read(source, dn, self._sample(dn, group_size), identity(stamp, dn) if identify else None)
 
-    def _sample(self, dn: _Numbers, together: int) -> NDArray[np.uint16] | None:
+    def _sample(self, dn: _Numbers, group_size: int) -> NDArray[np.uint16] | None:
         """Return the sampled pixels of a frame, one of so many."""
-        if not together:
+        if not group_size:
             return None
-        rows, cols = sample_grid(self._shape, together)
+        rows, cols = sample_grid(self._shape, group_size)
         if isinstance(dn, StoredRows):
             return dn.take_rows(rows.ravel())[:, cols.ravel()]
         return dn[rows, cols].astype(np.uint16)
@@ -438,9 +438,9 @@ class FrameReader:
         digest = hashlib.sha256(sample.tobytes()).hexdigest()
         candidates = [group.frames[i] for i, other in zip(first.used, first.digests, strict=True) if other == digest]
         # Clipped frames may repeat; any other two differ by their noise.
-        if candidates and self._clipped_fraction(dn := read.whole(), group) <= 0.5:
+        if candidates and self._clipped_fraction(dn := read.dn_values(), group) <= 0.5:
             for candidate in candidates:
-                if np.array_equal(self._checked(candidate).whole(), dn):
+                if np.array_equal(self._checked(candidate).dn_values(), dn):
                     return candidate.name
         first.digests.append(digest)
         return None

@@ -26,11 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.uncertain import NORMAL_MAD
 
 T = TypeVar("T", bound=np.generic)
 
-SIDE, FEWER, MANY = 64, 24, 4096
-"""Pixels along each side of the grid; the smaller number for groups of more than `MANY` frames, to limit memory."""
+SIDE, SMALL_SIDE, LARGE_GROUP = 64, 24, 4096
+"""Pixels along each side of the grid; fewer for groups of more than `LARGE_GROUP` frames, to limit memory."""
 
 BLOCKS, LEAST_BLOCK = 8, 4
 """Blocks along each side, and least pixels along the side of a block: small frames have fewer blocks."""
@@ -45,11 +46,11 @@ LEVEL_NOISE, BLOCK_NOISE, MEAN_NOISE = 6.0, 3.0, 6.0
 """Tolerated deviation of a frame and of a block, in units of a pixel's temporal noise (black level drift, row noise);
 and of a block, in units of the noise of its mean."""
 
-NOISIER, NOISE_FRACTION = 3.0, 0.1
+NOISE_RATIO, NOISE_FRACTION = 3.0, 0.1
 """Tolerated noise, in units of that of the other frames, and as a fraction of the signal: near saturation, clipped
 frames have less noise than others."""
 
-LEVEL_SCATTER, BLOCK_SCATTER, MOST = 6.0, 4.0, 2.0
+LEVEL_SCATTER, BLOCK_SCATTER, LARGEST_LIMIT = 6.0, 4.0, 2.0
 """Scatter of the group that the limits follow, as multiples, and the largest limit."""
 
 LEAST_NOISE_DN = 0.5
@@ -61,11 +62,8 @@ NEAR_COPY = 1 / 512
 LEAST_COMPARED, LEAST_NUMBERS = 1024, 3
 """Least sampled pixels, and different numbers in the middle 80 % of them, at which copies are looked for."""
 
-PARTS = 64
+SAMPLE_PARTS = 64
 """Parts of a sample, of which a copy has most in common with its original."""
-
-_NORMAL = 1.4826
-"""Standard deviation over median absolute deviation of a normal distribution."""
 
 
 OUTLIER_FRAME = DiagnosticKind(
@@ -100,7 +98,7 @@ def sample_grid(shape: tuple[int, int], frames: int) -> tuple[NDArray[np.int64],
 
     There are odd and even ones, so that all CFA sites are sampled.
     """
-    most = SIDE if frames <= MANY else FEWER
+    most = SIDE if frames <= LARGE_GROUP else SMALL_SIDE
     index = np.arange(most)
     rows, cols = (
         np.arange(length) if length <= most else np.minimum(2 * (index * length // (2 * most)) + index % 2, length - 1)
@@ -148,9 +146,9 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
     rest = off - np.median(off, axis=(1, 2), keepdims=True) * weight
     allowed = (BLOCK_NOISE + MEAN_NOISE / np.sqrt(_block_sizes(pattern.shape))) * noise
     block_score = np.abs(rest / (SIGNAL_FRACTION * local + allowed)).max(axis=(1, 2))
-    noise_score = spread / (NOISIER * float(np.median(spread)) + NOISE_FRACTION * signal + LEAST_NOISE_DN)
+    noise_score = spread / (NOISE_RATIO * float(np.median(spread)) + NOISE_FRACTION * signal + LEAST_NOISE_DN)
 
-    level_limit = _limit(LEVEL_SCATTER * _NORMAL * float(np.median(level_score)), n)
+    level_limit = _limit(LEVEL_SCATTER * NORMAL_MAD * float(np.median(level_score)), n)
     block_limit = _limit(BLOCK_SCATTER * float(np.median(block_score)), n)
     found = {}
     for i in range(n):
@@ -194,10 +192,10 @@ def find_near_copies(samples: Sequence[NDArray[np.uint16]]) -> dict[int, tuple[i
         return {}
     found: dict[int, tuple[int, int]] = {}
     earliest: dict[tuple[int, bytes], int] = {}
-    borders = [stack.shape[1] * k // PARTS * stack.itemsize for k in range(PARTS + 1)]
+    borders = [stack.shape[1] * k // SAMPLE_PARTS * stack.itemsize for k in range(SAMPLE_PARTS + 1)]
     for i, pixels in enumerate(stack):
         content = pixels.tobytes()
-        parts = [(k, content[borders[k] : borders[k + 1]]) for k in range(PARTS)]
+        parts = [(k, content[borders[k] : borders[k + 1]]) for k in range(SAMPLE_PARTS)]
         (original, _), *_ = Counter([earliest.setdefault(part, i) for part in parts]).most_common(1)
         if original == i:
             continue
@@ -209,7 +207,7 @@ def find_near_copies(samples: Sequence[NDArray[np.uint16]]) -> dict[int, tuple[i
 
 def _limit(scatter: float, frames: int) -> float:
     """Return the limit of a score. Two frames show no scatter: the deviation of each is half of their difference."""
-    return 1.0 if frames == 2 else min(max(scatter, 1.0), MOST)
+    return 1.0 if frames == 2 else min(max(scatter, 1.0), LARGEST_LIMIT)
 
 
 def _block_starts(length: int) -> NDArray[np.int64]:
@@ -252,4 +250,4 @@ def _over_blocks(blocks: NDArray[T], shape: tuple[int, ...]) -> NDArray[T]:
 def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (frames,) robust standard deviations of pixels within their blocks."""
     within = np.abs(deviation - _over_blocks(blocks, deviation.shape[-2:]))
-    return np.asarray(_NORMAL * np.median(within.reshape(len(within), -1), axis=1, overwrite_input=True))
+    return np.asarray(NORMAL_MAD * np.median(within.reshape(len(within), -1), axis=1, overwrite_input=True))

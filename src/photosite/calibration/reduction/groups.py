@@ -25,7 +25,7 @@ CLIPPED_DARK_FRACTION = 0.005
 
 At this fraction the read noise is 0.5 % low. Below it, the possible effect of clipping widens the uncertainty."""
 
-_BEYOND_CHANCE = 4.0
+_SPREAD_SIGMA = 4.0
 """Standard uncertainties from which noise that differs between pixels is taken into account."""
 
 
@@ -55,10 +55,10 @@ def _spread_beyond_chance(totals: LabelTotals) -> float:
     Normal noise of variance s_i with f degrees of freedom gives measured variances with the mean square <s_i^2> (1 +
     2 / f), of which 2 / f is sampling. Their variance V has the relative uncertainty sqrt((2 + 12 / f) / pixels).
     """
-    whole, freedom = totals.variance_spread, totals.frames - 1
-    beyond = whole - 2.0 * (whole + totals.pixel_variance**2) / (freedom + 2.0)
-    chance = whole * math.sqrt((2.0 + 12.0 / freedom) / totals.pixels)
-    return beyond if beyond > _BEYOND_CHANCE * chance else 0.0
+    total, freedom = totals.variance_spread, totals.frames - 1
+    beyond = total - 2.0 * (total + totals.pixel_variance**2) / (freedom + 2.0)
+    chance = total * math.sqrt((2.0 + 12.0 / freedom) / totals.pixels)
+    return beyond if beyond > _SPREAD_SIGMA * chance else 0.0
 
 
 @dataclass(frozen=True)
@@ -125,15 +125,15 @@ class Level:
         """Return the level with the uncertainties from rounding."""
         spatial = self.spatial_variance - self.variance / self.frames
         square = self.step**2
-        of_mean, of_variance, of_pixel = rounding_uncertainty(
+        mean_error, variance_error, pixel_error = rounding_uncertainty(
             self.variance / square, self.variance_uncertainty / square, spatial / square
         )
         again = second_rounding(self.step, self.variance)
         return replace(
             self,
-            rounding_mean=math.hypot(self.step * of_mean, again[0]),
-            rounding_pixel=self.step * of_pixel,
-            rounding_variance=math.hypot(square * of_variance, again[1] * self.variance, again[2]),
+            rounding_mean=math.hypot(self.step * mean_error, again[0]),
+            rounding_pixel=self.step * pixel_error,
+            rounding_variance=math.hypot(square * variance_error, again[1] * self.variance, again[2]),
         )
 
     @property
@@ -156,11 +156,11 @@ class Level:
 
     def widened(self, uncertainty: float, source: Source) -> Level:
         """Return the level with a part added to the uncertainty of its variance, DN^2."""
-        whole = math.hypot(self.variance_uncertainty, uncertainty)
-        if not whole > 0.0:
+        total = math.hypot(self.variance_uncertainty, uncertainty)
+        if not total > 0.0:
             return self
-        sources = {each: part * (self.variance_uncertainty / whole) ** 2 for each, part in self.sources.items()}
-        return replace(self, variance_uncertainty=whole, sources={**sources, source: (uncertainty / whole) ** 2})
+        sources = {each: part * (self.variance_uncertainty / total) ** 2 for each, part in self.sources.items()}
+        return replace(self, variance_uncertainty=total, sources={**sources, source: (uncertainty / total) ** 2})
 
     @property
     def clipping_uncertainty(self) -> float:
@@ -207,14 +207,14 @@ def pooled_level(levels: Sequence[Level]) -> Level:
         return math.hypot(*(fraction * getattr(level, name) for fraction, level in fractions))
 
     noise = combined([level.noise for _, level in fractions], [fraction for fraction, _ in fractions])
-    whole = noise.standard_uncertainty
-    sources = {source: (part / whole) ** 2 for source, part in noise.parts.items() if whole > 0.0}
+    total = noise.standard_uncertainty
+    sources = {source: (part / total) ** 2 for source, part in noise.parts.items() if total > 0.0}
     means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift", "quantization")
     return Level(
         pixels=pixels,
         frames=levels[0].frames,
         mean_variance=mean("mean_variance", 2),
-        variance_uncertainty=whole,
+        variance_uncertainty=total,
         sources=sources,
         step=max(level.step for level in levels),
         **{name: mean(name) for name in (*means, "rounding_mean", "rounding_variance", "rounding_pixel")},

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from photosite.values.uncertain import Uncertain
 
-QUIET = 2.0
+NEGLIGIBLE_FROM = 2.0
 """Variance before rounding, DN^2, above which the sums are below 1e-16."""
 
-NEAR = 0.005
+GRID_TOLERANCE = 0.005
 """Tolerance, DN^2, within which a variance before rounding explains a measured one: the step of the grid."""
 
 _TERMS = 60
@@ -91,8 +91,8 @@ def second_rounding(step: float, variance: float) -> tuple[float, float, float]:
     f = np.abs(k - np.rint(k * step) / step)
     left = np.exp(-2.0 * math.pi**2 * f**2 * max(0.0, variance))  # 0 for NaN, the variance of one frame
     root = math.sqrt(2.0)
-    of_mean, relative = (float(np.linalg.norm(terms)) / root for terms in (left / (math.pi * k), 4.0 * f / k * left))
-    return of_mean, relative, float((left / (math.pi * k) ** 2).sum()) / root
+    mean_error, relative = (float(np.linalg.norm(terms)) / root for terms in (left / (math.pi * k), 4.0 * f / k * left))
+    return mean_error, relative, float((left / (math.pi * k) ** 2).sum()) / root
 
 
 def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: float) -> tuple[float, float, float]:
@@ -104,24 +104,24 @@ def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: 
 
     Examples
     --------
-    >>> of_mean, of_variance, of_pixel = rounding_uncertainty(0.5**2 + 1 / 12, 1e-4, 0.04)
-    >>> round(of_mean, 4), round(of_variance, 4), round(of_pixel, 4)
+    >>> mean_error, variance_error, pixel_error = rounding_uncertainty(0.5**2 + 1 / 12, 1e-4, 0.04)
+    >>> round(mean_error, 4), round(variance_error, 4), round(pixel_error, 4)
     (0.0008, 0.0028, 0.0018)
     >>> rounding_uncertainty(4.0, 0.01, 0.0)
     (0.0, 0.0, 0.0)
     """
     analog = variance - 1.0 / 12.0
-    if not analog < QUIET:  # includes NaN, the variance of one frame
+    if not analog < NEGLIGIBLE_FROM:  # includes NaN, the variance of one frame
         return 0.0, 0.0, 0.0
     left = remaining_fraction(spatial_variance)
-    before, of_mean, of_variance = _grid()
-    apart = np.abs(before + left * of_variance - analog)
-    possible = apart <= max(NEAR + 2.0 * uncertainty, float(apart.min()))
-    mean, wide = (float(np.abs(of[possible]).max()) / math.sqrt(2.0) for of in (of_mean, of_variance))
+    before, mean_error, variance_error = _grid()
+    apart = np.abs(before + left * variance_error - analog)
+    possible = apart <= max(GRID_TOLERANCE + 2.0 * uncertainty, float(apart.min()))
+    mean, wide = (float(np.abs(of[possible]).max()) / math.sqrt(2.0) for of in (mean_error, variance_error))
     return left * mean, left * wide, mean
 
 
-def with_rounding(variance: Uncertain, of_pixels: float) -> Uncertain:
+def with_rounding(variance: Uncertain, pixel_error: float) -> Uncertain:
     """Return a variance over pixels, DN^2, with the uncertainty from rounding, given that of a pixel's mean, DN.
 
     The errors of the pixels may be correlated with their means. By the Cauchy-Schwarz inequality they change the
@@ -134,10 +134,10 @@ def with_rounding(variance: Uncertain, of_pixels: float) -> Uncertain:
     0.00051
     """
     spread = math.sqrt(max(variance.value, 0.0))
-    return variance + Uncertain.of(0.0, (2.0 * spread + of_pixels) * of_pixels / math.sqrt(2.0))
+    return variance + Uncertain.of(0.0, (2.0 * spread + pixel_error) * pixel_error / math.sqrt(2.0))
 
 
-def differing_fraction(means: NDArray[np.float64], of_pixels: float) -> float:
+def differing_fraction(means: NDArray[np.float64], pixel_error: float) -> float:
     """Return the largest difference of the rounding errors of levels, relative to the largest possible one.
 
     The error is nearly a sine of the mean with a period of 1 DN, and equal for equal means.
@@ -148,4 +148,4 @@ def differing_fraction(means: NDArray[np.float64], of_pixels: float) -> float:
     >>> round(differing_fraction(near, 0.0018), 3), differing_fraction(far, 0.0018)
     (0.047, 1.0)
     """
-    return min(math.pi * (float(np.ptp(means)) + 2.0 * math.sqrt(2.0) * of_pixels), 1.0)
+    return min(math.pi * (float(np.ptp(means)) + 2.0 * math.sqrt(2.0) * pixel_error), 1.0)

@@ -245,7 +245,7 @@ def _with_steps(
     for k, found in enumerate(steps):
         if found is None or levels[k].high_fraction > CLIPPED_FRACTION:
             continue
-        level = replace(levels[k], step=found.of_groups[index], quantization=found.quantization(index)).with_rounding()
+        level = replace(levels[k], step=found.by_group[index], quantization=found.quantization(index)).with_rounding()
         if not found.uniform:
             # Decoded numbers are rounded each by itself, which displaces them by sqrt(1/12) DN, and so bends the
             # response over the few numbers within a standard deviation.

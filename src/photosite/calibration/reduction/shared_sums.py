@@ -86,18 +86,18 @@ class SharedSums:
 
     def _take_group(self) -> None:
         place = self._parts[self._taken][0]
-        merged, whole = next(self._completed)
+        merged, first_pass = next(self._completed)
         self._taken += 1
         while self._taken < len(self._parts) and self._parts[self._taken][0] == place:
             sums, first = next(self._completed)
             self._taken += 1
             merged = merged.merge(sums)
-            whole = FirstPass(
+            first_pass = FirstPass(
                 read=first.read,
-                used=whole.used + first.used,
-                digests=whole.digests + first.digests,
-                rejected=whole.rejected + first.rejected,
-                samples=whole.samples + first.samples,
+                used=first_pass.used + first.used,
+                digests=first_pass.digests + first.digests,
+                rejected=first_pass.rejected + first.rejected,
+                samples=first_pass.samples + first.samples,
             )
-        several = len(set(whole.digests)) < len(whole.digests)
-        self._found[place] = (None, None) if several else (merged, whole)
+        several = len(set(first_pass.digests)) < len(first_pass.digests)
+        self._found[place] = (None, None) if several else (merged, first_pass)

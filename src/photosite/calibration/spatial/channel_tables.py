@@ -38,17 +38,17 @@ def measured_channels(
     >>> measured_channels(alternating, None, (), Uncertain(0.5)).tables()[0].tolist()
     [[1.01, 0.99]]
     """
-    if light is not None and (light.of_mosaic() or not light.by_lines):
+    if light is not None and (light.is_mosaic() or not light.by_lines):
         light = None
     if dark is not None and not dark.by_lines:
         dark = None
     if (light is None and dark is None) == (not taps):
         return None
     if not taps:
-        gains = None if light is None else _table(light.of_channels, light.uncertainty, _FROM_FLATS)
+        gains = None if light is None else _table(light.channel_table, light.uncertainty, _FROM_FLATS)
         offsets = None
         if dark is not None and isinstance(gain, Uncertain):
-            offsets = _table(dark.of_channels / gain.value, dark.uncertainty / gain.value, _FROM_DARKS)
+            offsets = _table(dark.channel_table / gain.value, dark.uncertainty / gain.value, _FROM_DARKS)
         return _of(gains, offsets, "tile")
     gains = offsets = None
     for found in taps:

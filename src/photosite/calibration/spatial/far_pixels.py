@@ -14,7 +14,7 @@ from photosite.engine.site_planes import far_sums, spaced_values
 
 _Array = NDArray[np.float64]
 
-_FAR = 8.0
+_FAR_SIGMA = 8.0
 """Distance from the median in standard deviations by the quartiles: 1 of 10^15 pixels of a normal distribution."""
 _FRACTION = 0.2
 _QUARTILE = 0.6745
@@ -70,7 +70,7 @@ def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -
     (100, 0.9)
     """
     sites = list(np.ndindex(tile[0], tile[1]))
-    rows, cols = (length // of_tile for length, of_tile in zip(values.shape, tile, strict=True))
+    rows, cols = (length // period for length, period in zip(values.shape, tile, strict=True))
     step = max(rows * cols // _SAMPLES, 1)
     while math.gcd(step, cols) > 1:  # else the same columns would be sampled in all rows
         step -= 1
@@ -81,6 +81,6 @@ def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -
 
     with ThreadPoolExecutor(min(len(sites), THREADS)) as threads:
         low, middle, high = np.array(list(threads.map(quartiles, sites))).T.reshape(3, tile[0], tile[1])
-    limit = (_FAR * 0.5 * (high - low) / _QUARTILE) ** 2
-    count, far, whole = far_sums(values, np.ascontiguousarray(middle), limit)
-    return FarPixels(what, count, far / whole) if far > _FRACTION * whole else None
+    limit = (_FAR_SIGMA * 0.5 * (high - low) / _QUARTILE) ** 2
+    count, far, total = far_sums(values, np.ascontiguousarray(middle), limit)
+    return FarPixels(what, count, far / total) if far > _FRACTION * total else None

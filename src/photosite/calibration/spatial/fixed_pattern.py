@@ -99,7 +99,7 @@ class FixedPattern:
     slope_contrast: Uncertain = STRAIGHT
     half_contrast: Uncertain = STRAIGHT
 
-    def of_electrons(self) -> FixedPattern:
+    def in_electrons(self) -> FixedPattern:
         """Return the pattern with the nonuniformity of the electrons in place of that of the signal."""
         squares = self.slope_contrast * self.slope_contrast, self.half_contrast * self.half_contrast
         light = (self.prnu1288, self.prnu1288_unfiltered)
@@ -176,7 +176,7 @@ def plan_slopes(
         uncertainty[single] = (gain.standard_uncertainty * levels.signal[used])[single]
     frames = np.array([level.frames for level in chosen])
     if charge is not None:
-        more = charge.of_mean(frames.astype(np.float64))
+        more = charge.mean_factors(frames.astype(np.float64))
         variance, uncertainty = more * variance, more * uncertainty
     coefficients = slope_coefficients(levels.x[used], frames / variance)
     return SlopePlan(
@@ -296,7 +296,7 @@ def measure_fixed_pattern(
         for k, (pattern, spread) in enumerate(zip(darks, spreads, strict=True))
     ]
     structure = flats.structure
-    if structure is not None and structure.of_mosaic():
+    if structure is not None and structure.is_mosaic():
         result = [entry.withheld(UNSTATED_MOSAIC.missing(f"{structure}; state it")) for entry in result]
     far += _found([find_far_pixels("PRNU", flats.slopes.slopes, reader.tile.shape)])
     return FixedPatterns(tuple(result), structure, offsets, taps + flats.taps, far)
@@ -354,7 +354,7 @@ def _with_shared_noise(inputs: _Inputs, flat: GroupMean) -> GroupMean:
         flat = replace(flat, noise=[parts.with_bands() for parts in flat.noise])
     if inputs.charge is not None:
         frames = np.array([float(flat.statistics.frames)])
-        more = [float(entry.of_mean(frames)[0]) for entry in inputs.charge]
+        more = [float(entry.mean_factors(frames)[0]) for entry in inputs.charge]
         flat = replace(flat, noise=[parts.scaled(m) for parts, m in zip(flat.noise, more, strict=True)])
     return flat
 

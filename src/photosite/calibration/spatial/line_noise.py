@@ -113,14 +113,14 @@ def temporal_components(levels: Sequence[Level], lines: LineSums, tile: NDArray[
     """
     row_sums, column_sums = lines
     tile_rows, tile_cols = tile.shape
-    of_rows, of_columns = ([Source() for _ in range(length)] for length in tile.shape)
+    row_sources, column_sources = ([Source() for _ in range(length)] for length in tile.shape)
     result = []
     for channel, level in enumerate(levels):
-        whole, found = Uncertain.of(level.variance, level.variance_uncertainty), []
+        pixel_variance, found = Uncertain.of(level.variance, level.variance_uncertainty), []
         for r, c in np.argwhere(tile == channel):
             rows, columns = row_sums[:, r::tile_rows, c], column_sums[:, r, c::tile_cols]
             means = rows / columns.shape[1], columns / rows.shape[1]
-            found.append(_plane_components(whole, *means, (of_rows[r], of_columns[c])))
+            found.append(_plane_components(pixel_variance, *means, (row_sources[r], column_sources[c])))
         result.append(pool_temporal(found, [1.0] * len(found)))
     return result
 
@@ -132,12 +132,15 @@ def pool_temporal(parts: Sequence[TemporalComponents], weights: Sequence[float])
 
 
 def _plane_components(
-    whole: Uncertain, row_means: NDArray[np.float64], column_means: NDArray[np.float64], shared: tuple[Source, Source]
+    pixel_variance: Uncertain,
+    row_means: NDArray[np.float64],
+    column_means: NDArray[np.float64],
+    shared: tuple[Source, Source],
 ) -> TemporalComponents:
     """Split the variance of a plane; `shared` are the sources of its rows and columns. One line counts as pixels."""
     rows, cols = row_means.shape[1], column_means.shape[1]
     if min(rows, cols) < 2:
-        return TemporalComponents(whole, Uncertain(0.0), Uncertain(0.0))
+        return TemporalComponents(pixel_variance, Uncertain(0.0), Uncertain(0.0))
     # Unknowns: pixel, row, column. The frame mean removes a fraction of the row and column noise from the residuals.
     pixels = rows * cols
     equations = np.array(
@@ -149,9 +152,9 @@ def _plane_components(
     )
     solution = np.linalg.inv(equations)
     measured = [_residual_variance(means) for means in (row_means, column_means)]
-    _, *of_lines = solution @ [whole.value, *(variance for variance, _ in measured)]
-    inputs = [whole]
-    for (variance, freedom), line, source in zip(measured, of_lines, shared, strict=True):
+    _, *line_variances = solution @ [pixel_variance.value, *(variance for variance, _ in measured)]
+    inputs = [pixel_variance]
+    for (variance, freedom), line, source in zip(measured, line_variances, shared, strict=True):
         common, relative = min(max(float(line), 0.0), variance), math.sqrt(2.0 / freedom)
         own = relative * math.sqrt(variance**2 - common**2)
         inputs.append(Uncertain(variance, {source: relative * common, Source(): own}))

@@ -16,7 +16,7 @@ from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread
 from photosite.calibration.withheld import SMALL_FRAMES
 from photosite.engine.site_planes import MARGIN, PlaneMoments, high_passed_planes, plane_moments, plane_shape
-from photosite.values.uncertain import Missing, Source, Uncertain, Value, weighted_mean
+from photosite.values.uncertain import SIGMA_1_IN_1000, Missing, Source, Uncertain, Value, weighted_mean
 
 Array = NDArray[np.float64]
 
@@ -169,9 +169,9 @@ class VarianceComponents:
         """Return all parts multiplied by a factor."""
         return VarianceComponents(*(part * factor for part in self.values))
 
-    def with_rounding(self, of_pixels: float) -> VarianceComponents:
+    def with_rounding(self, pixel_error: float) -> VarianceComponents:
         """Return all parts with the uncertainty from rounding (`quantization.with_rounding`)."""
-        return VarianceComponents(*(with_rounding(part, of_pixels) for part in self.values))
+        return VarianceComponents(*(with_rounding(part, pixel_error) for part in self.values))
 
     @property
     def values(self) -> tuple[Uncertain, ...]:
@@ -268,11 +268,11 @@ def _site_components(moments: PlaneMoments, noise: TemporalComponents, *, filter
     fraction = (_Fractions.filtered if filtered else _Fractions.plain)(rows, cols)
     sampling = max(fourth - square**2, 0.0) / (rows * cols)  # rounding, on constant planes
     left = fraction.pixel - fraction.column_mean - fraction.row_mean + fraction.mean
-    of_pixels = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
+    pixel_variance = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
 
     def line_variance(means: NDArray[np.float64], from_pixels: float, lost: float) -> Uncertain:
         found = float((means**2).mean())
-        pixels = of_pixels * (from_pixels - fraction.mean)
+        pixels = pixel_variance * (from_pixels - fraction.mean)
         # The variance of few means scatters strongly. Without a pattern, the value expected from the pixels alone gives
         # the better uncertainty.
         expected = max(found, pixels.value)
@@ -283,8 +283,8 @@ def _site_components(moments: PlaneMoments, noise: TemporalComponents, *, filter
 
     column = line_variance(columns, fraction.column_mean, fraction.columns_mean) - noise.column
     row = line_variance(lines, fraction.row_mean, fraction.rows_mean) - noise.row
-    alone = of_pixels - noise.pixel
-    return VarianceComponents(total=alone + column + row, row=row, column=column, pixel=alone)
+    pixel = pixel_variance - noise.pixel
+    return VarianceComponents(total=pixel + column + row, row=row, column=column, pixel=pixel)
 
 
 def without_neighbors(
@@ -337,11 +337,8 @@ def channel_components(
     return pool_components(parts, [float(rows * cols) for rows, cols in shapes])
 
 
-FRACTION = 0.1
+SHADING_FRACTION = 0.1
 """Shading, as a fraction of PRNU, above which a warning is given."""
-
-SIGNIFICANCE = 3.29
-"""Standard uncertainties of its variance below which shading is chance: fewer than 1 in 1000."""
 
 
 def shading_variance(slopes: MapPlanes, channel: int, spread: SlopeSpread, noise: Uncertain, response: float) -> Value:
@@ -365,12 +362,12 @@ def shading_variance(slopes: MapPlanes, channel: int, spread: SlopeSpread, noise
     if isinstance(parts, Missing):
         return parts
     left = spread.variance.value - parts.total.value
-    lengths = (length // of_tile for length, of_tile in zip(slopes.values.shape, slopes.tile.shape, strict=True))
+    lengths = (length // period for length, period in zip(slopes.values.shape, slopes.tile.shape, strict=True))
     samples = spread.pixels, *lengths
     fine = parts.pixel.value + noise.value, parts.row.value, parts.column.value
     by_chance = sum(max(variance, 0.0) / count for variance, count in zip(fine, samples, strict=True))
-    together = 2.0 * math.sqrt(max(left, 0.0) * by_chance)
-    uncertainty = math.hypot(parts.total.standard_uncertainty, together)
+    chance_part = 2.0 * math.sqrt(max(left, 0.0) * by_chance)
+    uncertainty = math.hypot(parts.total.standard_uncertainty, chance_part)
     return Uncertain.of(left / response**2, uncertainty / response**2)
 
 
@@ -378,4 +375,4 @@ def is_large(shading: Value, prnu: Value) -> bool:
     """Return whether shading is beyond chance, and more than a tenth of PRNU; both are variances."""
     if isinstance(shading, Missing) or isinstance(prnu, Missing):
         return False
-    return shading.value > max(SIGNIFICANCE * shading.standard_uncertainty, FRACTION**2 * prnu.value)
+    return shading.value > max(SIGMA_1_IN_1000 * shading.standard_uncertainty, SHADING_FRACTION**2 * prnu.value)

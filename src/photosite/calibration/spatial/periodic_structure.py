@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 
 from photosite.values.cfa import NAMED, channel_names
 from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.uncertain import NORMAL_MAD
 
 Array = NDArray[np.float64]
 
@@ -23,9 +24,6 @@ CELL = 12
 
 LEAST_CELLS = 16
 """Cells below which a frame is too small to show a period."""
-
-_NORMAL_DEVIATION = 1.4826
-"""Standard deviation over the median deviation, of normal noise."""
 
 MOST_CELLS = 64
 """Cells along each side of the frame that are compared, evenly spaced."""
@@ -52,7 +50,7 @@ LEAST_DARK_OFFSET = 0.1
 """Difference between places of a period in dark frames, in standard deviations of their pixels, below which nothing is
 reported."""
 
-BY_CHANCE = 1e-4
+PERIOD_P_VALUE = 1e-4
 """Fraction of mean frames without a period in which one of the places may deviate beyond chance."""
 
 
@@ -116,12 +114,12 @@ class PeriodicStructure:
                 return name
         return ""
 
-    def of_mosaic(self) -> bool:
+    def is_mosaic(self) -> bool:
         """Return whether the structure is that of a mosaic whose channels are not stated, or not as they are."""
         return self.difference > (FILTER_FRACTION if self.by_lines else MOSAIC_FRACTION)
 
     @property
-    def of_channels(self) -> NDArray[np.float64]:
+    def channel_table(self) -> NDArray[np.float64]:
         """The values as a table of readout channels: one row where only columns differ, one column where only rows."""
         axis = {"columns": 0, "rows": 1}.get(self.by_lines)
         return self.relative if axis is None else self.relative.mean(axis=axis, keepdims=True)
@@ -134,13 +132,13 @@ class PeriodicStructure:
                 f"difference"
             )
         percent = f"{100.0 * self.difference:.2g} %"
-        if not self.of_mosaic() and not self.separable:
+        if not self.is_mosaic() and not self.separable:
             return (
                 f"the pixels of one color differ by {percent} in the flat fields, with a period of {self.period} "
                 f"pixels, as with readout channels of alternating rows or columns, or with light from neighbors of "
                 f"other colors: this mosaic does not tell which; PRNU includes this difference"
             )
-        if not self.of_mosaic():
+        if not self.is_mosaic():
             filters = " or a striped color filter array that is not stated" * (self.difference > MOSAIC_FRACTION)
             return (
                 f"the flat fields differ by {percent} with a period of {self.period} {self.by_lines or 'pixels'}, "
@@ -192,7 +190,7 @@ def _fold(places: NDArray[np.float64], period: int) -> NDArray[np.float64]:
     return np.asarray(places.reshape(-1, folds, period, folds, period).mean(axis=(1, 3)))
 
 
-_OF_MEDIAN = math.pi / 2.0
+_MEDIAN_VARIANCE = math.pi / 2.0
 """Variance of a median over that of a mean, for normal noise."""
 
 
@@ -205,12 +203,12 @@ def _line_uncertainty(across: Array, along: Array, period: int, lines: str) -> f
     axis = -2 if lines == "columns" else -1
     variances = []
     for blocks in (across, along):
-        of_lines = _fold(blocks, period).mean(axis=axis)
-        of_lines = of_lines - of_lines.mean(axis=-1, keepdims=True)
-        variances.append(float(of_lines.var(axis=0, ddof=1).mean()) / len(blocks))
-    whole, of_pixels = variances
+        line_means = _fold(blocks, period).mean(axis=axis)
+        line_means = line_means - line_means.mean(axis=-1, keepdims=True)
+        variances.append(float(line_means.var(axis=0, ddof=1).mean()) / len(blocks))
+    whole, pixel_part = variances
     # The median over the cells is a mean of medians for the noise of pixels, and a median for the patterns of lines.
-    return math.sqrt(of_pixels + _OF_MEDIAN * max(whole - of_pixels, 0.0))
+    return math.sqrt(pixel_part + _MEDIAN_VARIANCE * max(whole - pixel_part, 0.0))
 
 
 def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
@@ -221,8 +219,8 @@ def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
     """
     variance = [_fold(places, period).var(axis=0, ddof=1).mean() / len(places) for places in blocks]
     freedom = period * (min(len(places) for places in blocks) - 1)
-    uncertainty = math.sqrt(_OF_MEDIAN * sum(variance))
-    return uncertainty * -float(stdtrit(freedom, BY_CHANCE / (2.0 * period**2)))
+    uncertainty = math.sqrt(_MEDIAN_VARIANCE * sum(variance))
+    return uncertainty * -float(stdtrit(freedom, PERIOD_P_VALUE / (2.0 * period**2)))
 
 
 def periodic_structure(
@@ -262,7 +260,7 @@ def periodic_offsets(dark: NDArray[np.float64]) -> PeriodicStructure | None:
     >>> periodic_offsets(dark) is None
     True
     >>> dark[:, ::2] += 2.0
-    >>> periodic_offsets(dark).of_channels.round(1).tolist()
+    >>> periodic_offsets(dark).channel_table.round(1).tolist()
     [[1.0, -1.0]]
     """
     return _periodic(dark, np.zeros((1, 1), np.int64))
@@ -315,7 +313,7 @@ def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = N
 
 def _least_offset(cells: Array, level: Array) -> float:
     """Return the difference between places of a dark frame below which nothing is reported."""
-    return LEAST_DARK_OFFSET * _NORMAL_DEVIATION * float(np.median(np.abs(cells - level[..., None, None])))
+    return LEAST_DARK_OFFSET * NORMAL_MAD * float(np.median(np.abs(cells - level[..., None, None])))
 
 
 def _cells(mean: Array) -> Array:
@@ -382,7 +380,7 @@ def _with_lines(found: PeriodicStructure, cells: Array, labels: NDArray[np.int64
     return replace(found, relative=_fold(relative, found.period)[0], uncertainty=uncertainty)
 
 
-TAPS_BY_CHANCE = 1e-4
+TAPS_P_VALUE = 1e-4
 """Fraction of mean frames without a step in which one may be reported."""
 
 LEAST_STEP = 0.002
@@ -391,7 +389,7 @@ LEAST_STEP = 0.002
 LEAST_DARK_STEP = 0.2
 """Step in dark frames, in standard deviations of their pixels, below which nothing is reported."""
 
-OTHERS = 2.0
+STEP_RATIO = 2.0
 """Factor by which a step must exceed all steps elsewhere, which shading, dust or single lines make."""
 
 NARROWEST, WIDEST = 8, 64
@@ -502,6 +500,6 @@ def _middle_step(profile: Array) -> tuple[float, float, bool]:
     uncertainty = np.sqrt(squares / freedom * 2.0 * (estimator[0] @ estimator[0]))
     here = len(profile) // 2 - n
     elsewhere = np.abs(steps[np.abs(np.arange(len(steps)) - here) >= n]).max(initial=0.0)
-    t = -float(stdtrit(freedom, TAPS_BY_CHANCE / 8.0))  # four steps, both signs
-    beyond = abs(steps[here]) > max(t * uncertainty[here], OTHERS * elsewhere)
+    t = -float(stdtrit(freedom, TAPS_P_VALUE / 8.0))  # four steps, both signs
+    beyond = abs(steps[here]) > max(t * uncertainty[here], STEP_RATIO * elsewhere)
     return float(steps[here]), float(uncertainty[here]), bool(beyond)

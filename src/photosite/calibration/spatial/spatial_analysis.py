@@ -504,8 +504,8 @@ class SpatialAnalysis(Shown):
     def to_dict(self) -> dict[str, Any]:
         """Return `dark` and `light`: the outlier pixels of each, or the reason why they are missing."""
         light = self.light
-        of_light = light.to_dict() if isinstance(light, Missing) else light.outliers.to_dict(light.unit)
-        return {"dark": self.dark.outliers.to_dict(self.dark.unit), "light": of_light}
+        light_entry = light.to_dict() if isinstance(light, Missing) else light.outliers.to_dict(light.unit)
+        return {"dark": self.dark.outliers.to_dict(self.dark.unit), "light": light_entry}
 
 
 def spatial_analysis(
