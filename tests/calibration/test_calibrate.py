@@ -168,7 +168,7 @@ def test_few_frames_are_held_at_a_time(mono, calibration, monkeypatch, thread_sa
     import weakref
 
     _, frames = mono
-    monkeypatch.setattr(frame_reader, "_TOGETHER", 3)
+    monkeypatch.setattr(frame_reader, "_BATCH_FRAMES", 3)
     monkeypatch.setattr(frame_reader, "_AHEAD", 2)
     alive, held, threads = [], [], set()
 

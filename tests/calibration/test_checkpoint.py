@@ -58,7 +58,7 @@ class Lab:
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
     """Save after every batch, and use small batches."""
     monkeypatch.setattr(checkpoint, "SAVE_EVERY_S", -1.0)
-    monkeypatch.setattr(frame_reader, "_TOGETHER", 4)
+    monkeypatch.setattr(frame_reader, "_BATCH_FRAMES", 4)
 
 
 @pytest.mark.usefixtures("often")

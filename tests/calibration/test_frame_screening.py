@@ -210,7 +210,7 @@ def test_an_interrupted_run_rejects_the_same_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int
 ) -> None:
     monkeypatch.setattr(checkpoint, "SAVE_EVERY_S", -1.0)
-    monkeypatch.setattr(frame_reader, "_TOGETHER", 4)
+    monkeypatch.setattr(frame_reader, "_BATCH_FRAMES", 4)
     frames = Chip(4).frames()
     frames[DARKS][3] = np.zeros_like(frames[DARKS][3])
     frames[STACK][7] = half_black(frames[STACK][7])
