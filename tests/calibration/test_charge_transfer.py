@@ -139,6 +139,6 @@ def test_without_lines_behind_there_is_a_reason() -> None:
     calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=small))
     assert (calibration.rows, calibration.cols) == (20, 24)
     assert calibration.charge_transfer.parallel.inefficiency.value is not None
-    assert "columns at the right" in calibration.charge_transfer.serial.inefficiency.reason
+    assert calibration.charge_transfer.serial.inefficiency.value is None
     plain = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=small.with_(charge_transfer=None)))
     assert plain.charge_transfer is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.helpers.diagnosed import limits
 
 import photosite as ps
 from photosite.calibration.light.flicker import Flicker, RowLight, with_frequency
@@ -49,7 +50,7 @@ def test_flicker_is_named_with_its_frequency_and_depth(cfa) -> None:
     assert flicker.depth.value == pytest.approx(0.08, abs=4 * flicker.depth.standard_uncertainty)
     assert flicker.depth.standard_uncertainty < 0.002
     assert flicker.period_rows == pytest.approx(1e6 / (120 * LINE_US), rel=0.01)
-    assert any("flickers at 1" in warning and "Hz" in warning and "depth" in warning for warning in found.warnings)
+    assert limits(found)["flickering-light"] == flicker.fraction
     assert found.to_dict()["flicker"]["frequency_hz"]["value"] == flicker.frequency_hz.value
     # It is not taken for row noise, and the gain is right.
     assert found.row_noise_dn.upper_limit_95 is not None

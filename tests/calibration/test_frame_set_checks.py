@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.setting import calibrate_setting
@@ -51,15 +52,12 @@ def test_clipped_blacks_are_calibrated_with_a_warning(black):
     for name, truth in (("read_noise_dn", 2.0), ("black_level_dn", black)):
         entry = getattr(calibration, name)
         assert abs(entry.value - truth) < 3.3 * entry.standard_uncertainty, name
-        assert "censored maximum likelihood" in entry.method
-    assert any("the dark frames are clipped at 0" in warning for warning in calibration.warnings)
+    assert "clipped-darks" in limits(calibration)
 
 
 def test_blacks_clipped_too_far():
     error = error_of(measurement(dark=-6.0))
-    assert "too little is left" in error.what
-    assert error.where == "memory: dark frames at 0.01 s"
-    assert "black level" in error.hint
+    assert (error.id, error.where) == ("darks-clipped-too-far", "memory: dark frames at 0.01 s")
 
 
 def test_a_few_zeros_widen_the_uncertainty(clean):
@@ -124,7 +122,7 @@ def test_one_exposure_with_several_photon_counts_is_valid():
     calibration = calibrate(frame_set(frames))
     assert calibration.quantum_efficiency_percent.value is not None
     assert calibration.prnu_percent.value is not None
-    assert "one exposure time only" in calibration.dark_voltage_mv_per_s.reason
+    assert calibration.dark_voltage_mv_per_s.reason_id == "one-dark-exposure"
 
 
 def test_copies_are_left_out_and_named(clean):
@@ -132,9 +130,8 @@ def test_copies_are_left_out_and_named(clean):
     kind, exposure, dn = frames[1]
     frames.insert(2, (kind, exposure, dn.copy()))
     calibration = calibrate(frame_set(frames))
-    assert len(calibration.rejected) == 1
-    assert "repeats" in calibration.rejected[0]
-    assert any("1 repeated, broken or foreign frames were left out" in warning for warning in calibration.warnings)
+    assert [entry.id for entry in calibration.diagnostics if entry.severity == "left out"] == ["repeated-frame"]
+    assert limits(calibration)["frames-left-out"] == 1
     assert calibration.read_noise_dn == clean.read_noise_dn
     assert calibration.frames_sha256 == clean.frames_sha256
 
@@ -208,11 +205,11 @@ def test_exposures_of_zero_with_photons_are_labels():
         assert getattr(zero, name).value is None
     low, high = zero.quantum_efficiency_percent.interval_95
     assert low <= 50.0 <= high
-    assert not any("shutter" in text for text in zero.warnings)
+    assert "exposure-unit" not in limits(zero)
 
 
 def test_exposures_of_zero_and_others():
     frames = labelled(0.0) + [("dark", 0.02, dn, 0.0) for dn in stack(64.0, shape=(48, 64))]
-    assert "dark frames at 0.02 s" in error_of(frames).what
+    assert error_of(frames).id == "invalid-exposure-time"
     bias = [("dark", 0.0, dn) for dn in stack(64.0, n=4)]
     assert calibrate(frame_set(bias + measurement())).dark_current_e_per_s.value is not None

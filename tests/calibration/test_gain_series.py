@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.helpers.diagnosed import limits
 from virtual_gain_series import GainModel, gain_series_lab
 
 import photosite as ps
@@ -98,7 +99,7 @@ def test_unity_gain_and_sensors_of_the_settings():
     below = analyse_series(series.steps[:2])
     check(below.unity_gain, 100 / shot.labs[0].camera.sensor.system_gain_dn_per_e)
     assert "extrapolated from the settings 100 to 200" in below.unity_gain.method
-    assert any("needs at least 5" in warning for warning in below.warnings)
+    assert limits(below)["few-gain-settings"] == 2
 
 
 def test_progress_counts_all_settings():

@@ -27,7 +27,7 @@ def test_maps_without_glow_have_none(tilt):
     for _ in range(8):
         found = find_glow(dark_map(rng, tilt=tilt), Uncertain(0.5))
         assert found.places == ()
-        assert "no edge or corner" in found.peak_e_per_s.reason
+        assert found.peak_e_per_s.reason_id == "effect-not-seen"
         assert found.section(SENSOR, "") == {"glow": None}
 
 

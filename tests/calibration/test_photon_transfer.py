@@ -85,7 +85,7 @@ def test_single_frames_saturate_at_the_brightest_level():
     curve = levels([*RISING, 500.2, 500.1], [np.nan] * 6, white_fraction=[0, 0, 0, 0, 1, 1])
     found = find_saturation(curve, white=564)
     assert (found.index, found.signal) == (4, 500.2)
-    assert "no light level has two frames" in found.x.reason
+    assert found.x.id == "single-flat-fields"
 
 
 def test_a_rising_variance_is_not_saturation():
@@ -105,7 +105,6 @@ def test_partial_clipping_gives_full_scale():
     curve = levels(RISING, [20.0, 40.0, 60.0, 55.0], white_fraction=[0, 0, 0, 0.2])
     found = find_saturation(curve, white=470)
     assert found.level_dn.value == 470.0
-    assert "20 % of the values in the brightest flat fields" in found.level_method
 
 
 def test_gain_is_the_weighted_slope_through_the_origin():

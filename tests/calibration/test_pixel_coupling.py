@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 from tests.calibration.test_noise_covariance import BAYER, MONOCHROME, runs
+from tests.helpers.diagnosed import limits
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
@@ -63,7 +64,7 @@ def test_independent_pixels_have_no_coupling() -> None:
     low, high = found.interpixel_coupling_percent.interval_95 or (1.0, 0.0)
     assert low < 0.0 < high
     assert found.sensor.effects is None
-    assert not any("correlated" in text for text in found.warnings)
+    assert "correlated-noise" not in limits(found)
 
 
 def test_multiplication_gain_and_excess_noise() -> None:
@@ -81,10 +82,11 @@ def test_multiplication_gain_and_excess_noise() -> None:
         assert entry.standard_uncertainty is not None
         assert abs(entry.value - truth) < 3.5 * entry.standard_uncertainty
         assert entry.standard_uncertainty < 0.05 * truth
-    assert any("electron multiplication gain of 20" in text for text in multiplied.warnings)
-    assert not any("multiplication" in text for text in unity.warnings)
-    with pytest.raises(CalibrationError, match="unity: responsivity_dn_per_photon"):
+    assert limits(multiplied)["stated-em-gain"] == factor
+    assert "stated-em-gain" not in limits(unity)
+    with pytest.raises(CalibrationError) as caught:
         measure_em_gain(calibrate(virtual_lab(plain, PROTOCOL, seed=1).frame_set()), multiplied)
+    assert caught.value.id == "no-em-gain"
 
 
 @pytest.mark.slow

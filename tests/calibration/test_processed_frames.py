@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -39,15 +40,13 @@ def mean_of(kind, number):
 def test_averaged_frames_beside_single_ones_are_named(kind, number, ratio):
     found = calibrate(stack(1, mean_of(kind, number)))
     assert found.system_gain_dn_per_e.value is None
-    reason = found.system_gain_dn_per_e.reason
-    assert reason in found.warnings
-    size, uncertainty = (float(word) for word in reason.split("no signal is ")[1].split(" times")[0].split(" ± "))
-    assert abs(size - ratio) < 3.0 * uncertainty + 0.05 * ratio
+    assert found.system_gain_dn_per_e.reason_id == "different-modes"
+    assert limits(found)["different-modes"] == pytest.approx(ratio, rel=0.15)
 
 
 def test_sums_of_frames_are_named():
     found = calibrate(stack(2, lambda one, kind: one() + one() + one() + one(), bits=14))
-    assert any("sum of 4" in warning for warning in found.warnings)
+    assert limits(found)["summed-codes"] == 4
     for estimate, truth in ((found.system_gain_dn_per_e, K), (found.read_noise_e, 2.0 * READ_E)):
         low, high = estimate.interval_95
         assert low <= truth <= high
@@ -56,10 +55,10 @@ def test_sums_of_frames_are_named():
 def test_a_dark_frame_that_was_subtracted_in_the_camera_leaves_no_pattern():
     frames = stack(3, lambda one, kind: one() - one() + BLACK, shape=(160, 192), levels=(1, 2, 4))
     subtracted = calibrate(frames)
-    assert any("no fixed pattern" in warning for warning in subtracted.warnings)
+    assert "no-fixed-pattern" in limits(subtracted)
 
 
 @pytest.mark.slow
 def test_clean_stacks_are_not_reported():
-    warnings = [warning for seed in range(100) for warning in calibrate(stack(seed)).warnings]
-    assert not [warning for warning in warnings if "no signal" in warning or "pattern" in warning]
+    found = {id for seed in range(100) for id in limits(calibrate(stack(seed)))}
+    assert not found & {"different-modes", "no-fixed-pattern"}

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain
@@ -213,11 +214,10 @@ def test_a_bent_stack_is_corrected(bent):
 
 
 def test_the_warning_names_the_bend_and_its_size(bent):
-    (warning,) = (text for text in bent.warnings if "bends" in text)
     top = max(s for s in bent.response_curve["M"].signal_dn if s <= bent.linear_range["M"].highest_dn)
     place = list(bent.response_curve["M"].signal_dn).index(top)
     deviation = bent.response_curve["M"].deviation_percent[place].value
-    assert f"{abs(deviation):.2g} % {'below' if deviation < 0 else 'above'}" in warning
+    assert limits(bent)["bent-response"] == pytest.approx(deviation / 100.0)
 
 
 def test_the_standard_s_figures_stay_those_of_lines(bent):
@@ -241,8 +241,7 @@ def test_both_agree_where_the_response_is_straight():
 
 def test_errors_of_the_light_are_named():
     found = calibrate(stack(3, lamp=-0.03))
-    (warning,) = (text for text in found.warnings if "proportion" in text)
-    assert "lamp" in warning
+    assert set(limits(found)) == {"nonlinear-light"}
     gain, efficiency = found.system_gain_dn_per_e, found.quantum_efficiency_percent
     assert abs(gain.value - GAIN) < 3.3 * gain.standard_uncertainty
     assert efficiency.standard_uncertainty > 2.0 * found.by_line.quantum_efficiency_percent.standard_uncertainty

@@ -117,7 +117,7 @@ def test_each_site_of_a_mosaic_is_a_separate_plane():
 def test_too_small_plane_is_missing():
     result = channel_components(MapPlanes(np.zeros((60, 160)), np.array([[0, 1], [1, 2]])), 0, NO_NOISE, filtered=True)
     assert isinstance(result, Missing)
-    assert "30 pixels" in result.reason
+    assert result.id == "small-frames"
 
 
 @pytest.mark.parametrize("filtered", [False, True])

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.spatial.periodic_structure import find_taps
@@ -95,11 +96,10 @@ def stack(gain, offset_dn):
 
 
 def test_a_calibration_names_taps_with_their_size():
-    taps = [text for text in calibrate(stack(0.02, 1.0)).warnings if "taps" in text]
-    assert len(taps) == 2
-    assert "gain" in taps[0] + taps[1]
-    assert "offset" in taps[0] + taps[1]
-    assert not any("taps" in text for text in calibrate(stack(0.0, 0.0)).warnings)
+    found = [entry for entry in calibrate(stack(0.02, 1.0)).diagnostics if entry.id == "steps-between-taps"]
+    assert {entry.parameters[0][:4] for entry in found} == {"dsnu", "prnu"}
+    assert sorted(entry.size for entry in found) == pytest.approx([0.02, 1.0], rel=0.1)
+    assert "steps-between-taps" not in limits(calibrate(stack(0.0, 0.0)))
 
 
 def test_a_calibration_returns_gain_and_offset_of_the_taps():
