@@ -85,12 +85,12 @@ class Measurements:
 
     def without_noise(self, why: Missing) -> Measurements:
         """Return the measurements without gain and without all noise and fixed pattern."""
-        withheld: dict[str, Any] = dict.fromkeys(_NOISE, why)
+        withheld: dict[str, Any] = dict.fromkeys(_NOISE_MEASUREMENTS, why)
         return replace(self, **withheld)
 
     def without_light(self, why: Missing) -> Measurements:
         """Return the measurements without what the flat fields show, except for saturation in DN and linearity."""
-        withheld: dict[str, Any] = dict.fromkeys(_OF_LIGHT, why)
+        withheld: dict[str, Any] = dict.fromkeys(_LIGHT_MEASUREMENTS, why)
         return replace(self, **withheld)
 
     def with_channel(
@@ -198,7 +198,7 @@ def mean_for_sensor(mean: Value, variance: Value, pixels: float) -> Value:
     return mean + Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
 
 
-_NOISE = (
+_NOISE_MEASUREMENTS = (
     "gain",
     "read_variance",
     "row_variance",
@@ -218,7 +218,7 @@ _NOISE = (
     "column_gain_variance",
 )
 
-_OF_LIGHT = (
+_LIGHT_MEASUREMENTS = (
     *("gain", "response_variance", "saturation_photons", "responsivity", "saturation_responsivity"),
     *("prnu1288", "prnu1288_unfiltered", "column_gain_variance"),
 )

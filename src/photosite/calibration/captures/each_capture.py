@@ -310,8 +310,8 @@ def _transfer_lines(calibration: Calibration) -> dict[tuple[str, float], float]:
         for signal, uncertainty, used in zip(line.x, line.y_uncertainty, line.used, strict=True):
             if used and signal in lights and uncertainty > 0.0:
                 points[channel, lights[signal]] = float(signal), float(uncertainty)
-    whole = sum((signal / uncertainty) ** 2 for signal, uncertainty in points.values())
-    return {place: signal / uncertainty**2 / whole for place, (signal, uncertainty) in points.items()}
+    total = sum((signal / uncertainty) ** 2 for signal, uncertainty in points.values())
+    return {place: signal / uncertainty**2 / total for place, (signal, uncertainty) in points.items()}
 
 
 def _common(

@@ -194,11 +194,11 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
         response = read_response_map(reader, evidence, pooled_level(dark.stack.levels).variance) if lights else None
         sigma = float(np.sqrt(np.median([spread.variance for spread in dark.spreads])))
         suspects = dark.suspects()
-        look = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
+        residuals = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
     del reader  # its sums need as much memory as three maps
-    dark = dark.with_variance(look.variance)
-    temporal = measure_temporal_noise(dark.stack, look, dark.mean, dark.tile)
-    chip, temporal = _chip(evidence.parameters, dark, response, suspects, look, temporal, glow)
+    dark = dark.with_variance(residuals.variance)
+    temporal = measure_temporal_noise(dark.stack, residuals, dark.mean, dark.tile)
+    chip, temporal = _chip(evidence.parameters, dark, response, suspects, residuals, temporal, glow)
     rate = chip.dark_rate_dn_per_s
     flat = rate if rate is None or glow is None else glow.without(rate)
     return replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)
@@ -288,7 +288,7 @@ def _chip(
     dark: _DarkMaps,
     response: ResponseMap | None,
     suspects: _Place,
-    look: StackResiduals,
+    residuals: StackResiduals,
     temporal: TemporalNoise,
     glow: GlowMap | None,
 ) -> tuple[MeasuredChip, TemporalNoise]:
@@ -309,7 +309,7 @@ def _chip(
         unknown = np.zeros((1, 1), np.float32)
         rate, uncertainty = (maps.get(name, unknown) for name in rate_names)
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, uncertainty, dark.tile)
-    blinking, distance, traces = _blinking(dark, look, suspects, shot)
+    blinking, distance, traces = _blinking(dark, residuals, suspects, shot)
     short = too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None
     known = {name: values for name, values in maps.items() if name not in rate_names}
     # The response above uses the same times and levels, and stays valid; so do hot pixels, relative to the others.
@@ -329,11 +329,11 @@ def _chip(
     )
     shared_dn2 = QUANTIZATION_DN2 + signed_square(chip.row_noise_dn) + signed_square(chip.column_noise_dn)
     shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
-    return chip, _with_distribution(replace(temporal, traces=traces), dark, look, blinking, shared_dn2)
+    return chip, _with_distribution(replace(temporal, traces=traces), dark, residuals, blinking, shared_dn2)
 
 
 def _with_distribution(
-    temporal: TemporalNoise, dark: _DarkMaps, look: StackResiduals, blinking: Blinking, shared_dn2: float
+    temporal: TemporalNoise, dark: _DarkMaps, residuals: StackResiduals, blinking: Blinking, shared_dn2: float
 ) -> TemporalNoise:
     """Return the temporal noise with its distribution over the pixels."""
     steady = np.ones(dark.variance.shape, np.bool_)
@@ -343,7 +343,7 @@ def _with_distribution(
     noise_dn = math.sqrt(median) * math.exp(_NOISY_PIXEL * (spread.value or 0.0))
     _, ratio = dark.noisier(_SUSPECT_P_VALUE)
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
-    frames = min(look.series.shape[1], pixel_noise.MOST_FRAMES)
+    frames = min(residuals.series.shape[1], pixel_noise.MOST_FRAMES)
     fraction, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
     if fraction.value is not None and fraction.interval_95 is not None:
         ordinary = float(steady.mean())
@@ -395,12 +395,12 @@ def _defects(
 
 
 def _blinking(
-    dark: _DarkMaps, look: StackResiduals, place: _Place, shot: FloatMap | None
+    dark: _DarkMaps, residuals: StackResiduals, place: _Place, shot: FloatMap | None
 ) -> tuple[Blinking, NDArray[np.float64], tuple[Trace, ...]]:
     """Return the blinking suspects, the distance of their levels in units of their noise, and some of their traces."""
-    if look.series.shape[1] < pixel_noise.LEAST_FRAMES or not len(look.series):
+    if residuals.series.shape[1] < pixel_noise.LEAST_FRAMES or not len(residuals.series):
         return no_blinking(), np.zeros(0), ()
-    jumps, levels = pixel_noise.find_blinking(look.series)
+    jumps, levels = pixel_noise.find_blinking(residuals.series)
     row, col = place[0][jumps], place[1][jumps]
     within = levels.within[jumps] - QUANTIZATION_DN2
     if shot is not None:
@@ -409,7 +409,7 @@ def _blinking(
     distance = levels.distance[jumps]
     clearest = np.flatnonzero(jumps)[np.argsort(-distance, kind="stable")[:TRACES]]
     traces = tuple(
-        Trace(int(place[0][i]), int(place[1][i]), look.series[i], float(levels.lower[i]), float(levels.upper[i]))
+        Trace(int(place[0][i]), int(place[1][i]), residuals.series[i], float(levels.lower[i]), float(levels.upper[i]))
         for i in clearest
     )
     amplitude = (levels.upper - levels.lower)[jumps]

@@ -273,7 +273,7 @@ class TemporalNoise(Shown):
 
 def measure_temporal_noise(
     stack: GroupStatistics,
-    look: StackResiduals,
+    residuals: StackResiduals,
     mean: MeanFrame,
     tile: NDArray[np.int64],
 ) -> TemporalNoise:
@@ -282,11 +282,11 @@ def measure_temporal_noise(
     `look` holds the residuals from the second reading of the stack.
     """
     parts = pool_temporal(
-        temporal_components(stack.levels, look.lines, tile), [float(level.pixels) for level in stack.levels]
+        temporal_components(stack.levels, residuals.lines, tile), [float(level.pixels) for level in stack.levels]
     )
     method = f"{stack.frames} {stack.label}, two-way analysis of variance"
     rounding = pooled_level(stack.levels).rounding_variance
-    histogram = look.histogram.sum(axis=0)
+    histogram = residuals.histogram.sum(axis=0)
     bins = len(histogram)
     return TemporalNoise(
         frames=stack.frames,
@@ -294,17 +294,19 @@ def measure_temporal_noise(
         pixel_noise_dn=Estimate.of_variance(parts.pixel - QUANTIZATION_DN2 + Uncertain.of(0.0, rounding), method),
         row_noise_dn=Estimate.of_variance(parts.row, method),
         column_noise_dn=Estimate.of_variance(parts.column, method),
-        frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),
-        shape=measure_noise_shape(look.variance, look.fourth, stack.frames, look.histogram, look.bin_dn),
-        bands=_bands(look, mean, tile),
-        residual_dn=np.asarray((np.arange(bins) + 0.5 - bins / 2) * look.bin_dn, np.float64),
+        frame_noise_dn=_frame_noise(residuals, mean.sum.size, parts, method),
+        shape=measure_noise_shape(
+            residuals.variance, residuals.fourth, stack.frames, residuals.histogram, residuals.bin_dn
+        ),
+        bands=_bands(residuals, mean, tile),
+        residual_dn=np.asarray((np.arange(bins) + 0.5 - bins / 2) * residuals.bin_dn, np.float64),
         residual_count=histogram,
     )
 
 
-def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalComponents, method: str) -> Estimate:
+def _frame_noise(residuals: StackResiduals, pixels: int, parts: TemporalComponents, method: str) -> Estimate:
     """Estimate the variance of the frame means that pixels, rows and columns do not explain."""
-    row_sums, column_sums = look.lines
+    row_sums, column_sums = residuals.lines
     means = row_sums.sum(axis=(1, 2), dtype=np.float64) / pixels
     variance = float(means.var(ddof=1))
     rows, cols = row_sums.shape[1], column_sums.shape[2]
@@ -313,12 +315,12 @@ def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalComponents, m
     return Estimate.of_variance(found - explained, method)
 
 
-def _bands(look: StackResiduals, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:
+def _bands(residuals: StackResiduals, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:
     """Find periods in the line means of the mean frame, and of the deviations of each frame from them."""
     rows, cols = mean.sum.shape
     height, width = tile.shape
-    row_means = look.lines[0].sum(axis=2, dtype=np.float64) / cols
-    column_means = look.lines[1].sum(axis=1, dtype=np.float64) / rows
+    row_means = residuals.lines[0].sum(axis=2, dtype=np.float64) / cols
+    column_means = residuals.lines[1].sum(axis=1, dtype=np.float64) / rows
     found = {}
     for name, means, period in (("rows", row_means, height), ("columns", column_means, width)):
         fixed = means.mean(axis=0)

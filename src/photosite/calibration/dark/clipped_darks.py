@@ -257,15 +257,15 @@ class ClippedDarks:
         scale = self.scale(channel)
         row, column = plain.row * scale, plain.column * scale
         pixel = dsnu - row - column
-        whole = VarianceComponents(total=dsnu, row=row, column=column, pixel=pixel)
+        restored = VarianceComponents(total=dsnu, row=row, column=column, pixel=pixel)
         if isinstance(filtered, Missing):
-            return whole, filtered
+            return restored, filtered
         row, column = filtered.row * scale, filtered.column * scale
         if plain.pixel.value > 2.0 * plain.pixel.standard_uncertainty:
             pixel = pixel * (filtered.pixel.value / plain.pixel.value)
         else:
             pixel = filtered.pixel * scale
-        return whole, VarianceComponents(total=pixel + row + column, row=row, column=column, pixel=pixel)
+        return restored, VarianceComponents(total=pixel + row + column, row=row, column=column, pixel=pixel)
 
     def warning(self, names: Sequence[str]) -> str:
         """Return the warning of a calibration with clipped dark frames."""

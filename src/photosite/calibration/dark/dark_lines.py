@@ -83,12 +83,12 @@ class DarkLine:
         """
         if len(np.unique(exposure_s)) < 2:
             return cls(exposure_s, y, variance, None, shared, tuple(points), differing)
-        design, together = _design(exposure_s), np.outer(shared, shared)
-        fit = fit_linear(design, y, np.diag(variance) + together)
+        design, shared_covariance = _design(exposure_s), np.outer(shared, shared)
+        fit = fit_linear(design, y, np.diag(variance) + shared_covariance)
         expected = design @ fit.parameters
         if points and (expected > 0.0).all():
             variance = variance * (expected / y) ** 2
-            fit = fit_linear(design, y, np.diag(variance) + together)
+            fit = fit_linear(design, y, np.diag(variance) + shared_covariance)
         return cls(exposure_s, y, variance, fit, shared, tuple(points), differing)
 
     @property

@@ -99,16 +99,16 @@ class GlowMap(Finding, Shown):
 
     def subtract(self, changes: SensorChanges) -> dict[str, Any]:
         """Return dark current and its nonuniformity without the glow, unless they are those without hot pixels."""
-        glow, whole = changes.fields.get("glow"), changes.measured("dark_voltage_mv_per_s")
-        if glow is None or whole is None or "hot_pixels" in changes.fields:
+        glow, dark = changes.fields.get("glow"), changes.measured("dark_voltage_mv_per_s")
+        if glow is None or dark is None or "hot_pixels" in changes.fields:
             return {}
         rate_e_per_s, mv_per_e = glow.map(*self.shape), changes.mv_per_e
-        rest = max(whole.value - mv_per_e * float(rate_e_per_s.mean()), 0.0)
-        found = {"dark_voltage_mv_per_s": replace(whole, value=rest, source=f"{whole.source}; without glow")}
+        rest = max(dark.value - mv_per_e * float(rate_e_per_s.mean()), 0.0)
+        found = {"dark_voltage_mv_per_s": replace(dark, value=rest, source=f"{dark.source}; without glow")}
         if (spread := changes.measured("dcnu_percent")) is not None:
-            variance = (0.01 * spread.value * whole.value) ** 2 - (mv_per_e * float(rate_e_per_s.std())) ** 2
+            variance = (0.01 * spread.value * dark.value) ** 2 - (mv_per_e * float(rate_e_per_s.std())) ** 2
             percent = 100.0 * math.sqrt(max(variance, 0.0)) / rest if rest > 0.0 else 0.0
-            scale = whole.value / rest if rest > 0.0 else 1.0
+            scale = dark.value / rest if rest > 0.0 else 1.0
             note = f"{spread.source}; without glow"
             found["dcnu_percent"] = Measured(percent, spread.standard_uncertainty * scale, note)
         return found

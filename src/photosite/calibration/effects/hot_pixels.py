@@ -107,15 +107,15 @@ class DarkDistribution(Finding, Shown):
 
     def subtract(self, changes: SensorChanges) -> dict[str, Any]:
         """Return mean and nonuniformity of the dark current without hot pixels, and without glow."""
-        whole, mean, current = changes.measured("dark_voltage_mv_per_s"), self.mean_dn_per_s, self.current_dn_per_s
-        if "hot_pixels" not in changes.fields or whole is None or mean.value is None or current.value is None:
+        dark, mean, current = changes.measured("dark_voltage_mv_per_s"), self.mean_dn_per_s, self.current_dn_per_s
+        if "hot_pixels" not in changes.fields or dark is None or mean.value is None or current.value is None:
             return {}
         note = f"{changes.source}, without hot pixels and glow"
         ratio = mean.value / current.value
         spread = math.hypot(
-            ratio * whole.standard_uncertainty, whole.value * (mean.standard_uncertainty or 0.0) / current.value
+            ratio * dark.standard_uncertainty, dark.value * (mean.standard_uncertainty or 0.0) / current.value
         )
-        found = {"dark_voltage_mv_per_s": Measured(ratio * whole.value, spread, note)}
+        found = {"dark_voltage_mv_per_s": Measured(ratio * dark.value, spread, note)}
         if (dcnu := self.dcnu_percent).value is not None:
             found["dcnu_percent"] = Measured(max(dcnu.value, 0.0), dcnu.standard_uncertainty or 0.0, note)
         return found
@@ -200,8 +200,8 @@ def dark_distribution(
         fraction: Estimate, median: Estimate, spread: Estimate, below: tuple[Uncertain, Uncertain]
     ) -> DarkDistribution:
         mean, dcnu = _body(body, noise[~above], *below)
-        shown = limit, count, values.size, center, float(np.median(noise)), edges, histogram
-        return DarkDistribution(fraction, median, spread, mean, dcnu, *shown)
+        details = limit, count, values.size, center, float(np.median(noise)), edges, histogram
+        return DarkDistribution(fraction, median, spread, mean, dcnu, *details)
 
     def without(reason: str) -> DarkDistribution:
         missing = Estimate(

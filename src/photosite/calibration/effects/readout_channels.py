@@ -40,10 +40,10 @@ class ChannelDifferences(Finding, Shown):
         variances = {"prnu_percent": 1e4 * gain, "dcnu_percent": 1e4 * gain, "dsnu_mv": changes.mv_per_e**2 * offset_e2}
         found = {}
         for name, variance in variances.items():
-            if (whole := changes.measured(name)) is not None and variance > 0.0:
-                left = Uncertain.of(whole.value**2 - variance, 2.0 * whole.value * whole.standard_uncertainty)
+            if (spread := changes.measured(name)) is not None and variance > 0.0:
+                left = Uncertain.of(spread.value**2 - variance, 2.0 * spread.value * spread.standard_uncertainty)
                 rest = Estimate.of_variance(left, "")
-                note = f"{whole.source}; without rows, columns and readout channels"
+                note = f"{spread.source}; without rows, columns and readout channels"
                 if (rest.value or 0.0) < 0.0:
                     note += f": {why_zero(rest)}"
                 found[name] = Measured(max(rest.value or 0.0, 0.0), rest.standard_uncertainty or 0.0, note)

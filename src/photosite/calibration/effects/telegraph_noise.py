@@ -59,8 +59,8 @@ class BlinkingPixels(Finding, Shown):
 
     def subtract(self, changes: SensorChanges) -> dict[str, Any]:
         """Return the read noise of the pixels that do not blink; without blinking pixels that the frames exclude."""
-        whole = changes.measured("read_noise_mv")
-        if whole is None or isinstance(self.gain, Missing):
+        read_noise = changes.measured("read_noise_mv")
+        if read_noise is None or isinstance(self.gain, Missing):
             return {}
         lines_mv2 = sum(changes.fields[name].value ** 2 for name in _LINES if name in changes.fields)
         if "telegraph_noise" in changes.fields:
@@ -80,11 +80,13 @@ class BlinkingPixels(Finding, Shown):
             if assumed is None:
                 return {}
             taken = changes.mv_per_e**2 * assumed.variance_e2
-            if taken > whole.value**2 - lines_mv2:
+            if taken > read_noise.value**2 - lines_mv2:
                 return {"telegraph_noise": None}  # the frames have less
-            rest = Uncertain.of(whole.value**2 - taken, 2.0 * whole.value * whole.standard_uncertainty).sqrt()
+            rest = Uncertain.of(
+                read_noise.value**2 - taken, 2.0 * read_noise.value * read_noise.standard_uncertainty
+            ).sqrt()
             note = "without the telegraph noise stated before"
-        return {"read_noise_mv": Measured(rest.value, rest.standard_uncertainty, f"{whole.source}, {note}")}
+        return {"read_noise_mv": Measured(rest.value, rest.standard_uncertainty, f"{read_noise.source}, {note}")}
 
 
 def _positive(estimate: Estimate) -> Uncertain | None:

@@ -127,8 +127,8 @@ class _Points:
         own[1:, 1:] = np.block([[_wiener(t, t), slopes.T], [slopes, np.minimum.outer(t, t)]])
         mean, square = np.zeros(1 + 2 * n), np.zeros_like(own)
         for weight, noise, rough in self._grid(design, wiener):
-            whole = noise + rough * wiener
-            solved = np.linalg.solve(whole, np.column_stack([design, self.log_ratio, rough * cross.T]))
+            total = noise + rough * wiener
+            solved = np.linalg.solve(total, np.column_stack([design, self.log_ratio, rough * cross.T]))
             normal = design.T @ solved[:, :2]
             line = np.linalg.solve(normal, design.T @ solved[:, 2])
             found = basis @ line + rough * cross @ (solved[:, 2] - solved[:, :2] @ line)

@@ -162,11 +162,11 @@ def _missing(groups: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> S
     for codes, counts in groups:
         often = counts >= FREQUENT_COUNT
         gaps.append(np.diff(codes)[often[1:] & often[:-1]])
-    together = np.concatenate(gaps)
-    if len(together) < LEAST_GAPS or np.count_nonzero(together > 1) < 3:
+    all_gaps = np.concatenate(gaps)
+    if len(all_gaps) < LEAST_GAPS or np.count_nonzero(all_gaps > 1) < 3:
         return None
-    step = float(together.mean())
-    regular = together.max() <= math.floor(step) + 1 and together.min() >= math.floor(step)
+    step = float(all_gaps.mean())
+    regular = all_gaps.max() <= math.floor(step) + 1 and all_gaps.min() >= math.floor(step)
     if regular and all(abs(float(found.sum()) - step * len(found)) < 2.0 + 0.01 * found.sum() for found in gaps):
         return Steps((step,) * len(groups))
     known = [i for i, found in enumerate(gaps) if len(found) >= 3 and np.ptp(found) <= 1 + found.min() // 2]

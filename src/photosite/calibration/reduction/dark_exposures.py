@@ -107,14 +107,14 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
         far = abs(mean[i] - at @ line.parameters) / spread
         if far < MEAN_SIGMA or slope <= MEAN_SIGMA * np.sqrt(line.covariance[1, 1]):
             continue
-        shown = np.array([1.0, (mean[i] - black) / slope])
+        shown_line = np.array([1.0, (mean[i] - black) / slope])
         stated_off, shown_off = (
             abs(variance[i] - t @ noise.parameters)
             / np.sqrt(u2_variance[i] + noise.extra_variance + t @ noise.covariance @ t)
-            for t in (at, shown)
+            for t in (at, shown_line)
         )
-        if _saturates(exposure_s, spatial, i, float(shown[1])):
+        if _saturates(exposure_s, spatial, i, float(shown_line[1])):
             continue
-        if shown[1] > 0.0 and stated_off > NOISE_SIGMA and shown_off < NOISE_SIGMA:
-            found[far] = WrongExposure(places[i], float(exposure_s[i]), float(shown[1]))
+        if shown_line[1] > 0.0 and stated_off > NOISE_SIGMA and shown_off < NOISE_SIGMA:
+            found[far] = WrongExposure(places[i], float(exposure_s[i]), float(shown_line[1]))
     return found[max(found)] if found else None

@@ -333,8 +333,8 @@ def _read_flats(
         mean, values = reader.mean(lights[i].group), None
         if i == brightest:
             values = mean.mean()
-            with ThreadPoolExecutor(1) as beside:
-                structure = computed_beside(beside, periodic_structure, values, inputs.dark_mean, reader.tile)
+            with ThreadPoolExecutor(1) as thread:
+                structure = computed_beside(thread, periodic_structure, values, inputs.dark_mean, reader.tile)
                 step = find_taps(mean_of_sites(values, inputs.dark_mean, reader.tile.shape, relative=True))
             flats.structure, flats.taps = structure.result(), _found([step])
             readout = measured_channels(flats.structure, offsets, taps + flats.taps, Uncertain(1.0))
@@ -434,8 +434,8 @@ def _dark_structure(
     if dark.mean is None:
         return None, (), ()
     mean = dark.mean.mean
-    with ThreadPoolExecutor(1) as beside:  # medians in NumPy take one core, the rest takes all
-        offsets = computed_beside(beside, periodic_offsets, mean) if dark.clipped is None else None
+    with ThreadPoolExecutor(1) as thread:  # medians in NumPy take one core, the rest takes all
+        offsets = computed_beside(thread, periodic_offsets, mean) if dark.clipped is None else None
         taps = find_taps(mean_of_sites(mean, None, tile.shape), dark=True)
         far = find_far_pixels("DSNU", mean, tile.shape)
     return None if offsets is None else offsets.result(), _found([taps]), _found([far])

@@ -46,13 +46,13 @@ def with_chip_sampling(
     [0.2, 0.5, 0.08]
     """
     sampling = Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
-    own, whole = sampling.standard_uncertainty, variance.standard_uncertainty
-    if own == 0.0 or whole == 0.0:
+    own, spread = sampling.standard_uncertainty, variance.standard_uncertainty
+    if own == 0.0 or spread == 0.0:
         return mean + sampling, variance
-    along = max(-0.99, min(third / pixels / (own * whole), 0.99))  # a correlation estimated from a sample
+    along = max(-0.99, min(third / pixels / (own * spread), 0.99))  # a correlation estimated from a sample
     left = math.sqrt(1.0 - along**2)
     parts = {source: left * part for source, part in variance.parts.items()}
-    return mean + sampling, Uncertain(variance.value, parts) + sampling * (along * whole / own)
+    return mean + sampling, Uncertain(variance.value, parts) + sampling * (along * spread / own)
 
 
 def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
