@@ -116,9 +116,8 @@ def collected(
         if entry.value is None:
             reasons.setdefault((entry.reason_id, entry.reason or ""), []).append(name)
     withheld = (Diagnostic(id, "withheld", text, tuple(names)) for (id, text), names in reasons.items())
-    return tuple(map(_named, (*raised, *left_out))) + tuple(withheld)
-
-
-def _named(diagnostic: Diagnostic) -> Diagnostic:
-    kind = DiagnosticKind("", "note", "", "", "", diagnostic.parameters)
-    return replace(diagnostic, parameters=kind.concerns(PARAMETER_LABELS))
+    named = (
+        replace(entry, parameters=DiagnosticKind("", "note", "", "", "", entry.parameters).concerns(PARAMETER_LABELS))
+        for entry in (*raised, *left_out)
+    )
+    return (*named, *withheld)

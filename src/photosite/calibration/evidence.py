@@ -143,7 +143,6 @@ def _measurements(
 def _measure_channels(
     dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], *, by_line: bool
 ) -> list[Measurements]:
-    """Return the measurements of each channel."""
     found = [(pattern if by_line else pattern.in_electrons()).variances for pattern in patterns]
     measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
     for k, channel in enumerate(light.channels):  # none without light frames

@@ -262,12 +262,14 @@ def pool_channels(
             )
             if lacking:
                 notes[name] = f"channel{'s' * (len(known) > 1)} {', '.join(known)} only, not {', '.join(lacking)}"
-    first_to_saturate = min(by_name, key=lambda channel: _photons_at_saturation(by_name[channel]))
-    first = by_name[first_to_saturate]
-    if isinstance(first.saturation_photons, Uncertain):
+    photons = {
+        name: m.saturation_photons.value for name, m in by_name.items() if isinstance(m.saturation_photons, Uncertain)
+    }
+    first = fullest
+    if photons:
+        first_to_saturate = min(photons, key=photons.__getitem__)
+        first = by_name[first_to_saturate]
         notes["saturation_photons"] = f"channel {first_to_saturate}, the first to saturate"
-    else:
-        first = fullest
     saturated = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), fullest)
     changed |= {
         "saturation_photons": first.saturation_photons,
@@ -285,7 +287,3 @@ def pool_channels(
     }
     pooled = replace(dark, from_channels=notes, **changed).without_dark_shot_noise(exposure_s)
     return replace(pooled.for_sensor(), responsivity=pooled.responsivity)  # each channel's is already for the sensor
-
-
-def _photons_at_saturation(m: Measurements) -> float:
-    return m.saturation_photons.value if isinstance(m.saturation_photons, Uncertain) else math.inf

@@ -102,7 +102,6 @@ def _with_maps(evidence: Evidence, progress: Progress | None) -> tuple[Evidence,
 
 
 def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagnostic]) -> Calibration:
-    """Return the result."""
     reduction, channels = evidence.reduction, evidence.channels
     frames, names = reduction.frames, reduction.names
     patterns = dict(zip(names, evidence.patterns.channels, strict=True))

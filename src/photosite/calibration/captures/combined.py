@@ -300,7 +300,6 @@ def _known_companding(frames: FrameSet, sensor: Sensor | None) -> Companding | N
 
 
 def _reduced(frames: FrameSet, group: FrameGroup, companding: Companding | None) -> list[_Level]:
-    """Return the channels of a group of frames."""
     linear: Callable[[NDArray[Any]], _Array] = (
         (lambda dn: dn.astype(np.float64)) if companding is None else companding.decompand
     )
@@ -382,7 +381,6 @@ def _black_level(darks: Sequence[_Level]) -> Uncertain:
 
 
 def _saturation(levels: Sequence[_Level], signal: _Array, variance: _Array, reached: bool) -> Value:
-    """Return the saturated output above black."""
     if not reached:
         return NO_SATURATION.missing(
             "no flat field reached saturation; take brighter flat fields, up to where they stop rising"
@@ -425,7 +423,6 @@ def _capture(
     first_line: tuple[Uncertain, ...] | None,
     saturation: Value,
 ) -> CombinedCapture:
-    """Return what the levels of a piece show of their capture."""
     own = levels[piece.first : piece.last + 1]
     intercept, gain = line
     seen = [level.codes for level in own if level.codes is not None]

@@ -335,7 +335,6 @@ def _chip(
 def _with_distribution(
     temporal: TemporalNoise, dark: _DarkMaps, residuals: StackResiduals, blinking: Blinking, shared_dn2: float
 ) -> TemporalNoise:
-    """Return the temporal noise with its distribution over the pixels."""
     steady = np.ones(dark.variance.shape, np.bool_)
     steady[blinking.row, blinking.col] = False
     spread, steady_dn = read_noise_distribution(dark.variance[steady], dark.freedom, shared_dn2)

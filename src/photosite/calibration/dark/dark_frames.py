@@ -134,7 +134,6 @@ def _measure_channel(darks: _Darks, k: int, moments: Moments) -> Measurements:
 
 
 def _measure_pooled(darks: _Darks, lines: DarkLines) -> Measurements:
-    """Return the measurements of all pixels as one channel."""
     measured = measure_dark_level(lines, pooled_level(darks.reference.levels), darks.reference.label)
     if darks.clipped is None:
         measured = replace(measured, **_line_variances(darks.mean, range(len(darks.mean.noise))))

@@ -164,12 +164,10 @@ def _mean(group: FrameGroup, used: set[int]) -> _Floats:
 
 
 def _hot_pixels_near(r: int, c: int, row: NDArray[np.int64], col: NDArray[np.int64]) -> int:
-    """Return the number of hot pixels of the column within reach."""
     return int(((col == c) & (np.abs(row - r) <= 2 * _REACH)).sum())
 
 
 def _column_charge(added: _Floats, r: int, c: int) -> float:
-    """Return the charge in the column beside a pixel."""
     return float(added[max(r - _REACH, 0) : r, c].sum() + added[r + 1 : r + 1 + _REACH, c].sum())
 
 

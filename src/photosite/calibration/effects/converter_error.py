@@ -216,7 +216,10 @@ def measure_converter(reduction: Reduction) -> Deferred[ConverterCodes | Missing
     each = max(2, -(-PIXELS // (frames.rows * frames.cols * len(chosen))))
     used = {id(frame.source): frame for frame in reduction.used}
     counted = [
-        ([found for source in entry.group.frames if (found := used.get(id(source)))][:each], _least_noise(entry))
+        (
+            [found for source in entry.group.frames if (found := used.get(id(source)))][:each],
+            min(math.sqrt(level.variance) for level in entry.levels),
+        )
         for entry in chosen
     ]
 
@@ -264,10 +267,6 @@ def _counts(reader: FrameReader, frames: Sequence[UsedFrame]) -> NDArray[np.int6
     for frame, total in zip(frames, found @ np.arange(found.shape[1]), strict=True):
         frame.check_total(int(total))
     return np.stack([found[half::2, : reader.white + 1].sum(axis=0) for half in (0, 1)])
-
-
-def _least_noise(entry: GroupStatistics) -> float:
-    return min(math.sqrt(level.variance) for level in entry.levels)
 
 
 def _full_wells(lights: Sequence[GroupStatistics]) -> Sequence[float]:

@@ -175,7 +175,6 @@ def _values(steps: Sequence[GainStep], name: str) -> tuple[Array, Array]:
 
 
 def _read_noise(steps: Sequence[GainStep], gain: Array, u_gain: Array) -> ReadNoise | None:
-    """Return the read noise of the settings; None unless all are above zero."""
     if any((step.calibration.read_noise_dn.value or 0.0) <= 0.0 for step in steps):
         return None
     value, uncertainty = _values(steps, "read_noise_dn")

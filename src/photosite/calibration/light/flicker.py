@@ -173,8 +173,11 @@ def _fit(levels: Sequence[RowLight]) -> tuple[Uncertain, list[_Bands]] | None:
     steady = mean
     for _ in range(_CORRECTIONS):
         relative = [(level.dn - m) / s for level, m, s in zip(levels, mean, steady, strict=True)]
-        # Differences between rows hold the noise, and little of the bands.
-        sigma = [math.sqrt(0.5 * float(np.mean(np.diff(each, axis=1) ** 2)) * _freed(each)) for each in relative]
+        # Differences between rows hold the noise, and little of the bands; each mean over n frames takes 1 / n of it.
+        sigma = [
+            math.sqrt(0.5 * float(np.mean(np.diff(each, axis=1) ** 2)) * (len(each) / (len(each) - 1.0)))
+            for each in relative
+        ]
         if min(sigma) <= 0.0:
             return None
         scaled = np.concatenate([each / s for each, s in zip(relative, sigma, strict=True)])
@@ -213,10 +216,6 @@ def _mean_waves(waves: Array, center: Array) -> Array:
     mean = strength * mean_turn
     mean[0] = -(center[0] - 1j * center[1])
     return np.stack([mean.real, -mean.imag], axis=1).ravel()
-
-
-def _freed(relative: Array) -> float:
-    return len(relative) / (len(relative) - 1.0)
 
 
 def _design(cycles_per_row: float, rows: int, harmonics: int) -> Array:
@@ -309,7 +308,6 @@ def _circle(points: Array, covariance: Array) -> tuple[Array, float, float]:
 
 
 def _depth(bands: Sequence[_Bands], frequency_hz: Uncertain) -> Uncertain | None:
-    """Return the depth of a sine that gives the bands of all levels."""
 
     def mean(f: float) -> tuple[float, float, float]:
         """Return the weighted mean over the levels, its uncertainty, and a factor for levels that disagree."""

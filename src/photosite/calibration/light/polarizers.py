@@ -96,7 +96,9 @@ def measure_polarizers(
             raise InputError("flats", expected="of one size, color filter array and bit depth")
     design, means, variances = [], [], []
     masks = {name: channel_mask(first.cfa, name, first.shape) for name in first.channels}
-    dark_means, dark_variances = _means(darks, masks) if darks else (_black(first), np.zeros(len(masks)))
+    dark_means, dark_variances = np.full(len(masks), first.black_level_dn), np.zeros(len(masks))
+    if darks:
+        dark_means, dark_variances = _means(darks, masks)
     for angle_deg, frames in flats.items():
         turn = math.radians(2.0 * angle_deg)
         design.append((1.0, math.cos(turn), math.sin(turn)))
@@ -123,10 +125,6 @@ def with_polarizers(sensor: Sensor, found: Mapping[str, Polarizer]) -> Sensor:
         for name, channel in sensor.channels.items()
     }
     return sensor.with_(channels=channels)
-
-
-def _black(frame: RawFrame) -> Array:
-    return np.full(len(frame.channels), frame.black_level_dn)
 
 
 def _means(frames: Sequence[RawFrame], masks: Mapping[str, NDArray[np.bool_]]) -> tuple[Array, Array]:

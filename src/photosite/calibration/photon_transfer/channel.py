@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.calibration.dark.dark_lines import DarkLine, DarkLines, same_exposure
+from photosite.calibration.dark.dark_lines import DarkLines, same_exposure
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import (
     LINEAR_FRACTION,
@@ -291,11 +291,14 @@ class LinearRange(Shown):
 
 def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]:
     """Return one channel's curves: "dark_signal", "dark_variance" and, with light, "response", "photon_transfer"."""
-    lines = {
-        "dark_signal": (dark.mean, "Dark signal", "mean (DN)"),
-        "dark_variance": (dark.variance, "Dark temporal variance", "variance (DN²)"),
-    }
-    curves = {kind: _dark_curve(*line) for kind, line in lines.items() if not line[0].reason}
+    curves = {}
+    for kind, line, title, y_label in (
+        ("dark_signal", dark.mean, "Dark signal", "mean (DN)"),
+        ("dark_variance", dark.variance, "Dark temporal variance", "variance (DN²)"),
+    ):
+        if not line.reason:
+            points = line.exposure_s, line.y, np.sqrt(line.variance), np.ones(len(line.y), dtype=np.bool_)
+            curves[kind] = Curve.of_fit(title, "exposure (s)", y_label, points, line.fit)
     if channel is None:
         return curves
     levels, used = channel.levels, channel.used
@@ -324,11 +327,6 @@ def _free_line(x: Array, y: Array, uncertainty: Array, used: NDArray[np.bool_]) 
     if len(np.unique(x[used])) < 2:
         return None
     return fit_linear(np.vander(x[used], 2, increasing=True), y[used], np.diag(uncertainty[used] ** 2))
-
-
-def _dark_curve(line: DarkLine, title: str, y_label: str) -> Curve:
-    points = line.exposure_s, line.y, np.sqrt(line.variance), np.ones(len(line.y), dtype=np.bool_)
-    return Curve.of_fit(title, "exposure (s)", y_label, points, line.fit)
 
 
 def linear_range(channel: Channel) -> LinearRange:

@@ -395,7 +395,6 @@ def _products_of_pairs(stack: NDArray[np.uint16], tile: tuple[int, ...]) -> list
 def _plane_lines(
     found: DifferenceProducts, phase: tuple[int, ...], tile: tuple[int, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the sums of the rows and of the columns of the plane of a phase."""
     return found.rows[phase[0] :: tile[0], phase[1]], found.columns[phase[0], phase[1] :: tile[1]]
 
 

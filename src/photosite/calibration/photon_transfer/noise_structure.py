@@ -105,7 +105,6 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
 def _coupling(
     shot: Sequence[NoiseCovariance], shared: SharedNoise | None, tile: NDArray[np.int64], signal: Sequence[float]
 ) -> PixelCoupling | Missing:
-    """Return the coupling of pixels, or why the covariances do not show it."""
     if shared is not None and isinstance(shared.charge, Missing):
         return shared.charge
     if shared is not None and shared.unclear_cause:

@@ -107,7 +107,6 @@ class _Points:
         return bool(min(chances) * len(chances) > BEND_P_VALUE)
 
     def _chi_square(self, order: int) -> float:
-        """Return chi square about the polynomial of an order."""
         root = np.linalg.cholesky(self.covariance)
         design = np.linalg.solve(root, np.vander(self.t, order + 1, increasing=True))
         y = np.linalg.solve(root, self.log_ratio)

@@ -127,7 +127,12 @@ class FrameReader:
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)
         self._checkpoint = checkpoint
-        unread = ((source, len(group)) for group in order for source in self._unread(group))
+        unread = (
+            (source, len(group))
+            for group in order
+            for saved in [None if checkpoint is None else checkpoint.load(group)]
+            for source in group.frames[saved.read if saved else 0 :]
+        )
         self._first_pass = self._read_ahead(unread, identify=isinstance(checkpoint, Checkpoint))
         self._screening: Future[Screening] = Future()
         self._sums: FrameSums | None = None
@@ -252,11 +257,6 @@ class FrameReader:
                 futures.append(Future())
                 futures[-1].set_result(result(source))
         return [future.result() for future in futures]
-
-    def _unread(self, group: FrameGroup) -> tuple[FrameSource, ...]:
-        """Return the frames of a group that the checkpoint does not contain."""
-        saved = None if self._checkpoint is None else self._checkpoint.load(group)
-        return group.frames[saved.read if saved else 0 :]
 
     def _check_unchanged(self, group: FrameGroup, first: FirstPass) -> None:
         """Raise an error if a frame of the checkpoint has changed; frames are read where the stamp does not tell."""

@@ -226,19 +226,15 @@ def _block_sizes(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (..., block rows, block columns) means of samples (..., rows, cols)."""
-    return np.asarray(_block_sums(values) / _block_sizes(values.shape[-2:]))
+    rows, cols = (_block_starts(length) for length in values.shape[-2:])
+    sums = np.add.reduceat(np.add.reduceat(values, rows, axis=-2), cols, axis=-1)
+    return np.asarray(sums / _block_sizes(values.shape[-2:]))
 
 
 def block_numbers(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return the (rows, cols) number of the block of each pixel."""
     blocks = np.arange(_block_sizes(shape).size).reshape(_block_sizes(shape).shape)
     return _over_blocks(blocks, shape)
-
-
-def _block_sums(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return the (..., block rows, block columns) sums of samples (..., rows, cols)."""
-    rows, cols = (_block_starts(length) for length in values.shape[-2:])
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=-2), cols, axis=-1))
 
 
 def _over_blocks(blocks: NDArray[T], shape: tuple[int, ...]) -> NDArray[T]:

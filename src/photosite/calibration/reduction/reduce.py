@@ -121,7 +121,6 @@ def reduce_frames(reader: FrameReader) -> Reduction:
 def _foreign_groups(
     reader: FrameReader, reduction: Reduction, samples: Mapping[int, NDArray[np.float64]]
 ) -> list[FrameGroup]:
-    """Return the groups of another chip than most others of their kind."""
     shape = reader.frames.rows, reader.frames.cols
     rows, cols = sample_grid(shape, 1)
     labels = reader.tile[rows % reader.tile.shape[0], cols % reader.tile.shape[1]]

@@ -430,7 +430,6 @@ def _channel_pattern(
 def _dark_structure(
     dark: DarkResult, tile: NDArray[np.int64]
 ) -> tuple[PeriodicStructure | None, tuple[Taps, ...], tuple[FarPixels, ...]]:
-    """Return what the mean dark frame shows, if there is one: periods, taps and far pixels."""
     if dark.mean is None:
         return None, (), ()
     mean = dark.mean.mean
@@ -475,7 +474,6 @@ def _dark_current_unknown(channel: Channel) -> Missing | None:
 
 
 def _dark_patterns(inputs: _Inputs, readout: ReadoutChannels | None) -> list[_DarkPattern]:
-    """Return the dark pattern of each channel."""
     reduction, dark, reader = inputs.reduction, inputs.dark, inputs.reader
     if dark.clipped is not None or dark.noise_unknown:
         stated = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]

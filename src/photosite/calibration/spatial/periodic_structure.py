@@ -303,17 +303,12 @@ def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = N
         found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark, separable=_separable(labels, period))
         limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
-            if found.difference == 0.0 or found.difference <= (
-                _least_offset(cells, level) if dark else READOUT_FRACTION
-            ):
-                return None
-            return _with_lines(found, cells, labels, ramp)
+            least = READOUT_FRACTION
+            if dark:
+                least = LEAST_DARK_OFFSET * NORMAL_MAD * float(np.median(np.abs(cells - level[..., None, None])))
+            negligible = found.difference == 0.0 or found.difference <= least
+            return None if negligible else _with_lines(found, cells, labels, ramp)
     return None
-
-
-def _least_offset(cells: Array, level: Array) -> float:
-    """Return the difference between places of a dark frame below which nothing is reported."""
-    return LEAST_DARK_OFFSET * NORMAL_MAD * float(np.median(np.abs(cells - level[..., None, None])))
 
 
 def _cells(mean: Array) -> Array:

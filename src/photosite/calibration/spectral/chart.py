@@ -163,7 +163,6 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
 
 
 def _left_out(views: ChartViews, keep: NDArray[np.bool_], name: str) -> int:
-    """Return the number of patches of a channel that are not usable."""
     if (count := int(keep.sum())) < 3:
         raise UNUSABLE_SPECTRAL_FRAMES.error(
             "usable patches",

@@ -194,7 +194,9 @@ def _channel(
         smooth = smooth_positive_estimate(matrix, mean, alone, centres, relative=readings)
         efficiency, covariance = smooth.mean, smooth.covariance
     covariance = covariance + np.diag(_wavelength_variance(efficiency, centres, used))
-    relative = math.hypot(common_relative_uncertainty(sensor), _scale_relative(frames))
+    areas = [_relative(band.photodiode.area_mm2) for band in frames.bands if band.photodiode is not None]
+    scale = math.hypot(max(areas, default=0.0), frames.scale_uncertainty_percent / 100)  # common to all readings
+    relative = math.hypot(common_relative_uncertainty(sensor), scale)
     covariance = covariance + relative**2 * np.outer(efficiency, efficiency)
     result = ChannelEfficiency(
         wavelength_nm=centres,
@@ -249,12 +251,6 @@ def common_relative_uncertainty(sensor: Sensor) -> float:
     """Return the relative standard uncertainty that gain and pixel give all quantum efficiencies of a sensor."""
     names = ("conversion_gain_uv_per_e", "voltage_swing_v", "analog_gain", "width_um", "height_um", "fill_factor")
     return math.hypot(*(_relative(sensor.measured(name)) for name in names))
-
-
-def _scale_relative(frames: SpectralFrames) -> float:
-    """Return the relative standard uncertainty common to all readings."""
-    areas = {_relative(band.photodiode.area_mm2) for band in frames.bands if band.photodiode is not None}
-    return math.hypot(max(areas, default=0.0), frames.scale_uncertainty_percent / 100)
 
 
 def _relative(quantity: Measured) -> float:
