@@ -1,7 +1,5 @@
 """Numbers that are not the converter's: digital gains after it, and white levels below full scale."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from tests.helpers.diagnosed import limits
@@ -9,7 +7,7 @@ from tests.helpers.diagnosed import limits
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.codes import count_codes, find_steps, find_white_level
 from photosite.calibration.reduction.frame_screening import sample_grid
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 
 K, READ_E, DSNU_DN, PRNU, BLACK = 0.3, 6.0, 0.6, 0.008, 64.0
 SHAPE = (96, 120)
@@ -27,17 +25,17 @@ def stack(
         response = response * np.tile(LIGHT, (shape[0] // 2, shape[1] // 2))
     offset = BLACK + DSNU_DN * rng.normal(size=shape)
 
-    def group(kind, exposure_s):
-        sources = []
-        for i in range(frames):
+    def take(kind, exposure_s):
+        shots = []
+        for _ in range(frames):
             electrons = rng.poisson(response * (rate * exposure_s if kind == "light" else 0.0))
             codes = np.clip(np.rint(offset + K * (electrons + rng.normal(0.0, READ_E, shape))), 0, 4095)
             dn = np.clip(numbers(codes), 0, 2**bits - 1).astype(np.uint16)
-            sources.append(FrameSource(f"{kind} {exposure_s} {i}", partial(np.array, dn)))
-        return FrameGroup(kind, exposure_s, tuple(sources))
+            shots.append((kind, exposure_s, dn))
+        return shots
 
-    groups = [group("dark", t) for t in (0.01, 0.1, 1.0)] + [group("light", 0.01 * t) for t in levels]
-    return FrameSet(tuple(groups), rows=shape[0], cols=shape[1], bits=bits, cfa=cfa)
+    groups = [take("dark", t) for t in (0.01, 0.1, 1.0)] + [take("light", 0.01 * t) for t in levels]
+    return FrameSet.from_arrays([shot for group in groups for shot in group], bits=bits, cfa=cfa)
 
 
 def times(gain):

@@ -1,7 +1,5 @@
 """Frames and groups of another chip, gain or binning are left out by name; weak patterns give no warning."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -9,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.reduction.foreign_frames import find_foreign_frames
 from photosite.errors import CalibrationError
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 from photosite.studies.conditions import CONDITIONS
 
 MONO, RGGB = np.zeros((64, 64), np.int64), np.tile([[0, 1], [1, 2]], (32, 32))
@@ -108,18 +106,18 @@ def stack(foreign=lambda kind, exposure_s, frame: False, seed=6, dark_s=DARK_S):
     shape = (64, 64)
     response, offset = 1.0 + 0.01 * rng.normal(size=(2, *shape)), 64.0 + 1.0 * rng.normal(size=(2, *shape))
 
-    def group(kind, exposure_s, electrons):
-        sources = []
+    def take(kind, exposure_s, electrons):
+        shots = []
         for i in range(6):
             chip = int(foreign(kind, exposure_s, i))
             dn = offset[chip] + 0.3 * rng.poisson(electrons * response[chip]) + rng.normal(0.0, 2.0, shape)
             frame = np.clip(np.rint(dn), 0, 4095).astype(np.uint16)
-            sources.append(FrameSource(f"{kind} {exposure_s:g} {i}", partial(np.array, frame)))
-        return FrameGroup(kind, exposure_s, tuple(sources))
+            shots.append((kind, exposure_s, frame))
+        return shots
 
-    darks = [group("dark", t, 0.0) for t in dark_s]
-    lights = [group("light", t, 1e5 * t) for t in LIGHT_S]
-    return FrameSet((*darks, *lights), rows=64, cols=64, bits=12)
+    darks = [take("dark", t, 0.0) for t in dark_s]
+    lights = [take("light", t, 1e5 * t) for t in LIGHT_S]
+    return FrameSet.from_arrays([shot for group in (*darks, *lights) for shot in group], bits=12)
 
 
 def test_a_clean_stack_is_used_as_a_whole():

@@ -9,7 +9,7 @@ from tests.helpers.diagnosed import limits
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.level_outliers import find_light_outliers
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 
 GAIN, FULL, SAMPLES = 0.3, 3800.0, 300_000
 
@@ -135,17 +135,16 @@ def stack(factor, seed=0):
     shape, times = (64, 64), np.linspace(0.01, 0.14, 14)
     response = 1.0 + 0.01 * rng.normal(size=shape)
 
-    def group(kind, exposure_s, electrons):
+    def take(kind, exposure_s, electrons):
         e = rng.poisson(electrons * response, (6, *shape))
         dn = 64.0 + GAIN * e * (1.0 - 0.04 * e / 10_000.0) + rng.normal(0.0, 2.0, e.shape)
         frames = np.clip(np.rint(dn), 0, 4095).astype(np.uint16)
-        sources = tuple(FrameSource(f"{kind} {exposure_s:g} {i}", partial(np.array, f)) for i, f in enumerate(frames))
-        return FrameGroup(kind, exposure_s, sources)
+        return [(kind, exposure_s, dn) for dn in frames]
 
-    darks = [group("dark", float(t), 0.0) for t in (0.01, 0.14)]
+    darks = [take("dark", float(t), 0.0) for t in (0.01, 0.14)]
     light = [1e5 * t * (factor if i == 4 else 1.0) for i, t in enumerate(times)]
-    lights = [group("light", float(t), e) for t, e in zip(times, light, strict=True)]
-    return FrameSet((*darks, *lights), rows=64, cols=64, bits=12)
+    lights = [take("light", float(t), e) for t, e in zip(times, light, strict=True)]
+    return FrameSet.from_arrays([shot for group in (*darks, *lights) for shot in group], bits=12)
 
 
 def test_one_wrong_level_no_longer_hides_a_bend():

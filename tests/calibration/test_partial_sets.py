@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -24,7 +23,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.export.emva_xml import emva_results
 from photosite.calibration.result import Calibration
 from photosite.errors import PhotositeWarning
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import Kind
 from photosite.studies.plain_camera import Effect, PlainCamera, bent, convolved
 from photosite.studies.protocol import ShootingProtocol, Step
@@ -41,16 +40,16 @@ def measured(
     rng = np.random.default_rng(5)
     offset = black_dn + DSNU_DN * rng.normal(size=SHAPE)
 
-    def group(kind: Kind, exposure_s: float) -> FrameGroup:
+    def take(kind: Kind, exposure_s: float) -> list[tuple[Kind, float, NDArray[np.uint16]]]:
         electrons = exposure_s * (DARK_DN_PER_S / GAIN + (LIGHT_E_PER_S if kind == "light" else 0.0))
-        sources = []
-        for i in range(frames):
+        shots = []
+        for _ in range(frames):
             dn = offset + GAIN * rng.poisson(electrons, SHAPE) + READ_DN * rng.normal(size=SHAPE)
-            sources.append(FrameSource(f"{kind} {exposure_s:g} {i}", partial(np.array, np.uint16(dn.clip(0) + 0.5))))
-        return FrameGroup(kind, exposure_s, tuple(sources))
+            shots.append((kind, exposure_s, np.uint16(dn.clip(0) + 0.5)))
+        return shots
 
-    groups = [*(group("dark", t) for t in dark_s), *(group("light", t) for t in light_s)]
-    return calibrate(FrameSet(tuple(groups), rows=SHAPE[0], cols=SHAPE[1], bits=12))
+    groups = [*(take("dark", t) for t in dark_s), *(take("light", t) for t in light_s)]
+    return calibrate(FrameSet.from_arrays([shot for group in groups for shot in group], bits=12))
 
 
 CAMERA = PlainCamera(

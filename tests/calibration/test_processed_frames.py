@@ -1,13 +1,11 @@
 """Frames that were averaged, binned or had a dark frame subtracted in the camera."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 
 K, READ_E, BLACK = 0.3, 6.0, 64.0
 SHAPE = (72, 96)
@@ -19,17 +17,16 @@ def stack(seed, process=lambda one, kind: one(), bits=12, shape=SHAPE, levels=LE
     rng = np.random.default_rng(seed)
     response, offset = 1.0 + 0.008 * rng.normal(size=shape), BLACK + 0.6 * rng.normal(size=shape)
 
-    def group(kind, exposure_s):
+    def take(kind, exposure_s):
         def one():
             electrons = rng.poisson(response * (1.5e5 * exposure_s if kind == "light" else 0.0))
             return np.clip(np.rint(offset + K * (electrons + rng.normal(0.0, READ_E, shape))), 0, 4095)
 
         frames = [np.clip(np.rint(process(one, kind)), 0, 2**bits - 1).astype(np.uint16) for _ in range(8)]
-        sources = [FrameSource(f"{kind} {exposure_s} {i}", partial(np.array, dn)) for i, dn in enumerate(frames)]
-        return FrameGroup(kind, exposure_s, tuple(sources))
+        return [(kind, exposure_s, dn) for dn in frames]
 
-    groups = [group("dark", t) for t in (0.01, 0.1)] + [group("light", 0.01 * t) for t in levels]
-    return FrameSet(tuple(groups), rows=shape[0], cols=shape[1], bits=bits)
+    groups = [take("dark", t) for t in (0.01, 0.1)] + [take("light", 0.01 * t) for t in levels]
+    return FrameSet.from_arrays([shot for group in groups for shot in group], bits=bits)
 
 
 def mean_of(kind, number):

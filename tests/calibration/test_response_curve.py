@@ -1,7 +1,6 @@
 """Bends of the response are found and taken into account, light and sensor are distinguished, straight ones pass."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from tests.helpers.diagnosed import limits
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 from photosite.values.uncertain import Uncertain
 
 GAIN, PIXELS, FRAMES, TOP_E, READ_E = 0.3, 17_280, 8, 10_000.0, 6.0
@@ -170,19 +169,19 @@ def stack(seed, shape="2nd power", size=0.0, *, levels=8, rows=120, cols=144, la
     rng = np.random.default_rng(seed)
     response, offset = 1.0 + 0.008 * rng.normal(size=(rows, cols)), 64.0 + 0.6 * rng.normal(size=(rows, cols))
 
-    def group(kind, exposure_s, electrons, photons=None):
-        sources = []
-        for i in range(FRAMES):
+    def take(kind, exposure_s, electrons, photons=None):
+        shots = []
+        for _ in range(FRAMES):
             charge = rng.poisson(electrons * response) / 14_000.0
             signal = 14_000.0 * SHAPES[shape](charge, size)[0] + rng.normal(0.0, READ_E, (rows, cols))
             dn = np.clip(np.rint(offset + GAIN * signal), 0, 4095).astype(np.uint16)
-            sources.append(FrameSource(f"{kind} {exposure_s} s, {i}", partial(np.array, dn)))
-        return FrameGroup(kind, exposure_s, tuple(sources), photons)
+            shots.append((kind, exposure_s, dn, photons))
+        return shots
 
-    darks = [group("dark", t, 0.0) for t in (0.01, 0.1, 1.0)]
+    darks = [take("dark", t, 0.0) for t in (0.01, 0.1, 1.0)]
     x = np.linspace(0.1, 1.1, levels)
-    lights = [group("light", 0.1 * t, 14_000.0 * t * (1.0 + lamp * t), 28_000.0 * t) for t in x]
-    return FrameSet((*darks, *lights), rows=rows, cols=cols, bits=12)
+    lights = [take("light", 0.1 * t, 14_000.0 * t * (1.0 + lamp * t), 28_000.0 * t) for t in x]
+    return FrameSet.from_arrays([shot for group in (*darks, *lights) for shot in group], bits=12)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Uneven light is reported apart from PRNU; fixed patterns of pixels, rows and columns are not taken for it."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from tests.helpers.diagnosed import limits
@@ -9,7 +7,7 @@ from tests.helpers.diagnosed import limits
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.spatial.nonuniformity import MapPlanes, is_large, shading_variance
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 from photosite.values.uncertain import Uncertain
 
 MONO = np.zeros((1, 1), np.int64)
@@ -67,15 +65,14 @@ def stack(shading):
     shape = (64, 80)
     light = response(rng, shape=shape, shading=shading)
 
-    def group(kind, exposure_s, electrons):
+    def take(kind, exposure_s, electrons):
         e = np.minimum(rng.poisson(electrons * light, (6, *shape)), 9000)
         frames = np.rint(64.0 + 0.3 * e + rng.normal(0.0, 2.0, e.shape)).astype(np.uint16)
-        sources = tuple(FrameSource(f"{kind} {exposure_s:g} {i}", partial(np.array, f)) for i, f in enumerate(frames))
-        return FrameGroup(kind, exposure_s, sources)
+        return [(kind, exposure_s, dn) for dn in frames]
 
-    darks = [group("dark", t, 0.0) for t in (0.01, 0.1)]
-    lights = [group("light", t, 1e5 * t) for t in (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.12)]
-    return FrameSet((*darks, *lights), rows=64, cols=80, bits=12)
+    darks = [take("dark", t, 0.0) for t in (0.01, 0.1)]
+    lights = [take("light", t, 1e5 * t) for t in (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.12)]
+    return FrameSet.from_arrays([shot for group in (*darks, *lights) for shot in group], bits=12)
 
 
 def test_the_warning_names_prnu_with_and_without_shading():

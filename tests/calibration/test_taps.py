@@ -1,14 +1,12 @@
 """Halves and quadrants of different gain or offset are found; fixed patterns and shading are not taken for them."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.spatial.periodic_structure import find_taps
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet
 
 QUADRANTS = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
@@ -83,16 +81,15 @@ def stack(gain, offset_dn):
     right = (np.arange(96) >= 48).astype(float)
     response, offset = 1.0 + 0.01 * rng.normal(size=shape), 64.0 + 0.6 * rng.normal(size=shape)
 
-    def group(kind, exposure_s, electrons):
+    def take(kind, exposure_s, electrons):
         e = rng.poisson(electrons * response, (6, *shape)) * (1.0 + gain * right)
         dn = np.clip(np.rint(offset + offset_dn * right + 0.3 * e + rng.normal(0.0, 2.0, e.shape)), 0, 4095)
         frames = dn.astype(np.uint16)
-        sources = tuple(FrameSource(f"{kind} {exposure_s:g} {i}", partial(np.array, f)) for i, f in enumerate(frames))
-        return FrameGroup(kind, exposure_s, sources)
+        return [(kind, exposure_s, dn) for dn in frames]
 
-    darks = [group("dark", t, 0.0) for t in (0.01, 0.1)]
-    lights = [group("light", t, 1e5 * t) for t in (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1)]
-    return FrameSet((*darks, *lights), rows=64, cols=96, bits=12)
+    darks = [take("dark", t, 0.0) for t in (0.01, 0.1)]
+    lights = [take("light", t, 1e5 * t) for t in (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1)]
+    return FrameSet.from_arrays([shot for group in (*darks, *lights) for shot in group], bits=12)
 
 
 def test_a_calibration_names_taps_with_their_size():
