@@ -197,7 +197,7 @@ def test_few_frames_are_held_at_a_time(mono, calibration, monkeypatch, thread_sa
     assert (threads == {threading.main_thread()}) is not thread_safe
 
 
-@pytest.mark.usefixtures("calibration")  # compilation, which leaves cycles of its own, has ended
+@pytest.mark.usefixtures("calibration")  # compilation, which leaves reference cycles, has ended
 def test_a_dropped_calibration_frees_its_frames_at_once(virtual):
     """Not at the next search for cycles: the frames of several cameras in one process would add up."""
     frames = virtual.frame_set(virtual.sensor(3), 3)

@@ -96,7 +96,7 @@ CONDITIONS = {  # pixels, frames, black level, DSNU, read noise
     "d200": (512, 16, 0.0, D200_DSNU_DN, D200_READ_DN),
     "pairs": (2048, 2, 0.5, 2.0, 1.5),
     "mostly hidden": (1024, 10, -3.0, 2.3, 2.2),
-    "hardly clipped": (1024, 10, 3.0, 0.7, 1.5),
+    "slightly clipped": (1024, 10, 3.0, 0.7, 1.5),
     "no fixed pattern": (2048, 12, 1.0, 0.0, 2.0),
 }
 

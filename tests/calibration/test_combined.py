@@ -1,4 +1,4 @@
-"""Calibration of combined frames: what they show of each capture, knees, and reasons for the rest."""
+"""Calibration of combined frames: each capture, knees, and reasons for missing values."""
 
 from __future__ import annotations
 

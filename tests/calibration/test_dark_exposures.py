@@ -98,7 +98,7 @@ def shifted(group: FrameGroup, dn: int) -> FrameGroup:
 
 @pytest.mark.parametrize("sets", [3, pytest.param(40, marks=pytest.mark.slow)])
 def test_moving_black_levels_and_clean_frames_are_left_alone(sets: int) -> None:
-    """Of 40 sets each, none is named. A black level that moves from group to group leaves the noise as it is."""
+    """Of 40 sets each, none is named. A black level that moves from group to group does not change the noise."""
     rng = np.random.default_rng(1)
     for seed in range(sets):
         steps = tuple(Step("dark", t, 8) for t in TIMES_S)

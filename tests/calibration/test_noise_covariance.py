@@ -203,7 +203,7 @@ def test_clean_frames_are_not_reported() -> None:
 
 
 def test_a_small_coupling_that_is_not_seen_widens_the_gain() -> None:
-    """Of 12 sensors with 0.45 %, some are seen, and the others have so much as uncertainty as the gain is low."""
+    """Of 12 sensors with 0.45 %, some are seen; otherwise the uncertainty covers the error of the gain."""
     seen, suspected = 0, []
     for seed in range(12):
         rng = np.random.default_rng(seed)

@@ -91,7 +91,7 @@ def diagnostic_kind(name: str) -> DiagnosticKind:
     Raises
     ------
     InputError
-        If there is none.
+        If no kind has the id.
     """
     kinds = diagnostic_kinds()
     if name not in kinds:

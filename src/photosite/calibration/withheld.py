@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from photosite.values.diagnostic import DiagnosticKind
 
-_DARK_CURRENT = ("dark_current_*", "dark_voltage_*", "dcnu_percent")
-_BY_LIGHT = ("responsivity_*", "quantum_efficiency_*")
+DARK_CURRENT = ("dark_current_*", "dark_voltage_*", "dcnu_percent")
+RESPONSE = ("responsivity_*", "quantum_efficiency_*")
+"""Parameters that diagnostics often concern together: of the dark current, and of the response to known light."""
 
 
 def _withheld(id: str, seen: str, remedy: str, *parameters: str, effect: str = "") -> DiagnosticKind:
@@ -38,7 +39,7 @@ ONE_DARK_EXPOSURE = DiagnosticKind(
     "The dark current is not known. Black level, read noise and DSNU are those at this time: they contain its dark "
     "current if it is long.",
     "Take dark frames at a second, much shorter or longer exposure time.",
-    ("read_noise_*", "dsnu_*", "black_level_dn", *_DARK_CURRENT),
+    ("read_noise_*", "dsnu_*", "black_level_dn", *DARK_CURRENT),
     "exposure time, s",
     "none: exposure times are compared",
 )
@@ -49,7 +50,7 @@ UNKNOWN_DARK_CURRENT = DiagnosticKind(
     "The dark current is not known; the uncertainties of responsivity and quantum efficiency include it, or they are "
     "withheld.",
     "Take dark frames at a second exposure time.",
-    (*_DARK_CURRENT, *_BY_LIGHT),
+    (*DARK_CURRENT, *RESPONSE),
     "largest dark current that the flat fields allow, DN/s",
     "none: exposure times are compared",
 )
@@ -86,7 +87,7 @@ IMPLAUSIBLE = DiagnosticKind(
     "A dark current is negative, or a quantum efficiency above 100 %, beyond chance.",
     "The value cannot be true, and is withheld with the likely cause.",
     "Correct exposure times or photons in the protocol; switch the camera's black level clamp off.",
-    (*_DARK_CURRENT, *_BY_LIGHT, "*_photons"),
+    (*DARK_CURRENT, *RESPONSE, "*_photons"),
     false_alarms="below 1 of 10 000 sets",
 )
 HIDDEN_NOISE = DiagnosticKind(
@@ -96,7 +97,7 @@ HIDDEN_NOISE = DiagnosticKind(
     "Quantization hides the read noise: only its upper limit is known. Rounding errors were added to the uncertainties "
     "of DSNU, black level, dark current and DCNU.",
     "Use a higher gain setting.",
-    ("read_noise_*", "row_noise_*", "column_noise_*", "dsnu*", "black_level_dn", *_DARK_CURRENT),
+    ("read_noise_*", "row_noise_*", "column_noise_*", "dsnu*", "black_level_dn", *DARK_CURRENT),
     "dark temporal variance, DN²",
     "none: it is the standard's rule",
 )
@@ -118,7 +119,7 @@ UNKNOWN_PHOTONS = _withheld(
     "unknown-photons",
     "The photons per pixel are not known.",
     "Give them in a descriptor or a protocol.",
-    *_BY_LIGHT,
+    *RESPONSE,
     "*_photons",
 )
 NO_LINEAR_LEVEL = _withheld(
@@ -126,7 +127,7 @@ NO_LINEAR_LEVEL = _withheld(
     "No light level lies in the linear range.",
     "Take flat fields between the dark level and 70 % of saturation.",
     "system_gain_dn_per_e",
-    *_BY_LIGHT,
+    *RESPONSE,
 )
 NO_HALF_SATURATION = _withheld(
     "no-half-saturation",

@@ -93,6 +93,18 @@ class Diagnosed:
         return texts(self.diagnostics, "note", "warning")
 
 
+def one_in(p_value: float) -> str:
+    """Return a small probability in words.
+
+    Examples
+    --------
+    >>> one_in(5e-4), one_in(1e-4)
+    ('1 of 2000', '1 of 10 000')
+    """
+    count = round(1.0 / p_value)
+    return f"1 of {count}" if count < 10_000 else f"1 of {count:,}".replace(",", " ")
+
+
 @dataclass(frozen=True)
 class DiagnosticKind(Shown):
     """An entry of the registry of diagnostics. Called with a text, it returns a `Diagnostic`.

@@ -15,7 +15,7 @@ from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.without_darks import BRIGHTER_FATTER
 from photosite.calibration.reduction.groups import pooled_level
 from photosite.calibration.withheld import ONE_DARK_EXPOSURE, UNKNOWN_DARK_NOISE
-from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, derive
 
@@ -120,7 +120,7 @@ DARK_SCATTER = DiagnosticKind(
     "Check the stated exposure times; keep temperature and black level constant.",
     (*_DARK_NOISE, "dark_current_dn_per_s", "dark_current_e_per_s", "dark_voltage_*"),
     "scatter about the line, DN",
-    "below 1 of 10 000 clean sets",
+    f"below {one_in(DARK_SCATTER_P_VALUE)} clean sets",
 )
 
 

@@ -12,14 +12,11 @@ from photosite.calibration.diagnostics import Check
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.withheld import SINGLE_FLATS
+from photosite.calibration.withheld import DARK_CURRENT, RESPONSE, SINGLE_FLATS
 from photosite.frames.raw_frame import levels_disagree
-from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing
-
-_DARK_CURRENT = ("dark_current_*", "dark_voltage_*", "dcnu_percent")
-_BY_LIGHT = ("responsivity_*", "quantum_efficiency_*", "linearity_*")
 
 SHORTEST_S = 1e-6
 """Exposure time below which few image sensors have a shutter."""
@@ -30,7 +27,7 @@ FAST_SHUTTER = DiagnosticKind(
     f"The shortest exposure time is below {SHORTEST_S:g} s, shorter than most shutters allow.",
     "If the times are in another unit, dark current and dark voltage are wrong by the same factor.",
     "Check the unit in the protocol or descriptor: an EMVA descriptor has nanoseconds, a protocol seconds.",
-    _DARK_CURRENT,
+    DARK_CURRENT,
     "shortest exposure time, s",
     "none: times are compared",
 )
@@ -63,7 +60,7 @@ LIGHT_LEAK = DiagnosticKind(
     f"The dark signal grows with the exposure time by {100 * LEAK_FRACTION:.0f} % of the dimmest flat fields or more.",
     "If light falls on the dark frames, dark current and its nonuniformity are too large.",
     "Cover the lens, switch the lamp off, and compare with dark frames in a dark room.",
-    _DARK_CURRENT,
+    DARK_CURRENT,
     "slope of the dark signal, DN/s",
 )
 
@@ -103,9 +100,9 @@ UNSTEADY_LIGHT = DiagnosticKind(
     f"The means of the frames of a level differ by more than {100 * LAMP_DRIFT:.0f} % of the signal, beyond chance.",
     "The shifts are excluded from the temporal noise; the light of a level is less certain than its frames show.",
     "Let the lamp warm up, or take more frames of each level.",
-    _BY_LIGHT,
+    (*RESPONSE, "linearity_*"),
     "shift from frame to frame as a fraction of the signal",
-    "below 1 of 1000 sets under a steady lamp",
+    f"below {one_in(UNSTEADY_P_VALUE)} sets under a steady lamp",
 )
 
 UNSTEADY_BLACK = DiagnosticKind(
@@ -114,9 +111,9 @@ UNSTEADY_BLACK = DiagnosticKind(
     "The dark frames of one exposure time differ in their means by more than the noise of a pixel.",
     "Black level and dark current are those of a black level that moves.",
     "Let the camera settle; switch its black level clamp off.",
-    ("black_level_dn", *_DARK_CURRENT),
+    ("black_level_dn", *DARK_CURRENT),
     "shift from frame to frame, DN",
-    "below 1 of 1000 clean sets",
+    f"below {one_in(UNSTEADY_P_VALUE)} clean sets",
 )
 
 
@@ -228,9 +225,9 @@ FIRST_FRAMES = DiagnosticKind(
     "The first frame of most light levels is the lowest, or the highest.",
     "Charge of the level before (image lag), or light that is still changing, shifts responsivity and linearity.",
     "Take more frames of each level, and leave out the first ones.",
-    _BY_LIGHT,
+    (*RESPONSE, "linearity_*"),
     "difference from the other frames as a fraction of the signal",
-    "below 1 of 2000 sets with frames in random order",
+    f"below {one_in(FIRST_P_VALUE)} sets with frames in random order",
 )
 
 

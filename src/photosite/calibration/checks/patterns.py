@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.evidence import Evidence
-from photosite.calibration.spatial.periodic_structure import UNSTATED_MOSAIC
-from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.calibration.spatial.periodic_structure import PERIOD_P_VALUE, TAPS_P_VALUE, UNSTATED_MOSAIC
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
 
 PERIODIC_GAIN = DiagnosticKind(
     "periodic-gain",
@@ -17,7 +17,7 @@ PERIODIC_GAIN = DiagnosticKind(
     "Nothing: the sensor file has the readout channels.",
     ("prnu*",),
     "difference as a fraction of the signal",
-    "below 1 of 10 000 sets",
+    f"below {one_in(PERIOD_P_VALUE)} sets",
 )
 PERIODIC_OFFSET = DiagnosticKind(
     "periodic-offset",
@@ -27,7 +27,7 @@ PERIODIC_OFFSET = DiagnosticKind(
     "Nothing: the sensor file has the readout channels.",
     ("dsnu*",),
     "difference, DN",
-    "below 1 of 10 000 sets",
+    f"below {one_in(PERIOD_P_VALUE)} sets",
 )
 TAP_STEPS = DiagnosticKind(
     "steps-between-taps",
@@ -37,7 +37,7 @@ TAP_STEPS = DiagnosticKind(
     "Nothing: the sensor file has the readout channels.",
     ("prnu*", "dsnu*"),
     "step as a fraction of the signal, or in DN for dark frames",
-    "below 1 of 10 000 mean frames",
+    f"below {one_in(TAPS_P_VALUE)} mean frames",
 )
 FAR_PIXELS = DiagnosticKind(
     "far-pixels",

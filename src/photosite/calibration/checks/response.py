@@ -12,13 +12,12 @@ from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_noise_ratio import PROCESSED_FRAMES
 from photosite.calibration.photon_transfer.level_outliers import LIGHT_OUTLIERS, outlier_warning
-from photosite.calibration.photon_transfer.noise_covariance import SHARED_NOISE
-from photosite.calibration.photon_transfer.response_shape import TONE_CURVE
+from photosite.calibration.photon_transfer.noise_covariance import CORRELATION_P_VALUE, SHARED_NOISE
+from photosite.calibration.photon_transfer.response_shape import BEND_P_VALUE, TONE_CURVE
 from photosite.calibration.spatial.nonuniformity import is_large
-from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.calibration.withheld import RESPONSE
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
 from photosite.values.uncertain import SIGMA_1_IN_1000, Missing, Uncertain, derive
-
-_BY_LIGHT = ("responsivity_*", "quantum_efficiency_*")
 
 
 def light_outliers(evidence: Evidence) -> Iterator[Diagnostic]:
@@ -71,7 +70,7 @@ FLICKER = DiagnosticKind(
     "Use a light with a constant current, or exposure times that are multiples of its period.",
     ("system_gain_dn_per_e", "prnu*"),
     "standard deviation of the rows as a fraction of the signal",
-    "below 1 of 2000 sets",
+    f"below {one_in(CORRELATION_P_VALUE)} sets",
 )
 
 
@@ -119,7 +118,7 @@ BENT_VARIANCE = DiagnosticKind(
     "The system gain is that at small signal. The uncertainties of responsivity, PRNU and wells include a bend of the "
     "response that errors of the light may hide.",
     "Compare with another light source; noise that pixels share at large signals (brighter-fatter effect) stays.",
-    ("system_gain_dn_per_e", *_BY_LIGHT, "prnu*", "saturation_capacity_*"),
+    ("system_gain_dn_per_e", *RESPONSE, "prnu*", "saturation_capacity_*"),
     "relative difference of the gain from that of a straight line",
 )
 BENT_RESPONSE = DiagnosticKind(
@@ -128,9 +127,9 @@ BENT_RESPONSE = DiagnosticKind(
     "The response bends.",
     "All parameters follow from gain and responsivity at small signal, the figures of EMVA 1288 from a straight line.",
     "Nothing, or calibrate a smaller range of signals.",
-    ("system_gain_dn_per_e", *_BY_LIGHT, "linearity_*", "*_e"),
+    ("system_gain_dn_per_e", *RESPONSE, "linearity_*", "*_e"),
     "relative deviation of the brightest signal from a straight response",
-    "below 1 of 1000 straight responses",
+    f"below {one_in(BEND_P_VALUE)} straight responses",
 )
 NONLINEAR_LIGHT = DiagnosticKind(
     "nonlinear-light",
@@ -138,9 +137,9 @@ NONLINEAR_LIGHT = DiagnosticKind(
     "The light is not in proportion to what is stated, and the variances show that the sensor is not the cause.",
     "The system gain is not affected; the uncertainties of responsivity and quantum efficiency include it.",
     "Check lamp, shutter and the stated light.",
-    (*_BY_LIGHT, "linearity_*"),
+    (*RESPONSE, "linearity_*"),
     "relative deviation of the brightest signal",
-    "below 1 of 1000 sets in proportional light",
+    f"below {one_in(BEND_P_VALUE)} sets in proportional light",
 )
 UNCLEAR_BEND = DiagnosticKind(
     "unclear-bend",
@@ -149,7 +148,7 @@ UNCLEAR_BEND = DiagnosticKind(
     "errors of the light.",
     "The uncertainty of the system gain covers both.",
     "Take more frames, or check lamp and shutter.",
-    ("system_gain_dn_per_e", "*_e", *_BY_LIGHT),
+    ("system_gain_dn_per_e", "*_e", *RESPONSE),
     "half of the range of signal over light, relative",
 )
 

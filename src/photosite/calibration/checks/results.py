@@ -11,19 +11,18 @@ from photosite.calibration.effects.em_gain import STATED_EM_GAIN, stated_gain_wa
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.parameters import least_dark_variance
 from photosite.calibration.withheld import (
+    DARK_CURRENT,
     FEW_LEVELS,
     HIDDEN_NOISE,
     IMPLAUSIBLE,
     NO_FLAT_FIELDS,
     NO_MAPS,
     NO_SATURATION,
+    RESPONSE,
     UNKNOWN_DARK_CURRENT,
 )
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.uncertain import Missing, Uncertain
-
-_DARK_CURRENT = ("dark_current_*", "dark_voltage_*", "dcnu_percent")
-_BY_LIGHT = ("responsivity_*", "quantum_efficiency_*")
 
 
 def reading(evidence: Evidence) -> tuple[Diagnostic, ...]:
@@ -35,8 +34,8 @@ def implausible(evidence: Evidence) -> Iterator[Diagnostic]:
     """Values that were computed and cannot be true."""
     pooled = evidence.pooled
     for name, value, parameters in (
-        ("dark current", pooled.dark_slope, _DARK_CURRENT),
-        ("quantum efficiency", pooled.responsivity, (*_BY_LIGHT, "*_photons")),
+        ("dark current", pooled.dark_slope, DARK_CURRENT),
+        ("quantum efficiency", pooled.responsivity, (*RESPONSE, "*_photons")),
     ):
         if isinstance(value, Implausible):
             yield IMPLAUSIBLE(f"{name} is implausible and was withheld: {value.reason}", parameters=parameters)
@@ -65,7 +64,7 @@ SHORT_DARKS = DiagnosticKind(
     "The longest flat fields are longer than the longest dark frames.",
     "Their dark signal was extrapolated, or taken as constant.",
     "Take dark frames at the longest exposure time of the flat fields.",
-    _BY_LIGHT,
+    RESPONSE,
     "longest exposure time of the flat fields, s",
     "none: exposure times are compared",
 )

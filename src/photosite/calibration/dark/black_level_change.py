@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
-from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.diagnostic import DiagnosticKind, one_in
 from photosite.values.uncertain import SIGMA_1_IN_10_000, Missing, Uncertain, Value
 
 CHANGE_P_VALUE = 5e-4
@@ -80,7 +80,7 @@ SHIFT = DiagnosticKind(
     "Let the camera settle; switch its black level clamp off.",
     _MOVED,
     "standard deviation, DN",
-    "below 1 of 1000 clean sets",
+    f"below {one_in(2.0 * CHANGE_P_VALUE)} clean sets",
 )
 DRIFT = DiagnosticKind(
     "black-level-drifts",
@@ -90,7 +90,7 @@ DRIFT = DiagnosticKind(
     "Let the camera reach its temperature before the first frame.",
     _MOVED,
     "drift over all dark frames, DN",
-    "below 1 of 1000 clean sets",
+    f"below {one_in(2.0 * CHANGE_P_VALUE)} clean sets",
 )
 
 STEADY = BlackLevelChange(0.0, 0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.diagnostic import DiagnosticKind, one_in
 
 RATIO_P_VALUE = 1e-4
 """Fraction of channels of ordinary frames that may be reported (Student's t)."""
@@ -65,7 +65,7 @@ PROCESSED_FRAMES = DiagnosticKind(
     "Take flat fields and dark frames in one mode, without averages, noise reduction or dark frame subtraction.",
     ("system_gain_dn_per_e", "*_e", "*_e_per_s", "quantum_efficiency_*"),
     "variance of the flat fields at no signal over that of the dark frames",
-    "below 1 of 10 000 channels",
+    f"below {one_in(RATIO_P_VALUE)} channels",
 )
 
 

@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, find_saturation, linear_levels
 from photosite.calibration.reduction.groups import GroupStatistics
-from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.diagnostic import DiagnosticKind, one_in
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ LIGHT_OUTLIERS = DiagnosticKind(
     "Check lamp, shutter and the list of levels.",
     ("responsivity_*", "quantum_efficiency_*", "linearity_*", "prnu*", "saturation_capacity_photons"),
     "stated light of the worst level over the light that its signal shows",
-    "below 1 of 10 000 sets of levels of one channel",
+    f"below {one_in(OUTLIER_P_VALUE)} sets of levels of one channel",
 )
 
 

@@ -37,7 +37,7 @@ from photosite.calibration.photon_transfer.photon_transfer import LightLevels
 from photosite.engine.jit import THREADS
 from photosite.engine.noise_products import DifferenceProducts, difference_products, frame_products
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
-from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.diagnostic import DiagnosticKind, one_in
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 FRAME_REACH = 2
@@ -626,7 +626,7 @@ SHARED_NOISE = DiagnosticKind(
     "Switch noise reduction, sharpening, compression and demosaicing off; leave a pause between levels.",
     ("system_gain_dn_per_e", "*_e", "read_noise_*", "dsnu*", "prnu*"),
     "correlation coefficient",
-    "below 1 of 2000 sets",
+    f"below {one_in(CORRELATION_P_VALUE)} sets",
 )
 
 

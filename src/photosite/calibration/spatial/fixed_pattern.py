@@ -213,7 +213,7 @@ class _Inputs:
 
     @property
     def charge(self) -> Sequence[SharedCharge] | None:
-        """Charge that frames and pixels share, by channel; None where there is none or it is not known."""
+        """Charge that frames and pixels share, by channel; None where none is seen or it is not known."""
         shared = self.light.noise.shared
         return None if shared is None or isinstance(shared.charge, Missing) else shared.charge
 

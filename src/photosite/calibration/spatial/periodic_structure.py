@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from photosite.values.cfa import NAMED, channel_names
-from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.diagnostic import DiagnosticKind, one_in
 from photosite.values.uncertain import NORMAL_MAD
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ UNSTATED_MOSAIC = DiagnosticKind(
     "State the color filter array (--cfa).",
     ("prnu*", "shading_percent", "column_gain_percent"),
     "difference between the places of the period as a fraction of the signal",
-    "below 1 of 10 000 sets",
+    f"below {one_in(PERIOD_P_VALUE)} sets",
 )
 
 
