@@ -56,8 +56,8 @@ class Finding:
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
-        """The estimates by name."""
-        return {}
+        """The estimates by name: by default, those fields that are estimates."""
+        return {name: entry for name, entry in vars(self).items() if isinstance(entry, Estimate)}
 
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the fields of a sensor file that state the effect, as `Sensor.with_` takes them.

@@ -74,11 +74,6 @@ class BlackLevelSeries(Finding, Shown):
         """Whether there is a drift beyond chance."""
         return self.significant
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """The drift in both units."""
-        return {"drift_dn": self.drift_dn, "drift_e": self.drift_e}
-
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the drift for a sensor file: octaves up to the length of the series; none within chance.
 

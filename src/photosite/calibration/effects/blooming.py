@@ -65,11 +65,6 @@ class BloomingResult(Finding, Shown):
         """Whether the fraction is above zero beyond chance."""
         return self.seen
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """The fraction of the overflow that reaches the column."""
-        return {"kept": self.kept}
-
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the blooming for a sensor file; that of the base where it is not seen."""
         if not self.seen:

@@ -170,11 +170,6 @@ class ConverterCodes(Finding, Shown):
         """Whether there is an error beyond chance."""
         return self.significant
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """The root mean squares."""
-        return {"dnl_rms_lsb": self.dnl_rms_lsb, "inl_rms_lsb": self.inl_rms_lsb}
-
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the error for a sensor file, 0 at codes that are not covered.
 

@@ -83,11 +83,6 @@ class GlowMap(Finding, Shown):
         """Whether there is a glow of known place and size."""
         return bool(self.places) and self.peak_e_per_s.value is not None and self.decay_pixels.value is not None
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """Peak and decay by name."""
-        return {name: getattr(self, name) for name in ("peak_dn_per_s", "peak_e_per_s", "decay_pixels")}
-
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the glow for a sensor file: none within chance, that of the base where its place is unclear."""
         if self.unclear:

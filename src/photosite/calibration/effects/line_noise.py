@@ -28,11 +28,6 @@ class LineNoise(Finding, Shown):
         """Whether rows or columns have noise beyond chance."""
         return self.row_noise_dn.beyond_chance or self.column_noise_dn.beyond_chance
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """The noise by name."""
-        return dict(vars(self))
-
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return both for a sensor file: 0 within chance, as most sensors have none."""
         return {

@@ -27,11 +27,6 @@ class FixedLines(Finding, Shown):
         """Whether one of them is beyond chance."""
         return any(entry.beyond_chance for entry in self.estimates.values())
 
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """The spreads by name."""
-        return dict(vars(self))
-
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the pattern that is beyond chance; parts that could not be measured are those of the base."""
         assumed = None if base.effects is None else base.effects.line_pattern
