@@ -241,7 +241,6 @@ def calibrate_combined(
         raise InputError("frames", where=frames.source, value="several gain settings", expected="one gain setting")
     if companding is None:
         companding = _known_companding(frames, sensor if sensor is not None else frames.sensor)
-    diagnostics: list[Diagnostic] = []
     levels = [level for group in frames.groups if len(group) > 1 for level in _reduced(frames, group, companding)]
     darks, lights = ([level for level in levels if level.kind == kind] for kind in ("dark", "light"))
     if not darks or len(lights) < 3:
@@ -249,12 +248,7 @@ def calibrate_combined(
         raise FEW_COMBINED_LEVELS.error(what, where=frames.source)
     black = _black_level(darks)
     used = sorted((level for level in (*darks, *lights) if level.noise_shown), key=lambda level: level.mean)
-    if hidden := len(levels) - len(used):
-        text = (
-            f"{hidden} of {len(levels)} levels have less noise than {_LEAST_NOISE_STEPS:g} steps of the numbers and "
-            f"are left out: rounding or clipping hides it"
-        )
-        diagnostics.append(HIDDEN_LEVELS(text, hidden))
+    diagnostics = _hidden_levels(len(levels) - len(used), len(levels))
     signal = np.array([level.mean for level in used]) - black.value
     variance = np.array([level.variance for level in used])
     uncertainty = np.array([level.uncertainty for level in used])
@@ -291,6 +285,14 @@ def calibrate_combined(
         tuple(diagnostics),
         frames.source,
     )
+
+
+def _hidden_levels(hidden: int, total: int) -> list[Diagnostic]:
+    text = (
+        f"{hidden} of {total} levels have less noise than {_LEAST_NOISE_STEPS:g} steps of the numbers and are left "
+        f"out: rounding or clipping hides it"
+    )
+    return [HIDDEN_LEVELS(text, hidden)] if hidden else []
 
 
 def _known_companding(frames: FrameSet, sensor: Sensor | None) -> Companding | None:
