@@ -104,7 +104,7 @@ def write_command_pages(app: Sphinx) -> None:
 
 def write_diagnostics_page(app: Sphinx) -> None:
     """Write the entries of the registry of diagnostics, which docs/reference/diagnostics.md includes."""
-    from photosite.calibration.diagnostics import diagnostic_kinds
+    from photosite.calibration.diagnostics import detection_entry, diagnostic_kinds
     from photosite.calibration.parameters import PARAMETER_LABELS
 
     lines = []
@@ -113,7 +113,8 @@ def write_diagnostics_page(app: Sphinx) -> None:
         every = len(figures) == len(PARAMETER_LABELS)
         named = {"Figures": "all" if every else ", ".join(f"`{name}`" for name in figures)} if figures else {}
         lines += [f"({kind.id})=", f"## {kind.id}", "", f"*{kind.severity}*", ""]
-        lines += [f"- **{heading}:** {text}" for heading, text in (kind.entry | named).items()] + [""]
+        entry = kind.entry | detection_entry(kind) | named
+        lines += [f"- **{heading}:** {text}" for heading, text in entry.items()] + [""]
     page = Path(app.srcdir, "reference", "diagnostics", "entries.md")
     page.parent.mkdir(exist_ok=True)
     text = "\n".join(lines)

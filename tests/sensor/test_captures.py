@@ -241,7 +241,7 @@ def test_measured_maps_are_those_of_the_first_capture(tmp_path: Path) -> None:
 def test_interpixel_capacitance_acts_on_each_capture() -> None:
     fraction = 2.0
     coupled = SENSOR.with_(interpixel_capacitance={"coupling_percent": fraction})
-    kept = coupled.effects.interpixel_capacitance.variance_share
+    kept = coupled.effects.interpixel_capacitance.variance_factor
     for name, dn in numbers(coupled, 12000.0).items():
         plain = numbers(SENSOR, 12000.0)[name]
         assert dn.mean() == pytest.approx(plain.mean(), rel=2e-3)

@@ -161,7 +161,7 @@ def test_coupling_lowers_the_variance_as_its_kernel_does() -> None:
     dn = frame(quiet(interpixel_capacitance=COUPLING), np.full((300, 400), level, np.float32)) - (100.0 + level)
     expected = level * correlate2d(COUPLING.kernel(), COUPLING.kernel())
     error = 4.5 * level / np.sqrt(dn.size)
-    assert dn.var() == pytest.approx(level * COUPLING.variance_share + 1 / 12, abs=np.sqrt(2) * error)
+    assert dn.var() == pytest.approx(level * COUPLING.variance_factor + 1 / 12, abs=np.sqrt(2) * error)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (2, 0), (0, 3)):
         covariance = (dn[dy:, dx:] * dn[: 300 - dy, : 400 - dx]).mean()
         assert covariance == pytest.approx(expected[2 + dy, 2 + dx] if dx < 3 else 0.0, abs=error)

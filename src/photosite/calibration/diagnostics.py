@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -97,6 +99,24 @@ def diagnostic_kind(name: str) -> DiagnosticKind:
     if name not in kinds:
         raise InputError("id", value=name, expected="the id of a diagnostic", hint=did_you_mean(name, kinds))
     return kinds[name]
+
+
+@cache
+def _detection() -> dict[str, Any]:
+    """Return the result of `photosite reproduce detection --json`."""
+    return dict(json.loads(Path(__file__).with_name("detection.json").read_text(encoding="utf-8")))
+
+
+def detection_entry(kind: DiagnosticKind) -> dict[str, str]:
+    """Return which effects of virtual stacks raise a diagnostic, and how many clean ones do, by heading."""
+    known, found = _detection(), []
+    for each in known["smallest"].get(kind.id, ()):
+        tried = "" if each["varied"] else ", no smaller one was tried"
+        found.append(f"{each['kind']}, {each['size']}: {each['found']} of {each['stacks']} stacks{tried}")
+    entry = {"Smallest found": "; ".join(found)} if found else {}
+    if known["clean_stacks"] and kind.severity in ("warning", "left out", "refused"):
+        entry["Clean stacks"] = f"{known['alarms'].get(kind.id, 0)} of {known['clean_stacks']} raise it"
+    return entry
 
 
 def collected(

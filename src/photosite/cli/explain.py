@@ -22,7 +22,7 @@ def command(name: str | None, as_json: bool) -> None:
 
     Example: photosite explain unsteady-light
     """
-    from photosite.calibration.diagnostics import diagnostic_kind, diagnostic_kinds
+    from photosite.calibration.diagnostics import detection_entry, diagnostic_kind, diagnostic_kinds
 
     if name is None:
         kinds = diagnostic_kinds()
@@ -34,11 +34,12 @@ def command(name: str | None, as_json: bool) -> None:
     from photosite.calibration.parameters import PARAMETER_LABELS
 
     figures = kind.concerns(PARAMETER_LABELS)
-    entry: dict[str, Any] = {"id": kind.id, "severity": kind.severity, **kind.entry, "Figures": list(figures)}
+    known = kind.entry | detection_entry(kind)
+    entry: dict[str, Any] = {"id": kind.id, "severity": kind.severity, **known, "Figures": list(figures)}
 
     def text() -> str:
         every = len(figures) == len(PARAMETER_LABELS)
         named = {"Figures": "all" if every else ", ".join(figures)} if figures else {}
-        return "\n".join([f"{kind.id} ({kind.severity})", table(list((kind.entry | named).items()), "<<")])
+        return "\n".join([f"{kind.id} ({kind.severity})", table(list((known | named).items()), "<<")])
 
     show(as_json, entry, text)

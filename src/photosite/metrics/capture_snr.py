@@ -163,7 +163,7 @@ def _noise(sensor: Sensor, name: str, light: _Curve, exposure_s: float) -> _Nois
         well_e = part_sensor(sensor, owner.name).pixel.well_capacity_e.value / factor
     scale = capture_scale(sensor, name)
     coupling = None if sensor.effects is None else sensor.effects.interpixel_capacitance
-    fraction = 1.0 if coupling is None else coupling.variance_share
+    fraction = 1.0 if coupling is None else coupling.variance_factor
     return _Noise(
         owner.name,
         charge / factor,

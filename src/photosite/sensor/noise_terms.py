@@ -63,7 +63,7 @@ class NoiseTerms:
     def independent_fraction(self) -> float:
         """Fraction that interpixel capacitance leaves of variance that is independent between pixels."""
         coupling = self._effects.interpixel_capacitance
-        return 1.0 if coupling is None else coupling.variance_share
+        return 1.0 if coupling is None else coupling.variance_factor
 
     @property
     def shot(self) -> float:

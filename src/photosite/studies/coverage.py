@@ -32,7 +32,7 @@ from photosite.studies.virtual_lab import VirtualLab
 from photosite.values.uncertain import Missing
 
 NOMINAL_COVERAGE = 0.95
-"""Share of the intervals that should contain the truth."""
+"""Fraction of the intervals that should contain the truth."""
 
 LARGEST_BIAS = 0.1
 """Largest acceptable mean error, relative to the standard uncertainty."""
@@ -57,7 +57,7 @@ class Coverage:
     parameter: str
     sensors: int
     estimated: int  # sensors with an estimate
-    covered: float  # share of the uncertain estimates whose 95 % interval contains the truth
+    covered: float  # fraction of the uncertain estimates whose 95 % interval contains the truth
     bias: float  # mean error over mean standard uncertainty
     width: float  # root mean square of error over uncertainty: 1 for correct uncertainties
     exact: int

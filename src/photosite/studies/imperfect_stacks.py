@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from photosite.calibration.setting import calibrate_setting
-from photosite.errors import PhotositeError
+from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 from photosite.studies.plain_camera import Change, Effect, Frame, PlainCamera, bands, bent, convolved, darker_corners
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.cfa import MONOCHROME, Cfa
+from photosite.values.diagnostic import Diagnostic, texts
 
 # The virtual camera: pixels, frames of each level, exposure times, light, and its true figures.
 SHAPE = (192, 240)
@@ -49,7 +50,11 @@ class StackKind(Effect):
     Parameters
     ----------
     name, size
-        Name, and size of the effect in words.
+        Name, and size of the effect in words, in which {} stands for a size that can be varied.
+    diagnostic
+        Id of the diagnostic that a calibration must raise; None where it needs none.
+    amount, sized
+        The size, and a function that returns the fields of the effect for a size; None for an effect of one size.
     cfa
         Color filter array that is stated for the frames.
     prnu
@@ -60,13 +65,37 @@ class StackKind(Effect):
 
     name: str
     size: str
+    diagnostic: str | None = None
+    amount: float | None = None
+    sized: Callable[[float], dict[str, Any]] | None = None
     cfa: Cfa = MONOCHROME
     prnu: float = PRNU
     gain: float = GAIN
 
+    @property
+    def text(self) -> str:
+        """Size of the effect in words, in percent where it can be varied."""
+        return self.size if self.amount is None else self.size.format(f"{100.0 * self.amount:.2g} %")
+
+    def at(self, amount: float) -> StackKind:
+        """Return the kind with another size of the effect.
+
+        Examples
+        --------
+        >>> (kind,) = (kind for kind in KINDS if kind.name == "image lag")
+        >>> kind.at(0.01).text
+        '1 % of the charge to the next frame'
+        """
+        assert self.sized is not None
+        return replace(self, amount=amount, **self.sized(amount))
+
     def frames(self, seed: int) -> FrameSet:
         """Return a stack: dark frames at three exposure times, flat fields at eight levels up to saturation."""
         return replace(CAMERA, cfa=self.cfa).frame_set(PROTOCOL, self, seed)
+
+
+def _sized(name: str, size: str, diagnostic: str, amount: float, sized: Callable[[float], dict[str, Any]]) -> StackKind:
+    return StackKind(name, size, diagnostic, amount, sized, **sized(amount))
 
 
 def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
@@ -83,17 +112,33 @@ def _tone_curve(curve: Callable[[Frame], Frame]) -> Change:
     return lambda values, rng: WHITE_DN * curve(np.clip(np.rint(values), 0, WHITE_DN) / WHITE_DN)
 
 
-def _even_columns(values: Frame, rng: np.random.Generator) -> Frame:
-    brighter: Frame = values * (1.0 + 0.01 * (np.arange(values.shape[1]) % 2 == 0))
-    return brighter
+def _filter(a: float) -> tuple[tuple[float, ...], ...]:
+    return (0.0, a, 0.0), (a, 1.0 - 4.0 * a, a), (0.0, a, 0.0)
 
 
-def _knee(values: Frame, rng: np.random.Generator) -> Frame:
-    return np.asarray(values - 0.06 * np.maximum(values - 0.4 * SATURATION_E, 0.0))
+def _crosstalk(a: float) -> dict[str, Any]:
+    return {"charge": convolved(_filter(a)), "prnu": PRNU * float(np.linalg.norm(_filter(a)))}
 
 
-def _soft(values: Frame, rng: np.random.Generator) -> Frame:
-    return np.asarray(values / (1.0 + 0.1 * values / SATURATION_E))
+def _pattern(light: Frame) -> dict[str, Any]:
+    """Return the fields of a light of mean 1, or of gains of the pixels."""
+    return {"light": lambda values, rng: values * light, "prnu": math.hypot(PRNU, float(light.std() / light.mean()))}
+
+
+def _channels(a: float) -> dict[str, Any]:
+    return _pattern(np.tile(1.0 + a * (np.arange(SHAPE[1]) % 2 == 0), (SHAPE[0], 1)))
+
+
+def _taps(a: float) -> dict[str, Any]:
+    return _pattern(np.tile(np.where(np.arange(SHAPE[1]) < SHAPE[1] // 2, 1.0, 1.0 + a), (SHAPE[0], 1)))
+
+
+def _knee(a: float) -> dict[str, Any]:
+    return {"charge": lambda values, rng: np.asarray(values - a * np.maximum(values - 0.4 * SATURATION_E, 0.0))}
+
+
+def _soft(a: float) -> dict[str, Any]:
+    return {"charge": lambda values, rng: np.asarray(values / (1.0 + a * values / SATURATION_E))}
 
 
 def _another_chip(values: Frame, rng: np.random.Generator) -> Frame:
@@ -101,61 +146,71 @@ def _another_chip(values: Frame, rng: np.random.Generator) -> Frame:
     return foreign if rng.random() < 0.03 else values
 
 
-CORNERS = darker_corners(SHAPE, 0.05)
 _RGGB = (("R", "G"), ("G", "B"))
-_CROSSTALK = ((0.0, 0.02, 0.0), (0.02, 0.92, 0.02), (0.0, 0.02, 0.0))
+_GRBG = (("G", "R"), ("B", "G"))
 
 KINDS = (
     StackKind("clean", "monochrome"),
-    StackKind("clean mosaic", "RGGB", light=_mosaic, cfa=_RGGB),
-    StackKind(
-        "crosstalk", "2 % of the charge to each next pixel",
-        charge=convolved(_CROSSTALK), prnu=PRNU * float(np.linalg.norm(_CROSSTALK)),
+    StackKind("clean mosaic", "RGGB", "no-saturation", light=_mosaic, cfa=_RGGB),
+    _sized("crosstalk", "{} of the charge to each next pixel", "correlated-noise", 0.02, _crosstalk),
+    _sized(
+        "smoothing in the camera", "{} of each next pixel", "correlated-noise", 0.05,
+        lambda a: {"numbers": convolved(_filter(a))},
     ),
-    StackKind(
-        "smoothing in the camera", "5 % of each next pixel",
-        numbers=convolved([[0, 0.05, 0], [0.05, 0.8, 0.05], [0, 0.05, 0]]),
+    _sized(
+        "sharpening in the camera", "-{} of each next pixel", "correlated-noise", 0.1,
+        lambda a: {"numbers": convolved(_filter(-a))},
     ),
-    StackKind(
-        "sharpening in the camera", "-10 % of each next pixel",
-        numbers=convolved([[0, -0.1, 0], [-0.1, 1.4, -0.1], [0, -0.1, 0]]),
+    _sized(
+        "image lag", "{} of the charge to the next frame", "correlated-noise", 0.03, lambda a: {"lag": a}
     ),
-    StackKind("image lag", "3 % of the charge to the next frame", lag=0.03),
-    StackKind("noise reduction over time", "20 % of the last frame", blend=0.2),
+    _sized(
+        "noise reduction over time", "{} of the last frame", "correlated-noise", 0.2, lambda a: {"blend": a}
+    ),
     StackKind("row noise", "1 DN", numbers=lambda v, rng: v + rng.normal(0.0, 1.0, (len(v), 1))),
-    StackKind("flicker of the light", "bands of 1 %, 37 rows", light=bands(0.01, 37.0)),
-    StackKind("drift of the light", "2 % from frame to frame", light=lambda v, rng: v * (1 + 0.02 * rng.normal())),
-    StackKind("bent response", "-2 % at saturation", charge=bent(-0.02, 2, SATURATION_E)),
-    StackKind("bent response, 4th power", "+5 % at saturation", charge=bent(0.05, 4, SATURATION_E)),
-    StackKind("knee of the response", "6 % less slope above 40 %", charge=_knee),
-    StackKind("soft saturation", "-9 % at saturation", charge=_soft),
-    StackKind(
-        "non-linear light", "-2 % at saturation",
-        light=lambda v, rng: v * (1.0 - 0.02 * v.mean() / SATURATION_E),
+    _sized(
+        "flicker of the light", "bands of {}, 37 rows", "flickering-light", 0.01, lambda a: {"light": bands(a, 37.0)}
     ),
-    StackKind("mosaic not stated", "RGGB stated as monochrome", light=_mosaic),
-    StackKind("wrong phase", "RGGB stated as GRBG", light=_mosaic, cfa=(("G", "R"), ("B", "G"))),
-    StackKind("digital gain", "1.37", numbers=_digital_gain(1.37), gain=1.37 * GAIN),
-    StackKind("digital gain below 1", "0.8", numbers=_digital_gain(0.8), gain=0.8 * GAIN),
+    _sized(
+        "drift of the light", "{} from frame to frame", "unsteady-light", 0.02,
+        lambda a: {"light": lambda v, rng: v * (1 + a * rng.normal())},
+    ),
+    _sized(
+        "bent response", "-{} at saturation", "bent-response", 0.02,
+        lambda a: {"charge": bent(-a, 2, SATURATION_E)},
+    ),
+    _sized(
+        "bent response, 4th power", "+{} at saturation", "bent-response", 0.05,
+        lambda a: {"charge": bent(a, 4, SATURATION_E)},
+    ),
+    _sized("knee of the response", "{} less slope above 40 %", "bent-response", 0.06, _knee),
+    _sized("soft saturation", "signal over 1 + {} at saturation", "bent-response", 0.1, _soft),
+    _sized(
+        "non-linear light", "-{} at saturation", "nonlinear-light", 0.02,
+        lambda a: {"light": lambda v, rng: v * (1.0 - a * v.mean() / SATURATION_E)},
+    ),
+    StackKind("mosaic not stated", "RGGB stated as monochrome", "unstated-mosaic", light=_mosaic),
+    StackKind("wrong phase", "RGGB stated as GRBG", "unstated-mosaic", light=_mosaic, cfa=_GRBG),
+    StackKind("digital gain", "1.37", "digital-gain", numbers=_digital_gain(1.37), gain=1.37 * GAIN),
+    StackKind("digital gain below 1", "0.8", "digital-gain", numbers=_digital_gain(0.8), gain=0.8 * GAIN),
     StackKind(
-        "prescaled colors", "R 2.1, B 1.5", light=_mosaic, cfa=_RGGB,
+        "prescaled colors", "R 2.1, B 1.5", "unequal-digital-gains", light=_mosaic, cfa=_RGGB,
         numbers=_digital_gain(np.tile([[2.1, 1.0], [1.0, 1.5]], (SHAPE[0] // 2, SHAPE[1] // 2))),
     ),
-    StackKind("gamma", "1 / 2.2", numbers=_tone_curve(lambda x: x ** (1 / 2.2))),
-    StackKind("square-root companding", "12 bits", numbers=_tone_curve(np.sqrt)),
+    StackKind("gamma", "1 / 2.2", "tone-curve", numbers=_tone_curve(lambda x: x ** (1 / 2.2))),
+    StackKind("square-root companding", "12 bits", "tone-curve", numbers=_tone_curve(np.sqrt)),
     StackKind("clipping below full scale", "at 2800 DN", numbers=lambda v, rng: np.minimum(np.rint(v), 2800.0)),
-    StackKind("readout channels", "even columns 1 % brighter", light=_even_columns, prnu=math.hypot(PRNU, 0.005)),
-    StackKind(
-        "taps", "right half 1 % brighter",
-        light=lambda v, rng: v * np.where(np.arange(SHAPE[1]) < SHAPE[1] // 2, 1.0, 1.01),
-        prnu=math.hypot(PRNU, 0.005),
+    _sized("readout channels", "even columns {} brighter", "periodic-gain", 0.01, _channels),
+    _sized("taps", "right half {} brighter", "steps-between-taps", 0.01, _taps),
+    _sized(
+        "uneven light", "corners darker by {} and again by it", "uneven-light", 0.05,
+        lambda a: _pattern(darker_corners(SHAPE, a)),
     ),
-    StackKind(
-        "uneven light", "10 % darker corners",
-        light=lambda v, rng: v * CORNERS, prnu=math.hypot(PRNU, float(CORNERS.std())),
+    _sized(
+        "wrong level", "light of one level {} off", "wrong-light-levels", 0.04,
+        lambda a: {"wrong_level": (5, 1.0 + a)},
     ),
-    StackKind("wrong level", "light of one level 4 % off", wrong_level=(5, 1.04)),
-    StackKind("frames of another chip", "3 % of the frames", light=_another_chip),
+    StackKind("frames of another chip", "3 % of the frames", "foreign-frames", light=_another_chip),
 )  # fmt: skip
 """The kinds of stacks."""
 
@@ -170,14 +225,14 @@ class Answer:
         The kind of stack.
     gain, prnu
         Interval of 95 % of the system gain (DN/e-) and of PRNU (%), or the reason why it is withheld.
-    warnings
-        Warnings of the calibration, or the error that refused the stack.
+    diagnostics
+        Those of the calibration, or the error that refused the stack.
     """
 
     kind: StackKind
     gain: tuple[float, float] | str
     prnu: tuple[float, float] | str
-    warnings: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
     @property
     def right(self) -> bool:
@@ -185,16 +240,43 @@ class Answer:
         pairs = ((self.gain, self.kind.gain), (self.prnu, 100.0 * self.kind.prnu))
         return all(isinstance(given, str) or given[0] <= truth <= given[1] for given, truth in pairs)
 
+    @property
+    def ids(self) -> frozenset[str]:
+        """Ids of all diagnostics."""
+        return frozenset(entry.id for entry in self.diagnostics)
+
+    @property
+    def found(self) -> bool:
+        """Whether the calibration raises the diagnostic of the kind, or, without one, no warning."""
+        if self.kind.diagnostic is None:
+            return not texts(self.diagnostics, "warning", "left out", "refused")
+        return self.kind.diagnostic in self.ids
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         return {
             "kind": self.kind.name,
-            "size": self.kind.size,
+            "size": self.kind.text,
             "right": self.right,
+            "found": self.found,
             "system_gain_dn_per_e": self.gain,
             "prnu_percent": self.prnu,
-            "warnings": self.warnings,
+            "diagnostics": [entry.to_dict() for entry in self.diagnostics],
         }
+
+
+def calibrate_stack(kind: StackKind, seed: int) -> Answer:
+    """Calibrate a stack."""
+    try:
+        calibration = calibrate_setting(kind.frames(seed))
+    except CalibrationError as error:
+        reason = str(error)
+        return Answer(kind, reason, reason, (Diagnostic(error.id or "", "refused", reason),))
+    gain, prnu = (
+        estimate.interval_95 or str(estimate.reason)
+        for estimate in (calibration.system_gain_dn_per_e, calibration.prnu_percent)
+    )
+    return Answer(kind, gain, prnu, calibration.diagnostics)
 
 
 def imperfect_stacks(seeds: Iterable[int] = (0,), kinds: Sequence[StackKind] = KINDS) -> Iterator[Answer]:
@@ -203,17 +285,8 @@ def imperfect_stacks(seeds: Iterable[int] = (0,), kinds: Sequence[StackKind] = K
     Examples
     --------
     >>> (answer,) = imperfect_stacks([2], KINDS[:1])
-    >>> answer.right, answer.warnings
-    (True, ())
+    >>> answer.right, answer.found
+    (True, True)
     """
     for kind, seed in product(kinds, tuple(seeds)):
-        try:
-            calibration = calibrate_setting(kind.frames(seed))
-        except PhotositeError as error:
-            yield Answer(kind, str(error), str(error), (str(error),))
-            continue
-        gain, prnu = (
-            estimate.interval_95 or str(estimate.reason)
-            for estimate in (calibration.system_gain_dn_per_e, calibration.prnu_percent)
-        )
-        yield Answer(kind, gain, prnu, tuple(calibration.warnings))
+        yield calibrate_stack(kind, seed)

@@ -37,7 +37,7 @@ class Effect:
     lag, blend
         Share of the charge that the next frame receives; share of the saved frame that is blended into the next one.
     hot
-        Share of the pixels that are hot, and their dark current in e-/s.
+        Fraction of the pixels that are hot, and their dark current in e-/s.
     wrong_level
         Number of the protocol's step, from 0, that gets more light than stated, and the factor.
     """
@@ -119,8 +119,8 @@ class PlainCamera:
             return np.zeros(self.shape)
         sigma = math.sqrt(math.log1p(self.dcnu**2))
         rate = self.dark_e_per_s * np.exp(sigma * rng.normal(size=self.shape) - sigma**2 / 2)
-        share, hot_e_per_s = effect.hot
-        return np.where(rng.random(self.shape) < share, hot_e_per_s, rate) if share else rate
+        fraction, hot_e_per_s = effect.hot
+        return np.where(rng.random(self.shape) < fraction, hot_e_per_s, rate) if fraction else rate
 
     def _photons(self, step: Step) -> float | None:
         if self.quantum_efficiency is None:
@@ -152,9 +152,9 @@ def bent(size: float, power: int, saturation_e: float) -> Change:
     return lambda values, rng: np.asarray(values * (1.0 + size * (values / saturation_e) ** (power - 1)))
 
 
-def darker_corners(shape: tuple[int, int], share: float) -> Frame:
-    """Return a smooth light of mean 1; its corners lie 2 `share` below its center."""
+def darker_corners(shape: tuple[int, int], fraction: float) -> Frame:
+    """Return a smooth light of mean 1; its corners lie 2 `fraction` below its center."""
     rows, cols = (np.linspace(-1.0, 1.0, length) for length in shape)
-    fall = 1.0 - share * np.add.outer(rows**2, cols**2)
+    fall = 1.0 - fraction * np.add.outer(rows**2, cols**2)
     even: Frame = fall / fall.mean()
     return even

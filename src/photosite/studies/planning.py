@@ -40,7 +40,7 @@ _NOT_PLANNED = (
 )
 """Effects that change variances or means of frames, and that the prediction does not have."""
 
-_LINEAR_SHARE = 0.7
+_LINEAR_FRACTION = 0.7
 """End of EMVA 1288's photon transfer fit, relative to saturation."""
 
 
@@ -317,12 +317,12 @@ def plan_frames(
         raise InputError("wants", value=wants, expected="one parameter or more", hint=hint)
     _warn_of_effects(sensor)
     design = design or Design()
-    share = _weakest_share(sensor, design, illuminant)
+    fraction = _weakest_fraction(sensor, design, illuminant)
     best: Plan | None = None
     refused: InputError | None = None
-    for number, tried in enumerate(_designs(design, share)):
+    for number, tried in enumerate(_designs(design, fraction)):
         least = tried.protocol(*(LEAST_FRAMES,) * 3)
-        lab = virtual_lab(sensor, least, illuminant=illuminant, level=TOP / share, photons_known=metered)
+        lab = virtual_lab(sensor, least, illuminant=illuminant, level=TOP / fraction, photons_known=metered)
         try:
             found = _fewest(lab, wants, tried, best)
         except InputError as error:
@@ -336,10 +336,10 @@ def plan_frames(
     return best
 
 
-def _designs(most: Design, share: float) -> list[Design]:
+def _designs(most: Design, fraction: float) -> list[Design]:
     """Return designs with few and many light levels and dark exposures, the minimum of a calibration first."""
-    # The brightest channel has steps of TOP / share / levels; this many of them lie in its linear range.
-    least = math.ceil(LEAST_LINEAR_LEVELS * TOP / (share * _LINEAR_SHARE) - 1e-9)
+    # The brightest channel has steps of TOP / fraction / levels; this many of them lie in its linear range.
+    least = math.ceil(LEAST_LINEAR_LEVELS * TOP / (fraction * _LINEAR_FRACTION) - 1e-9)
     few = sorted({min(least, most.levels), (least + most.levels) // 2 if least < most.levels else most.levels})
     return [
         replace(most, levels=levels, dark_exposures=exposures)
@@ -389,7 +389,7 @@ def _fewest(lab: VirtualLab, wants: Mapping[str, Want], design: Design, best: Pl
     return found if best is None or found.protocol.frame_count < best.protocol.frame_count else None
 
 
-def _weakest_share(sensor: Sensor, design: Design, illuminant: str) -> float:
+def _weakest_fraction(sensor: Sensor, design: Design, illuminant: str) -> float:
     """Return the signal of the least over the most sensitive channel: all channels are to reach saturation."""
     lab = virtual_lab(sensor, design.protocol(2, 2, 1), illuminant=illuminant)
     brightest = planned_groups(lab)[-1].electrons
@@ -411,11 +411,11 @@ def _unreachable(best: Plan, wants: Mapping[str, Want]) -> InputError:
     for want in wants.values():
         found = getattr(best.expected, want.parameter)
         if want.reached(found) > 1.0:
-            share = f" ({100 * found.standard_uncertainty / abs(found.value):.2g} %)" if found.value else ""
+            relative = f" ({100 * found.standard_uncertainty / abs(found.value):.2g} %)" if found.value else ""
             array = best.sensor.array
             return InputError(
                 f"{want.parameter} to {want.text} cannot be reached: with {MOST_FRAMES} frames at every setting its "
-                f"standard uncertainty is {found.standard_uncertainty:.3g}{share}, limited by the number of pixels "
+                f"standard uncertainty is {found.standard_uncertainty:.3g}{relative}, limited by the number of pixels "
                 f"({array.rows} x {array.cols})",
                 hint="Want less precision, or plan for a larger chip",
             )

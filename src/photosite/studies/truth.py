@@ -102,8 +102,8 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     }
     if efficiencies is not None:
         tile = [name for row in sensor.array.cfa for name in row]
-        shares = [len(channel_sites(sensor.array.cfa, name)) / len(tile) for name in sensor.channel_names]
-        mean = float(np.dot(efficiencies, shares))
+        fractions = [len(channel_sites(sensor.array.cfa, name)) / len(tile) for name in sensor.channel_names]
+        mean = float(np.dot(efficiencies, fractions))
         truth |= {
             "quantum_efficiency_percent": 100 * mean,
             "responsivity_dn_per_photon": gain * mean,
@@ -163,8 +163,8 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
     """
     grid = light.wavelength_nm
     spectrum = light.basis[0] * optics.irradiance_per_radiance(grid, light.distance_m) * integration_weights(grid)
-    share = sensor.pixel.fill_factor.value / float(spectrum.sum())
-    alone = [share * float(sensor.response_at(name, grid) @ spectrum) for name in sensor.channel_names]
+    fraction = sensor.pixel.fill_factor.value / float(spectrum.sum())
+    alone = [fraction * float(sensor.response_at(name, grid) @ spectrum) for name in sensor.channel_names]
     efficiencies: list[float] = (channel_mixing(sensor) @ alone).tolist()
     return efficiencies
 

@@ -56,8 +56,8 @@ def test_the_wedge_follows_the_noise_budget(hdr) -> None:
 def test_white_in_the_bright_light_is_just_below_saturation(hdr) -> None:
     for shot in hdr.shots:
         # Another channel than green may have the largest signal.
-        share = shot.wedge.mean_e[0] / shot.sensor.saturation_capacity_e
-        assert 0.4 < share <= 0.85 + 1e-3
+        fraction = shot.wedge.mean_e[0] / shot.sensor.saturation_capacity_e
+        assert 0.4 < fraction <= 0.85 + 1e-3
 
 
 def test_results_are_finite_numbers_that_depend_on_the_seed_only(hdr) -> None:

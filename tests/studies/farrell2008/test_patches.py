@@ -50,9 +50,9 @@ def test_noise_agrees_and_means_show_the_lamp(chapter: Patches) -> None:
         for comparison in found.comparisons.values():
             assert comparison.noise.p_value > 0.002
         assert found.comparisons[40.0].means.p_value < 1e-6
-        share = found.comparisons[40.0].relative_difference
+        fraction = found.comparisons[40.0].relative_difference
         bright = found.comparisons[40.0].simulated.mean_dn > 100
-        assert np.abs(share[bright]).max() < 0.025
+        assert np.abs(fraction[bright]).max() < 0.025
 
 
 def test_colours_against_a_direct_computation(chapter: Patches) -> None:

@@ -65,7 +65,7 @@ class PixelCoupling(Finding, Shown):
         found = {}
         for field in ("prnu_percent", "dcnu_percent"):
             if (spread := changes.measured(field)) is not None:
-                size = math.sqrt(coupling.variance_share)
+                size = math.sqrt(coupling.variance_factor)
                 note = f"{spread.source}, before the coupling of pixels"
                 found[field] = Measured(spread.value / size, spread.standard_uncertainty / size, note)
         return found

@@ -18,7 +18,7 @@ class HotPixels(Section):
     1.0
     """
 
-    fraction: UnitFraction = about("Share of the pixels that are hot.", "1", 0.001)
+    fraction: UnitFraction = about("Fraction of the pixels that are hot.", "1", 0.001)
     median_e_per_s: NotNegative = about(
         "Median of their additional dark current, at the temperature of the dark current.", "e-/s", 200.0
     )

@@ -18,18 +18,18 @@ _LARGEST_SHARE = 50.0
 
 
 class InterpixelCapacitance(Section):
-    """Shares of a pixel's signal that appear in its neighbors.
+    """Fractions of a pixel's signal that appear in its neighbors.
 
     Examples
     --------
     >>> coupling = InterpixelCapacitance(coupling_percent=1.0)
-    >>> coupling.kernel()[1].tolist(), round(coupling.variance_share, 4)
+    >>> coupling.kernel()[1].tolist(), round(coupling.variance_factor, 4)
     ([0.01, 0.96, 0.01], 0.922)
     """
 
-    coupling_percent: NotNegative = about("Share of the signal in each of the four next pixels.", "%", 1.2)
+    coupling_percent: NotNegative = about("Fraction of the signal in each of the four next pixels.", "%", 1.2)
     diagonal_percent: NotNegative = about(
-        "Share of the signal in each of the four diagonal neighbors.", "%", 0.1, default=Measured(0.0)
+        "Fraction of the signal in each of the four diagonal neighbors.", "%", 0.1, default=Measured(0.0)
     )
 
     @model_validator(mode="after")
@@ -40,12 +40,12 @@ class InterpixelCapacitance(Section):
         return self
 
     def kernel(self) -> NDArray[np.float64]:
-        """Return the (3, 3) shares, with sum 1."""
+        """Return the (3, 3) fractions, with sum 1."""
         side, corner = self.coupling_percent.value / 100.0, self.diagonal_percent.value / 100.0
         row = [corner, side, corner]
         return np.array([row, [side, 1.0 - 4.0 * (side + corner), side], row])
 
     @property
-    def variance_share(self) -> float:
-        """Variance that is left of noise that is independent between pixels: the sum of the squared shares."""
+    def variance_factor(self) -> float:
+        """Variance that is left of noise that is independent between pixels: the sum of the squared fractions."""
         return math.fsum(np.square(self.kernel()).ravel())

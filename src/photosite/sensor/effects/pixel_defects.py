@@ -10,7 +10,7 @@ from photosite.errors import InputError
 from photosite.sensor.quantity import NO_UNIT, about
 from photosite.values.validated import Number, Section
 
-_Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 _Count = Annotated[int, Field(ge=0, strict=True)]
 _Place = Annotated[int, Field(ge=0, le=65_535, strict=True)]
 DefectName = Literal["dead", "stuck", "hot"]
@@ -48,7 +48,7 @@ class ListedDefect(Section):
 
 
 class PixelDefects(Section):
-    """Shares and numbers of defects that are drawn from the serial, and defects at stated places.
+    """Fractions and numbers of defects that are drawn from the serial, and defects at stated places.
 
     Examples
     --------
@@ -56,9 +56,9 @@ class PixelDefects(Section):
     0.0
     """
 
-    dead_fraction: _Share = about("Share of the pixels without response to light.", "1", 1e-4, default=0.0)
-    stuck_fraction: _Share = about(
-        "Share of the pixels with a constant digital number, any of the converter's.", "1", 1e-5, default=0.0
+    dead_fraction: _Fraction = about("Fraction of the pixels without response to light.", "1", 1e-4, default=0.0)
+    stuck_fraction: _Fraction = about(
+        "Fraction of the pixels with a constant digital number, any of the converter's.", "1", 1e-5, default=0.0
     )
     dead_columns: _Count = about("Number of columns without response to light.", "1", 1, default=0)
     clusters: _Count = about("Number of clusters of pixels without response to light.", "1", 2, default=0)

@@ -30,7 +30,7 @@ class ReadNoiseSpread(Section):
         "Standard deviation of the natural logarithm of the read noise over the pixels.", "1", 0.2, default=None
     )
     quantiles: tuple[Annotated[float, Field(ge=0.0)], ...] | None = about(
-        "Instead: read noise, in any unit, at equal steps of the share of pixels below, from 0 to 1.",
+        "Instead: read noise, in any unit, at equal steps of the fraction of pixels below, from 0 to 1.",
         "1",
         [0.7, 0.9, 1.0, 1.1, 2.5],
         default=None,

@@ -20,7 +20,7 @@ class TelegraphNoise(Section):
     ('exponential', 3.0)
     """
 
-    fraction: Annotated[float, Field(ge=0.0, le=1.0)] = about("Share of the pixels that blink.", "1", 0.01)
+    fraction: Annotated[float, Field(ge=0.0, le=1.0)] = about("Fraction of the pixels that blink.", "1", 0.01)
     amplitude_e: Annotated[float, Field(ge=0.0)] = about("Mean distance of the two levels.", "e-", 20.0)
     amplitudes: Literal["exponential", "equal"] = about(
         "Distribution of the distance over these pixels: exponential, or equal for all.",
@@ -29,7 +29,7 @@ class TelegraphNoise(Section):
         default="exponential",
     )
     high_fraction: Annotated[float, Field(ge=0.0, le=1.0)] | None = about(
-        "Share of the time in the upper state. None: uniform from 0 to 1 over the pixels.", "1", 0.5, default=None
+        "Fraction of the time in the upper state. None: uniform from 0 to 1 over the pixels.", "1", 0.5, default=None
     )
     correlation_frames: Annotated[float, Field(ge=0.0, le=1e4)] = about(
         "Frames after which the correlation of the states has fallen to 1/e; 0 for independent frames.",

@@ -14,14 +14,14 @@ from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerm
 from photosite.studies.plain_camera import Effect
 
 
-def _draw(drawing: Drawing, fraction: Range) -> dict[str, Any]:
-    share, median = drawing.between(*fraction), drawing.between(200.0, 1000.0)
-    return {"hot_pixels": {"fraction": share, "median_e_per_s": median, "log_spread": drawing.between(0.3, 0.8)}}
+def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
+    fraction, median = drawing.between(*pixels), drawing.between(200.0, 1000.0)
+    return {"hot_pixels": {"fraction": fraction, "median_e_per_s": median, "log_spread": drawing.between(0.3, 0.8)}}
 
 
 def _terms(hot: HotPixels, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
-    share, median, width = hot.fraction.value, hot.median_e_per_s.value, hot.log_spread.value
-    first, second = (share * median**k * math.exp(0.5 * (k * width) ** 2) for k in (1, 2))
+    fraction, median, width = hot.fraction.value, hot.median_e_per_s.value, hot.log_spread.value
+    first, second = (fraction * median**k * math.exp(0.5 * (k * width) ** 2) for k in (1, 2))
     return TrueTerms(dark_e_per_s=first, dark_variance=second - first**2)
 
 
@@ -40,12 +40,12 @@ def _truth(hot: HotPixels, sensor: Sensor) -> Mapping[str, float]:
 
 def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
     """Draw 0.3 to 1 % hot pixels with 100 to 500 e-/s."""
-    share, hot = log_uniform(rng, 0.003, 0.01), log_uniform(rng, 100.0, 500.0)
+    fraction, hot = log_uniform(rng, 0.003, 0.01), log_uniform(rng, 100.0, 500.0)
     usual, spread = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value), sensor.noise.dcnu_percent.value / 100.0
-    mean = (1.0 - share) * usual + share * hot
-    variance = (1.0 - share) * ((spread * usual) ** 2 + (usual - mean) ** 2) + share * (hot - mean) ** 2
+    mean = (1.0 - fraction) * usual + fraction * hot
+    variance = (1.0 - fraction) * ((spread * usual) ** 2 + (usual - mean) ** 2) + fraction * (hot - mean) ** 2
     names = "dark_current_e_per_s", "dark_current_dn_per_s", "dark_voltage_mv_per_s"
-    return Effect(hot=(share, hot)), {
+    return Effect(hot=(fraction, hot)), {
         **dict.fromkeys(names, mean / usual),
         "dcnu_percent": math.sqrt(variance) / mean / spread,
     }

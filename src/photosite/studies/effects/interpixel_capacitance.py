@@ -16,14 +16,14 @@ from photosite.studies.plain_camera import Effect, convolved
 
 
 def _draw(drawing: Drawing, percent: Range) -> dict[str, Any]:
-    share = drawing.between(*percent)
-    return {"interpixel_capacitance": {"coupling_percent": share, "diagonal_percent": 0.1 * share}}
+    fraction = drawing.between(*percent)
+    return {"interpixel_capacitance": {"coupling_percent": fraction, "diagonal_percent": 0.1 * fraction}}
 
 
 def _terms(coupling: InterpixelCapacitance, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
     """Return what the averaging of neighbors leaves of the nonuniformities."""
     percent = coupling.coupling_percent.value
-    prnu_factor = averaged = math.sqrt(coupling.variance_share)
+    prnu_factor = averaged = math.sqrt(coupling.variance_factor)
     border = 0.0
     if efficiencies is not None:
         cfa = sensor.array.cfa
@@ -48,8 +48,8 @@ def _averaged(kernel: NDArray[np.float64], signal: NDArray[np.float64], shape: t
     tiles = [-(-size // step) for size, step in zip(shape, signal.shape, strict=True)]
     padded = np.pad(np.tile(signal, tiles)[: shape[0], : shape[1]], 1, "edge")
     mean, square = np.zeros(shape), np.zeros(shape)
-    for (row, column), share in np.ndenumerate(kernel):
-        part = share * padded[row : row + shape[0], column : column + shape[1]]
+    for (row, column), fraction in np.ndenumerate(kernel):
+        part = fraction * padded[row : row + shape[0], column : column + shape[1]]
         mean += part
         square += part**2
     rows, columns = signal.shape

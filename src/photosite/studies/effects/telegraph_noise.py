@@ -10,9 +10,9 @@ from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms
 
 
-def _draw(drawing: Drawing, fraction: Range) -> dict[str, Any]:
-    share = drawing.between(*fraction)
-    return {"telegraph_noise": {"fraction": share, "amplitude_e": drawing.read_noise_e * drawing.between(1.0, 10.0)}}
+def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
+    fraction = drawing.between(*pixels)
+    return {"telegraph_noise": {"fraction": fraction, "amplitude_e": drawing.read_noise_e * drawing.between(1.0, 10.0)}}
 
 
 def _terms(noise: TelegraphNoise, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
