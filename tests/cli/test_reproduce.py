@@ -75,3 +75,15 @@ def test_imperfect_stacks(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> No
     done = photosite("reproduce", "imperfect-stacks")
     assert done.status == 0
     assert "clean  monochrome  1 of 1" in done.out
+
+
+@pytest.mark.smoke("reproduce detection")
+def test_detection(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"kind": "gamma", "size": "1 / 2.2", "found": 20, "stacks": 20, "varied": False}
+    result = {"clean_stacks": 10, "alarms": {"no-flat-fields": 1}, "smallest": {"tone-curve": [found]}}
+    monkeypatch.setattr("photosite.studies.detection.detection_study", lambda *arguments, **named: result)
+    done = photosite("reproduce", "detection")
+    assert done.status == 0
+    assert "20 of 20" in done.out
+    assert "no-flat-fields 1" in done.out
+    assert photosite("reproduce", "detection", "--json").json == result
