@@ -34,7 +34,7 @@ ANSWERS: dict[str, tuple[tuple[float, float] | None, str, str, str]] = {
     "wrong phase": ((0.2, 0.3), "prnu_percent", GIVEN, WITHHELD),
     "digital gain": ((1.36, 1.38), "read_noise_mv", GIVEN, GIVEN),
     "digital gain below 1": ((0.79, 0.81), "read_noise_mv", GIVEN, GIVEN),
-    "prescaled colors": (None, "system_gain_dn_per_e", WITHHELD, GIVEN),
+    "prescaled colors": ((2.0, 2.2), "read_noise_mv", WITHHELD, GIVEN),
     "gamma": ((0.5, 0.7), "prnu_percent", WITHHELD, WITHHELD),
     "square-root companding": ((0.55, 0.7), "prnu_percent", WITHHELD, WITHHELD),
     "clipping below full scale": (None, "", GIVEN, GIVEN),

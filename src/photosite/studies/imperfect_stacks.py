@@ -194,7 +194,7 @@ KINDS = (
     StackKind("digital gain", "1.37", "digital-gain", numbers=_digital_gain(1.37), gain=1.37 * GAIN),
     StackKind("digital gain below 1", "0.8", "digital-gain", numbers=_digital_gain(0.8), gain=0.8 * GAIN),
     StackKind(
-        "prescaled colors", "R 2.1, B 1.5", "unequal-digital-gains", light=_mosaic, cfa=_RGGB,
+        "prescaled colors", "R 2.1, B 1.5", "digital-gain", light=_mosaic, cfa=_RGGB,
         numbers=_digital_gain(np.tile([[2.1, 1.0], [1.0, 1.5]], (SHAPE[0] // 2, SHAPE[1] // 2))),
     ),
     StackKind("gamma", "1 / 2.2", "tone-curve", numbers=_tone_curve(lambda x: x ** (1 / 2.2))),
@@ -242,8 +242,8 @@ class Answer:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Ids of all diagnostics."""
-        return frozenset(entry.id for entry in self.diagnostics)
+        """Ids of the diagnostics but those of parameters without a value, which clean stacks have, too."""
+        return frozenset(entry.id for entry in self.diagnostics if entry.severity != "withheld")
 
     @property
     def found(self) -> bool:
