@@ -17,7 +17,7 @@ import photosite
 from photosite.cli.main import COMMANDS
 
 HERE = Path(__file__).parent
-for name in ("charts", "illuminants", "lights", "pictures", "render"):
+for name in ("charts", "illuminants", "lights", "pictures", "render", "scenes"):
     sys.modules[f"photosite.{name}"] = getattr(photosite, name)  # pages name photosite.charts.macbeth
 os.environ["PATH"] = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # notebooks run photosite
 
