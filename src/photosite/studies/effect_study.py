@@ -141,6 +141,8 @@ class EffectStudy:
         Measures an effect that one calibration does not show, with the outcomes and the warnings.
     disturb
         Draws the effect on the frames of a plain camera, which shares no code with the engine.
+    planned
+        Whether the prediction of `photosite plan` has the effect, or is right without it.
     """
 
     draw: Draw | None = None
@@ -150,6 +152,7 @@ class EffectStudy:
     compare: Callable[[Any, Any, Sensor], Outcomes] | None = None
     measure: Callable[[VirtualLab], tuple[Outcomes, tuple[str, ...]]] | None = None
     disturb: Disturb | None = None
+    planned: bool = True
 
 
 @cache

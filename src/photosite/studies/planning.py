@@ -12,6 +12,7 @@ from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
 from photosite.frames.frame_settings import KINDS, Kind
 from photosite.sensor.model import Sensor
+from photosite.studies.effect_study import effect_studies
 from photosite.studies.predicted_precision import PlannedGroup, predict
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
@@ -33,12 +34,6 @@ LEAST_IN_WORDS = (
     f"{LEAST_FRAMES} frames at every setting, {LEAST_LINEAR_LEVELS} light levels in every channel's linear range, "
     f"{LEAST_SERIES + 1} dark exposures"
 )
-
-_NOT_PLANNED = (
-    *("response_curve", "em_gain", "interpixel_capacitance", "charge_transfer", "telegraph_noise"),
-    *("readout_channels", "black_level_drift", "output"),
-)
-"""Effects that change variances or means of frames, and that the prediction does not have."""
 
 _LINEAR_FRACTION = 0.7
 """End of EMVA 1288's photon transfer fit, relative to saturation."""
@@ -181,10 +176,8 @@ def plan_protocol(lab: VirtualLab) -> Plan:
 
 def _warn_of_effects(sensor: Sensor) -> None:
     """Warn of effects that change the photon transfer: the plan is without them."""
-    given = (
-        [] if sensor.effects is None else [name for name in _NOT_PLANNED if getattr(sensor.effects, name) is not None]
-    )
-    if given:
+    missing = [name for name, study in effect_studies().items() if not study.planned]
+    if given := [name for name in missing if getattr(sensor.effects, name, None) is not None]:
         problem = f"sensor '{sensor.name}': the plan leaves out {', '.join(given)} of its effects"
         warnings.warn(PhotositeWarning(problem, hint="Precision with them may be lower"), stacklevel=3)
 

@@ -22,4 +22,4 @@ def _compare(found: BlackLevelSeries, drift: BlackLevelDrift, sensor: Sensor) ->
     return compare_estimates(found.estimates, {"drift_e": size_e, "drift_dn": size_e * sensor.system_gain_dn_per_e})
 
 
-STUDY = EffectStudy(draw=_draw, compare=_compare)
+STUDY = EffectStudy(draw=_draw, compare=_compare, planned=False)

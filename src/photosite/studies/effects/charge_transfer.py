@@ -24,4 +24,4 @@ def _truth(transfer: ChargeTransfer, sensor: Sensor) -> Mapping[str, float]:
     return {name: getattr(transfer, f"{name}_inefficiency").value for name in ("parallel", "serial")}
 
 
-STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth)
+STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth, planned=False)

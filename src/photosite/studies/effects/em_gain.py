@@ -34,4 +34,4 @@ def _measure(lab: VirtualLab) -> tuple[Outcomes, tuple[str, ...]]:
     return compare_estimates(estimates, truth), (*unity.warnings, *found.warnings)
 
 
-STUDY = EffectStudy(draw=_draw, measure=_measure)
+STUDY = EffectStudy(draw=_draw, measure=_measure, planned=False)

@@ -67,4 +67,4 @@ def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str
     return Effect(charge=convolved(weights)), factors | {"interpixel_coupling_percent": a}
 
 
-STUDY = EffectStudy(draw=_draw, terms=_terms, disturb=_disturb)
+STUDY = EffectStudy(draw=_draw, terms=_terms, disturb=_disturb, planned=False)

@@ -20,4 +20,4 @@ def _terms(output: Output, sensor: Sensor, efficiencies: Sequence[float] | None)
     return TrueTerms(digital_scale=1.0 / step, black_shift_dn=-0.5 * (step - 1.0), undefined=(*AT_SATURATION, *VOLTS))
 
 
-STUDY = EffectStudy(draw=_draw, terms=_terms)
+STUDY = EffectStudy(draw=_draw, terms=_terms, planned=False)

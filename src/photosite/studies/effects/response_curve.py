@@ -46,4 +46,4 @@ def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str
     return Effect(charge=bent(size, int(rng.integers(2, 5)), sensor.saturation_capacity_e)), {}
 
 
-STUDY = EffectStudy(draw=_draw, terms=_terms, compare=_compare, disturb=_disturb)
+STUDY = EffectStudy(draw=_draw, terms=_terms, compare=_compare, disturb=_disturb, planned=False)

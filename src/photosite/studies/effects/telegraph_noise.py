@@ -24,4 +24,4 @@ def _truth(noise: TelegraphNoise, sensor: Sensor) -> Mapping[str, float]:
     return {"blinking_fraction": noise.fraction, "blinking_amplitude_dn": amplitude_dn}
 
 
-STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth)
+STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth, planned=False)
