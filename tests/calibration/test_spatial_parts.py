@@ -121,7 +121,7 @@ def test_too_small_plane_is_missing():
 
 
 @pytest.mark.parametrize("filtered", [False, True])
-def test_pixels_that_fraction_charge_with_neighbors_make_no_rows_and_columns(filtered):
+def test_pixels_that_share_charge_with_neighbors_make_no_rows_and_columns(filtered):
     """4 % to each next pixel. 40 planes: standard errors of 0.00015 to 0.0002 for rows and columns."""
     rng, a = np.random.default_rng(4), 0.04
     correlation = 2 * a * (1 - 4 * a) / ((1 - 4 * a) ** 2 + 4 * a**2)
