@@ -17,7 +17,7 @@ from photosite.cli.output import show, table
 def command(name: str | None, as_json: bool) -> None:
     """Explain a diagnostic of a calibration, by its id.
 
-    What the data show, what it does to which figures, and what to do. The ids stand beside the warnings of `photosite
+    What the data show, what it does to which figures, and what to do. The ids are those of the warnings of `photosite
     calibrate`, in its reports and in --json. Without an id, all of them are listed.
 
     Example: photosite explain unsteady-light

@@ -612,7 +612,7 @@ def prepared_sensor(
 
 
 def sensor_at(sensor: Sensor, gain_setting: float | None) -> Sensor:
-    """Return a sensor at the gain setting of --gain-setting, or as it is."""
+    """Return a sensor at the gain setting of --gain-setting, or unchanged."""
     return sensor if gain_setting is None else sensor.at_gain_setting(gain_setting)
 
 

@@ -259,7 +259,7 @@ class Stages:
         say(f"{what} ...")
 
     def __call__(self, done: int, total: int, unit: str = "frames") -> None:
-        """Show how much of a stage is done."""
+        """Show the progress of a stage."""
         if not sys.stderr.isatty():
             now = time.monotonic()
             if now - self._logged_s >= _LOG_EVERY_S:

@@ -91,7 +91,7 @@ def with_pedestal(sensor: Sensor) -> Sensor:
 
 
 def nominal_sensor(sensor: Sensor) -> Sensor:
-    """Return the sensor as it is known before the measurement: geometry, converter, voltage swing, spectral response.
+    """Return the sensor as known before the measurement: geometry, converter, voltage swing, spectral response.
 
     Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
     the chip, the temperature of its dark current and the values of other gain settings are removed. Of its effects, the
@@ -123,7 +123,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
 
 
 def _geometry(effects: Effects | None) -> dict[str, Any] | None:
-    """Return what is known of the effects before a measurement."""
+    """Return the properties of the effects that are known before a measurement."""
     if effects is None or (effects.optical_black is None and effects.charge_transfer is None):
         return None
     transfer = effects.charge_transfer

@@ -80,7 +80,7 @@ class PairDataset(Shown):
     and `chip_col`, the place on the chip; `own_shot` and `own_floor_e2`, the noise of the light as in `InputNoise`; and
     what the source knows. The variance of `noisy` around the truth is, in DN squared, `noise_offset_dn2` +
     `noise_slope_dn` (clean - black level) plus PRNU (0 each for companded numbers, which have no such line). Light
-    without noise of its own is the truth.
+    without noise is the truth.
 
     Examples
     --------

@@ -105,7 +105,7 @@ class PatchComparison(PatchDifferences):
     beyond
         Number of values without a standard error that differ by more than the tolerance.
     means
-        Chi-square of the excess over the tolerance, of values with a standard error; None where there are none.
+        Chi-square of the excess over the tolerance, of values with a standard error; None without such values.
     """
 
     other: PatchValues
@@ -198,7 +198,7 @@ def compare_values(
 
     Notes
     -----
-    Regressions are weighted by the standard errors, or as for shot noise where there are none. Their intervals come
+    Regressions are weighted by the standard errors, or without them as for shot noise. Their intervals come
     from the scatter (`photosite.validation.regression`). Standard errors are treated as known: those of mosaics come
     from many pixels.
 

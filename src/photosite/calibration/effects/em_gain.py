@@ -224,4 +224,4 @@ def _measure(evidence: Evidence) -> Missing:
     return EFFECT_NOT_MEASURED.missing("a multiplication gain shows between two calibrations: photosite emgain")
 
 
-EFFECT = Effect(130, _measure, key=None, exempt={"figure": "it has a report of its own"})
+EFFECT = Effect(130, _measure, key=None, exempt={"figure": "`photosite emgain` has a separate report"})

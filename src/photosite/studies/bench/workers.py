@@ -104,7 +104,7 @@ def nothing(index: int) -> dict[str, float]:
 
 @contextmanager
 def _cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Start a scheduler and workers, each a process of its own; yield the scheduler's address and the programs."""
+    """Start a scheduler and workers, each in a separate process; yield the scheduler's address and the programs."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scheduler.json"
         # A group for each program, with the processes that it starts, which can be stopped

@@ -16,7 +16,7 @@ def _draw(drawing: Drawing, inefficiency: Range) -> dict[str, Any]:
 
 
 def _terms(transfer: ChargeTransfer, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
-    """Return that pixels share charge, as little as it is, so that their means and spreads are others."""
+    """Return that pixels share a little charge, which changes their means and spreads."""
     return TrueTerms(undefined=(*RESPONSE, *PRNU, *AT_SATURATION, "dcnu_percent", "interpixel_coupling_percent"))
 
 
