@@ -16,6 +16,7 @@ from photosite.cli.output import Stages, held_warnings, not_listed, say, say_if_
 from photosite.errors import printable
 
 if TYPE_CHECKING:
+    from photosite.calibration.calibrate import AnyCalibration
     from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
     from photosite.frames.frame_set import FrameSet
@@ -111,25 +112,11 @@ if TYPE_CHECKING:
 def command(
     paths: tuple[Path, ...],
     sensor_name: str | None,
-    output: Path | None,
-    name: str | None,
-    report: Path | None,
-    checkpoint: Path | None,
-    linearize: Path | None,
-    outlier_dark: float | None,
-    outlier_light: float | None,
     maps: bool,
-    captures: str | None,
-    contribute: Path | None,
-    license_id: str | None,
-    camera: str | None,
-    attribution: str | None,
     into: Path | None,
-    processes: int,
-    scheduler: str | None,
     every: bool,
     as_json: bool,
-    **reading: Any,
+    **given: Any,
 ) -> int | None:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
@@ -171,95 +158,118 @@ def command(
     Example: photosite calibrate cameras/* --sensor nikon-d200 --into results --processes 4
     """
     from photosite.calibration.calibrate import calibrate, calibration_kind, check_options
-    from photosite.calibration.captures.combined import CombinedCalibration
-    from photosite.calibration.captures.each_capture import CaptureCalibration
-    from photosite.calibration.result import Calibration
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.cli.calibration_text import calibration_text
     from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     if into is not None:
-        of_files = (output, name, report, checkpoint, linearize, contribute, license_id, camera, attribution)
-        if any(given is not None for given in (*of_files, outlier_dark, outlier_light, captures)):
+        if any(given[option] is not None for option in _OF_ONE_CAMERA):
             raise click.UsageError("--into takes --sensor, --maps and the options of reading frames only")
         say_if_compiling()
-        return _calibrate_cameras(paths, into, sensor_name, maps, processes, scheduler, as_json, reading)
+        return _calibrate_cameras(paths, into, sensor_name, maps, given, as_json)
     if len(paths) > 1:
         raise click.UsageError("several cameras need --into")
     held = click.get_current_context().with_resource(held_warnings())
-    given = _contribution(contribute, license_id, camera, attribution)
-    frames, sensor = _open(paths[0], sensor_name, captures, linearize, reading)
-    for option, wanted in (("--name", name), ("-o", output), ("--contribute", given)):
+    outputs = _Outputs.of(given)
+    frames, sensor = _open(paths[0], sensor_name, given)
+    for option, wanted in (("--name", given["name"]), ("-o", outputs.sensor), ("--contribute", outputs.entry)):
         if wanted is not None and sensor is None:
             hint = "give --sensor (sensors new writes one)"
             raise click.UsageError(f"{option} needs pixel size, volts and spectra, which frames lack: {hint}")
-    if name is not None and sensor is not None:
-        sensor = sensor.with_(name=printable(name))
-    if maps and output is not None:
-        options.check_new(maps_path(output))
-        check_maps_are_free(output)
-    thresholds = outlier_dark is not None or outlier_light is not None
-    chosen: dict[str, Any] = {
-        "outliers": OutlierThresholds(outlier_dark, outlier_light) if thresholds else None,
+    if given["name"] is not None and sensor is not None:
+        sensor = sensor.with_(name=printable(given["name"]))
+    if maps and outputs.sensor is not None:
+        options.check_new(maps_path(outputs.sensor))
+        check_maps_are_free(outputs.sensor)
+    thresholds = given["outlier_dark"], given["outlier_light"]
+    chosen = {
+        "outliers": None if thresholds == (None, None) else OutlierThresholds(*thresholds),
         "maps": maps,
-        "checkpoint": checkpoint,
-        "processes": processes,
-        "scheduler": scheduler,
+        **{name: given[name] for name in ("checkpoint", "processes", "scheduler")},
     }
     kind = calibration_kind(frames, sensor)
     check_options(kind, chosen)
     if kind in ("captures", "combined"):
-        _check_not_saved(output, given)
+        outputs.check_report_only()
     say_if_compiling()
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
     not_listed(held, result.warnings)
-    if isinstance(result, CaptureCalibration | CombinedCalibration):
-        _check_not_saved(output, given)
-        if report is not None:
-            result.report(report)
-        show(as_json, result.to_dict, lambda: calibration_text(result, every=every), report=report)
-        return None
-    if output is not None and isinstance(result, Calibration):
-        _ = result.sensor  # raises before anything is written
-    if report is not None:
-        result.report(report)
-    if output is not None:
-        result.save(output)
-    has_maps = isinstance(result, Calibration) and result.chip is not None
-    beside = maps_path(output) if has_maps and output is not None else None
-    entry = given.write(result) if given else None
-    written = {"sensor": output, "maps": beside, "report": report, "entry": entry}
+    written = outputs.write(result)
     show(as_json, result.to_dict, lambda: calibration_text(result, every=every), **written)
     return None
 
 
+_READING = "bits", "cfa", "dark", "light", "exposure_from_name"
+_OF_ONE_CAMERA = (
+    *("output", "name", "report", "checkpoint", "linearize", "contribute", "license_id", "camera", "attribution"),
+    *("outlier_dark", "outlier_light", "captures"),
+)
+
+
+@dataclass(frozen=True)
+class _Outputs:
+    """The files to write."""
+
+    sensor: Path | None
+    report: Path | None
+    entry: _Contribution | None
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> _Outputs:
+        """Return the files of the command's options."""
+        named = (given[name] for name in ("contribute", "license_id", "camera", "attribution"))
+        return cls(given["output"], given["report"], _contribution(*named))
+
+    def check_report_only(self) -> None:
+        """Raise a usage error for the sensor file or the entry of frames that show only part of what these hold."""
+        for option, wanted in (("-o", self.sensor), ("--contribute", self.entry)):
+            if wanted is not None:
+                raise click.UsageError(f"{option} needs frames of one capture: several do not show all of a sensor")
+
+    def write(self, result: AnyCalibration) -> dict[str, Path | None]:
+        """Write the files of a result and return them by their names in the JSON object."""
+        from photosite.calibration.gain_series.result import GainSeries
+        from photosite.calibration.result import Calibration
+        from photosite.sensor.io.sensor_file import maps_path
+
+        if not isinstance(result, Calibration | GainSeries):
+            self.check_report_only()
+        if self.sensor is not None and isinstance(result, Calibration):
+            _ = result.sensor  # raises before anything is written
+        if self.report is not None:
+            result.report(self.report)
+        if not isinstance(result, Calibration | GainSeries):
+            return {"report": self.report}
+        if self.sensor is not None:
+            result.save(self.sensor)
+        has_maps = isinstance(result, Calibration) and result.chip is not None
+        beside = maps_path(self.sensor) if has_maps and self.sensor is not None else None
+        entry = self.entry.write(result) if self.entry else None
+        return {"sensor": self.sensor, "maps": beside, "report": self.report, "entry": entry}
+
+
 def _open(
-    path: Path, sensor_name: str | None, captures: str | None, linearize: Path | None, reading: Mapping[str, Any]
+    path: Path, sensor_name: str | None, given: Mapping[str, Any]
 ) -> tuple[FrameSet | dict[str, FrameSet], Sensor | None]:
     """Return the frames, or those of each capture, and the sensor as known before."""
     from photosite.frames.linearization import linearize as linearized
     from photosite.frames.linearization import read_linearization
     from photosite.frames.open import capture_folders, open_frames
 
-    table = None if linearize is None else read_linearization(linearize)
+    table = None if given["linearize"] is None else read_linearization(given["linearize"])
+    reading = {name: given[name] for name in _READING}
 
     def opened(folder: Path) -> FrameSet:
         frames = open_frames(folder, **reading)
         return frames if table is None else linearized(frames, table)
 
+    captures = given["captures"]
     named = () if captures is None else tuple(name.strip() for name in captures.split(","))
     sensor = options.sensor_or(None, sensor_name)
     if names := capture_folders(path, sensor, named):
         return {name: opened(path / name) for name in names}, sensor
     frames = opened(path)
     return frames, frames.sensor if sensor is None else sensor
-
-
-def _check_not_saved(output: Path | None, given: _Contribution | None) -> None:
-    """Raise a usage error for the sensor file or the entry of frames that show only part of what these hold."""
-    for option, wanted in (("-o", output), ("--contribute", given)):
-        if wanted is not None:
-            raise click.UsageError(f"{option} needs frames of one capture: several do not show all of a sensor")
 
 
 @dataclass(frozen=True)
@@ -297,10 +307,8 @@ def _calibrate_cameras(
     into: Path,
     sensor_name: str | None,
     maps: bool,
-    processes: int,
-    scheduler: str | None,
+    given: Mapping[str, Any],
     as_json: bool,
-    reading: dict[str, Any],
 ) -> int:
     """Calibrate several cameras, show a line for each, and return the exit status."""
     from photosite.calibration.export.cameras import ERROR, calibrate_cameras
@@ -310,10 +318,10 @@ def _calibrate_cameras(
         into,
         options.sensor_or(None, sensor_name),
         maps=maps,
-        processes=processes,
-        scheduler=scheduler,
+        processes=given["processes"],
+        scheduler=given["scheduler"],
         progress=partial(Stages(), unit="cameras"),
-        **reading,
+        **{name: given[name] for name in _READING},
     )
     failed = [name for name, result in found.items() if ERROR in result]
     rows = [("camera", "result"), *((name, _camera_line(result)) for name, result in found.items())]
