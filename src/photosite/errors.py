@@ -370,8 +370,10 @@ def message_of(error: Exception) -> str:
     return text[:200] or type(error).__name__
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str], otherwise: str | None = None) -> str:
     """Return a hint for an unknown name: known names that continue it, the most similar known name, or all.
+
+    `otherwise` is the hint in place of a long list of all names.
 
     Examples
     --------
@@ -385,4 +387,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     names = list(known)
     longer = [known for known in names if known.startswith(f"{name}_")][:_MOST_NAMES] if name else []
     close = longer or difflib.get_close_matches(name, names, n=1)
-    return f"Did you mean {' or '.join(map(repr, close))}?" if close else "Known are: " + ", ".join(names)
+    if close:
+        return f"Did you mean {' or '.join(map(repr, close))}?"
+    return otherwise or "Known are: " + ", ".join(names)

@@ -97,7 +97,8 @@ def diagnostic_kind(name: str) -> DiagnosticKind:
     """
     kinds = diagnostic_kinds()
     if name not in kinds:
-        raise InputError("id", value=name, expected="the id of a diagnostic", hint=did_you_mean(name, kinds))
+        hint = did_you_mean(name, kinds, "photosite explain lists the ids")
+        raise InputError("id", value=name, expected="the id of a diagnostic", hint=hint)
     return kinds[name]
 
 
