@@ -66,7 +66,7 @@ def usable_groups(frames: FrameSet, sensor: Sensor | None) -> None:
             f"the frames have {len(frames.gain_settings)} gain settings ({gain_settings_text(frames)}), and a "
             f"calibration needs one",
             where=frames.source,
-            hint="Select one with FrameSet.at_gain(setting), or calibrate all with calibrate_series",
+            hint="Select one with FrameSet.at_gain(setting), or calibrate all of them with calibrate",
         )
     lights = frames.of_kind("light")
     unknown = any(group.exposure_s == 0 for group in lights)

@@ -97,7 +97,7 @@ class FrameReader:
 
     Threads read the next frames while the current ones are summed. Each frame is checked against the size and bit depth
     of the set. A frame that repeats an earlier one of its group bit by bit is left out, because a copy would count as a
-    frame without noise. When a group is complete, outlier frames (`checks/frame_screening.py`) are left out and the
+    frame without noise. When a group is complete, outlier frames (`reduction/frame_screening.py`) are left out and the
     others are summed again. `progress` is called after each frame. A checkpoint holds the sums of the first pass, from
     which an interrupted run resumes. Use the reader in a `with` statement, which ends the threads.
     """
