@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from photosite.studies.bench import cases
+from photosite.studies.bench import cases, memory
+from photosite.studies.bench.memory import MemoryUse
 from photosite.studies.bench.timing import Case
 
 
@@ -17,3 +18,17 @@ def test_table_and_json_of_a_case(photosite: Any, monkeypatch: pytest.MonkeyPatc
     assert photosite("bench", "--case", "one", "--json").json["cases"] == {"one": case.to_dict()}
     assert photosite("bench", "--case", "one").out.splitlines()[1].split()[:4] == ["one", "1.000", "2.000", "2.00"]
     assert photosite("bench", "--case", "two").status == 2
+
+
+def test_table_and_json_of_memory(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    use = MemoryUse("simulate", "nikon-d200", (5.0, 20.0), (350.0, 500.0))
+    monkeypatch.setattr(memory, "measure_memory", lambda commands, sizes, report: [use])
+    (found,) = photosite("bench", "--memory", "--json").json["memory"]
+    assert (found["peak_mb"], round(found["bytes_per_pixel"], 9), round(found["constant_mb"], 9)) == (
+        [350, 500],
+        10,
+        300,
+    )
+    row = photosite("bench", "--memory").out.splitlines()[1].split()
+    assert row == ["simulate", "nikon-d200", "350", "500", "10.0", "300"]
+    assert photosite("bench", "--memory", "--case", "one").status == 2

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -13,16 +12,20 @@ from photosite.cli.command import Command
 from photosite.cli.output import show, table
 
 if TYPE_CHECKING:
-    from photosite.studies.bench.cases import Memory, Scaling
+    from photosite.studies.bench.cases import Scaling
+    from photosite.studies.bench.memory import MemoryUse
     from photosite.studies.bench.timing import Case
 
 
 @click.command("bench", cls=Command)
 @click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; about a minute.")
 @click.option("--case", "cases", multiple=True, metavar="NAME", help="Measure this case only; repeatable.")
+@click.option(
+    "--memory", is_flag=True, help="Measure the memory of commands in bytes per pixel, and nothing else; minutes, 4 GB."
+)
 @click.option("--workers", is_flag=True, help="Measure two workers of a Dask scheduler, and nothing else (Linux).")
 @options.json_option
-def command(quick: bool, cases: tuple[str, ...], workers: bool, as_json: bool) -> None:
+def command(quick: bool, cases: tuple[str, ...], memory: bool, workers: bool, as_json: bool) -> None:
     """Measure time and memory of photosite on this machine.
 
     Each case runs in turn with a baseline, a plain way to do the same work: SciPy transforms per wavelength, NumPy's
@@ -31,24 +34,44 @@ def command(quick: bool, cases: tuple[str, ...], workers: bool, as_json: bool) -
 
     Example: photosite bench --quick
     """
-    from photosite.studies.bench.cases import memory, run_cases, scaling
+    from photosite.studies.bench.cases import run_cases, scaling
 
     if workers:
-        options.not_for("--workers", "quick", "cases")
+        options.not_for("--workers", "quick", "cases", "memory")
         _measure_workers(as_json)
+        return
+    if memory:
+        options.not_for("--memory", "cases")
+        _measure_memory(quick, as_json)
         return
     measured, left_out = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
     whole = not (quick or cases)
     if whole:
-        click.echo("measuring the growth of time and memory ...", err=True)
-    laws, growth = (scaling(), memory()) if whole else ((), None)
+        click.echo("measuring the growth of time ...", err=True)
+    laws = scaling() if whole else ()
     content = {
         "cases": {name: case.to_dict() for name, case in measured.items()},
         "left_out": left_out,
         "scaling": {law.what: law.to_dict() for law in laws},
-        "memory": asdict(growth) if growth else {},
     }
-    show(as_json, content, lambda: _text(measured, left_out, laws, growth))
+    show(as_json, content, lambda: _text(measured, left_out, laws))
+
+
+def _measure_memory(quick: bool, as_json: bool) -> None:
+    from photosite.studies.bench.memory import MEGAPIXELS, measure_memory
+
+    sizes = MEGAPIXELS[:2] if quick else MEGAPIXELS
+    uses = measure_memory((), sizes, lambda what: click.echo(f"measuring {what} ...", err=True))
+    show(as_json, {"memory": [use.to_dict() for use in uses]}, lambda: _memory_text(uses))
+
+
+def _memory_text(uses: Sequence[MemoryUse]) -> str:
+    sizes = (f"MB at {size:.0f} megapixels" for size in uses[0].megapixels)
+    rows: list[tuple[str, ...]] = [("command", "sensor", *sizes, "bytes per pixel", "and MB")]
+    for use in uses:
+        slope, constant = use.line
+        rows.append((use.command, use.sensor, *(f"{mb:.0f}" for mb in use.peak_mb), f"{slope:.1f}", f"{constant:.0f}"))
+    return table(rows, "<<" + ">" * (len(rows[0]) - 2))
 
 
 def _measure_workers(as_json: bool) -> None:
@@ -69,9 +92,7 @@ def _measure_workers(as_json: bool) -> None:
     show(as_json, content, lambda: f"{table(rows, '<>>>>>>')}\n\n{line}")
 
 
-def _text(
-    measured: Mapping[str, Case], left_out: Mapping[str, str], laws: Iterable[Scaling], growth: Memory | None
-) -> str:
+def _text(measured: Mapping[str, Case], left_out: Mapping[str, str], laws: Iterable[Scaling]) -> str:
     rows: list[tuple[str, ...]] = [("case", "seconds", "baseline", "ratio", "peak MB", "megapixels")]
     for name, case in measured.items():
         figures = (case.seconds, case.baseline_seconds, case.ratio, case.peak_mb, case.megapixels)
@@ -82,8 +103,4 @@ def _text(
     for law in laws:
         points = ", ".join(f"{size:g}: {seconds:.3f} s" for size, seconds in zip(law.sizes, law.seconds, strict=True))
         lines.append(f"\n{law.what} ({law.unit})\n  {points}; exponent {law.exponent:.2f}")
-    if growth:
-        each = zip(growth.megapixels, growth.bytes_per_pixel, strict=True)
-        points = ", ".join(f"{size:.0f}: {count:.1f}" for size, count in each)
-        lines.append(f"\npeak memory of a stream of captures, bytes per pixel (by megapixels)\n  {points}")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Benchmark cases by name, and the growth of time and memory with the size of the work."""
+"""Benchmark cases by name, and the growth of time with the size of the work."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from photosite.engine.jit import ITEMS_PER_THREAD, threads_for
 from photosite.errors import InputError, PhotositeError, did_you_mean
-from photosite.scene import charts
 from photosite.studies.bench.captures import (
     EXPOSURE_S,
     camera,
@@ -36,7 +35,7 @@ from photosite.studies.bench.frames import (
 from photosite.studies.bench.gpu import gpu_capture, gpu_noise, gpu_transfers
 from photosite.studies.bench.lenses import FIRST_KINDS, fine_color, first_frame, first_frame_cached
 from photosite.studies.bench.pairs import pairs_lens, pairs_noise
-from photosite.studies.bench.timing import Case, best_seconds, peak_mb
+from photosite.studies.bench.timing import Case, best_seconds
 
 CASES: dict[str, Callable[[bool], Case]] = {
     "capture_d200": capture_d200,
@@ -109,7 +108,7 @@ def run_cases(
     return measured, left_out
 
 
-# Growth of time with pixels, wavelengths, frames and threads, and of memory with pixels.
+# Growth of time with pixels, wavelengths, frames and threads.
 
 
 @dataclass(frozen=True)
@@ -172,36 +171,3 @@ def _stream(count: int) -> None:
 def _capture_with_threads(count: int) -> None:
     with threads_for(count * ITEMS_PER_THREAD):
         camera().capture(scene(), EXPOSURE_S)
-
-
-_MEMORY_SHAPES = ((2592, 3872), (5184, 7744), (10_320, 14_536))
-
-
-@dataclass(frozen=True)
-class Memory:
-    """Peak memory of a stream of captures in fresh processes.
-
-    Parameters
-    ----------
-    megapixels
-        Sizes.
-    bytes_per_pixel
-        Peak memory beyond that of a capture of 100 x 150 pixels, which holds libraries and compiled code.
-    """
-
-    megapixels: tuple[float, ...]
-    bytes_per_pixel: tuple[float, ...]
-
-
-def work_stream(rows: int, cols: int) -> None:
-    """Capture two frames of a ColorChecker."""
-    for _ in camera(rows, cols).stream(charts.macbeth("A", 40), EXPOSURE_S, frames=2):
-        pass
-
-
-def memory() -> Memory:
-    """Measure the peak memory of all sizes."""
-    least = peak_mb(work_stream, rows=100, cols=150)
-    sizes = tuple(rows * cols / 1e6 for rows, cols in _MEMORY_SHAPES)
-    peaks = (peak_mb(work_stream, rows=rows, cols=cols) for rows, cols in _MEMORY_SHAPES)
-    return Memory(sizes, tuple((peak - least) / size for peak, size in zip(peaks, sizes, strict=True)))
