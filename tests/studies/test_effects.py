@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from photosite.calibration.effect import effects
 from photosite.calibration.setting import calibrate_setting
@@ -174,20 +175,22 @@ NOT_COVERED = {
 
 def _covered_conditions() -> list[Any]:
     names = [each.name for each in CONDITIONS.values() if each.effects or each.disturbed]
-    marks = {name: pytest.mark.xfail(reason=reason) for name, reason in NOT_COVERED.items()}
+    marks = {name: pytest.mark.xfail(reason=reason, strict=True) for name, reason in NOT_COVERED.items()}
     return [pytest.param(name, marks=marks[name]) if name in marks else name for name in names]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", _covered_conditions())
 def test_intervals_cover(name: str) -> None:
-    """100 sensors of each kind: a coverage of 95 % is below 85 % in 1 of 10 000 studies."""
+    """100 sensors of each kind: intervals that cover 95 % fail in 1 of 10 000 studies for each parameter."""
     study = coverage_study([name], sensors=100)
     wanted = "system_gain_dn_per_e", "read_noise_e", "prnu_percent", "quantum_efficiency_percent"
     rows = [row for row in study.rows if row.parameter in wanted or "." in row.parameter]
     assert not study.refused
     assert rows
     for row in rows:
-        assert row.estimated >= 50
-        assert row.covered >= 0.85 or row.exact == row.estimated
+        # What blinking pixels and the spread of the read noise need is there in two fifths of the sensors
+        assert row.estimated >= 30
+        uncertain = row.estimated - row.exact
+        assert round(row.covered * uncertain) >= binom.ppf(1e-4, uncertain, 0.95)
         assert row.wrong == 0

@@ -34,8 +34,8 @@ def _truth(glow: Glow, sensor: Sensor) -> Mapping[str, float]:
 
 
 def _compare(found: GlowMap, glow: Glow, sensor: Sensor) -> Outcomes:
-    """Compare the places, which are exact."""
-    return {"places": Outcome(0.0, 0.0, 1.0, set(found.places) == set(glow.places))} if found.places else {}
+    """Compare the places, which are exact where they are clear."""
+    return {"places": Outcome(0.0, 0.0, 1.0, set(found.places) == set(glow.places))} if found.present else {}
 
 
 STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth, compare=_compare)
