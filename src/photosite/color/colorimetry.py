@@ -5,13 +5,13 @@ Spectral radiance is in photons/s/sr/m2/nm unless a name says energy.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.spectrum import Rule, energy_from_photons, integration_weights, wavelength_grid
+from photosite.color.tables import spectra
 from photosite.errors import InputError
 
 LUMINOUS_EFFICACY_LM_W = 683.0
@@ -27,6 +27,9 @@ D65_WHITE_XYZ.flags.writeable = False
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 """XYZ to cone responses (ICC.1:2022, annex E)."""
 
+_CAT02 = np.array([[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]])
+"""XYZ to cone responses (CIE 159:2004)."""
+
 _PRIMARIES_XY = np.array([[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]])
 """Chromaticities of red, green and blue (IEC 61966-2-1, ITU-R BT.709)."""
 
@@ -41,15 +44,7 @@ def color_matching_functions(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
     >>> color_matching_functions([555.0])[1]
     array([1.])
     """
-    grid, values = _observer()
-    requested = np.asarray(wavelength_nm, dtype=np.float64)
-    return np.stack([np.interp(requested, grid, row, left=0.0, right=0.0) for row in values])
-
-
-@lru_cache(maxsize=1)
-def _observer() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    observer = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    return np.asarray(observer.wavelengths, np.float64), np.asarray(observer.values, np.float64).T
+    return np.stack([bar.at(wavelength_nm) for bar in spectra("cie_1931_observer").values()])
 
 
 def luminance_cd_m2(
@@ -126,6 +121,16 @@ SRGB_FROM_XYZ: NDArray[np.float64] = np.asarray(np.linalg.inv(XYZ_FROM_SRGB), dt
 SRGB_FROM_XYZ.flags.writeable = False
 
 
+PUBLISHED_SRGB_FROM_XYZ: NDArray[np.float64] = np.array(
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)
+PUBLISHED_XYZ_FROM_SRGB: NDArray[np.float64] = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
+"""(3, 3), XYZ to linear sRGB and back, to the four digits of IEC 61966-2-1."""
+PUBLISHED_SRGB_FROM_XYZ.flags.writeable = PUBLISHED_XYZ_FROM_SRGB.flags.writeable = False
+
+
 def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     """Encode linear sRGB of any shape for the display, clipped to 0..1.
 
@@ -142,6 +147,54 @@ def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     # 1.055 p - 0.055, written so that white is 1 exactly.
     curve = 1 - np.float32(1.055) * (1 - clipped ** np.float32(1 / 2.4))
     return np.asarray(np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve))
+
+
+def srgb_from_light(linear: ArrayLike) -> NDArray[np.float64]:
+    """Encode linear sRGB from 0 to 1 in double precision (IEC 61966-2-1:1999, 5.2).
+
+    Examples
+    --------
+    >>> srgb_from_light([0.0, 0.002, 0.5]).round(4)
+    array([0.    , 0.0258, 0.7354])
+    """
+    light = np.asarray(linear, dtype=np.float64)
+    return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def light_from_srgb(encoded: ArrayLike) -> NDArray[np.float64]:
+    """Decode sRGB from 0 to 1 to linear sRGB in double precision (IEC 61966-2-1:1999, 5.2).
+
+    Examples
+    --------
+    >>> light_from_srgb([0.0, 0.0258, 0.7354]).round(3)
+    array([0.   , 0.002, 0.5  ])
+    """
+    codes = np.asarray(encoded, dtype=np.float64)
+    return np.where(codes <= srgb_from_light(0.0031308), codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+
+
+def xyz_of_chromaticity(xy: ArrayLike) -> NDArray[np.float64]:
+    """Return XYZ (3,) of a chromaticity x, y with Y = 1.
+
+    Examples
+    --------
+    >>> xyz_of_chromaticity([0.25, 0.5])
+    array([0.5, 1. , 0.5])
+    """
+    x, y = np.asarray(xy, dtype=np.float64)
+    return np.array([x * (1 / y), 1.0, (1 - (x + y)) * (1 / y)])
+
+
+def cat02_adaptation(white_xyz: ArrayLike, onto_xyz: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix that adapts XYZ seen under a white to another white: von Kries in CAT02.
+
+    Examples
+    --------
+    >>> bool(np.allclose(cat02_adaptation([1.1, 1.0, 0.36], D65_WHITE_XYZ) @ [1.1, 1.0, 0.36], D65_WHITE_XYZ))
+    True
+    """
+    gains = (_CAT02 @ np.asarray(onto_xyz, dtype=np.float64)) / (_CAT02 @ np.asarray(white_xyz, dtype=np.float64))
+    return np.asarray(np.linalg.inv(_CAT02) @ np.diag(gains) @ _CAT02)
 
 
 def adaptation_to_d65(white_xyz: ArrayLike) -> NDArray[np.float64]:
@@ -219,8 +272,9 @@ def delta_e_2000(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
 def colour_science() -> Any:
     """Return the `colour` package.
 
-    Importing it takes about a second, so that happens when a CIE table is first needed. The import switches NumPy to
-    legacy printing; this function restores the print options.
+    Importing it takes about a second, so that happens only for Lab, color differences and the less common RGB spaces;
+    `photosite.color.tables` has the spectra. The import switches NumPy to legacy printing; this function restores the
+    print options.
 
     Examples
     --------

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import color_matching_functions, colour_science
+from photosite.color.colorimetry import color_matching_functions
 from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     LIGHT_SPEED_M_S,
@@ -23,6 +23,7 @@ from photosite.color.spectrum import (
     load_spectrum,
     wavelength_grid,
 )
+from photosite.color.tables import rows, spectra
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.values.validated import check_choice
 
@@ -197,7 +198,7 @@ def _cie_a_definition(grid: Array) -> Array:
 
 @lru_cache(maxsize=32)
 def _cie_illuminant(name: str) -> Spectrum:
-    tables = colour_science().SDS_ILLUMINANTS
+    tables = spectra("cie_illuminants")
     known = {key.lower(): key for key in tables} | {"tungsten": "A"}
     known |= {f"f{key[2:].lower()}": key for key in tables if key.startswith("FL")}  # the older names of FL1, FL2, ...
     if name.lower() not in known:
@@ -208,10 +209,10 @@ def _cie_illuminant(name: str) -> Spectrum:
             hint = f"Known are {named}, 'led 4000', 'sunlight' and CSV files (lamp.csv)"
         raise InputError("illuminant", value=name, expected="a known name", hint=hint)
     found = known[name.lower()]
-    table = Spectrum(tables[found].wavelengths, tables[found].values)
+    table = tables[found]
     if found not in _NOMINAL_K:
         return table
-    # colour-science's tables end at 780 nm; CIE's own, computed from the same basis functions, at 830 nm.
+    # The tables end at 780 nm; CIE's own, computed from the same basis functions, at 830 nm.
     full = _daylight_table(_NOMINAL_K[found] * _C2_RATIO)
     beyond = full.wavelength_nm > table.wavelength_nm[-1]
     return Spectrum(
@@ -230,7 +231,7 @@ def daylight(temperature_k: float) -> Spectrum:
 
     Notes
     -----
-    CIE 015:2018, 4.1.2, by colour-science. The illuminants D50, D55, D65 and D75 are at 5003, 5503, 6504 and 7504 K:
+    CIE 015:2018, 4.1.2. The illuminants D50, D55, D65 and D75 are at 5003, 5503, 6504 and 7504 K:
     since they were named, the constant c2 of Planck's law has changed by 1.4388 / 1.4380.
 
     Examples
@@ -246,9 +247,17 @@ def daylight(temperature_k: float) -> Spectrum:
 
 
 def _daylight_table(temperature_k: float) -> Spectrum:
-    colour = colour_science()
-    table = colour.sd_CIE_illuminant_D_series(colour.temperature.CCT_to_xy_CIE_D(temperature_k))
-    return Spectrum(table.wavelengths, table.values)
+    t = np.float64(temperature_k)
+    if t <= 7000:
+        x = -4.607e9 / t**3 + 2.9678e6 / t**2 + 99.11 / t + 0.244063
+    else:
+        x = -2.0064e9 / t**3 + 1.9018e6 / t**2 + 247.48 / t + 0.23704
+    y = -3.0 * x**2 + 2.87 * x - 0.275
+    m = 0.0241 + 0.2562 * x - 0.7341 * y
+    m1 = np.around((-1.3515 - 1.7703 * x + 5.9114 * y) / m, 3)
+    m2 = np.around((0.0300 - 31.4424 * x + 30.0717 * y) / m, 3)
+    s0, s1, s2 = spectra("daylight_basis").values()
+    return Spectrum(s0.wavelength_nm, s0.values + m1 * s1.values + m2 * s2.values)
 
 
 @lru_cache(maxsize=2)
@@ -274,7 +283,7 @@ def sunlight(kind: Sunlight = "global") -> Spectrum:
 
     References
     ----------
-    ASTM G173-03, "Standard tables for reference solar spectral irradiances", by colour-science.
+    ASTM G173-03, "Standard tables for reference solar spectral irradiances".
 
     Examples
     --------
@@ -282,9 +291,8 @@ def sunlight(kind: Sunlight = "global") -> Spectrum:
     array([1.5399 , 0.89372, 0.47181])
     """
     check_choice("kind", kind, Sunlight)
-    tables = colour_science().plotting.datasets.astm_g_173
-    table = tables.DATA_ASTMG173_GLOBAL_TILT if kind == "global" else tables.DATA_ASTMG173_DIRECT_CIRCUMSOLAR
-    return Spectrum(np.array(list(table)), np.array(list(table.values())))
+    table = rows("astm_g173")
+    return Spectrum(table["wavelength_nm"], table[kind])
 
 
 def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = None) -> Spectrum:

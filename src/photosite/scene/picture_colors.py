@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import colour_science
+from photosite.color.colorimetry import colour_science, light_from_srgb
 from photosite.engine.jit import read_only, threads_for
 from photosite.engine.patches import looked_up
 from photosite.errors import InputError, did_you_mean
@@ -85,7 +85,7 @@ def display_values(codes: NDArray[Any]) -> Array:
 
 def plain_srgb(values: Array) -> Array:
     """Return linear sRGB of encoded sRGB from 0 to 1."""
-    return np.asarray(colour_science().models.eotf_sRGB(values), dtype=np.float64)
+    return light_from_srgb(values)
 
 
 def linear_srgb_of(codes: NDArray[Any], space: str, *, linear: bool) -> Array:

@@ -12,9 +12,10 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import colour_science, luminance_cd_m2
+from photosite.color.colorimetry import luminance_cd_m2
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, photons_from_energy, wavelength_grid
+from photosite.color.tables import spectra
 from photosite.errors import InputError
 from photosite.scene.picture_colors import (
     Method,
@@ -98,12 +99,12 @@ def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArra
     ([2, 1, 0], array([1., 1., 1.]))
     """
     grid = wavelength_grid(wavelength_nm)
-    table = colour_science().recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
-    first, last = table.wavelengths[[0, -1]]
+    primaries = list(spectra("srgb_reflectances").values())
+    first, last = primaries[0].wavelength_nm[[0, -1]]
     if grid[0] < first or grid[-1] > last:
         ends = (float(grid[0]), float(grid[-1]))
         raise InputError("wavelength_nm", value=ends, expected=f"within {first:g} to {last:g} nm for a picture")
-    return np.stack([np.interp(grid, table.wavelengths, row) for row in table.values.T])
+    return np.stack([primary.at(grid) for primary in primaries])
 
 
 def from_rgb(

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import colour_science, luminance_cd_m2, xyz
+from photosite.color.colorimetry import (
+    D65_XY,
+    PUBLISHED_SRGB_FROM_XYZ,
+    cat02_adaptation,
+    luminance_cd_m2,
+    srgb_from_light,
+    xyz,
+    xyz_of_chromaticity,
+)
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, integration_weights, photons_from_energy, wavelength_grid
 from photosite.errors import InputError
@@ -417,18 +425,16 @@ def preview(
     >>> gray.shape, bool(np.ptp(gray) < 2e-3)
     ((1, 1, 3), True)
     """
-    colour = colour_science()
     values = tristimulus(scene)
     luminance = values[..., 1]
     white = float(np.quantile(luminance, 0.99) or luminance.max()) if white_cd_m2 is None else white_cd_m2
     if not white > 0:
         raise InputError("white_cd_m2", value=white, expected="above 0; the scene is dark")
-    adapted = _adapted_to(scene, values) if white_xy is None else colour.xy_to_XYZ(white_xy)
-    d65 = colour.xy_to_XYZ(colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"])
-    adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(adapted / adapted[1], d65, transform="CAT02")
-    to_rgb = (colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ adapt / white).astype(np.float32)
+    adapted = _adapted_to(scene, values) if white_xy is None else xyz_of_chromaticity(white_xy)
+    adapt = cat02_adaptation(adapted / adapted[1], xyz_of_chromaticity(D65_XY))
+    to_rgb = (PUBLISHED_SRGB_FROM_XYZ @ adapt / white).astype(np.float32)
     linear = np.clip(values @ to_rgb.T, 0.0, 1.0)
-    return np.asarray(colour.models.eotf_inverse_sRGB(linear), np.float32)
+    return srgb_from_light(linear).astype(np.float32)
 
 
 def thumbnail(scene: Scene) -> NDArray[np.float32]:

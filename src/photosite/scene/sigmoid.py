@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import color_matching_functions, colour_science
+from photosite.color.colorimetry import PUBLISHED_XYZ_FROM_SRGB, color_matching_functions
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import integration_weights, wavelength_grid
 from photosite.errors import InputError
@@ -192,7 +192,7 @@ def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
 
 def _seen(colors: Array) -> tuple[Array, Array]:
     """Tristimulus values under D65, and the weights that define them, for the white of the grid."""
-    matrix = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ, dtype=np.float64)
+    matrix = PUBLISHED_XYZ_FROM_SRGB
     light = illuminant("D65", _RAISED_NM)
     weights = color_matching_functions(_RAISED_NM) * integration_weights(_RAISED_NM) * light
     weights /= weights[1].sum()

@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.colorimetry import color_matching_functions, colour_science
+from photosite.color.colorimetry import color_matching_functions
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, integration_weights, wavelength_grid
+from photosite.color.tables import rows, spectra
 from photosite.errors import InputError
 from photosite.scene.charts.chart import Chart, lit
 from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions, reflectance_chart
@@ -37,8 +38,8 @@ _SHAPE, _CORNERS = patch_grid(_ROWS, _COLS)
 """132 x 196 samples, nearly 3 : 2."""
 
 _TABLES: dict[str, str] = {
-    "after 2014": "ColorCheckerSG - After November 2014",
-    "before 2014": "ColorCheckerSG - Before November 2014",
+    "after 2014": "color_checker_sg_after_2014",
+    "before 2014": "color_checker_sg_before_2014",
 }
 _SG_WAVELENGTH_NM = np.arange(380.0, 781.0, 5.0)
 
@@ -70,9 +71,9 @@ def macbeth_reflectance(wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> NDA
     True
     """
     grid = wavelength_grid(wavelength_nm)
-    patches = list(colour_science().SDS_COLOURCHECKERS["ColorChecker N Ohta"].values())
-    _check_range("ColorChecker", grid, patches[0].wavelengths)
-    return np.stack([np.interp(grid, patch.wavelengths, patch.values) for patch in patches])
+    patches = list(spectra("color_checker").values())
+    _check_range("ColorChecker", grid, patches[0].wavelength_nm)
+    return np.stack([patch.at(grid) for patch in patches])
 
 
 @lit("A")
@@ -159,9 +160,9 @@ def color_checker_sg_reflectance(
 
 @lru_cache(maxsize=2)
 def _sg_coefficients(edition: str) -> NDArray[np.float64]:
-    colour = colour_science()
-    table = colour.CCS_COLOURCHECKERS[_TABLES[edition]].data
-    tristimulus = np.stack([colour.xyY_to_XYZ(table[name]) for name in SG_NAMES])
+    table = rows(_TABLES[edition])
+    x, y, luminance = np.stack([table[name] for name in SG_NAMES], axis=1)
+    tristimulus = np.stack([x * (luminance / y), luminance, (1 - (x + y)) * (luminance / y)], axis=1)
     light = relative_energy("D50", _SG_WAVELENGTH_NM)
     weights = color_matching_functions(_SG_WAVELENGTH_NM) * integration_weights(_SG_WAVELENGTH_NM) * light
     return sigmoid_coefficients(tristimulus, weights / weights[1].sum(), _SG_WAVELENGTH_NM)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.colorimetry import colour_science
+from photosite.color.colorimetry import PUBLISHED_SRGB_FROM_XYZ
 from photosite.errors import FileError
 from photosite.files.small_files import reading
 from photosite.scene.io.picture import scene_of_light
@@ -57,8 +57,7 @@ def _values(path: Path) -> NDArray[np.float64]:
         content += file.read(_MOST_BYTES_PER_PIXEL * rows * cols)  # more are never decoded
     values = _decoded(path, content[start:], rows, cols) / exposure
     if form == "xyz":
-        matrix = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB, np.float64)
-        values = values @ matrix.T
+        values = values @ PUBLISHED_SRGB_FROM_XYZ.T
     return values
 
 
