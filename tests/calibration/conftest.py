@@ -4,17 +4,16 @@ import importlib.util
 import sys
 from pathlib import Path
 
-import numba
 import pytest
+
+from photosite.engine.threads import threads_for
 
 
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
     """Run the kernels in one thread: for small frames, threads cost more processor time than they save."""
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
+    with threads_for(1):
+        yield
 
 
 @pytest.fixture(scope="session")

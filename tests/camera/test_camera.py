@@ -19,6 +19,7 @@ from photosite.camera.color_matrix import color_matrix
 from photosite.camera.frame_fields import noise_profile
 from photosite.color.colorimetry import color_matching_functions
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM
+from photosite.engine.threads import ITEMS_PER_THREAD, thread_count, threads_for
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.scene import Scene
@@ -363,15 +364,13 @@ def test_stream_equals_captures() -> None:
 
 
 def test_threads_do_not_change_a_frame() -> None:
-    import numba
-
-    if numba.config.NUMBA_NUM_THREADS < 2:
+    if thread_count() < 2:
         pytest.skip("this machine has one core")
     camera = ps.Camera(LENS, D200.with_(rows=450, cols=460, black_level_dn=64))  # large enough for two threads
     frames = []
     for threads in (1, 2):
-        numba.set_num_threads(threads)
-        frames.append(camera.capture(CHART, 1 / 3, seed=7).dn)
+        with threads_for(threads * ITEMS_PER_THREAD):
+            frames.append(camera.capture(CHART, 1 / 3, seed=7).dn)
     assert (frames[0] == frames[1]).all()
 
 

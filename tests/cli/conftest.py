@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
 import pytest
 from short_protocol import short_d200_protocol
 
 from photosite.cli.main import run
+from photosite.engine.threads import threads_for
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,5 @@ def output_without_notices(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True, scope="module")
 def one_thread() -> Iterator[None]:
     """A frame is the same whatever the threads, and test processes on few cores would wait for each other's."""
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(threads)
+    with threads_for(1):
+        yield

@@ -7,12 +7,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numba
 import pytest
 from virtual_gain_series import GainModel, GainSeriesLab, gain_series_lab
 
 import photosite as ps
 from photosite.calibration.gain_series.result import GainSeries
+from photosite.engine.threads import threads_for
 from photosite.frames.io.darktable import read_darktable
 from photosite.frames.io.libcamera import LIBCAMERA_LOSS
 
@@ -21,14 +21,12 @@ SETTINGS = (100, 200, 400, 800, 1600)
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GainSeriesLab]:
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
     d200 = ps.load_sensor("nikon-d200")
     base = d200.with_(rows=48, cols=64, black_level_dn=200, analog_gain=1.0, well_capacity_e=60_000)
     lab = gain_series_lab(base, GainModel(0.2, 1.5, switch_at=400), SETTINGS, seed=4)
     folder = tmp_path_factory.mktemp("series") / "stack"
-    lab.write(folder)
-    numba.set_num_threads(threads)
+    with threads_for(1):
+        lab.write(folder)
     return folder, lab
 
 

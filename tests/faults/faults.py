@@ -22,7 +22,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from photosite.cli.main import run
-from photosite.engine import jit
 from photosite.files import writing
 from photosite.files.writing import is_temporary
 
@@ -176,7 +175,6 @@ class Run:
 
 def _warm(case: Case, folder: Path) -> None:
     """Run a case in this process, so that forked ones have its modules and kernels."""
-    jit._forked.without_threads = True  # as forked processes have them
     fill(folder, {})
     silent = io.StringIO()
     with (

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from photosite.engine.threads import thread_count
+
 if TYPE_CHECKING:
     import photosite as ps
 
@@ -50,10 +52,8 @@ def failing(number: int) -> int:
 
 
 def limits(_: Any) -> tuple[int, str | None]:
-    """Return the threads of compiled kernels, and the limit for BLAS."""
-    import numba
-
-    return numba.get_num_threads(), os.environ.get("OPENBLAS_NUM_THREADS")
+    """Return the number of threads, and the limit for BLAS."""
+    return thread_count(), os.environ.get("OPENBLAS_NUM_THREADS")
 
 
 def sleeping(number: int) -> int:

@@ -12,7 +12,7 @@ from scipy import stats
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
-from photosite.engine.jit import threads_for
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError
 from photosite.studies.conditions import CONDITIONS
 from photosite.studies.planning import Design, Want, plan_frames, plan_protocol, step_from

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from photosite.app.kept_scenes import add_kept
 from photosite.app.preview_sensor import with_sensor_size
 from photosite.app.state import PreparedState
-from photosite.engine.jit import compiled, prange
+from photosite.engine.jit import compiled
+from photosite.engine.threads import parallel_for
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 
@@ -77,19 +78,32 @@ def _normal(seed: int, shape: tuple[int, int]) -> F32:
     return np.random.default_rng(seed).standard_normal(shape, np.float32)
 
 
-@compiled(parallel=True)
 def _with_noise(
     mean_e: F32, top: float, mean_dn: NDArray[np.float64], spread_dn: NDArray[np.float64], normal: F32
 ) -> F32:
     """Return mean digital numbers plus noise; both are given at the squares of even steps from 0 to `top`."""
-    rows, cols = mean_e.shape
-    out = np.empty((rows, cols), np.float32)
+    out = np.empty(mean_e.shape, np.float32)
+    parallel_for(_add_noise, len(out), mean_e, top, mean_dn, spread_dn, normal, out)
+    return out
+
+
+@compiled()
+def _add_noise(
+    start: int,
+    stop: int,
+    mean_e: F32,
+    top: float,
+    mean_dn: NDArray[np.float64],
+    spread_dn: NDArray[np.float64],
+    normal: F32,
+    out: F32,
+) -> None:
+    cols = mean_e.shape[1]
     last = mean_dn.size - 1
-    for r in prange(rows):
+    for r in range(start, stop):
         for c in range(cols):
             place = np.sqrt(max(mean_e[r, c], 0.0) / top) * last
             k = min(int(place), last - 1)
             share = place - k
             value = mean_dn[k] + share * (mean_dn[k + 1] - mean_dn[k])
             out[r, c] = value + (spread_dn[k] + share * (spread_dn[k + 1] - spread_dn[k])) * normal[r, c]
-    return out

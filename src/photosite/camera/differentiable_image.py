@@ -27,7 +27,8 @@ from scipy.sparse import csr_array
 from photosite.camera.mean_image import electrons_per_weight, pitch_m, placement
 from photosite.camera.optical_stack import low_pass_split_m
 from photosite.camera.parts import CameraParts
-from photosite.engine.layers import WORKERS, Grid
+from photosite.engine.layers import Grid
+from photosite.engine.threads import thread_count
 from photosite.engine.transfer import Sampling
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import RadialPsf
@@ -223,7 +224,7 @@ class DifferentiableImage:
             total = sum(
                 spectrum * self._on_grid(of[k]) for spectrum, of in zip(spectra, self._transfers[0], strict=True)
             )
-            blurred = scipy.fft.irfft2(total, s=cells, workers=WORKERS)
+            blurred = scipy.fft.irfft2(total, s=cells, workers=thread_count())
             out[k] = (self._across.T @ (self._down.T @ blurred).T).T
         return out
 
@@ -236,7 +237,7 @@ class DifferentiableImage:
             for r, c in sites:
                 rows, cols = self._centers(0, r, tile[0] * per_pixel), self._centers(1, c, tile[1] * per_pixel)
                 sparse[rows, cols] = seen[r :: tile[0], c :: tile[1]]
-            spectra.append(scipy.fft.rfft2(sparse, workers=WORKERS))
+            spectra.append(scipy.fft.rfft2(sparse, workers=thread_count()))
         return spectra
 
     def along_efficiencies(self, weights: Array, efficiencies: Array) -> Array:
@@ -285,7 +286,7 @@ class DifferentiableImage:
     def _spectra(self, weights: Array) -> list[NDArray[np.complex128]]:
         """Return the (rows, cols // 2 + 1) spectra of the maps on the cells; the latest are kept."""
         if self._latest is None or self._latest[0] is not weights:
-            spectra = [scipy.fft.rfft2((self._across @ (self._down @ w).T).T, workers=WORKERS) for w in weights]
+            spectra = [scipy.fft.rfft2((self._across @ (self._down @ w).T).T, workers=thread_count()) for w in weights]
             self._latest = weights, spectra
         return self._latest[1]
 
@@ -314,7 +315,7 @@ class DifferentiableImage:
         per_pixel = self._grid.cells_per_pixel
         for sites, of_channel in zip(self._sites, transfers, strict=True):
             total = sum(spectrum * self._on_grid(of) for spectrum, of in zip(spectra, of_channel, strict=True))
-            image = scipy.fft.irfft2(total, s=self._cells, workers=WORKERS)
+            image = scipy.fft.irfft2(total, s=self._cells, workers=thread_count())
             for r, c in sites:
                 rows, cols = self._centers(0, r, tile[0] * per_pixel), self._centers(1, c, tile[1] * per_pixel)
                 mosaic[r :: tile[0], c :: tile[1]] = image[rows, cols]

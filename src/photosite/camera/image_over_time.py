@@ -26,8 +26,8 @@ from photosite.camera.mean_image import (
 from photosite.camera.optical_stack import warn_of_transmittance_range
 from photosite.camera.parts import CameraParts
 from photosite.camera.sampled_otf import Progress
-from photosite.engine.jit import threads_for
 from photosite.engine.moving_rows import Cells, in_phases, sampled_rows, translated_rows
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError
 from photosite.optics.point_spread import FieldPsf
 from photosite.scene.dynamic_scene import DynamicScene

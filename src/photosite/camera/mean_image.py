@@ -33,10 +33,10 @@ from photosite.camera.parts import CameraParts
 from photosite.camera.sampled_otf import Progress, field_scale
 from photosite.camera.veiling_glare import add_glare
 from photosite.color.spectrum import integration_weights
-from photosite.engine.jit import threads_for
 from photosite.engine.layers import Field, Grid, Layer, View
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.resample import Warp
+from photosite.engine.threads import threads_for
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.distortion import RadialMapping, image_height, inverse_scale, wavelength_nodes

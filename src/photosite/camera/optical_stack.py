@@ -12,7 +12,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange, threads_for
+from photosite.engine.jit import F32, F64, I64, compiled
+from photosite.engine.threads import parallel_for, threads_for
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.lens import Optics
 from photosite.sensor.model import Sensor
@@ -214,15 +215,17 @@ def gathered(mosaic: F32, fractions: F64) -> F32:
     weights = np.ascontiguousarray(np.tile(by_site, block // period_c))
     offsets = np.ascontiguousarray(taps - size // 2)
     out = np.empty_like(mosaic)
-    _gather(mosaic, weights, offsets, period_c, size // 2, out)
+    parallel_for(_gather, len(out), mosaic, weights, offsets, period_c, size // 2, out)
     return out
 
 
-@compiled(parallel=True)
-def _gather(mosaic: F32, weights: F32, offsets: I64, period_c: int, reach: int, out: F32) -> None:
+@compiled()
+def _gather(
+    start: int, stop: int, mosaic: F32, weights: F32, offsets: I64, period_c: int, reach: int, out: F32
+) -> None:
     rows, cols = mosaic.shape
     period_r, taps, block = weights.shape
-    for r in prange(rows):
+    for r in range(start, stop):
         weight = weights[r % period_r]
         for begin in range(0, cols, block):
             end = min(begin + block, cols)
@@ -317,7 +320,6 @@ def _with_border(count: int, reach: int, period: int) -> NDArray[np.intp]:
     return np.where(index < 0, index % period, np.where(index >= count, beyond, index))
 
 
-@compiled(parallel=True)
 def scale_by_angle(mosaic: F32, y: F64, x: F64, channel_of: I64, angle: F64, response: F64) -> None:
     """Multiply each pixel by its channel's response at the angle of its position, in place.
 
@@ -326,10 +328,17 @@ def scale_by_angle(mosaic: F32, y: F64, x: F64, channel_of: I64, angle: F64, res
     - `channel_of`: (tile rows, tile cols) channel of each site.
     - `angle`, `response`: (n,) radians, increasing from 0 to at least the largest angle; (channels, n), linear between.
     """
-    rows, cols = mosaic.shape
+    parallel_for(_scale_by_angle, len(mosaic), mosaic, y, x, channel_of, angle, response)
+
+
+@compiled()
+def _scale_by_angle(
+    start: int, stop: int, mosaic: F32, y: F64, x: F64, channel_of: I64, angle: F64, response: F64
+) -> None:
+    cols = mosaic.shape[1]
     period_r, period_c = channel_of.shape
     last = angle.size - 2
-    for r in prange(rows):
+    for r in range(start, stop):
         k = 0
         for c in range(cols):
             theta = np.arctan(np.sqrt(y[r] * y[r] + x[c] * x[c]))

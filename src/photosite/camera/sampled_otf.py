@@ -21,7 +21,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from photosite.engine.jit import THREADS
+from photosite.engine.threads import thread_count
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf, SampledPsf
@@ -218,7 +218,7 @@ def _sample_modes(
     node_fractions, nodes_nm = _spectral_nodes(modes[0], wavelength_nm)
     samples = _ModeSamples(modes, scale, nodes_nm, sampling)
     samples.fill(0)  # alone: what all wavelengths share is computed once, in the first
-    with ThreadPoolExecutor(min(THREADS, _THREADS)) as pool:
+    with ThreadPoolExecutor(min(thread_count(), _THREADS)) as pool:
         for done, _ in enumerate(pool.map(samples.fill, range(1, nodes_nm.size)), 2):
             if progress is not None:
                 progress(done, nodes_nm.size, "wavelengths")

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.color.colorimetry import encode_srgb
-from photosite.engine.jit import compiled, prange, threads_for
+from photosite.engine.jit import compiled
+from photosite.engine.threads import parallel_for, threads_for
 
 
 def encoded_rgba(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return (rows, cols, 4) codes, opaque, of (rows, cols, 3) linear sRGB values from 0 to 1."""
     out = np.empty((*linear.shape[:2], 4), np.uint8)
     with threads_for(out.size):
-        _encode_rgba(linear, *_srgb_codes(), out)
+        parallel_for(_encode_rgba, len(out), linear, *_srgb_codes(), out)
     return out
 
 
@@ -37,11 +38,16 @@ def _srgb_codes() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     return (np.searchsorted(high, starts, side="right") - 1).astype(np.uint8), high
 
 
-@compiled(parallel=True)
+@compiled()
 def _encode_rgba(
-    linear: NDArray[np.float32], codes: NDArray[np.uint8], least: NDArray[np.float32], out: NDArray[np.uint8]
+    start: int,
+    stop: int,
+    linear: NDArray[np.float32],
+    codes: NDArray[np.uint8],
+    least: NDArray[np.float32],
+    out: NDArray[np.uint8],
 ) -> None:
-    for r in prange(linear.shape[0]):
+    for r in range(start, stop):
         for c in range(linear.shape[1]):
             for k in range(3):
                 value = min(max(linear[r, c, k], np.float32(0)), np.float32(1))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from photosite.engine.jit import F64, I64, bits_of_double, compiled, prange
+from photosite.engine.jit import F64, I64, bits_of_double, compiled
+from photosite.engine.threads import parallel_for
 
 _PARTS = 8
 
@@ -13,9 +14,9 @@ _SAMPLE, _NEAR = 256, 0.08
 with a probability of 0.99."""
 
 
-@compiled(parallel=True)
-def _medians(values: F64, side: int, out: F64) -> None:
-    for block in prange(out.size):
+@compiled()
+def _medians(start: int, stop: int, values: F64, side: int, out: F64) -> None:
+    for block in range(start, stop):
         i, j = block // out.shape[1], block % out.shape[1]
         pixels = np.empty(side * side)
         for r in range(side):
@@ -43,11 +44,13 @@ def _median(values: F64) -> float:
     return float(near[second] if first == second else 0.5 * (near[:second].max() + near[second]))
 
 
-@compiled(parallel=True)
-def _count_distances(values: F64, side: int, middle: F64, prefix: int, shift: int, out: I64) -> None:
+@compiled()
+def _count_distances(
+    start: int, stop: int, values: F64, side: int, middle: F64, prefix: int, shift: int, out: I64
+) -> None:
     """Count the distances from the middle of the block by 16 of their bits, where the bits above are `prefix`."""
     rows, parts = middle.shape[0] * side, out.shape[0]
-    for part in prange(parts):
+    for part in range(start, stop):
         counts = out[part]
         for r in range(part * rows // parts, (part + 1) * rows // parts):
             for block in range(middle.shape[1]):
@@ -58,10 +61,10 @@ def _count_distances(values: F64, side: int, middle: F64, prefix: int, shift: in
                         counts[bits & 0xFFFF] += 1
 
 
-@compiled(parallel=True)
-def _least_distances(values: F64, side: int, middle: F64, beyond: float, out: F64) -> None:
+@compiled()
+def _least_distances(start: int, stop: int, values: F64, side: int, middle: F64, beyond: float, out: F64) -> None:
     """Compute in each row the smallest distance from the middle of the block beyond a given one."""
-    for r in prange(out.size):
+    for r in range(start, stop):
         least = np.inf
         for block in range(middle.shape[1]):
             center = middle[r // side, block]
@@ -81,7 +84,7 @@ def _median_distance(values: F64, side: int, middle: F64) -> float:
     prefix = below = 0
     for shift in (48, 32, 16, 0):
         parts = np.zeros((_PARTS, 1 << 16), np.int64)
-        _count_distances(values, side, middle, prefix, shift, parts)
+        parallel_for(_count_distances, _PARTS, values, side, middle, prefix, shift, parts)
         up_to = below + np.cumsum(parts.sum(axis=0))
         at = int(np.searchsorted(up_to, (size - 1) // 2, side="right"))
         below = int(up_to[at - 1]) if at else below
@@ -90,13 +93,13 @@ def _median_distance(values: F64, side: int, middle: F64) -> float:
     if size % 2 or up_to[at] > size // 2:
         return lower
     least = np.empty(middle.shape[0] * side)
-    _least_distances(values, side, middle, lower, least)
+    parallel_for(_least_distances, least.size, values, side, middle, lower, least)
     return 0.5 * (lower + float(least.min()))
 
 
-@compiled(parallel=True)
-def _means(values: F64, side: int, middle: F64, reach: float, out: F64) -> None:
-    for i in prange(out.shape[0]):
+@compiled()
+def _means(start: int, stop: int, values: F64, side: int, middle: F64, reach: float, out: F64) -> None:
+    for i in range(start, stop):
         for j in range(out.shape[1]):
             center, total, count = middle[i, j], 0.0, 0
             for r in range(i * side, (i + 1) * side):
@@ -121,7 +124,8 @@ def block_means(values: F64, side: int, reach: float) -> F64:
     [[2.0, 6.5]]
     """
     middle = np.empty((values.shape[0] // side, values.shape[1] // side))
-    _medians(values, side, middle)
+    parallel_for(_medians, middle.size, values, side, middle)
     out = np.empty_like(middle)
-    _means(values, side, middle, reach * _median_distance(values, side, middle), out)
+    reach *= _median_distance(values, side, middle)
+    parallel_for(_means, len(out), values, side, middle, reach, out)
     return out

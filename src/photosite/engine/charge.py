@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled
 from photosite.engine.pixel_model import RUN, Exposure, constant_run, pixel_number, row_from
 from photosite.engine.random_numbers import (
     EXPOSURE,
@@ -27,6 +27,7 @@ from photosite.engine.random_numbers import (
     poisson,
 )
 from photosite.engine.random_runs import new_run, normal_run, poisson_run, random_words
+from photosite.engine.threads import parallel_for
 
 
 class ConversionMaps(NamedTuple):
@@ -100,17 +101,24 @@ def rounded(dn: float, exposure: Exposure) -> np.uint16:
     return np.uint16(min(max(dn + 0.5, 0.0), exposure.white_level_dn))
 
 
-@compiled(parallel=True)
 def collect_charge(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Exposure) -> F32:
     """Return (rows, cols) electrons that the pixels of a rectangle collect in one frame.
 
     `photo_e` is (rows, cols) mean electrons from light, not negative; the maps are of the same rows and columns, or
     (1, 1) for one value.
     """
-    rows, cols = photo_e.shape
+    out = np.empty(photo_e.shape, np.float32)
+    parallel_for(_collect_charge, len(out), photo_e, prnu, dark_rate_e_per_s, exposure, out)
+    return out
+
+
+@compiled()
+def _collect_charge(
+    start: int, stop: int, photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Exposure, out: F32
+) -> None:
+    cols = photo_e.shape[1]
     frame, k0, k1, well_e = exposure.frame, exposure.k0, exposure.k1, exposure.well_capacity_e
-    out = np.empty((rows, cols), np.float32)
-    for r in prange(rows):
+    for r in range(start, stop):
         run = new_run(RUN)
         mean, electrons = run.mean, run.electrons
         prnu_1, dark_1 = constant_run(prnu), constant_run(dark_rate_e_per_s)
@@ -124,18 +132,24 @@ def collect_charge(photo_e: F32, prnu: F32, dark_rate_e_per_s: F32, exposure: Ex
             poisson_run(n, run, frame, k0, k1)
             for i in range(n):
                 target[i] = np.float32(min(electrons[i], well_e))
+
+
+def convert_charge(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> NDArray[np.uint16]:
+    """Return the digital numbers of a rectangle from its (rows, cols) charge in electrons."""
+    out = np.empty(charge_e.shape, np.uint16)
+    parallel_for(_convert_charge, len(out), charge_e, maps, exposure, out)
     return out
 
 
-@compiled(parallel=True)
-def convert_charge(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> NDArray[np.uint16]:
-    """Return the digital numbers of a rectangle from its (rows, cols) charge in electrons."""
-    rows, cols = charge_e.shape
+@compiled()
+def _convert_charge(
+    start: int, stop: int, charge_e: F32, maps: ConversionMaps, exposure: Exposure, out: NDArray[np.uint16]
+) -> None:
+    cols = charge_e.shape[1]
     curve, error, output = maps.curve_e, maps.converter_error_dn, maps.output_dn
     curve_step, error_steps = maps.curve_step_e, (error.size - 1) / exposure.white_level_dn
     row_dn, column_dn, row_group = maps.row_dn, maps.column_dn, maps.row_group
-    out = np.empty((rows, cols), np.uint16)
-    for r in prange(rows):
+    for r in range(start, stop):
         run = new_run(RUN)
         words, deviates, signal, dn = run.words, run.deviates, run.mean, run.electrons
         offset_1, noise_1 = constant_run(maps.offset_e), constant_run(maps.noise_e)
@@ -174,4 +188,3 @@ def convert_charge(charge_e: F32, maps: ConversionMaps, exposure: Exposure) -> N
             if output.size > 1:
                 for i in range(n):
                     target[i] = output[target[i]]
-    return out

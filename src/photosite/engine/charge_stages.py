@@ -6,11 +6,11 @@ the same stages for a GPU: functions of one pixel are shared, so that the result
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled
 from photosite.engine.pixel_model import RUN, Exposure, pixel_number
 from photosite.engine.random_numbers import (
     MULTIPLICATION,
@@ -26,6 +26,7 @@ from photosite.engine.random_numbers import (
     uniform_53,
 )
 from photosite.engine.random_runs import new_run, normal_run
+from photosite.engine.threads import parallel_for
 
 _COLUMNS = 256
 
@@ -76,7 +77,6 @@ def multiplied_pixel(charge_e: float, r: int, c: int, register: Register, exposu
     return np.float32(min(value * register.scale_e, register.well_e))
 
 
-@compiled(parallel=True)
 def bloom_columns(charge_e: F32, well_e: float, kept: float) -> F32:
     """Return the charge after blooming: what a pixel cannot hold flows along its column, half each way.
 
@@ -85,8 +85,15 @@ def bloom_columns(charge_e: F32, well_e: float, kept: float) -> F32:
     """
     rows, cols = charge_e.shape
     out = np.empty((rows, cols), np.float32)
-    for block in prange((cols + _COLUMNS - 1) // _COLUMNS):
-        first: Any = np.int64(block) * _COLUMNS
+    parallel_for(_bloom_columns, (cols + _COLUMNS - 1) // _COLUMNS, charge_e, well_e, kept, out)
+    return out
+
+
+@compiled()
+def _bloom_columns(start: int, stop: int, charge_e: F32, well_e: float, kept: float, out: F32) -> None:
+    rows, cols = charge_e.shape
+    for block in range(start, stop):
+        first = block * _COLUMNS
         last = min(first + _COLUMNS, cols)
         flow = np.zeros(last - first)
         beyond = False
@@ -104,7 +111,6 @@ def bloom_columns(charge_e: F32, well_e: float, kept: float) -> F32:
         if flow.max() > 0.0:
             for r in range(rows):
                 _flow_past(charge_e[r, first:last], out[r, first:last], flow, well_e, 0.0)
-    return out
 
 
 @compiled()
@@ -117,17 +123,21 @@ def _flow_past(charge_e: F32, held_e: F32, flow_e: F64, well_e: float, kept: flo
         flow_e[i] += overflow(np.float64(charge_e[i]), well_e, kept) - more
 
 
-@compiled(parallel=True)
 def transfer_charge(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
     """Return the charge after its transfers along the columns and then along the rows.
 
     `row_shares` is (late, rows): the fraction of a row's charge that arrives so many rows late; `column_shares`
     (late, cols) likewise.
     """
-    rows, cols = charge_e.shape
-    out = np.empty((rows, cols), np.float32)
-    for line in prange(rows):
-        r: Any = np.int64(line)
+    out = np.empty(charge_e.shape, np.float32)
+    parallel_for(_transfer_charge, len(out), charge_e, row_shares, column_shares, out)
+    return out
+
+
+@compiled()
+def _transfer_charge(start: int, stop: int, charge_e: F32, row_shares: F64, column_shares: F64, out: F32) -> None:
+    cols = charge_e.shape[1]
+    for r in range(start, stop):
         moved, total = np.zeros(cols), np.zeros(cols)
         for late in range(min(row_shares.shape[0], r + 1)):
             _add_fraction(moved, charge_e[r - late], row_shares[late, r - late])
@@ -136,7 +146,6 @@ def transfer_charge(charge_e: F32, row_shares: F64, column_shares: F64) -> F32:
         target = out[r]
         for c in range(cols):
             target[c] = np.float32(total[c])
-    return out
 
 
 @compiled()
@@ -151,15 +160,20 @@ def _add_fractions(total: F64, values: F64, fractions: F64) -> None:
         total[i] += fractions[i] * values[i]
 
 
-@compiled(parallel=True)
 def multiply_charge(charge_e: F32, register: Register, exposure: Exposure) -> F32:
     """Return the charge behind the multiplication register."""
-    rows, cols = charge_e.shape
+    out = np.empty(charge_e.shape, np.float32)
+    parallel_for(_multiply_charge, len(out), charge_e, register, exposure, out)
+    return out
+
+
+@compiled()
+def _multiply_charge(start: int, stop: int, charge_e: F32, register: Register, exposure: Exposure, out: F32) -> None:
+    cols = charge_e.shape[1]
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     shape_per_e, scale_e, well_e, induced_e = register
     without = exp(-induced_e)
-    out = np.empty((rows, cols), np.float32)
-    for r in prange(rows):
+    for r in range(start, stop):
         run = new_run(RUN)
         shape, value, deviates, late = run.mean, run.electrons, run.deviates, run.late
         words = np.empty((4, RUN), np.uint32)
@@ -191,7 +205,6 @@ def multiply_charge(charge_e: F32, register: Register, exposure: Exposure) -> F3
                     value[i] = gamma(shape[i], np.uint32(first + np.uint32(i)), frame, MULTIPLICATION, k0, k1)
             for i in range(n):
                 target[i] = np.float32(min(value[i] * scale_e, well_e))
-    return out
 
 
 @compiled()
@@ -217,16 +230,22 @@ def _all_words(
         words[3, i] = w3
 
 
-@compiled(parallel=True)
 def couple_pixels(charge_e: F32, side_fraction: float, corner_fraction: float) -> F32:
     """Return the signals of pixels that couple a fraction of theirs to each next and each diagonal neighbor.
 
     Beyond the edges the array is continued by its outer pixels, which keeps the sum of all signals.
     """
+    out = np.empty(charge_e.shape, np.float32)
+    parallel_for(_couple_pixels, len(out), charge_e, side_fraction, corner_fraction, out)
+    return out
+
+
+@compiled()
+def _couple_pixels(
+    start: int, stop: int, charge_e: F32, side_fraction: float, corner_fraction: float, out: F32
+) -> None:
     rows, cols = charge_e.shape
-    out = np.empty((rows, cols), np.float32)
-    for line in prange(rows):
-        r: Any = np.int64(line)
+    for r in range(start, stop):
         # The row, and the sum of those above and below, with a pixel more at each end
         row, column = np.empty(cols + 2), np.empty(cols + 2)
         _add_rows(charge_e[max(r - 1, 0)], charge_e[min(r + 1, rows - 1)], column[1:-1])
@@ -234,7 +253,6 @@ def couple_pixels(charge_e: F32, side_fraction: float, corner_fraction: float) -
         for values in (row, column):
             values[0], values[-1] = values[1], values[-2]
         _couple_row(row, column, side_fraction, corner_fraction, out[r])
-    return out
 
 
 @compiled()

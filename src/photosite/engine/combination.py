@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F64, I64, compiled, prange
+from photosite.engine.jit import F64, I64, compiled
+from photosite.engine.threads import parallel_for
 
 _RUN = 1024
 
@@ -37,28 +38,32 @@ class CombinationConstants(NamedTuple):
     companded_dn: F64
 
 
-@compiled(parallel=True)
 def combine(numbers: NDArray[Any], constants: CombinationConstants, out: NDArray[Any]) -> None:
     """Compute `out`, (pixels,) unsigned integers, from (captures, pixels) digital numbers."""
+    parallel_for(_combine, -(-numbers.shape[1] // _RUN), numbers, constants, out)
+
+
+@compiled()
+def _combine(start: int, stop: int, numbers: NDArray[Any], constants: CombinationConstants, out: NDArray[Any]) -> None:
     captures, pixels = numbers.shape
     black, scale, overflow_of = constants.black_dn, constants.dn_per_light_e, constants.overflow_of
     dn_per_e, output_black, highest = constants.dn_per_e, constants.output_black_dn, constants.highest_dn
     linear, companded = constants.linear_dn, constants.companded_dn
     first_dn, last_dn = constants.first_dn, constants.last_dn
-    for run in prange((pixels + _RUN - 1) // _RUN):
-        start: Any = np.int64(run) * _RUN
-        n = min(_RUN, pixels - start)
+    for run in range(start, stop):
+        begin = run * _RUN
+        n = min(_RUN, pixels - begin)
         light, total = np.empty((captures, n)), np.zeros(n)
         for k in range(captures):
-            _light(numbers[k, start : start + n], black, scale[k], light[k])
+            _light(numbers[k, begin : begin + n], black, scale[k], light[k])
             if overflow_of[k] >= 0:
                 light[k] += light[overflow_of[k]]
         for k in range(captures - 1, -1, -1):
             # The last capture has no next one to blend with.
             blends = k < captures - 1
             first, last = (first_dn[k], last_dn[k]) if blends else (np.inf, np.inf)
-            _blend(numbers[k, start : start + n], black, first, last, light[k], total)
-        target = out[start : start + n]
+            _blend(numbers[k, begin : begin + n], black, first, last, light[k], total)
+        target = out[begin : begin + n]
         for i in range(n):
             total[i] = np.floor(min(max(total[i] * dn_per_e + output_black, 0.0), highest) + 0.5)
         if linear.size > 1:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from photosite.engine.workers import THREAD_VARIABLES, check_scheduler, cores
+from photosite.engine.threads import cores
+from photosite.engine.workers import THREAD_VARIABLES, check_scheduler
 
 _KEPT_BYTES = "2000000000"
 

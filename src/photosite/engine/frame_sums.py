@@ -16,10 +16,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F64, I64, THREADS, carray, compiled, pointer, prange, prefetch
+from photosite.engine.jit import F64, I64, carray, compiled, pointer, prange, prefetch
 from photosite.engine.map_statistics import label_pixels
 from photosite.engine.pair_sums import LabelClips, PairSums, add_pairs_of_files
 from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
+from photosite.engine.threads import thread_count
 
 MOST_FRAMES = 1 << 15
 """Largest number of frames in one `FrameSums`; n * sum(y^2) of 16-bit numbers then stays below 2^62."""
@@ -478,7 +479,7 @@ def _add_stored(frames: Sequence[FrameRows], full_scale: int, settings: SumSetti
         add_rows(_pixels([*buffer]), settings, first, parts)
         unused.append(buffer)
 
-    with ThreadPoolExecutor(THREADS) as threads:
+    with ThreadPoolExecutor(thread_count()) as threads:
         list(threads.map(add, range(0, rows, height)))
 
 

@@ -1,11 +1,8 @@
-"""Configuration of numba, in one place: compiled functions, their cache, array types, threads, LLVM intrinsics."""
+"""Configuration of numba, in one place: compiled functions, their cache, array types, LLVM intrinsics."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from functools import wraps
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -20,9 +17,6 @@ from photosite.engine.kernel_cache import KernelCache, kernel_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-ITEMS_PER_THREAD = 100_000
-"""Pixels that take a thread about a millisecond."""
-
 # Arrays of any shape, by the type of their numbers.
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -34,88 +28,53 @@ def compiled(*, parallel: bool = False, inline: bool = False, fused: bool = Fals
     """Return a decorator that compiles a function at its first call and caches the result on disk.
 
     Floating point stays strict (no fast-math): the same input gives the same bits whatever the vector width.
-    `parallel` runs `numba.prange` loops on several threads, in a forked process on one (`_Forked`), with equal results.
     `inline` inlines the function into its callers. `fused` lets a processor round a * b + c once: for results that are
     only compared with others beyond the bound of their errors.
+
+    A function is compiled for calls from Python, or for calls from compiled functions, which takes half of the time.
+    Loops over several threads are those of `threads.parallel_for`: numba's own compile each function four times.
     """
     options: dict[str, Any] = {"inline": "always"} if inline else {"fastmath": {"contract"} if fused else False}
 
     def decorate(function: F) -> F:
-        if not parallel:
-            return _dispatcher(function, kernel_folder(), **options)
-        threaded = _dispatcher(function, kernel_folder(), parallel=True)
-        single: list[F] = []
-
-        @wraps(function)
-        def run(*arguments: Any) -> Any:
-            if not _forked.without_threads:
-                return threaded(*arguments)
-            if not single:  # numba's cache does not tell it from the other one
-                single.append(_dispatcher(function, kernel_folder() / "single"))
-            return single[0](*arguments)
-
-        return cast(F, run)
+        if parallel:
+            return cast(F, _dispatcher(function, kernel_folder(), parallel=True))
+        kernel = _dispatcher(function, kernel_folder(), **options)
+        if not inline:
+            _call_inner(kernel, _dispatcher(function, kernel_folder() / "inner", no_cpython_wrapper=True, **options))
+        return cast(F, kernel)
 
     return decorate
 
 
-def _dispatcher(function: F, folder: Path, **options: Any) -> F:
+def _dispatcher(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
     # numba reads this setting when it decorates; restore it for other users of numba in this process.
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
     try:
-        kernel = numba.njit(nogil=True, error_model="numpy", **options)(function)
+        njit: Any = numba.njit
+        kernel = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
         kernel._cache = KernelCache(function)
     finally:
         settings.CACHE_DIR = before
-    return cast(F, kernel)
+    return kernel
 
 
-class _Forked:
-    """Whether this process was forked from one whose kernels had started threads, which do not exist here.
+def _call_inner(kernel: Any, inner: Any) -> None:
+    """Let compiled functions that call a kernel use its form for them, which Python cannot call.
 
-    GNU OpenMP, which numba uses where it finds it, ends such a process at the first parallel loop.
+    Numbers that are constants in the caller are arguments like all others: one form serves both.
     """
 
-    without_threads = False
+    unliteral: Any = types.unliteral
 
-    def note(self) -> None:
-        """Look, in a child process, what the parent had done."""
-        with suppress(ValueError):  # no layer is chosen before the first parallel loop
-            self.without_threads = bool(cast(Any, numba).threading_layer())
+    def template(arguments: Any, keywords: Any) -> Any:
+        return inner.get_call_template(tuple(unliteral(each) for each in arguments), keywords)
 
-
-_forked = _Forked()
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked.note)
-
-
-def threads_for(items: int) -> AbstractContextManager[None]:
-    """Limit the threads of parallel kernels in a `with` block to what a number of items can keep busy.
-
-    Starting a thread takes longer than a small frame, and much longer if other processes use the cores.
-    """
-    threads = max(1, items // ITEMS_PER_THREAD)
-    return _NO_LIMIT if threads >= THREADS or _forked.without_threads else _at_most(threads)
-
-
-_NO_LIMIT = nullcontext()
-
-
-@contextmanager
-def _at_most(threads: int) -> Iterator[None]:
-    before = numba.get_num_threads()
-    numba.set_num_threads(min(threads, before))
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
+    kernel.get_call_template, kernel.get_overload = template, inner.get_overload
 
 
 prange = numba.prange
-
-THREADS: int = cast(Any, numba).config.NUMBA_NUM_THREADS
-"""Threads of this process: the cores that it may use, or the variable NUMBA_NUM_THREADS."""
 
 T = TypeVar("T", bound=np.generic)
 

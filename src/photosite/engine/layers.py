@@ -18,8 +18,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.engine.jit import C64, F32, F64, I64, THREADS, compiled, prange, read_only, threads_for
+from photosite.engine.jit import C64, F32, F64, I64, compiled, read_only
 from photosite.engine.resample import Corners, Overlap, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
+from photosite.engine.threads import parallel_for, thread_count, threads_for
 from photosite.engine.transfer import Transfer
 
 _STRIP, _STRIP_LINES = 256, 2048
@@ -29,7 +30,6 @@ _COMPARED = 8
 """Columns in which neighboring rows of a map are compared before all of their columns are."""
 _CHUNK, _BLOCK = 16, 512
 """Rows and columns of cells that a thread weighs at a time."""
-WORKERS = THREADS
 _MAPS_PER_PASS, _TERMS_PER_PASS = 4, 12
 """Maps of one distorted view, and terms of several views, that are computed in one pass: finding the places that cells
 see takes long, but the spectra of all terms of a pass are stored."""
@@ -188,14 +188,15 @@ def _find_spectra(
                 first += len(mixes)
         if weights.size == cols and (weights == 1).all():  # the term is a map; equal rows are transformed once
             distinct = lines[: numbers[0, -1] + 1]
-            spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=WORKERS)[numbers[0]]
+            spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=thread_count())[numbers[0]]
             continue
         above, fraction = field.above[begin:end], field.fraction[begin:end]
         ends, left, place = _ends_of_runs(np.vstack([numbers, above]), fraction)
         with threads_for(terms * ends.size * cols):
-            _sum_rows(lines, numbers[:, ends], weights, used, above[ends], fraction[ends], out)
-        known = scipy.fft.rfft(out[:, : ends.size], axis=2, workers=WORKERS)
-        _interpolate_rows(known.view(np.float32), left, place, begin, spectra.view(np.float32))
+            parts = -(-ends.size // _CHUNK) * -(-out.shape[2] // _BLOCK)
+            parallel_for(_sum_rows, parts, lines, numbers[:, ends], weights, used, above[ends], fraction[ends], out)
+        known = scipy.fft.rfft(out[:, : ends.size], axis=2, workers=thread_count())
+        parallel_for(_interpolate_rows, left.size, known.view(np.float32), left, place, begin, spectra.view(np.float32))
 
 
 def _ends_of_runs(sources: I64, fraction: F32) -> tuple[I64, I64, F32]:
@@ -288,11 +289,11 @@ class _PlainMaps:
             if last - first <= end - begin:
                 strip = _mixed(mix, self._weights[:, first:last])
                 mean_along_rows(strip, self._across, wide)
-                narrow = scipy.fft.rfft(wide, axis=1, workers=WORKERS).view(np.float32)
+                narrow = scipy.fft.rfft(wide, axis=1, workers=thread_count()).view(np.float32)
                 mean_of_rows(narrow, self._down, outputs, first, parts[begin:end])
             else:
                 self._rows(mix, outputs, wide)
-                out[begin:end] = scipy.fft.rfft(wide, axis=1, workers=WORKERS)
+                out[begin:end] = scipy.fft.rfft(wide, axis=1, workers=thread_count())
 
 
 def _equal_rows(weights: F32) -> I64:
@@ -308,13 +309,13 @@ def _mixed(mix: F32, values: F32) -> F32:
     """Return (rows, cols): the combination (K,) of (K, rows, cols) maps."""
     out = np.empty(values.shape[1:], np.float32)
     with threads_for(out.size):
-        _mix(read_only(mix), values, out)
+        parallel_for(_mix, len(out), read_only(mix), values, out)
     return out
 
 
-@compiled(parallel=True)
-def _mix(mix: F32, values: F32, out: F32) -> None:
-    for r in prange(out.shape[0]):
+@compiled()
+def _mix(start: int, stop: int, mix: F32, values: F32, out: F32) -> None:
+    for r in range(start, stop):
         line = out[r]
         line[:] = 0.0
         for k in range(mix.size):
@@ -388,9 +389,17 @@ class _FieldWeights:
         self.fraction = (position - self.above).astype(np.float32)
 
 
-@compiled(parallel=True)
+@compiled()
 def _sum_rows(
-    lines: F32, numbers: I64, weights: F32, used: NDArray[np.bool_], above: I64, fraction: F32, out: F32
+    start: int,
+    stop: int,
+    lines: F32,
+    numbers: I64,
+    weights: F32,
+    used: NDArray[np.bool_],
+    above: I64,
+    fraction: F32,
+    out: F32,
 ) -> None:
     """Compute the first rows of `out`, (terms, at least rows, cols), as sums of maps times weights.
 
@@ -400,7 +409,7 @@ def _sum_rows(
     """
     rows, cols = numbers.shape[1], out.shape[2]
     blocks = (cols + _BLOCK - 1) // _BLOCK
-    for part in prange((rows + _CHUNK - 1) // _CHUNK * blocks):  # what a part needs stays in the cache
+    for part in range(start, stop):  # what a part needs stays in the cache
         begin, left = part // blocks * _CHUNK, part % blocks * _BLOCK
         block = slice(left, min(left + _BLOCK, cols))
         for i in range(begin, min(begin + _CHUNK, rows)):
@@ -423,13 +432,13 @@ def _add_weighed(
                 total[c] += values[c] * (high[c] + fraction * (low[c] - high[c]))
 
 
-@compiled(parallel=True)
-def _interpolate_rows(known: F32, left: I64, place: F32, begin: int, out: F32) -> None:
+@compiled()
+def _interpolate_rows(start: int, stop: int, known: F32, left: I64, place: F32, begin: int, out: F32) -> None:
     """Compute rows of `out`, (terms, rows, n), from `begin` on, from few `known` ones, (terms, fewer rows, n).
 
     Row i is at `place[i]`, 0 to 1, between the known rows `left[i]` and the next.
     """
-    for i in prange(left.size):
+    for i in range(start, stop):
         for term in range(out.shape[0]):
             line, low, high = out[term, begin + i], known[term, left[i]], known[term, left[i]]
             if place[i] > 0:

@@ -20,8 +20,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.engine.jit import C64, F32, F64, I64, compiled, prange, read_only
-from photosite.engine.layers import WORKERS, Grid, Layer, spectra_at_once, term_spectra
+from photosite.engine.jit import C64, F32, F64, I64, compiled, read_only
+from photosite.engine.layers import Grid, Layer, spectra_at_once, term_spectra
+from photosite.engine.threads import parallel_for, thread_count
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer, folded_terms
 
 TAPS = 8
@@ -50,7 +51,7 @@ def mosaic_of_layers(
         response = _Response(layer.transfer, sampling, grid)
         reached = folds if layer.channel is None else _of_channel(folds, layer.channel)
         for term, lines in enumerate(term_spectra(layer, grid, spectra)):
-            response.add(scipy.fft.fft(lines, axis=0, overwrite_x=True, workers=WORKERS), term, reached)
+            response.add(scipy.fft.fft(lines, axis=0, overwrite_x=True, workers=thread_count()), term, reached)
             done += 1
             if progress is not None:
                 progress(done, total, "transforms")
@@ -139,7 +140,7 @@ def _mosaic_of_folds(folds: C64, places: Sequence[tuple[int, int, int]], grid: G
         fold *= _phases(small[0], (r * cells + cells // 2,), small[0] * grid.tile[0] * cells)
         fold *= _phases(fold.shape[1], (c * cells + cells // 2,), cols)[:, 0]
         fold.view(np.float32)[:] *= np.float32(1) / np.float32((grid.tile[0] * cells) * (grid.tile[1] * cells))
-        image = scipy.fft.irfft2(fold, s=small, overwrite_x=True, workers=WORKERS)
+        image = scipy.fft.irfft2(fold, s=small, overwrite_x=True, workers=thread_count())
         target = mosaic[r :: grid.tile[0], c :: grid.tile[1]]
         target[:] = image[skip[0] : skip[0] + target.shape[0], skip[1] : skip[1] + target.shape[1]]
     return mosaic
@@ -192,18 +193,22 @@ class RadialRows(NamedTuple):
     fold_x: F32
 
 
-@compiled(parallel=True)
 def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> None:
     """Add spectrum * H of each site's channel, folded to the site's grid, to `folds`.
 
     `spectrum` is that of a term on the cells, (rows, cols // 2 + 1).
     """
+    parallel_for(_add_radial, folds.values.shape[1], folds, spectrum, cols, radial)
+
+
+@compiled()
+def _add_radial(start: int, stop: int, folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> None:
     values, channel_of, turn_y, turn_x = folds
     rows, half = spectrum.shape
     small_rows, small_half = values.shape[1], values.shape[2]
     small_cols = cols // turn_x.shape[0]
     channels = radial.table.shape[0]
-    for r in prange(small_rows):
+    for r in range(start, stop):
         response = np.empty((channels, half), np.float32)
         # Conjugates and responses in reverse order, for the columns beyond half of the sampling frequency
         reverse, reverse_response = np.empty(half, np.complex64), np.empty((channels, half), np.float32)
@@ -225,9 +230,9 @@ def add_radial(folds: Folds, spectrum: C64, cols: int, radial: RadialRows) -> No
                 direct = min(max(cols // 2 - first + 1, 0), small_half)  # columns before the mirror begins
                 for site in range(channel_of.size):
                     turn = turn_y[alias_y, site] * turn_x[alias_x, site]
-                    channel, start = channel_of[site], half - 1 - (cols - first - direct)
+                    channel, mirror = channel_of[site], half - 1 - (cols - first - direct)
                     _add_direct(values[site, r, :direct], spectrum[y, first:], response[channel, first:], turn)
-                    _add_direct(values[site, r, direct:], reverse[start:], reverse_response[channel, start:], turn)
+                    _add_direct(values[site, r, direct:], reverse[mirror:], reverse_response[channel, mirror:], turn)
 
 
 @compiled()
@@ -287,7 +292,6 @@ def _add_direct(out: C64, spectrum: C64, gain: F32, turn: np.complex64) -> None:
             out[c] += (spectrum[c] * gain[c]) * turn
 
 
-@compiled(parallel=True)
 def add_general(
     folds: Folds, spectrum: C64, cols: int, kernel: F32, first: I64, taps: F32, has_radial: bool, radial: RadialRows
 ) -> None:
@@ -300,11 +304,29 @@ def add_general(
     - `first`, `taps`: See `Gridding`.
     - `has_radial`: Whether H includes `radial`.
     """
+    parallel_for(
+        _add_general, folds.values.shape[1] // 2 + 1, folds, spectrum, cols, kernel, first, taps, has_radial, radial
+    )
+
+
+@compiled()
+def _add_general(
+    start: int,
+    stop: int,
+    folds: Folds,
+    spectrum: C64,
+    cols: int,
+    kernel: F32,
+    first: I64,
+    taps: F32,
+    has_radial: bool,
+    radial: RadialRows,
+) -> None:
     rows, half = spectrum.shape
     channels = kernel.shape[0]
     small_rows = folds.values.shape[1]
     aliases = folds.turn_y.shape[0]
-    for pair in prange(small_rows // 2 + 1):
+    for pair in range(start, stop):
         line = np.empty(2 * half, np.float32)
         real = np.empty(half if has_radial else 1, np.float32)
         index = np.empty(half if has_radial else 1, np.uint32)
@@ -435,12 +457,12 @@ class Gridding:
         for start in range(0, size, cols):  # a kernel wider than the frame wraps around it
             piece = kernels[:, :, start : start + cols] / _kaiser_bessel_transform(shift, _OVERSAMPLING * size)[:, None]
             lines[:, :, : piece.shape[2]] += piece
-        narrow = scipy.fft.rfft(lines, axis=2, workers=WORKERS)
+        narrow = scipy.fft.rfft(lines, axis=2, workers=thread_count())
         turns = (np.arange(cols // 2 + 1) * (size // 2)) % cols
         narrow *= np.exp(2j * np.pi / cols * turns).astype(np.complex64)
         wide = np.zeros((channels, _OVERSAMPLING * size, cols // 2 + 1), np.complex64)
         wide[:, shift % (_OVERSAMPLING * size)] = narrow
-        return np.asarray(scipy.fft.fft(wide, axis=1, overwrite_x=True, workers=WORKERS))
+        return np.asarray(scipy.fft.fft(wide, axis=1, overwrite_x=True, workers=thread_count()))
 
 
 def _kaiser_bessel_shape() -> float:

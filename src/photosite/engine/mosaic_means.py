@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, compiled, prange
+from photosite.engine.jit import F32, compiled
+from photosite.engine.threads import parallel_for
 
 
-@compiled(parallel=True)
 def mosaic_means(
     mosaic: NDArray[Any], first: tuple[int, int], shape: tuple[int, int], tile: tuple[int, int], step: int
 ) -> F32:
@@ -42,9 +42,24 @@ def mosaic_means(
     array([[16.5, 20.5],
            [56.5, 60.5]], dtype=float32)
     """
-    rows, cols = mosaic.shape
     out = np.empty(shape, np.float32)
-    for i in prange(shape[0]):
+    parallel_for(_mosaic_means, shape[0], mosaic, first, shape, tile, step, out)
+    return out
+
+
+@compiled()
+def _mosaic_means(
+    start: int,
+    stop: int,
+    mosaic: NDArray[Any],
+    first: tuple[int, int],
+    shape: tuple[int, int],
+    tile: tuple[int, int],
+    step: int,
+    out: F32,
+) -> None:
+    rows, cols = mosaic.shape
+    for i in range(start, stop):
         r0 = block_start(i, step, tile[0])
         for j in range(shape[1]):
             c0 = block_start(j, step, tile[1])
@@ -56,7 +71,6 @@ def mosaic_means(
                             total += mosaic[r, c]
                             count += 1
             out[i, j] = total / count
-    return out
 
 
 @compiled()

@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange
+from photosite.engine.jit import F32, F64, I64, compiled
+from photosite.engine.threads import parallel_for
 
 _NODE = np.polynomial.legendre.leggauss(4)[0] * 0.5 + 0.5
 _WEIGHT = np.polynomial.legendre.leggauss(4)[1] * 0.5
@@ -52,7 +53,6 @@ def in_phases(images: F32, phases: int) -> F32:
     return np.ascontiguousarray(padded.reshape(*images.shape[:2], -1, phases).swapaxes(2, 3))
 
 
-@compiled(parallel=True)
 def translated_rows(cells: Cells, y: F64, x: F64, light_s: F64, out: F32) -> None:
     """Compute `out`, (rows, cols) electrons of an image that is translated.
 
@@ -61,7 +61,12 @@ def translated_rows(cells: Cells, y: F64, x: F64, light_s: F64, out: F32) -> Non
     (rows, steps) seconds of mean light. All places must lie on the images, and so must the two cells to each side. What
     cubic convolution leaves below 0 becomes 0.
     """
-    for r in prange(out.shape[0]):
+    parallel_for(_translated_rows, len(out), cells, y, x, light_s, out)
+
+
+@compiled()
+def _translated_rows(start: int, stop: int, cells: Cells, y: F64, x: F64, light_s: F64, out: F32) -> None:
+    for r in range(start, stop):
         _translated_row(cells, r, y[r], x[r], light_s[r], out[r])
 
 
@@ -135,7 +140,6 @@ def _keys(t: float) -> tuple[float, float, float, float]:
     )
 
 
-@compiled(parallel=True)
 def sampled_rows(cells: Cells, places: F64, light_s: F64, out: F32) -> None:
     """Compute `out`, (rows, cols) electrons of an image in affine motion.
 
@@ -143,7 +147,12 @@ def sampled_rows(cells: Cells, places: F64, light_s: F64, out: F32) -> None:
     sees at each node of its exposure, and what each further pixel adds to them. `light_s` is (rows, nodes) seconds of
     mean light. Beyond their border the images repeat their border cells.
     """
-    for r in prange(out.shape[0]):
+    parallel_for(_sampled_rows, len(out), cells, places, light_s, out)
+
+
+@compiled()
+def _sampled_rows(start: int, stop: int, cells: Cells, places: F64, light_s: F64, out: F32) -> None:
+    for r in range(start, stop):
         _sampled_row(cells, r, places[r], light_s[r], out[r])
 
 

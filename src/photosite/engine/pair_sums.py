@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.file_rows import CAN_READ, read_at
-from photosite.engine.jit import F64, I64, THREADS, compiled, counted
+from photosite.engine.jit import F64, I64, compiled, counted
 from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
+from photosite.engine.threads import thread_count
 
 _Ints = NDArray[Any]
 
@@ -91,7 +92,7 @@ def add_pairs_of_files(
         return False
     rows, cols = into.sums.shape
     files, offsets = np.array(known, np.int64).T.copy()
-    step = BAND * -(-rows // (_PARTS * THREADS * BAND))
+    step = BAND * -(-rows // (_PARTS * thread_count() * BAND))
     row_bytes = max(2 * cols, 1)
     height = min(max(_STRIP_BYTES // (row_bytes * len(known)), -(-_READ_BYTES // row_bytes)), step)
     source = _Files(files, offsets, np.zeros(1, np.int64), step, height)
@@ -102,10 +103,10 @@ def add_pairs_of_files(
     def add(_thread: int) -> bool:
         return kernel(source, together, clips, of_pairs)
 
-    if THREADS == 1:
+    if thread_count() == 1:
         return add(0)
-    with ThreadPoolExecutor(THREADS - 1) as others:
-        left = [others.submit(add, k) for k in range(1, THREADS)]
+    with ThreadPoolExecutor(thread_count() - 1) as others:
+        left = [others.submit(add, k) for k in range(1, thread_count())]
         return all([add(0), *(thread.result() for thread in left)])
 
 

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange, prefetch
+from photosite.engine.jit import F32, F64, I64, compiled, prefetch
 from photosite.engine.random_numbers import (
     BLINKING,
     EXPOSURE,
@@ -45,6 +45,7 @@ from photosite.engine.random_runs import (
     random_words,
     short_normals,
 )
+from photosite.engine.threads import parallel_for
 
 DEVIATE_STEP = 2.0**-12
 """Standard deviations per unit of a 16-bit deviate: the range is 8 standard deviations, and deviates reach 6.3."""
@@ -296,42 +297,55 @@ def run_shape(cols: int) -> tuple[int, int]:
     return min(max(RUN // cols, 1), ROWS), min(RUN, cols)
 
 
-@compiled(parallel=True)
 def all_light(values: F32) -> bool:
-    """Return whether all values (rows, cols) are finite and not negative.
+    """Return whether all values (rows, cols) are finite and not negative."""
+    others = np.zeros(len(values), np.int64)
+    parallel_for(_count_others, len(values), values, others)
+    return not others.any()
 
-    As integers, the bits of such numbers are below those of infinity.
-    """
-    rows, cols = values.shape
-    others = 0
-    for r in prange(rows):
+
+@compiled()
+def _count_others(start: int, stop: int, values: F32, others: I64) -> None:
+    """Count the values of each row that are not light: as integers, the bits of light are below those of infinity."""
+    cols = values.shape[1]
+    for r in range(start, stop):
         bits, largest = values[r].view(np.uint32), np.uint32(0)
         for c in range(cols):
             largest = max(largest, bits[c])
-        in_row = 0
         if largest >= _INFINITE:  # -0 is light, too
             for c in range(cols):
-                in_row += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
-        others += in_row
-    return others == 0
+                others[r] += int(not ((values[r, c] >= 0.0) & (values[r, c] < np.inf)))
 
 
 _INFINITE = np.uint32(0x7F800000)
 
 
-@compiled(parallel=True)
 def clean_frame(photo_e: F32, well_e: np.float32, gain: np.float32, black_dn: np.float32, white_dn: np.float32) -> F32:
     """Return (rows, cols) digital numbers of light without noise, dark current, fixed pattern and rounding.
 
     `photo_e` is (rows, cols); the others are single numbers in 32 bits.
     """
-    rows, cols = photo_e.shape
-    out = np.empty((rows, cols), np.float32)
-    for r in prange(rows):
+    out = np.empty(photo_e.shape, np.float32)
+    parallel_for(_clean_frame, len(out), photo_e, well_e, gain, black_dn, white_dn, out)
+    return out
+
+
+@compiled()
+def _clean_frame(
+    start: int,
+    stop: int,
+    photo_e: F32,
+    well_e: np.float32,
+    gain: np.float32,
+    black_dn: np.float32,
+    white_dn: np.float32,
+    out: F32,
+) -> None:
+    cols = photo_e.shape[1]
+    for r in range(start, stop):
         photo, target = photo_e[r], out[r]
         for c in range(cols):
             target[c] = min(min(photo[c], well_e) * gain + black_dn, white_dn)
-    return out
 
 
 @compiled(inline=True)
@@ -339,24 +353,39 @@ def _set_line_offsets(line_dn: F64, row_dn: F64, column_dn: F64, r: int, c: int,
     """Set the first n offsets to those of a row and of the columns from c on."""
     of_row = row_dn[r] if row_dn.size > 1 else row_dn[0]
     if column_dn.size > 1:
-        line_dn[:n] = of_row + column_dn[c : c + n]
+        for i in range(n):
+            line_dn[i] = of_row + column_dn[c + i]
     else:
-        line_dn[:n] = of_row + column_dn[0]
+        for i in range(n):
+            line_dn[i] = of_row + column_dn[0]
 
 
-@compiled(parallel=True)
 def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure) -> NDArray[np.uint16]:
     """Return (rows, cols) digital numbers of a frame of a drawn chip, or of a rectangle of it.
 
     `photo_e` is (rows, cols) mean electrons from light, not negative.
     """
+    out = np.empty(photo_e.shape, np.uint16)
+    parallel_for(_expose_drawn, -(-len(out) // ROWS), photo_e, maps, constants, exposure, out)
+    return out
+
+
+@compiled()
+def _expose_drawn(
+    start: int,
+    stop: int,
+    photo_e: F32,
+    maps: DrawnMaps,
+    constants: DrawnConstants,
+    exposure: Exposure,
+    out: NDArray[np.uint16],
+) -> None:
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
-    out = np.empty((rows, cols), np.uint16)
     height, width = run_shape(cols)
-    for block in prange((rows + ROWS - 1) // ROWS):
+    for block in range(start, stop):
         run, line_dn = new_run(RUN), np.empty(RUN)
-        marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
+        marks = run.marks
         prnu_1, offset_1 = constant_run(maps.prnu), constant_run(maps.offset)
         dark_1 = constant_run(maps.dark_rate_e_per_s)
         end = min((block + 1) * ROWS, rows)
@@ -399,20 +428,26 @@ def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, expos
                         i = run.few[j]
                         pixel = drawn_pixel(prnu[i], offset[i], dark[i], line_dn[i], constants, exposure)
                         target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
+
+
+def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDArray[np.uint16]:
+    """Return digital numbers as `expose_drawn`, of a measured chip."""
+    out = np.empty(photo_e.shape, np.uint16)
+    parallel_for(_expose_measured, -(-len(out) // ROWS), photo_e, maps, exposure, out)
     return out
 
 
-@compiled(parallel=True)
-def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDArray[np.uint16]:
-    """Return digital numbers as `expose_drawn`, of a measured chip."""
+@compiled()
+def _expose_measured(
+    start: int, stop: int, photo_e: F32, maps: MeasuredMaps, exposure: Exposure, out: NDArray[np.uint16]
+) -> None:
     rows, cols = photo_e.shape
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
-    out = np.empty((rows, cols), np.uint16)
     height, width = run_shape(cols)
-    for block in prange((rows + ROWS - 1) // ROWS):
+    for block in range(start, stop):
         run = new_run(RUN)
-        marks = run.marks  # not from `run` later: numba would take `marked` out of the loop, as if nothing changed
+        marks = run.marks
         end = min((block + 1) * ROWS, rows)
         for top in range(block * ROWS, end, height):
             bottom = min(top + height, end)
@@ -444,7 +479,6 @@ def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDA
                         i = run.few[j]
                         pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)
                         target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
-    return out
 
 
 @compiled()
@@ -474,17 +508,30 @@ def replace_pixels(out: NDArray[np.uint16], place: I64, numbers: NDArray[np.uint
     return out
 
 
-@compiled(parallel=True)
 def normal_deviates(rows: int, cols: int, use: np.uint32, word: int, k0: np.uint32, k1: np.uint32) -> NDArray[np.int16]:
     """Return (rows, cols) standard normal deviates in units of DEVIATE_STEP, from a word, 0 to 2, of a use."""
     out = np.empty((rows, cols), np.int16)
-    for r in prange(rows):
+    parallel_for(_normal_deviates, rows, cols, use, word, k0, k1, out)
+    return out
+
+
+@compiled()
+def _normal_deviates(
+    start: int,
+    stop: int,
+    cols: int,
+    use: np.uint32,
+    word: int,
+    k0: np.uint32,
+    k1: np.uint32,
+    out: NDArray[np.int16],
+) -> None:
+    for r in range(start, stop):
         run = new_run(cols)
         random_words(np.uint32(r * cols), 0, cols, np.uint32(0), use, k0, k1, run)
         normal_run(cols, run.words[word], run)
         for c in range(cols):
             out[r, c] = np.int16(math.floor(run.deviates[c] / DEVIATE_STEP + 0.5))
-    return out
 
 
 @compiled()

@@ -341,7 +341,7 @@ def poisson_after(
                 return candidate
         elif candidate >= 0.0 and _accept_below_16(mean, candidate, w0, w1):
             return candidate
-        draw += np.uint32(1)
+        draw = np.uint32(draw + np.uint32(1))
 
 
 @compiled()
@@ -403,7 +403,7 @@ def gamma(shape: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, k
             cube = value / d
             if log(u) < 0.5 * (x * x) + d * (1.0 - cube + log(cube)):
                 break
-        draw += np.uint32(1)
+        draw = np.uint32(draw + np.uint32(1))
     if shape < 1.0:
         w0, _, _, _ = philox4x32(pixel, frame, source, _POWER_DRAW, k0, k1)
         value *= exp(max(log(uniform(w0)) / shape, -690.0))

@@ -317,7 +317,7 @@ def _poisson_late(left: int, run: Run, frame: np.uint32, k0: np.uint32, k1: np.u
             kept += np.uint64(verdicts[j] < f(0.0))
         left = int(np.int64(kept))
         padded = _padded(left)
-        draw += np.uint32(1)
+        draw = np.uint32(draw + np.uint32(1))
         for j in range(padded):
             w0, w1, _, _ = philox4x32(pixels[j], frame, EXPOSURE, draw, k0, k1)
             trials[0, j] = w0

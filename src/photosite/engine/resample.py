@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, compiled, prange, read_only, threads_for
+from photosite.engine.jit import F32, F64, I64, compiled, read_only
+from photosite.engine.threads import parallel_for, threads_for
 
 _CHUNK = 16
 """Rows of cells that a thread processes at a time; all but the first reuse the edges of the row above."""
@@ -57,50 +58,54 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
 def mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
     """Compute (rows, count): each row of (rows, samples) resampled."""
     with threads_for(out.size):
-        _mean_along_rows(values, across, out)
+        if np.diff(across.first).max() > _FEW_SAMPLES:
+            parallel_for(_mean_along_rows, len(out), values, across, out)
+        else:
+            parallel_for(_mean_of_few, len(out), values, *_equal_entries(across), out)
 
 
 def mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F32) -> None:
     """Compute some outputs, given by number, as means of whole rows; values[0] is sample number `offset`."""
     with threads_for(out.size):
-        _mean_of_rows(values, down, outputs, offset, out)
+        parallel_for(_mean_of_rows, len(out), values, down, outputs, offset, out)
 
 
-@compiled(parallel=True)
-def _mean_along_rows(values: F32, across: Overlap, out: F32) -> None:
+def _equal_entries(across: Overlap) -> tuple[NDArray[np.uint32], F32]:
+    """Return (covered, count) samples and fractions, equally many for each output; the last ones may be 0."""
+    covered = np.arange(np.diff(across.first).max())[:, None]
+    entry = across.first[:-1] + covered
+    inside = np.minimum(entry, across.first[1:] - 1)
+    fraction = np.where(entry == inside, across.fraction[inside], np.float32(0.0))
+    return across.sample[inside].astype(np.uint32), fraction
+
+
+@compiled()
+def _mean_along_rows(start: int, stop: int, values: F32, across: Overlap, out: F32) -> None:
     first, sample, fraction = across
-    count = out.shape[1]
-    covered = 0
-    for i in range(count):
-        covered = max(covered, first[i + 1] - first[i])
-    if covered > _FEW_SAMPLES:
-        for r in prange(out.shape[0]):
-            for i in range(count):
-                total = np.float32(0.0)
-                for entry in range(first[i], first[i + 1]):
-                    total += values[r, sample[entry]] * fraction[entry]
-                out[r, i] = total
-        return
-    # Equally many entries for each output, for vector instructions; the last ones may have fraction 0.
-    samples, fractions = np.empty((covered, count), np.uint32), np.empty((covered, count), np.float32)
-    for k in range(covered):
-        for i in range(count):
-            entry = min(first[i] + k, first[i + 1] - 1)
-            samples[k, i] = sample[entry]
-            fractions[k, i] = fraction[entry] if first[i] + k == entry else np.float32(0.0)
-    for r in prange(out.shape[0]):
+    for r in range(start, stop):
+        for i in range(out.shape[1]):
+            total = np.float32(0.0)
+            for entry in range(first[i], first[i + 1]):
+                total += values[r, sample[entry]] * fraction[entry]
+            out[r, i] = total
+
+
+@compiled()
+def _mean_of_few(start: int, stop: int, values: F32, samples: NDArray[np.uint32], fractions: F32, out: F32) -> None:
+    """Compute means as `_mean_along_rows`, of equally many samples, for vector instructions."""
+    for r in range(start, stop):
         line, given = out[r], values[r]
         line[:] = 0.0
-        for k in range(covered):
+        for k in range(len(samples)):
             number, weight = samples[k], fractions[k]
-            for i in range(count):
+            for i in range(line.size):
                 line[i] += given[number[i]] * weight[i]
 
 
-@compiled(parallel=True)
-def _mean_of_rows(values: F32, down: Overlap, outputs: I64, offset: int, out: F32) -> None:
+@compiled()
+def _mean_of_rows(start: int, stop: int, values: F32, down: Overlap, outputs: I64, offset: int, out: F32) -> None:
     first, sample, fraction = down
-    for i in prange(out.shape[0]):
+    for i in range(start, stop):
         begin = first[outputs[i]]
         for entry in range(begin, first[outputs[i] + 1]):
             row, weight = values[sample[entry] - offset], fraction[entry]
@@ -170,10 +175,11 @@ def warped_means(values: F32, mixes: F32, offset: int, corners: Corners, begin: 
     """
     count, (rows, cols) = len(mixes), values.shape[1:]
     maps, before = np.empty((count, rows, cols), np.float32), np.empty((count, rows, cols))
-    _mix_and_integrate(read_only(values), read_only(mixes), maps, before)
+    parallel_for(_mix_and_integrate, values.shape[1], read_only(values), read_only(mixes), maps, before)
     source = _Source(maps, before, offset)
     trace = _Trace(corners.warp.scale, corners.warp.step_m2, corners.x_m, *corners.axis, *corners.per_m)
-    _warped_means(source, trace, corners.y_m[begin : begin + out.shape[1] + 1], out)
+    y_m = corners.y_m[begin : begin + out.shape[1] + 1]
+    parallel_for(_warped_means, -(-out.shape[1] // _CHUNK), source, trace, y_m, out)
 
 
 class _Source(NamedTuple):
@@ -229,10 +235,10 @@ class _Pieces(NamedTuple):
     moment: F64
 
 
-@compiled(parallel=True)
-def _mix_and_integrate(values: F32, mixes: F32, maps: F32, before: F64) -> None:
+@compiled()
+def _mix_and_integrate(start: int, stop: int, values: F32, mixes: F32, maps: F32, before: F64) -> None:
     """Compute the maps, and the integral of each along its row up to each sample."""
-    for r in prange(values.shape[1]):
+    for r in range(start, stop):
         for k in range(mixes.shape[0]):
             line, sums = maps[k, r], before[k, r]
             line[:] = 0.0
@@ -246,10 +252,10 @@ def _mix_and_integrate(values: F32, mixes: F32, maps: F32, before: F64) -> None:
                 total += line[c]
 
 
-@compiled(parallel=True)
-def _warped_means(source: _Source, trace: _Trace, y_m: F64, out: F32) -> None:
+@compiled()
+def _warped_means(start: int, stop: int, source: _Source, trace: _Trace, y_m: F64, out: F32) -> None:
     rows = out.shape[1]
-    for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
+    for chunk in range(start, stop):
         _chunk_of_means(source, trace, y_m, chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows), out)
 
 

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 from photosite.engine.process import prepare_process
+from photosite.engine.threads import cores, threads_for
 from photosite.errors import InputError, PhotositeError, PhotositeWarning, WorkerError, message_of
 
 Task = TypeVar("Task")
@@ -110,11 +111,6 @@ def in_order(completed: Iterable[tuple[int, Result]]) -> Iterator[Result]:
         while following in early:
             yield early.pop(following)
             following += 1
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 # Local processes
@@ -407,7 +403,5 @@ class _Done:
 
 
 def _applied(function: Callable[[Any], Any], task: object, folder: str) -> _Done:
-    from photosite.engine.jit import threads_for  # imported here, because local workers start faster without it
-
     with threads_for(1), chdir(folder) if os.path.isdir(folder) else nullcontext():
         return _Done(function(task))

@@ -16,7 +16,7 @@ from typing import Literal, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import THREADS
+from photosite.engine.threads import thread_count
 from photosite.errors import InputError
 from photosite.files.cache import cached_arrays
 from photosite.optics.checks import camera_wavelengths, check_height_unit, check_number, check_whole, number_array
@@ -239,7 +239,7 @@ class LensDesign(Shown):
         heights = np.hypot(y, x)[order]
         start = math.atan2(y[order[-1]], x[order[-1]])
         result = np.empty((rows.size, cols.size, waves, n, n))
-        with ThreadPoolExecutor(THREADS) as pool:
+        with ThreadPoolExecutor(thread_count()) as pool:
             radius = list(pool.map(RotatablePsf, self.psf[order].reshape(-1, n, n)))
 
             def fill(places: list[tuple[int, int]]) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import colour_science, light_from_srgb
-from photosite.engine.jit import read_only, threads_for
+from photosite.engine.jit import read_only
 from photosite.engine.patches import looked_up
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError, did_you_mean
 from photosite.values.validated import check_choice
 

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.combination import CombinationConstants, combine
-from photosite.engine.jit import read_only, threads_for
+from photosite.engine.jit import read_only
 from photosite.engine.pixel_model import Exposure
 from photosite.engine.random_numbers import CAPTURES, philox4x32
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError
 from photosite.sensor.captures import Captures
 from photosite.sensor.chip import MeasuredChip

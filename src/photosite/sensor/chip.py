@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import threads_for
 from photosite.engine.pixel_model import DEVIATE_STEP, normal_deviates
 from photosite.engine.random_numbers import FIXED_PATTERN, READ_NOISE, key_from_seed
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.values.saved import write

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from photosite.engine.arrays import Arrays
-from photosite.engine.jit import read_only, threads_for
+from photosite.engine.jit import read_only
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError
 from photosite.values.validated import check_choice
 

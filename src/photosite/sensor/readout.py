@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import read_only, threads_for
+from photosite.engine.jit import read_only
 from photosite.engine.pixel_model import (
     BlinkingPixels,
     Exposure,
@@ -19,6 +19,7 @@ from photosite.engine.pixel_model import (
     expose_measured,
 )
 from photosite.engine.random_numbers import key_from_seed
+from photosite.engine.threads import threads_for
 from photosite.errors import InputError
 from photosite.sensor.capture_readout import CombinedNumbers, capture_numbers, combined
 from photosite.sensor.chip import Blinking, MeasuredChip

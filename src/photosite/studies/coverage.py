@@ -13,7 +13,7 @@ from photosite.calibration.captures.combined import CombinedCalibration, calibra
 from photosite.calibration.captures.each_capture import calibrate_captures
 from photosite.calibration.result import Calibration
 from photosite.calibration.setting import calibrate_setting
-from photosite.engine.jit import threads_for
+from photosite.engine.threads import threads_for
 from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import FrameSet

@@ -13,8 +13,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import read_only, threads_for
+from photosite.engine.jit import read_only
 from photosite.engine.patches import scaled_patch
+from photosite.engine.threads import threads_for
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import check_stored_file
 from photosite.frames.io.formats import read_raw

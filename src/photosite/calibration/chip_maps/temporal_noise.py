@@ -14,8 +14,9 @@ from photosite.calibration.chip_maps.noise_shape import BLOCKS, NoiseShape, meas
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.spatial.line_noise import LineSums, TemporalComponents, pool_temporal, temporal_components
 from photosite.engine.frame_sums import MeanFrame
-from photosite.engine.jit import read_only, threads_for
+from photosite.engine.jit import read_only
 from photosite.engine.map_statistics import FrameShift, ResidualSums, add_residuals, line_sums
+from photosite.engine.threads import threads_for
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown

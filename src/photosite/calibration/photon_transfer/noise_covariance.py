@@ -34,8 +34,8 @@ from scipy.linalg import toeplitz
 from scipy.special import gammainccinv, gammaincinv
 
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
-from photosite.engine.jit import THREADS
 from photosite.engine.noise_products import DifferenceProducts, difference_products, frame_products
+from photosite.engine.threads import thread_count
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.diagnostic import DiagnosticKind, one_in
 from photosite.values.uncertain import Missing, Uncertain, Value
@@ -379,14 +379,14 @@ def _products_by_site(stack: NDArray[np.uint16], tile: tuple[int, ...]) -> list[
         return found
 
     sites = list(np.ndindex(*tile))
-    with ThreadPoolExecutor(min(len(sites), THREADS)) as threads:
+    with ThreadPoolExecutor(min(len(sites), thread_count())) as threads:
         return list(threads.map(products, sites))
 
 
 def _products_of_pairs(stack: NDArray[np.uint16], tile: tuple[int, ...]) -> list[DifferenceProducts]:
     """Return the products in the differences of pairs of successive frames, computed in threads."""
     pairs = len(stack) // 2
-    with ThreadPoolExecutor(min(max(pairs, 1), THREADS)) as threads:
+    with ThreadPoolExecutor(min(max(pairs, 1), thread_count())) as threads:
         return list(
             threads.map(lambda k: difference_products(stack[2 * k], stack[2 * k + 1], tile, REACH), range(pairs))
         )

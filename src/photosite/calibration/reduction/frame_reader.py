@@ -27,8 +27,7 @@ from photosite.calibration.reduction.group_screening import Screening, screen_fr
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
-from photosite.engine.jit import THREADS
-from photosite.engine.threads import computed_beside
+from photosite.engine.threads import computed_beside, thread_count
 from photosite.errors import FileError
 from photosite.files.small_files import file_stamp
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -121,7 +120,7 @@ class FrameReader:
         frame_bytes = max(2 * frames.rows * frames.cols, 1)
         self._batch_frames = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // frame_bytes))
         self._open = _open_files()
-        threads = THREADS  # compressed frames are decoded on all cores
+        threads = thread_count()  # compressed frames are decoded on all cores
         self._ahead = max(2, threads, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
         self._threads = ThreadPoolExecutor(threads, "photosite-read")
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import THREADS
+from photosite.engine.threads import thread_count
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
 from photosite.values.shown import Shown
@@ -46,7 +46,7 @@ def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
     """
     if not all(frame.source.thread_safe for frame in used):
         return tuple(_digest(frame) for frame in used)
-    with ThreadPoolExecutor(min(4, THREADS), "photosite-hash") as threads:
+    with ThreadPoolExecutor(min(4, thread_count()), "photosite-hash") as threads:
         return tuple(threads.map(_digest, used))
 
 

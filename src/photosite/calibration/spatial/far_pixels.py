@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import THREADS
 from photosite.engine.site_planes import far_sums, spaced_values
+from photosite.engine.threads import thread_count
 
 _Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -
         sample = spaced_values(values, (site[0], site[1]), tile, step)
         return [float(x) for x in np.percentile(sample, [25, 50, 75], overwrite_input=True)]
 
-    with ThreadPoolExecutor(min(len(sites), THREADS)) as threads:
+    with ThreadPoolExecutor(min(len(sites), thread_count())) as threads:
         low, middle, high = np.array(list(threads.map(quartiles, sites))).T.reshape(3, tile[0], tile[1])
     limit = (_FAR_SIGMA * 0.5 * (high - low) / _QUARTILE) ** 2
     count, far, total = far_sums(values, np.ascontiguousarray(middle), limit)

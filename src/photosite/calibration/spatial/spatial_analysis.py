@@ -23,8 +23,8 @@ from photosite.calibration.spatial.nonuniformity import (
     strips,
 )
 from photosite.calibration.withheld import SMALL_FRAMES
-from photosite.engine.jit import THREADS
 from photosite.engine.site_planes import MARGIN
+from photosite.engine.threads import thread_count
 from photosite.values.shown import Shown, short_repr
 from photosite.values.uncertain import Missing
 
@@ -139,7 +139,7 @@ def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, tempo
     for plane in planes:
         mean = plane_mean(plane)
         for _, some in strips(plane, axis):
-            transform = fft.rfft(some - mean, axis=1, overwrite_x=True, workers=THREADS)
+            transform = fft.rfft(some - mean, axis=1, overwrite_x=True, workers=thread_count())
             total += np.einsum("ij,ij->j", transform.real, transform.real, dtype=np.float64)
             total += np.einsum("ij,ij->j", transform.imag, transform.imag, dtype=np.float64)
             lines += len(some)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from photosite.engine.jit import ITEMS_PER_THREAD, threads_for
+from photosite.engine.threads import ITEMS_PER_THREAD, threads_for
 from photosite.errors import InputError, PhotositeError, did_you_mean
 from photosite.studies.bench.captures import (
     EXPOSURE_S,
