@@ -9,13 +9,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import colour_science
-from photosite.engine.jit import F32, I64, compiled, read_only
 from photosite.errors import InputError
 from photosite.values.cfa import Cfa, plane_names, tile_name, tile_text
 from photosite.values.validated import check_choice
 
 Demosaic = Literal["bilinear", "malvar", "menon"]
 """Ways to demosaic; the first serves every tile, the others Bayer mosaics."""
+
+Tap = tuple[int, int, int]
+"""Rows and columns away, and weight."""
+
+Taps = dict[tuple[int, int, int], list[Tap]]
+"""By row and column of the tile, and channel."""
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_TILES = 1 << 17
+"""Tiles that are interpolated at a time; their sums fit the cache of a core."""
 
 BAYER = ("rggb", "bggr", "grbg", "gbrg")
 
@@ -114,55 +126,78 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa, half_width: int | None = None
     if half_width is not None and half_width < 1:
         raise InputError("half_width", value=half_width, expected="1 or more")
     names = plane_names(cfa)
+    taps = _taps(cfa, names, half_width)
     planes = np.empty((*values.shape, len(names)), dtype=np.float32)
-    if not _convolve(read_only(values), *_taps(cfa, names, half_width), planes):
-        expected = f"one whose channels all have pixels near every pixel of a {values.shape} mosaic"
-        raise InputError("cfa", where="bilinear demosaic", value=tile_text(cfa), expected=expected)
+    height, width = len(cfa), len(cfa[0])
+    step = height * max(1, _TILES * width // values.shape[1])
+    for first in range(0, len(values), step):
+        block = _Block(values, cfa, slice(first, first + step), taps)
+        for (r, c, k), site in taps.items():
+            mean = block.mean(r, c, site)
+            if mean is None:
+                expected = f"one whose channels all have pixels near every pixel of a {values.shape} mosaic"
+                raise InputError("cfa", where="bilinear demosaic", value=tile_text(cfa), expected=expected)
+            planes[first + r : first + step : height, c::width, k] = mean
     return planes
 
 
-def _taps(cfa: Cfa, names: Sequence[str], half_width: int | None) -> tuple[I64, I64]:
-    """Return the pixels that the channels at each site of the tile are a mean of.
-
-    - (tile rows, tile cols, channels + 1): where the taps of each channel begin, and where those of the last end.
-    - (taps, 3): rows and columns away, and weight.
-    """
+def _taps(cfa: Cfa, names: Sequence[str], half_width: int | None) -> Taps:
+    """Return the pixels that each channel at each site of the tile is a mean of."""
     rows, cols = len(cfa), len(cfa[0])
-    first = np.zeros((rows, cols, len(names) + 1), np.int64)
-    taps: list[tuple[int, int, int]] = []
-    for r, c in np.ndindex(rows, cols):
-        first[r, c, 0] = len(taps)
-        for k, name in enumerate(names):
-            h, w = (half_width or period for period in _periods(cfa, name))
-            if cfa[r][c] == name:
-                h = w = 1
-            for dr, dc in ((dr, dc) for dr in range(1 - h, h) for dc in range(1 - w, w)):
-                if cfa[(r + dr) % rows][(c + dc) % cols] == name:
-                    taps.append((dr, dc, (h - abs(dr)) * (w - abs(dc))))
-            first[r, c, k + 1] = len(taps)
-    return first, np.array(taps, np.int64).reshape(-1, 3)
+    taps: Taps = {}
+    for r, c, k in np.ndindex(rows, cols, len(names)):
+        h, w = (half_width or period for period in _periods(cfa, names[k]))
+        if cfa[r][c] == names[k]:
+            h = w = 1
+        taps[r, c, k] = [
+            (dr, dc, (h - abs(dr)) * (w - abs(dc)))
+            for dr in range(1 - h, h)
+            for dc in range(1 - w, w)
+            if cfa[(r + dr) % rows][(c + dc) % cols] == names[k]
+        ]
+    return taps
 
 
-@compiled()
-def _convolve(values: F32, first: I64, taps: I64, out: F32) -> bool:
-    """Set `out` to the weighted means over the taps inside the frame; return whether every pixel had a tap."""
-    rows, cols, channels = out.shape
-    reach = taps[:, :2].max()
-    complete = True
-    for r in range(rows):
-        for c in range(cols):
-            inside = reach <= r < rows - reach and reach <= c < cols - reach
-            site = first[r % first.shape[0], c % first.shape[1]]
-            for k in range(channels):
-                total = weight = 0.0
-                for i in range(site[k], site[k + 1]):
-                    row, col, share = r + taps[i, 0], c + taps[i, 1], taps[i, 2]
-                    if inside or (0 <= row < rows and 0 <= col < cols):
-                        total += share * values[row, col]
-                        weight += share
-                complete &= weight > 0.0
-                out[r, c, k] = total / weight
-    return complete
+class _Block:
+    """Rows of a mosaic, in double precision, with zeros around the mosaic; each site of the tile is contiguous."""
+
+    def __init__(self, values: F32, cfa: Cfa, rows: slice, taps: Taps) -> None:
+        self._shape, self._tile = values.shape, (len(cfa), len(cfa[0]))
+        self._rows = np.arange(len(values))[rows]
+        height, width = self._tile
+        reach = max(max(abs(dr), abs(dc)) for site in taps.values() for dr, dc, _ in site)
+        self._margin = top, left = -(-reach // height), -(-reach // width)
+        """Tiles of zeros, or of other rows, on each side."""
+        tall, wide = -(-self._rows.size // height) + 2 * top, -(-values.shape[1] // width) + 2 * left
+        padded = np.zeros((tall * height, wide * width), np.float32)
+        first = self._rows[0] - top * height
+        low, high = max(0, first), min(len(values), first + len(padded))
+        padded[low - first : high - first, left * width : left * width + values.shape[1]] = values[low:high]
+        sites = padded.reshape(tall, height, wide, width).transpose(1, 3, 0, 2)
+        self._sites = np.ascontiguousarray(sites, dtype=np.float64)
+
+    def mean(self, r: int, c: int, taps: Sequence[Tap]) -> F64 | None:
+        """Return the weighted means at a site of the tile over the taps inside the mosaic; None if one has no tap."""
+        height, width = self._tile
+        rows, cols = self._rows[r::height], np.arange(c, self._shape[1], width)
+        total = np.zeros((rows.size, cols.size))
+        scaled = np.empty_like(total)
+        for dr, dc, share in taps:
+            down, along = (r + dr) // height + self._margin[0], (c + dc) // width + self._margin[1]
+            plane = self._sites[(r + dr) % height, (c + dc) % width]
+            seen = plane[down : down + rows.size, along : along + cols.size]
+            total += seen if share == 1 else np.multiply(seen, share, out=scaled)
+        weight = self._weight(taps, rows, cols)
+        return np.divide(total, weight, out=total) if (weight > 0).all() else None
+
+    def _weight(self, taps: Sequence[Tap], rows: I64, cols: I64) -> F64:
+        """Return the sum of the weights inside the mosaic: (rows, cols), or (1, cols) where all rows have the same."""
+        offsets = sorted({dr for dr, _, _ in taps})
+        inside = np.array([(rows + dr >= 0) & (rows + dr < self._shape[0]) for dr in offsets], np.float64).T
+        shares = np.zeros((len(offsets), cols.size))
+        for dr, dc, share in taps:
+            shares[offsets.index(dr)] += share * ((cols + dc >= 0) & (cols + dc < self._shape[1]))
+        return (inside[:1] if inside.all() else inside) @ shares
 
 
 def _checked(mosaic: ArrayLike) -> NDArray[np.float32]:

@@ -42,6 +42,14 @@ _SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
 """The chunk for sRGB, with perceptual intent."""
 
 
+_LARGE_PNG = 1 << 21
+_FAST_PNG = {"level": 1, "strategy": 3, "filter": 0x40}
+"""Differences from the mean of the left and upper pixel, with Huffman codes and run lengths.
+
+For pictures with noise, a quarter of the time of level 3, and no larger; noise-free ones can be twice as large.
+"""
+
+
 def develop(
     raw: RawFrame,
     white_balance: str | Sequence[float] = "as-shot",
@@ -363,7 +371,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
         raise InputError("bits", value=bits, expected="8 in JPEG", hint="Save as .png")
     codes = np.rint(values * ((1 << bits) - 1)).astype(np.uint8 if bits == 8 else np.uint16)
     if suffix == ".png":
-        encoded = png_encode(codes, level=3)
+        encoded = png_encode(codes, **(_FAST_PNG if codes.size > _LARGE_PNG else {"level": 3}))
         encoded = encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:]
     else:
         encoded = jpeg8_encode(codes, level=95, subsampling="444")
