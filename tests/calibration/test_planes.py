@@ -16,7 +16,7 @@ from photosite.calibration.spatial.nonuniformity import (
 
 @pytest.fixture(autouse=True)
 def small_strips(monkeypatch):
-    monkeypatch.setattr(module, "VALUES_AT_A_TIME", 333)
+    monkeypatch.setattr(module, "STRIP_VALUES", 333)
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -174,7 +174,7 @@ def test_spectrogram_of_several_planes_is_their_mean(monkeypatch):
         single = [spectrogram([plane], axis).power for plane in planes]
         together = spectrogram(planes, axis).power
         np.testing.assert_allclose(together, np.mean(single, axis=0), rtol=1e-12)
-        monkeypatch.setattr(strips, "VALUES_AT_A_TIME", 70)
+        monkeypatch.setattr(strips, "STRIP_VALUES", 70)
         np.testing.assert_allclose(spectrogram(planes, axis).power, together, rtol=1e-12)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import F64, I64, carray, compiled, pointer, prange, prefetch
+from photosite.engine.lazy_maps import LazyMap
 from photosite.engine.map_statistics import label_pixels
 from photosite.engine.pair_sums import LabelClips, PairSums, add_pairs_of_files
 from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
@@ -37,6 +38,9 @@ RUN = 4096
 
 _READ_BYTES = 1 << 21
 """Bytes of rows of all frames that a thread reads at a time, so that they stay in the cache."""
+
+_FEW_VALUES = 1 << 18
+"""Values of a mean frame that one thread computes."""
 
 _TOGETHER = 8
 """Frames added to the sums at once."""
@@ -109,17 +113,30 @@ class LabelTotals:
         return (n * self.frame_squares - self.total * self.total) / (n * (n - 1) * pixels * pixels)
 
 
-@dataclass(frozen=True)
-class MeanFrame:
-    """The mean of a stack, stored as the exact sum in the smallest integer type."""
+@dataclass(frozen=True, eq=False)
+class MeanFrame(LazyMap):
+    """The mean of a stack as a map, stored as the exact sum in the smallest integer type."""
 
     sum: NDArray[np.unsignedinteger]  # (rows, cols) uint16 or uint32
     count: int
     labels: I64  # repeating tile of labels
 
-    def mean(self) -> F64:
-        """Return (rows, cols) the mean over the frames."""
-        return _filled(None, self.sum.shape, mean_map, self.sum, self.count)
+    @property
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Number of rows and columns."""
+        return self.sum.shape
+
+    def __getitem__(self, part: Any, /) -> F64:
+        some = np.ascontiguousarray(self.sum[part])
+        if some.size < _FEW_VALUES or some.ndim != 2:
+            return np.asarray(np.divide(some, float(self.count), dtype=np.float64))
+        return _filled(None, some.shape, mean_map, some, self.count)
+
+    def plane(self, site: tuple[int, int], shape: tuple[int, ...]) -> MeanFrame:
+        """Return the plane of a site of the labels' tile, with its own memory, in the smallest integer type."""
+        part = self.sum[site[0] :: self.labels.shape[0], site[1] :: self.labels.shape[1]][: shape[0], : shape[1]]
+        dtype = np.uint16 if int(part.max(initial=0)) < 1 << 16 else np.uint32
+        return MeanFrame(part.astype(dtype), self.count, self.labels[site[0] :, site[1] :][:1, :1])
 
 
 class FrameRows(Protocol):
@@ -194,7 +211,9 @@ class FrameSums:
             raise ValueError(f"labels must have at most {LANES} columns, got {self.labels.shape[1]}")
         self.black, self.white = black, white
         self.count = 0
-        self.sum: NDArray[np.unsignedinteger] = np.zeros(shape, np.uint32)
+        self._sum: NDArray[np.unsignedinteger] | None = None
+        self._taken = False
+        """Whether a mean frame has the memory of `sum`."""
         self._squares: NDArray[np.uint64] | None = None
         self._label_squares: _LabelSquares | None = None
         self.highest: list[int] = []
@@ -202,6 +221,17 @@ class FrameSums:
         n_labels = int(self.labels.max()) + 1
         self._clipped = np.zeros((n_labels, 2), np.int64)
         self._frame_totals: list[NDArray[np.uint64]] = []
+
+    @property
+    def sum(self) -> NDArray[np.unsignedinteger]:
+        """The (rows, cols) sum."""
+        if self._sum is None:
+            self._sum = np.zeros(self.shape, np.uint32)
+        return self._sum
+
+    @sum.setter
+    def sum(self, values: NDArray[np.unsignedinteger]) -> None:
+        self._sum, self._taken = values, False
 
     @property
     def sum_of_squares(self) -> NDArray[np.uint64]:
@@ -275,9 +305,9 @@ class FrameSums:
         return self
 
     def _widen(self) -> None:
-        """Replace a sum of 16 bits, which a mean frame may have taken over; its content is lost."""
-        if self.sum.dtype != np.uint32:
-            self.sum = np.empty(self.shape, np.uint32)
+        """Replace a sum of 16 bits, whose content is lost, or one that a mean frame has taken over."""
+        if self._sum is None or self._sum.dtype != np.uint32 or self._taken:
+            self.sum = self.sum.astype(np.uint32) if self.count else np.empty(self.shape, np.uint32)
 
     def _add_batch(self, frames: Sequence[Frame], full_scale: int, *, last: bool = False) -> None:
         """Add frames that are all in memory, or all in files."""
@@ -293,6 +323,7 @@ class FrameSums:
         # Of frames in memory too, it would double the time of compilation.
         narrow = only and not held and len(frames) * full_scale < 1 << 16
         if narrow:
+            self._sum = None  # released first
             self.sum = np.empty(self.shape, np.uint16)
         else:
             self._widen()
@@ -386,12 +417,16 @@ class FrameSums:
         """Return (rows, cols) the mean over the frames, in `out` if given."""
         return _filled(out, self.shape, mean_map, self.sum, self.count)
 
-    def mean_frame(self) -> MeanFrame:
-        """Return the mean, which stays valid when the sums change: a copy, unless the sum has 16 bits."""
-        if self.sum.dtype == np.uint16:
-            return MeanFrame(self.sum, self.count, self.labels)
-        fits = self.count * max(self.highest, default=0) < 1 << 16
-        return MeanFrame(self.sum.astype(np.uint16 if fits else np.uint32), self.count, self.labels)
+    def mean_frame(self, *, narrow: bool = True) -> MeanFrame:
+        """Return the mean, which stays valid when the sums change; it may take over the memory of the sum.
+
+        `narrow` is whether a sum of 32 bits is copied to one of 16 bits where that holds it.
+        """
+        fits = narrow and self.count * max(self.highest, default=0) < 1 << 16
+        if fits and self.sum.dtype != np.uint16:
+            return MeanFrame(self.sum.astype(np.uint16), self.count, self.labels)
+        self._taken = True
+        return MeanFrame(self.sum, self.count, self.labels)
 
     def variance(self, out: F64 | None = None) -> F64:
         """Return (rows, cols) the unbiased temporal variance, in `out` if given.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, prange, read_only
+from photosite.engine.lazy_maps import Map, contiguous, row_strips
 
 _RUN = 1024
 _LABEL_LANES = 64
@@ -62,24 +63,6 @@ def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger],
         # Lines of all maps are added in runs that stay in the cache, and begin with the tile's first column.
         factors = np.stack([np.tile(tile, max(_RUN // tile.shape[1], 1)) for tile in tiles])
         _add_scaled(target, np.array([values.ctypes.data for values in maps]), np.empty(0, dtype), factors)
-
-
-@compiled(parallel=True)
-def moved_map(values: F64, slopes: F64, distance: float) -> F64:
-    """Return a map (rows, cols) moved along the slopes of its pixels: values + distance slopes.
-
-    Examples
-    --------
-    >>> moved_map(np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), 2.0).tolist()
-    [[2.0, 2.0]]
-    """
-    rows, cols = values.shape
-    out = np.empty((rows, cols))
-    for r in prange(rows):
-        line, of_values, of_slopes = out[r], values[r], slopes[r]
-        for c in range(np.uint64(cols)):
-            line[c] = of_values[c] + distance * of_slopes[c]
-    return out
 
 
 @compiled(parallel=True)
@@ -138,7 +121,7 @@ class Moments:
     fourth: float
 
 
-def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
+def label_moments(values: Map, labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
     """Return the moments of a map over the pixels of each label.
 
     `labels` is (tile rows, tile cols), a repeating tile of labels from 0, with 64 columns or fewer; None is one label
@@ -153,12 +136,12 @@ def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tup
     if tile.shape[1] > _LABEL_LANES:
         raise ValueError(f"labels must have {_LABEL_LANES} columns or fewer, got {tile.shape[1]}")
     n_labels = int(tile.max()) + 1
-    values = np.ascontiguousarray(values, dtype=np.float64)
     center = np.array([_sampled_mean(values, tile, label) for label in range(n_labels)])
     counts = label_pixels(values.shape, tile)
     for final in (False, True):
         by_row = np.zeros((values.shape[0], n_labels, 4))
-        _power_sums(values, tile, center, by_row)
+        for row, end in row_strips(values, tile.shape[0]):
+            _power_sums(contiguous(values[row:end]), tile, center, by_row[row:end])
         first, second, third, fourth = by_row.sum(axis=0).T / counts
         # Near the mean, the moments about it follow from these without cancellation; else a second pass finds them.
         if final or (first**2 <= 0.1 * second).all():
@@ -173,12 +156,14 @@ def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tup
     )
 
 
-def _sampled_mean(values: F64, tile: I64, label: int) -> float:
+def _sampled_mean(values: Map, tile: I64, label: int) -> float:
     """Return the mean of up to 32 x 32 pixels of a label, evenly spaced."""
     (r, c), *_ = np.argwhere(tile == label).tolist()
-    plane = values[r :: tile.shape[0], c :: tile.shape[1]]
-    rows, cols = (max(length // 32, 1) for length in plane.shape)
-    return float(plane[::rows, ::cols].mean())
+    steps = [
+        period * max(len(range(at, length, period)) // 32, 1)
+        for at, length, period in zip((r, c), values.shape, tile.shape, strict=True)
+    ]
+    return float(values[r :: steps[0], c :: steps[1]].mean())
 
 
 @compiled()

@@ -5,11 +5,15 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from typing import Any
 
 _TURNS = "10000"
 """Turns of the loop in which a thread waits."""
 
 _KEPT_BYTES = (1 << 31) - 1
+_RETURNED_BYTES = 32 << 20
+"""Size from which the memory of arrays is returned after `return_large_arrays`."""
+
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
 
 
@@ -31,3 +35,19 @@ def prepare_process() -> None:
     if set_option is not None:
         set_option(_MMAP_THRESHOLD, _KEPT_BYTES)
         set_option(_TRIM_THRESHOLD, _KEPT_BYTES)
+        _kept.append(ctypes.CDLL(None))
+
+
+_kept: list[Any] = []
+"""The C library, once `prepare_process` has set its options."""
+
+
+def return_large_arrays() -> None:
+    """Return freed memory to the system now, and that of large arrays whenever they are freed.
+
+    Call this between steps of work on large frames: free parts of kept memory lie between used ones, and may be too
+    small for the next array. Without `prepare_process` it does nothing.
+    """
+    for library in _kept:
+        library.mallopt(_MMAP_THRESHOLD, _RETURNED_BYTES)
+        library.malloc_trim(0)

@@ -6,12 +6,16 @@ result does not depend on the number of threads.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import F64, I64, compiled, prange
+from photosite.engine.lazy_maps import LazyMap, Map, contiguous, is_large, row_strips
 
 Site = tuple[int, int]
 
@@ -107,10 +111,21 @@ def _powers_left(values: F64, row_mean: F64, column_offset: F64, lanes: int, out
             out[1, r, lane % tile_cols] += fourths[lane]
 
 
-def plane_moments(values: F64, tile: tuple[int, ...], *, high_passed: bool = False) -> dict[Site, PlaneMoments]:
+class _LineSums(NamedTuple):
+    """Sums of the rows of a map by column of the tile, and of its columns by band and row of the tile."""
+
+    rows: F64  # (rows, tile columns)
+    bands: F64  # (bands, tile rows, columns)
+
+
+_Strips = Iterator[tuple[int, F64]]
+"""First row and values of successive rows of a map."""
+
+
+def plane_moments(values: Map, tile: tuple[int, ...], *, high_passed: bool = False) -> dict[Site, PlaneMoments]:
     """Return the statistics of the plane of each site.
 
-    - `values`: (rows, cols) map of the whole mosaic, C-contiguous.
+    - `values`: (rows, cols) map of the whole mosaic.
     - `tile`: Rows and columns of the tile.
     - `high_passed`: Whether the planes are filtered first (`high_passed_planes`).
 
@@ -122,41 +137,51 @@ def plane_moments(values: F64, tile: tuple[int, ...], *, high_passed: bool = Fal
     ((2, 2), [-1.0, 1.0], [-1.0, 1.0], 0.0)
     """
     tile_rows, tile_cols = tile
-    lanes = _lanes(tile_cols)
+    strips, shape = _plain_strips, values.shape
     if high_passed:
-        values, row_sums, column_sums = _filtered(values, (tile_rows, tile_cols))
-    else:
-        row_sums, bands = np.zeros((values.shape[0], tile_cols)), _bands(values.shape, tile_rows, _BAND)
-        _line_sums(values, (tile_rows, tile_cols), lanes, row_sums, bands)
-        column_sums = bands.sum(axis=0)
-    rows, cols = values.shape
+        strips, shape = _filtered_strips, _filtered_shape(values.shape, (tile_rows, tile_cols))
+    rows, cols = shape
+    band = _FILTERED_BAND * tile_rows if high_passed else _BAND
+    row_sums, bands = _LineSums(np.zeros((rows, tile_cols)), np.zeros((-(-rows // band), tile_rows, cols)))
+    kept = not is_large(shape)  # else the strips are computed again
+    first_pass = strips(values, (tile_rows, tile_cols), _LineSums(row_sums, bands))
+    parts = [strip for strip in first_pass if kept]
+    column_sums = bands.sum(axis=0)
     row_mean, column_offset = np.empty((rows, tile_cols)), np.empty((tile_rows, cols))
     means = np.empty((tile_rows, tile_cols))
     sites = list(np.ndindex(tile_rows, tile_cols))
     for r, c in sites:
-        height, width = plane_shape(values.shape, (r, c), tile)
+        height, width = plane_shape(shape, (r, c), tile)
         row_mean[r::tile_rows, c] = row_sums[r::tile_rows, c] / width
         means[r, c] = row_sums[r::tile_rows, c].sum() / (height * width)
         column_offset[r, c::tile_cols] = column_sums[r, c::tile_cols] / height - means[r, c]
     powers = np.zeros((2, rows, tile_cols))
-    _powers_left(values, row_mean, column_offset, lanes, powers)
+    for first, part in parts or strips(values, (tile_rows, tile_cols), None):
+        here = np.zeros((2, len(part), tile_cols))
+        _powers_left(part, row_mean[first : first + len(part)], column_offset, _lanes(tile_cols), here)
+        powers[:, first : first + len(part)] = here
     found = {}
     for r, c in sites:
-        shape = plane_shape(values.shape, (r, c), tile)
-        second, fourth = powers[:, r::tile_rows, c].sum(axis=1) / (shape[0] * shape[1])
+        height, width = plane_shape(shape, (r, c), tile)
+        second, fourth = powers[:, r::tile_rows, c].sum(axis=1) / (height * width)
         of_rows, of_columns = row_mean[r::tile_rows, c] - means[r, c], column_offset[r, c::tile_cols].copy()
-        found[r, c] = PlaneMoments(shape, of_rows, of_columns, float(second), float(fourth))
+        found[r, c] = PlaneMoments((height, width), of_rows, of_columns, float(second), float(fourth))
     return found
+
+
+def _plain_strips(values: Map, tile: Site, sums: _LineSums | None) -> _Strips:
+    """Yield the strips of a map, after their lines are summed."""
+    for first, last in row_strips(values, math.lcm(_BAND, tile[0])):
+        part = contiguous(values[first:last])
+        if sums is not None:
+            bands = sums.bands[first // _BAND : -(-last // _BAND)]
+            _line_sums(part, tile, _lanes(tile[1]), sums.rows[first:last], bands)
+        yield first, part
 
 
 def _lanes(tile_cols: int) -> int:
     """Return the number of lanes of partial sums: a multiple of the tile's columns."""
     return max(_LANES // tile_cols, 1) * tile_cols
-
-
-def _bands(shape: tuple[int, ...], tile_rows: int, height: int) -> F64:
-    """Return zeros for the sums of columns in bands of rows, by row of the tile."""
-    return np.zeros((-(-shape[0] // height), tile_rows, shape[1]))
 
 
 MARGIN = 9
@@ -239,13 +264,13 @@ def _less_smooth(pixels: F64, values: F64, step: int, n: int, out: F64) -> None:
         out[c] = pixels[c] - (far + between + (near + _W9 * middle[c]))
 
 
-def high_passed_planes(values: F64, tile: tuple[int, ...]) -> F64:
+def high_passed_planes(values: Map, tile: tuple[int, ...]) -> F64:
     """Return a map whose planes are high-pass filtered, without a border of 9 pixels of each plane.
 
     The plane smoothed by a box of 7 x 7 pixels, a box of 11 x 11 and the binomial 1 2 1 along both axes is subtracted,
     the filter of EMVA 1288 R4.0. The result has the tile of the map. There is none, (0, 0), of maps that are too small.
 
-    - `values`: (rows, cols) map of the whole mosaic, C-contiguous.
+    - `values`: (rows, cols) map of the whole mosaic.
     - `tile`: Rows and columns of the tile.
 
     Examples
@@ -255,16 +280,29 @@ def high_passed_planes(values: F64, tile: tuple[int, ...]) -> F64:
     >>> filtered.shape, bool(abs(filtered).max() < 1e-10)
     ((22, 24), True)
     """
-    return _filtered(values, (tile[0], tile[1]))[0]
+    out = np.empty(_filtered_shape(values.shape, (tile[0], tile[1])))
+    for first, part in _filtered_strips(values, (tile[0], tile[1]), None):
+        out[first : first + len(part)] = part
+    return out
 
 
-def _filtered(values: F64, tile: Site) -> tuple[F64, F64, F64]:
-    """Return the filtered map, and the sums of its lines: (rows, tile columns) and (tile rows, columns)."""
-    rows, cols = (max(length - 2 * MARGIN * step, 0) for length, step in zip(values.shape, tile, strict=True))
-    out = np.empty((rows, cols) if rows and cols else (0, 0))
-    row_sums, bands = np.zeros((len(out), tile[1])), _bands(out.shape, tile[0], _FILTERED_BAND * tile[0])
-    _high_passed(values, tile, _lanes(tile[1]), out, row_sums, bands)
-    return out, row_sums, bands.sum(axis=0)
+def _filtered_shape(shape: tuple[int, ...], tile: Site) -> tuple[int, int]:
+    """Return the rows and columns that are left of a map that is filtered."""
+    rows, cols = (max(length - 2 * MARGIN * step, 0) for length, step in zip(shape, tile, strict=True))
+    return (rows, cols) if rows and cols else (0, 0)
+
+
+def _filtered_strips(values: Map, tile: Site, sums: _LineSums | None) -> _Strips:
+    """Yield the strips of a filtered map, after their lines are summed."""
+    shape, band = _filtered_shape(values.shape, tile), _FILTERED_BAND * tile[0]
+    for first, last in row_strips(values, band, slice(shape[0])):
+        part, out = contiguous(values[first : last + 2 * MARGIN * tile[0]]), np.empty((last - first, shape[1]))
+        if sums is None:
+            rows, bands = np.zeros((last - first, tile[1])), np.zeros((-(-(last - first) // band), tile[0], shape[1]))
+        else:
+            rows, bands = sums.rows[first:last], sums.bands[first // band : -(-last // band)]
+        _high_passed(part, tile, _lanes(tile[1]), out, rows, bands)
+        yield first, out
 
 
 @compiled(parallel=True)
@@ -295,10 +333,10 @@ def _far_sums(values: F64, shape: Site, middle: F64, limit: F64, out: F64) -> No
         out[r, 0], out[r, 1], out[r, 2] = count, far, whole
 
 
-def far_sums(values: F64, middle: F64, limit: F64) -> tuple[int, float, float]:
+def far_sums(values: Map, middle: F64, limit: F64) -> tuple[int, float, float]:
     """Return how many pixels have a squared deviation beyond a limit, the sum of these squares, and that of all.
 
-    - `values`: (rows, cols) map, C-contiguous; lines beyond the last whole tile are left out.
+    - `values`: (rows, cols) map; lines beyond the last whole tile are left out.
     - `middle`, `limit`: (tile rows, tile cols) center of the deviations, and largest square, of each site.
 
     Examples
@@ -308,19 +346,13 @@ def far_sums(values: F64, middle: F64, limit: F64) -> tuple[int, float, float]:
     """
     rows, cols = (length // step * step for length, step in zip(values.shape, middle.shape, strict=True))
     sums = np.zeros((rows, 3))
-    _far_sums(values, (rows, cols), middle, limit, sums)
+    for first, last in row_strips(values, len(middle), slice(rows)):
+        _far_sums(contiguous(values[first:last]), (last - first, cols), middle, limit, sums[first:last])
     count, far, whole = sums.sum(axis=0).tolist()
     return int(count), far, whole
 
 
-@compiled(parallel=True)
-def _spaced(values: F64, site: Site, tile: Site, cols: int, step: int, out: F64) -> None:
-    for j in prange(out.size):
-        place = j * step
-        out[j] = values[site[0] + tile[0] * (place // cols), site[1] + tile[1] * (place % cols)]
-
-
-def spaced_values(values: F64, site: Site, tile: tuple[int, ...], step: int) -> F64:
+def spaced_values(values: Map, site: Site, tile: tuple[int, ...], step: int) -> F64:
     """Return (n,) every `step`-th value of a plane in the order of its rows; lines beyond the last tile are left out.
 
     Examples
@@ -329,9 +361,8 @@ def spaced_values(values: F64, site: Site, tile: tuple[int, ...], step: int) -> 
     [1.0, 11.0]
     """
     rows, cols = (length // of_tile for length, of_tile in zip(values.shape, tile, strict=True))
-    out = np.empty(-(-rows * cols // step))
-    _spaced(values, site, (tile[0], tile[1]), cols, step, out)
-    return out
+    places = np.arange(0, rows * cols, step)
+    return np.asarray(values[site[0] + tile[0] * (places // cols), site[1] + tile[1] * (places % cols)])
 
 
 @compiled(parallel=True)
@@ -366,31 +397,63 @@ def _sum_of_sites(values: F64, dark: F64, subtract: bool, factors: F64, out: F64
                     target[c] += factor * (row[place] - black[place] if subtract else row[place])
 
 
-def mean_of_sites(values: F64, dark: F64 | None, tile: tuple[int, ...], *, relative: bool = False) -> F64 | None:
-    """Return the (rows, cols) mean over the sites of a map less a dark map, one value for each whole tile.
+@dataclass(frozen=True, eq=False)
+class SiteMean(LazyMap):
+    """The sum over the sites of a map less a dark map, each times a factor: one value for each whole tile.
+
+    Parameters
+    ----------
+    values, dark
+        (rows, cols) maps; None if nothing is subtracted.
+    factors
+        (tile rows, tile cols).
+    """
+
+    values: Map
+    dark: Map | None
+    factors: F64
+
+    @property
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Number of tiles in a column, and in a row."""
+        return tuple(length // of_tile for length, of_tile in zip(self.values.shape, self.factors.shape, strict=True))
+
+    def __getitem__(self, part: Any, /) -> F64:
+        first, last, step = (part[0] if isinstance(part, tuple) else part).indices(self.shape[0])
+        rows = slice(first * len(self.factors), last * len(self.factors))
+        some = contiguous(self.values[rows])
+        dark = some if self.dark is None else contiguous(self.dark[rows])
+        out = np.empty((max(last - first, 0), self.shape[1]))
+        _sum_of_sites(some, dark, self.dark is not None, self.factors, out)
+        return out[::step, part[1]] if isinstance(part, tuple) else out[::step]
+
+
+def mean_of_sites(values: Map, dark: Map | None, tile: tuple[int, ...], *, relative: bool = False) -> Map | None:
+    """Return the mean over the sites of a map less a dark map, one value for each whole tile.
 
     `relative` divides each site by its mean; None where a site has a mean of 0 or less.
 
     Examples
     --------
-    >>> mean_of_sites(np.array([[1.0, 4.0, 3.0, 4.0]]), None, (1, 2)).tolist()
+    >>> mean_of_sites(np.array([[1.0, 4.0, 3.0, 4.0]]), None, (1, 2))[:].tolist()
     [[2.5, 3.5]]
-    >>> mean_of_sites(np.array([[1.0, 4.0, 3.0, 4.0]]), None, (1, 2), relative=True).tolist()
+    >>> mean_of_sites(np.array([[1.0, 4.0, 3.0, 4.0]]), None, (1, 2), relative=True)[:].tolist()
     [[0.75, 1.25]]
     """
     rows, cols = (length // of_tile for length, of_tile in zip(values.shape, tile, strict=True))
     factors = np.full((tile[0], tile[1]), 1.0 / (tile[0] * tile[1]))
-    black, subtract = (values, False) if dark is None else (dark, True)
     if relative:
         sums = np.empty((rows * tile[0], tile[1]))
-        _site_sums(values, black, subtract, (rows * tile[0], cols * tile[1]), (tile[0], tile[1]), sums)
+        for first, last in row_strips(values, tile[0], slice(len(sums))):
+            part = contiguous(values[first:last])
+            black = part if dark is None else contiguous(dark[first:last])
+            shape = last - first, cols * tile[1]
+            _site_sums(part, black, dark is not None, shape, (tile[0], tile[1]), sums[first:last])
         means = sums.reshape(rows, tile[0], tile[1]).sum(axis=0) / (rows * cols)
         if means.min() <= 0.0:
             return None
         factors /= means
-    out = np.empty((rows, cols))
-    _sum_of_sites(values, black, subtract, factors, out)
-    return out
+    return SiteMean(values, dark, factors)
 
 
 @compiled()

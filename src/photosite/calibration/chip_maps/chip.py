@@ -246,9 +246,8 @@ def _spreads(variance: FloatMap, tile: NDArray[np.int64], stack: GroupStatistics
 
 
 def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
-    mean = sums.mean_frame()
-    # The next group reuses the memory of these sums.
-    return replace(mean, sum=mean.sum.copy()), sums.variance().astype(np.float32)
+    variance = sums.variance().astype(np.float32)
+    return sums.mean_frame(), variance
 
 
 class _Counted:

@@ -32,7 +32,7 @@ from photosite.calibration.spatial.pixel_slopes import (
 )
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes
 from photosite.engine.frame_sums import MeanFrame
-from photosite.engine.map_statistics import moved_map
+from photosite.engine.lazy_maps import Map, MovedMap, held
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, derive
 
@@ -55,7 +55,7 @@ class GroupMean:
     """
 
     statistics: GroupStatistics
-    mean: NDArray[np.float64]
+    mean: Map
     tile: NDArray[np.int64]
     noise: Sequence[TemporalComponents]
     total_noise: Sequence[Uncertain]  # the sum of the parts, without the uncertainty of the division
@@ -69,17 +69,24 @@ class GroupMean:
         statistics: GroupStatistics,
         mean: MeanFrame,
         scatter: float,
-        values: NDArray[np.float64] | None = None,
+        values: Map | None = None,
     ) -> GroupMean:
         """Read some frames of the group again for the sums of their rows and columns (`mean_frame_components`).
 
-        `values` is the result of `mean.mean()`, where it is known.
+        `values` is `held(mean)`, where it is known.
         """
         noise = mean_frame_components(reader, statistics, scatter)
         total = [mean_frame_noise(level, scatter) for level in statistics.levels]
         rounding = [level.rounding_pixel for level in statistics.levels]
-        values = mean.mean() if values is None else values
-        return cls(statistics, values, mean.labels, noise, total, rounding, statistics.group.exposure_s)
+        return cls(
+            statistics,
+            held(mean) if values is None else values,
+            mean.labels,
+            noise,
+            total,
+            rounding,
+            statistics.group.exposure_s,
+        )
 
     @cached_property
     def _planes(self) -> MapPlanes:
@@ -97,12 +104,13 @@ class GroupMean:
         digital_gain = Uncertain.of(1.0, self.statistics.levels[channel].scale_uncertainty)
         return parts.with_rounding(self.rounding[channel]).scaled(digital_gain)
 
-    def planes(self, channel: int) -> MeanPlanes:
-        """Return the planes of a channel."""
+    def planes(self, channel: int, *, own: bool = False) -> MeanPlanes:
+        """Return the planes of a channel, with their `own` memory where the mean frame is not needed for others."""
         frames, moved = self.statistics.frames, self.exposure_s != self.statistics.group.exposure_s
-        return MeanPlanes.of(
+        found = MeanPlanes.of(
             self.mean, self.tile, channel, frames, self.exposure_s, self.noise[channel], extrapolated=moved
         )
+        return found.copied() if own else found
 
 
 @dataclass(frozen=True)
@@ -160,7 +168,7 @@ class SlopeMap:
             noise.append(TemporalComponents(whole - row - column, row, column))
         return replace(
             mean,
-            mean=moved_map(mean.mean, self.slopes.slopes, seconds),
+            mean=held(MovedMap(mean.mean, self.slopes.slopes, seconds)),
             noise=noise,
             total_noise=total,
             rounding=[self.rounding(weights, k) for k in range(len(noise))],

@@ -16,6 +16,7 @@ from photosite.calibration.spatial.nonuniformity import MapPlanes, VarianceCompo
 from photosite.calibration.spatial.pixel_slopes import excess_variance
 from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
 from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.lazy_maps import held
 from photosite.engine.map_statistics import label_moments
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
 
@@ -59,7 +60,7 @@ def measure_single_darks(reduction: Reduction, reference: GroupStatistics, frame
         return unknown_darks(
             reduction, UNKNOWN_DARK_NOISE.missing(f"the dark frames are clipped at 0, and {SINGLE_DARK_FRAMES}")
         )
-    values, tile = frame.mean(), frame.labels
+    values, tile = held(frame), frame.labels
     mean = GroupMean(
         statistics=reference,
         mean=values,

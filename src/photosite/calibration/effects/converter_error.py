@@ -258,7 +258,7 @@ def _chosen(reduction: Reduction) -> list[GroupStatistics] | Missing:
 
 def _counts(reader: FrameReader, frames: Sequence[UsedFrame]) -> NDArray[np.int64]:
     """Return (2, codes) how often each code occurs in two halves of some frames."""
-    found = np.array(reader.each([frame.source for frame in frames], count_numbers))
+    found = np.sum(reader.each_in_strips([frame.source for frame in frames], count_numbers), axis=1)
     for frame, total in zip(frames, found @ np.arange(found.shape[1]), strict=True):
         frame.check_total(int(total))
     return np.stack([found[half::2, : reader.white + 1].sum(axis=0) for half in (0, 1)])

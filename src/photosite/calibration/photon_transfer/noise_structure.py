@@ -29,6 +29,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import group_lines, temporal_components
+from photosite.engine.lazy_maps import row_means
 from photosite.values.uncertain import Measured, Missing, Uncertain
 
 PIXELS = 1 << 21
@@ -184,14 +185,14 @@ def without_flicker(
         Line time of the sensor, if it is known.
     """
     lights, fractions, bands = [], [], []
-    dark_rows = dark.mean.mean(axis=1)
+    dark_rows = row_means(dark.mean)
     for group in reduction.lights:
         if group.frames > 1 and not any(level.clipped for level in group.levels):
             levels = []
             lines = group_lines(reader, group, most=group.frames)
             found = temporal_components(group.levels, lines, reader.tile)
-            row_means = lines[0].sum(axis=2, dtype=np.float64) / reader.frames.cols
-            bands.append(RowLight(group.group.exposure_s, row_means - dark_rows))
+            of_rows = lines[0].sum(axis=2, dtype=np.float64) / reader.frames.cols
+            bands.append(RowLight(group.group.exposure_s, of_rows - dark_rows))
             for k, (level, parts) in enumerate(zip(group.levels, found, strict=True)):
                 dark_part = dark.noise[k].row.value * dark.statistics.frames
                 # The bands are those of the same frames: they leave no error behind in what is left.
@@ -240,4 +241,4 @@ def _runs(reader: FrameReader, group: GroupStatistics, pixels: int) -> Iterator[
     height = min(max(2 * pixels // frames // cols, LEAST_SIDE * step), rows) // step * step
     start = (rows - height) // 2 // step * step
     for first in np.linspace(0, len(sources) - length, runs).astype(int):
-        yield reader.each(sources[first : first + length], np.copy, slice(start, start + height))
+        yield reader.each(sources[first : first + length], slice(start, start + height))

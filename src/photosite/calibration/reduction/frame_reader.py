@@ -27,6 +27,8 @@ from photosite.calibration.reduction.group_screening import Screening, screen_fr
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.engine.lazy_maps import is_large
+from photosite.engine.process import return_large_arrays
 from photosite.engine.threads import computed_beside, thread_count
 from photosite.errors import FileError
 from photosite.files.small_files import file_stamp
@@ -61,6 +63,9 @@ class _Read(NamedTuple):
 _BATCH_FRAMES, _BATCH_BYTES = 12, 240 << 20
 """Frames added to the sums in one pass, and their memory limit."""
 
+_STRIP_BYTES = 4 << 20
+"""Bytes of a frame that `FrameReader.each_in_strips` reads at a time."""
+
 _MOST_OPEN = 256
 """The same of frames whose rows are read while they are added: files that are open at a time."""
 
@@ -68,7 +73,7 @@ _AHEAD, _AHEAD_BYTES = 4, 80 << 20
 """Frames read ahead, and their memory limit; at least two frames, and one for each core."""
 
 KEPT_BYTES = 240 << 20
-"""Memory limit of the mean frames that are kept; groups beyond it are read again."""
+"""Memory limit of the mean frames that are kept; groups beyond it, and those of large frames, are read again."""
 
 
 def _open_files() -> int:
@@ -117,6 +122,9 @@ class FrameReader:
         self._means: dict[int, MeanFrame] = {}
         self._kept_bytes = 0
         self._shape = frames.rows, frames.cols
+        self._large = is_large(self._shape)
+        if self._large:
+            return_large_arrays()
         frame_bytes = max(2 * frames.rows * frames.cols, 1)
         self._batch_frames = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // frame_bytes))
         self._open = _open_files()
@@ -135,7 +143,6 @@ class FrameReader:
         self._first_pass = self._read_ahead(unread, identify=isinstance(checkpoint, Checkpoint))
         self._screening: Future[Screening] = Future()
         self._sums: FrameSums | None = None
-        self._buffers: list[NDArray[np.uint16]] = []
 
     def __enter__(self) -> FrameReader:
         return self
@@ -192,12 +199,13 @@ class FrameReader:
 
     def keep(self, group: FrameGroup, sums: FrameSums) -> None:
         """Keep a group's mean frame for `mean`, within the memory limit."""
-        if id(group) in self._means:
+        if id(group) in self._means or self._large:
             return
         mean = sums.mean_frame()
-        if self._kept_bytes + mean.sum.nbytes <= KEPT_BYTES:
+        size = mean.sum.nbytes
+        if self._kept_bytes + size <= KEPT_BYTES:
             self._means[id(group)] = mean
-            self._kept_bytes += mean.sum.nbytes
+            self._kept_bytes += size
 
     def kept(self, group: FrameGroup) -> bool:
         """Return whether a group's mean frame was kept, so that `mean` need not read it again."""
@@ -208,7 +216,15 @@ class FrameReader:
         if (mean := self._means.pop(id(group), None)) is not None:
             self._kept_bytes -= mean.sum.nbytes
             return mean
-        return self.sums(group).mean_frame()
+        mean = self.sums(group).mean_frame(narrow=not self._large)
+        self.release()
+        return mean
+
+    def release(self) -> None:
+        """Release the memory of the sums; those that were returned become invalid."""
+        self._sums = None
+        if self._large:
+            return_large_arrays()
 
     def leave_out_groups(self, groups: Sequence[FrameGroup], kind: DiagnosticKind, reason: str) -> None:
         """Leave groups that were read out of the frames, and announce that the others will be read again."""
@@ -226,28 +242,48 @@ class FrameReader:
         """Return the frames of a group that entered its sums, in their order."""
         return [group.frames[i] for i in self._used[id(group)]]
 
-    def each(
-        self,
-        sources: Iterable[FrameSource],
-        function: Callable[[NDArray[np.unsignedinteger]], T],
-        rows: slice = slice(None),
-    ) -> list[T]:
-        """Return a function of each frame, or of some successive rows, in the order of the frames.
-
-        Frames are read, and the function called, in threads. Their memory is used again: the result must not view it.
-        """
+    def each(self, sources: Iterable[FrameSource], rows: slice) -> list[NDArray[np.unsignedinteger]]:
+        """Return successive rows of each frame, in the order of the frames; they are read in threads."""
         first, last, _ = rows.indices(self._shape[0])
 
-        def result(source: FrameSource) -> T:
+        def result(source: FrameSource) -> NDArray[np.unsignedinteger]:
             stored = source.open_rows()
             if stored is None:
-                return function(source.read()[rows])
-            buffer = self._buffers.pop() if self._buffers else np.empty(self._shape, np.uint16)
-            stored.read_rows(first, buffer[: last - first])
-            found = function(buffer[: last - first])
-            self._buffers.append(buffer)
+                return source.read()[rows].copy()
+            out = np.empty((last - first, self._shape[1]), np.uint16)
+            stored.read_rows(first, out)
+            return out
+
+        return self._in_threads(sources, result)
+
+    def each_in_strips(
+        self, sources: Iterable[FrameSource], function: Callable[[NDArray[np.unsignedinteger]], T]
+    ) -> list[list[T]]:
+        """Return a function of each strip of each frame, in the order of the frames.
+
+        Strips are successive rows, a multiple of the tile's. Frames are read, and the function called, in threads. The
+        memory of a strip is used again: the result must not view it.
+        """
+        step = self.tile.shape[0]
+        height = max(_STRIP_BYTES // (2 * max(self._shape[1], 1) * step), 1) * step
+
+        def result(source: FrameSource) -> list[T]:
+            stored = source.open_rows()
+            starts = range(0, self._shape[0], height)
+            if stored is None:
+                dn = source.read()
+                return [function(dn[first : first + height]) for first in starts]
+            buffer, found = np.empty((min(height, self._shape[0]), self._shape[1]), np.uint16), []
+            for first in starts:
+                part = buffer[: self._shape[0] - first]
+                stored.read_rows(first, part)
+                found.append(function(part))
             return found
 
+        return self._in_threads(sources, result)
+
+    def _in_threads(self, sources: Iterable[FrameSource], result: Callable[[FrameSource], T]) -> list[T]:
+        """Return a function of each frame, called in threads where that is safe."""
         futures = []
         for source in sources:
             if source.thread_safe:

@@ -181,6 +181,7 @@ def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float6
         lights.append(statistics)
         if not all(level.clipped for level in statistics.levels):
             reader.keep(group, sums)
+    reader.release()
     codes = _find_codes(reader, darks, lights)
     reduction = Reduction(
         frames=reader.frames,

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.spatial.periodic_structure import PeriodicStructure, Taps
+from photosite.engine.lazy_maps import LazyMap, Map
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Measured, Uncertain, Value
 
@@ -84,9 +87,31 @@ def _of(gains: _Table | None, offsets: _Table | None, arrangement: str) -> Reado
     )
 
 
-def without_channels(
-    mean: NDArray[np.float64], channels: ReadoutChannels | None, dark: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+@dataclass(frozen=True, eq=False)
+class _AlikeMap(LazyMap):
+    """A mean frame as with readout channels that are alike; `groups` are those of its rows and columns."""
+
+    mean: Map
+    dark: Map | None
+    tables: tuple[NDArray[np.float64], NDArray[np.float64]]
+    groups: tuple[NDArray[np.intp], NDArray[np.intp]]
+
+    @property
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Number of rows and columns."""
+        return self.mean.shape
+
+    def __getitem__(self, part: Any, /) -> NDArray[np.float64]:
+        rows, cols = part if isinstance(part, tuple) else (part, slice(None))
+        gain, offset = (table[np.ix_(self.groups[0][rows], self.groups[1][cols])] for table in self.tables)
+        mean = self.mean[rows, cols]
+        if self.dark is None:
+            return np.asarray(mean - offset)
+        dark = self.dark[rows, cols]
+        return np.asarray((mean - dark) / gain + dark - offset)
+
+
+def without_channels(mean: Map, channels: ReadoutChannels | None, dark: Map | None = None) -> Map:
     """Return a mean frame as with readout channels that are alike; their offsets are in DN.
 
     Parameters
@@ -98,5 +123,5 @@ def without_channels(
     """
     if channels is None:
         return mean
-    gain, offset = (table[np.ix_(*channels.groups(*mean.shape))] for table in channels.tables())
-    return mean - offset if dark is None else (mean - dark) / gain + dark - offset
+    gain, offset = channels.tables()
+    return _AlikeMap(mean, dark, (gain, offset), channels.groups(mean.shape[0], mean.shape[1]))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.lazy_maps import Map
 from photosite.engine.site_planes import far_sums, spaced_values
 from photosite.engine.threads import thread_count
 
@@ -48,7 +49,7 @@ class FarPixels:
         )
 
 
-def find_far_pixels(what: str, values: _Array, tile: tuple[int, ...] = (1, 1)) -> FarPixels | None:
+def find_far_pixels(what: str, values: Map, tile: tuple[int, ...] = (1, 1)) -> FarPixels | None:
     """Return the pixels that lie far from those of their own site; None unless they make a fifth of the variance.
 
     Parameters

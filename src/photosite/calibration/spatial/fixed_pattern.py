@@ -63,6 +63,7 @@ from photosite.calibration.withheld import (
     SINGLE_FLATS,
     UNKNOWN_DARK_NOISE,
 )
+from photosite.engine.lazy_maps import ConstantMap, Map, held
 from photosite.engine.site_planes import mean_of_sites
 from photosite.engine.threads import computed_beside
 from photosite.sensor.effects.readout_channels import ReadoutChannels
@@ -202,9 +203,9 @@ class _Inputs:
         return [_half_saturated(channel, self.reduction.lights) for channel in self.light.channels]
 
     @cached_property
-    def dark_mean(self) -> NDArray[np.float64]:
+    def dark_mean(self) -> Map:
         """Mean dark frame; zeros without one."""
-        return np.zeros(self.shape) if self.dark.mean is None else self.dark.mean.mean
+        return held(ConstantMap(self.shape)) if self.dark.mean is None else self.dark.mean.mean
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -332,19 +333,21 @@ def _read_flats(
     for i in sorted(groups, key=lambda i: i != brightest):
         mean, values = reader.mean(lights[i].group), None
         if i == brightest:
-            values = mean.mean()
+            values = held(mean)
             with ThreadPoolExecutor(1) as thread:
                 structure = computed_beside(thread, periodic_structure, values, inputs.dark_mean, reader.tile)
                 step = find_taps(mean_of_sites(values, inputs.dark_mean, reader.tile.shape, relative=True))
             flats.structure, flats.taps = structure.result(), _found([step])
             readout = measured_channels(flats.structure, offsets, taps + flats.taps, Uncertain(1.0))
-        flats.slopes.add(mean, [each.get(i, 0.0) for each in weights])
         channels = [k for k, group in enumerate(inputs.half) if group == i]
         if channels:
             flat = GroupMean.of(reader, lights[i], mean, inputs.dark.scatter, values)
             _measure_half_saturated(
                 inputs, flats, _with_shared_noise(inputs, flat), {k: darks[k] for k in channels}, readout
             )
+            del flat
+        flats.slopes.add(mean, [each.get(i, 0.0) for each in weights])
+        del mean, values  # releases them before the next group is read
     return flats
 
 
@@ -382,10 +385,10 @@ def _measure_half_saturated(
                 else without_neighbors(parts, inputs.shape, shared.neighbors, filtered=high_passed)
                 for parts, high_passed in ((plain, False), (filtered, True))
             )
-        flats.prnu[k], flats.spatial[k] = (filtered, plain), dark.spatial(flat.planes(k), inputs.outliers)
+        flats.prnu[k], flats.spatial[k] = (filtered, plain), dark.spatial(flat.planes(k, own=True), inputs.outliers)
         flats.gains[k] = filtered
         if readout is not None:
-            alike = replace(flat, mean=without_channels(flat.mean, readout, inputs.dark_mean))
+            alike = replace(flat, mean=held(without_channels(flat.mean, readout, inputs.dark_mean)))
             flats.gains[k] = _light_less_dark(alike.components(k, filtered=True), dark.unaltered, channel, group)
 
 
@@ -504,7 +507,7 @@ def _dark_patterns(inputs: _Inputs, readout: ReadoutChannels | None) -> list[_Da
     for k, t in enumerate(exposures):
         parts = lines = means[t].both_components(k)
         if readout is not None:
-            lines = replace(means[t], mean=without_channels(means[t].mean, readout)).both_components(k)
+            lines = replace(means[t], mean=held(without_channels(means[t].mean, readout))).both_components(k)
         result.append(_DarkPattern(parts, lines[1], means[t].planes(k)))
     return result
 

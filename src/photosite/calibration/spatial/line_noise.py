@@ -80,8 +80,9 @@ def group_lines(reader: FrameReader, statistics: GroupStatistics, most: int) -> 
     used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
     chosen = np.linspace(0, len(used) - 1, min(most, len(used))).round().astype(int)
     tile = (reader.tile.shape[0], reader.tile.shape[1])
-    found = reader.each((used[i].source for i in chosen), lambda dn: line_sums([dn], tile))
-    rows, columns = zip(*found, strict=True)
+    found = reader.each_in_strips((used[i].source for i in chosen), lambda dn: line_sums([dn], tile))
+    rows = [np.concatenate([of_rows for of_rows, _ in strips], axis=1) for strips in found]
+    columns = [np.sum([of_columns for _, of_columns in strips], axis=0, dtype=np.uint32) for strips in found]
     return np.concatenate(rows), np.concatenate(columns)
 
 

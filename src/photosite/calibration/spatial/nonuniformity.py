@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from photosite.calibration.reduction.quantization import with_rounding
 from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread
 from photosite.calibration.withheld import SMALL_FRAMES
+from photosite.engine.lazy_maps import STRIP_VALUES, LazyMap, Map
 from photosite.engine.site_planes import MARGIN, PlaneMoments, high_passed_planes, plane_moments, plane_shape
 from photosite.values.uncertain import SIGMA_1_IN_1000, Missing, Source, Uncertain, Value, weighted_mean
 
@@ -43,7 +44,7 @@ def high_pass(plane: Array) -> Array:
     >>> bool(abs(high_pass(ramp)).max() < 1e-12)
     True
     """
-    return high_passed_planes(np.ascontiguousarray(plane), (1, 1))
+    return high_passed_planes(plane, (1, 1))
 
 
 def line_gain() -> float:
@@ -70,23 +71,8 @@ def pixel_gain() -> float:
     return float(1.0 - 2.0 * kernel[MARGIN] ** 2 + (kernel @ kernel) ** 2)
 
 
-VALUES_AT_A_TIME = 1 << 19
-"""Values in a strip: 4 MB."""
-
-
-class Plane(Protocol):
-    """A map that can be sliced by rows and columns: an array or a `Difference`."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of rows and columns."""
-
-    def __getitem__(self, part: tuple[slice, slice], /) -> NDArray[np.floating]:
-        """Return the values of a rectangle."""
-
-
 @dataclass(frozen=True, eq=False)
-class Difference:
+class Difference(LazyMap):
     """The difference of two maps, computed only for the part that is sliced.
 
     Examples
@@ -95,19 +81,19 @@ class Difference:
     array([[4., 5.]])
     """
 
-    bright: Array
-    dark: Array
+    bright: Map
+    dark: Map
 
     @property
-    def shape(self) -> tuple[int, ...]:
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
         """Number of rows and columns."""
         return self.bright.shape
 
-    def __getitem__(self, part: tuple[slice, slice], /) -> Array:
+    def __getitem__(self, part: Any, /) -> Array:
         return np.asarray(self.bright[part] - self.dark[part])
 
 
-def strips(plane: Plane, axis: int = 1) -> Iterator[tuple[slice, NDArray[np.floating]]]:
+def strips(plane: Map, axis: int = 1) -> Iterator[tuple[slice, NDArray[np.floating]]]:
     """Yield a map in strips of whole lines, so that derived values do not need memory for a second map.
 
     Each is the slice of its lines and their values (lines, values): rows for axis 1, columns for axis 0.
@@ -118,27 +104,27 @@ def strips(plane: Plane, axis: int = 1) -> Iterator[tuple[slice, NDArray[np.floa
     [(0, [[1.0, 3.0], [2.0, 4.0]])]
     """
     across = plane.shape[1 - axis]
-    step = max(1, VALUES_AT_A_TIME // plane.shape[axis])
+    step = max(1, STRIP_VALUES // plane.shape[axis])
     for first in range(0, across, step):
         part = slice(first, min(first + step, across))
         lines = plane[part, :] if axis == 1 else plane[:, part].T
         yield part, np.ascontiguousarray(lines)
 
 
-def plane_mean(plane: Plane) -> float:
+def plane_mean(plane: Map) -> float:
     """Return the mean of a map."""
     rows, cols = plane.shape
     return sum(float(lines.sum(dtype=np.float64)) for _, lines in strips(plane)) / (rows * cols)
 
 
-def high_passed(plane: Plane, scale: float = 1.0) -> NDArray[np.float32]:
+def high_passed(plane: Map, scale: float = 1.0) -> NDArray[np.float32]:
     """Return the high-pass filtered map, without the border, multiplied by `scale`.
 
     Single precision is enough: the filtered values are close to zero.
     """
     rows, cols = plane.shape
     out = np.empty((rows - 2 * MARGIN, cols - 2 * MARGIN), np.float32)
-    step = max(1, VALUES_AT_A_TIME // cols)
+    step = max(1, STRIP_VALUES // cols)
     for first in range(0, out.shape[0], step):
         last = min(first + step, out.shape[0])
         lines = np.ascontiguousarray(plane[first : last + 2 * MARGIN, :], dtype=np.float64)
@@ -146,7 +132,7 @@ def high_passed(plane: Plane, scale: float = 1.0) -> NDArray[np.float32]:
     return out
 
 
-def spread_sample(plane: Plane, most: int = 1 << 18) -> NDArray[np.floating]:
+def spread_sample(plane: Map, most: int = 1 << 18) -> NDArray[np.floating]:
     """Return values (n,) of evenly spaced rows, or all values if there are at most `most`."""
     rows, cols = plane.shape
     step = -(-rows * cols // most)
@@ -237,8 +223,8 @@ class MapPlanes:
         The repeating tile of channel indices.
     """
 
-    def __init__(self, values: NDArray[np.float64], tile: NDArray[np.int64]) -> None:
-        self.values, self.tile = np.ascontiguousarray(values), tile
+    def __init__(self, values: Map, tile: NDArray[np.int64]) -> None:
+        self.values, self.tile = values, tile
 
     @cached_property
     def plain(self) -> dict[tuple[int, int], PlaneMoments]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from photosite.engine.lazy_maps import Map, row_strips
 from photosite.values.cfa import NAMED, channel_names
 from photosite.values.diagnostic import DiagnosticKind, one_in
 from photosite.values.uncertain import NORMAL_MAD
@@ -223,9 +224,7 @@ def _chance(blocks: Sequence[NDArray[np.float64]], period: int) -> float:
     return uncertainty * -float(stdtrit(freedom, PERIOD_P_VALUE / (2.0 * period**2)))
 
 
-def periodic_structure(
-    flat: NDArray[np.float64], dark: NDArray[np.float64], tile: NDArray[np.int64]
-) -> PeriodicStructure | None:
+def periodic_structure(flat: Map, dark: Map, tile: NDArray[np.int64]) -> PeriodicStructure | None:
     """Return the periodic structure of the pixels of one channel, the most different one; None within chance.
 
     Parameters
@@ -251,7 +250,7 @@ def periodic_structure(
     return _periodic(flat, tile, dark)
 
 
-def periodic_offsets(dark: NDArray[np.float64]) -> PeriodicStructure | None:
+def periodic_offsets(dark: Map) -> PeriodicStructure | None:
     """Return the periodic structure of a (rows, cols) mean dark frame, DN; None within chance.
 
     Examples
@@ -266,7 +265,7 @@ def periodic_offsets(dark: NDArray[np.float64]) -> PeriodicStructure | None:
     return _periodic(dark, np.zeros((1, 1), np.int64))
 
 
-def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = None) -> PeriodicStructure | None:
+def _periodic(mean: Map, tile: NDArray[np.int64], subtracted: Map | None = None) -> PeriodicStructure | None:
     """Return the periodic structure of a mean frame: a flat field less the dark that is subtracted, or a dark frame."""
     dark = subtracted is None
     rows, cols = (length // CELL for length in mean.shape)
@@ -311,11 +310,16 @@ def _periodic(mean: Array, tile: NDArray[np.int64], subtracted: Array | None = N
     return None
 
 
-def _cells(mean: Array) -> Array:
+def _cells(mean: Map) -> Array:
     """Return (cell rows, cell cols, CELL, CELL) evenly spaced cells of a map."""
     rows, cols = (length // CELL for length in mean.shape)
-    cells = mean[: rows * CELL, : cols * CELL].reshape(rows, CELL, cols, CELL).swapaxes(1, 2)
-    return cells[:: -(-rows // MOST_CELLS), :: -(-cols // MOST_CELLS)]
+    step = -(-cols // MOST_CELLS)
+    chosen = range(0, rows, -(-rows // MOST_CELLS))
+    found = np.empty((len(chosen), -(-cols // step), CELL, CELL))
+    for cells, row in zip(found, chosen, strict=True):
+        lines = mean[row * CELL : (row + 1) * CELL, : cols * CELL]
+        cells[:] = lines.reshape(CELL, cols, CELL).swapaxes(0, 1)[::step]
+    return found
 
 
 def _medians(values: Array, axis: int = -1) -> Array:
@@ -437,7 +441,7 @@ class Taps:
         )
 
 
-def find_taps(mean: Array | None, *, dark: bool = False) -> Taps | None:
+def find_taps(mean: Map | None, *, dark: bool = False) -> Taps | None:
     """Return the levels of the taps; None where there is no step at half the width or height beyond chance.
 
     The step is that between two straight lines through the means of lines on both sides, extrapolated to the middle, in
@@ -465,8 +469,7 @@ def find_taps(mean: Array | None, *, dark: bool = False) -> Taps | None:
     rows, cols = mean.shape
     if min(rows, cols) < 6 * NARROWEST:
         return None
-    parts = mean[: rows // 2], mean[rows // 2 :], mean[:, : cols // 2].T, mean[:, cols // 2 :].T
-    found = [_middle_step(part.mean(axis=0)) for part in parts]
+    found = [_middle_step(profile) for profile in _half_profiles(mean)]
     steps, uncertainty = np.array([step for step, _, _ in found]), max(u for _, u, _ in found)
     if not any(beyond for _, _, beyond in found):
         return None
@@ -474,8 +477,33 @@ def find_taps(mean: Array | None, *, dark: bool = False) -> Taps | None:
     design = np.array([[-1, 1, 0, 0], [0, 0, -1, 1], [-1, 0, 1, 0], [0, -1, 0, 1], [1, 1, 1, 1]], dtype=np.float64)
     level = np.linalg.lstsq(design, np.append(steps, 0.0), rcond=None)[0].reshape(2, 2)
     taps = Taps(level, uncertainty, dark)
-    least = LEAST_DARK_STEP * float(np.std(mean)) if dark else LEAST_STEP
+    least = LEAST_DARK_STEP * _spread(mean) if dark else LEAST_STEP
     return taps if taps.step > least else None
+
+
+def _half_profiles(mean: Map) -> tuple[Array, ...]:
+    """Return the profiles of the top, bottom, left and right half of a map: means over the lines of each."""
+    rows, cols = mean.shape
+    down, across = rows // 2, cols // 2
+    sides = np.empty((2, rows))
+    found = []
+    for first, last in ((0, down), (down, rows)):
+        total: Array | None = None
+        for start, end in row_strips(mean, rows=slice(first, last)):
+            lines = slice(start, end)
+            part = mean[lines]
+            total = (part if total is None else np.vstack([total[None], part])).sum(axis=0)
+            sides[0, lines], sides[1, lines] = part[:, :across].T.mean(axis=0), part[:, across:].T.mean(axis=0)
+        assert total is not None  # the halves have rows
+        found.append(total / (last - first))
+    return (*found, *sides)
+
+
+def _spread(values: Map) -> float:
+    """Return the standard deviation over the pixels of a map."""
+    strips, pixels = list(row_strips(values)), values.shape[0] * values.shape[1]
+    center = sum(float(values[first:last].sum()) for first, last in strips) / pixels
+    return math.sqrt(sum(float(((values[first:last] - center) ** 2).sum()) for first, last in strips) / pixels)
 
 
 def _middle_step(profile: Array) -> tuple[float, float, bool]:

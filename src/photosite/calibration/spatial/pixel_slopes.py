@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import Level
 from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.lazy_maps import is_large
 from photosite.engine.map_statistics import Moments, add_scaled, label_moments
 from photosite.values.uncertain import Uncertain
 
@@ -87,8 +88,8 @@ class SlopeSpread:
     third: float = 0.0
 
 
-_TOGETHER_BYTES = 240 << 20
-"""Memory of the mean frames that are added to the map in one pass, at least."""
+_TOGETHER_BYTES = 192 << 20
+"""Memory of the mean frames that are added to the map in one pass; of large frames, one is."""
 
 
 class PixelSlopes:
@@ -105,7 +106,8 @@ class PixelSlopes:
         The sum of the level must not change until `slopes` is read.
         """
         self._added.append((level.sum, np.array(coefficients)[self.tile] / level.count))
-        if sum(values.nbytes for values, _ in self._added) >= _TOGETHER_BYTES:
+        held = sum(values.nbytes for values, _ in self._added)
+        if held >= _TOGETHER_BYTES or is_large(level.shape):
             self._add_all()
 
     def _add_all(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
 from typing import Any, Literal
@@ -15,7 +15,6 @@ from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.nonuniformity import (
     SMALLEST_SIDE,
     Difference,
-    Plane,
     high_passed,
     pixel_gain,
     plane_mean,
@@ -23,7 +22,9 @@ from photosite.calibration.spatial.nonuniformity import (
     strips,
 )
 from photosite.calibration.withheld import SMALL_FRAMES
-from photosite.engine.site_planes import MARGIN
+from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.lazy_maps import Map, SitePlane
+from photosite.engine.site_planes import MARGIN, plane_shape
 from photosite.engine.threads import thread_count
 from photosite.values.shown import Shown, short_repr
 from photosite.values.uncertain import Missing
@@ -47,7 +48,7 @@ class Profile(Shown):
     middle: Array
 
 
-def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
+def profiles(planes: Sequence[Map]) -> tuple[Profile, Profile]:
     """Return the horizontal profile, over the rows, and the vertical one, over the columns, of maps of one size.
 
     Mean and extremes are those of all planes, (rows, cols) each; the middle line is that of the first plane.
@@ -113,7 +114,7 @@ class Spectrogram(Shown):
         return np.asarray(fraction * np.sqrt(self.power / self.length))
 
 
-def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, temporal: float = 0.0) -> Spectrogram:
+def spectrogram(planes: Sequence[Map], axis: int, *, scale: float = 1.0, temporal: float = 0.0) -> Spectrogram:
     """Return the spectrogram of one map, or of several maps of one size together.
 
     Parameters
@@ -202,7 +203,7 @@ def _normal_below(x: Array, sigma: float) -> Array:
     return np.asarray(ndtr(x / sigma))
 
 
-def histogram(planes: Sequence[Plane], centres: Sequence[float], grain: float | None = None) -> Histogram:
+def histogram(planes: Sequence[Map], centres: Sequence[float], grain: float | None = None) -> Histogram:
     """Return the histogram of the deviations of one map from its mean, or of several maps together.
 
     `grain` is the step of the values: 1 / n for the mean of n frames. Bins are then whole numbers of steps wide, as the
@@ -228,11 +229,11 @@ def histogram(planes: Sequence[Plane], centres: Sequence[float], grain: float | 
     return Histogram(lower, width, count, sigma, deviation, 100.0 * np.cumsum(sizes[::-1])[::-1] / sizes.sum())
 
 
-def _deviations(planes: Sequence[Plane], centres: Sequence[float]) -> Iterator[NDArray[np.floating]]:
+def _deviations(planes: Sequence[Map], centres: Sequence[float]) -> Iterator[NDArray[np.floating]]:
     return (lines - centre for plane, centre in zip(planes, centres, strict=True) for _, lines in strips(plane))
 
 
-def _extent(planes: Sequence[Plane], centres: Sequence[float]) -> tuple[float, float, float, float]:
+def _extent(planes: Sequence[Map], centres: Sequence[float]) -> tuple[float, float, float, float]:
     """Return lowest and highest deviation, smallest absolute deviation, and standard deviation."""
     lowest, highest, least = np.inf, -np.inf, np.inf
     total = squares = 0.0
@@ -305,7 +306,7 @@ Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def outlier_pixels(
-    planes: Sequence[Plane],
+    planes: Sequence[Map],
     centres: Sequence[float],
     places: Sequence[Places],
     threshold: float | None = None,
@@ -417,7 +418,7 @@ class MeanPlanes(Shown):
         Whether the mean was extrapolated to `exposure_s`; its values then have no common step.
     """
 
-    planes: Sequence[Array]
+    planes: Sequence[Map]
     origins: Sequence[tuple[int, int]]
     tile: tuple[int, int]
     frames: int
@@ -428,7 +429,7 @@ class MeanPlanes(Shown):
     @classmethod
     def of(
         cls,
-        mean: Array,
+        mean: Map,
         tile: NDArray[np.int64],
         channel: int,
         frames: int,
@@ -439,12 +440,22 @@ class MeanPlanes(Shown):
     ) -> MeanPlanes:
         """Cut a mean frame into planes."""
         origins = [(int(r), int(c)) for r, c in np.argwhere(tile == channel)]
-        tile_rows, tile_cols = tile.shape
-        planes = [mean[r::tile_rows, c::tile_cols] for r, c in origins]
+        steps = tile.shape[0], tile.shape[1]
         # Planes differ in size if the sensor's size is not a multiple of the tile. Keep the common part.
-        rows, cols = min(plane.shape[0] for plane in planes), min(plane.shape[1] for plane in planes)
-        planes = [plane[:rows, :cols] for plane in planes]
-        return cls(planes, origins, (tile_rows, tile_cols), frames, exposure_s, noise, extrapolated)
+        shapes = [plane_shape(mean.shape, site, steps) for site in origins]
+        shape = min(rows for rows, _ in shapes), min(cols for _, cols in shapes)
+        planes = [SitePlane(mean, site, steps, shape) for site in origins]
+        return cls(planes, origins, steps, frames, exposure_s, noise, extrapolated)
+
+    def copied(self) -> MeanPlanes:
+        """Return the planes of a stored mean frame with their own memory."""
+        planes = [
+            plane.values.plane(plane.site, plane.shape)
+            if isinstance(plane, SitePlane) and isinstance(plane.values, MeanFrame)
+            else plane
+            for plane in self.planes
+        ]
+        return replace(self, planes=planes)
 
     def places(self, site: int, border: int) -> Places:
         """Return the sensor rows and columns of a plane, without a border."""
@@ -456,8 +467,8 @@ class MeanPlanes(Shown):
 class SpatialAnalysis(Shown):
     """Patterns of one channel in the dark and near half saturation (EMVA 1288 R4.0, 8.6 to 8.8).
 
-    Each pattern is computed when it is first read. Until both have been read, the mean frames stay in memory: 16 bytes
-    per pixel of the sensor for all channels together. Pickling computes both.
+    Each pattern is computed when it is first read. Until both have been read, the sums of the mean frames stay in
+    memory, 2 or 4 bytes per pixel of the sensor each, and the dark slopes, 8 bytes. Pickling computes both.
 
     Parameters
     ----------
@@ -525,7 +536,7 @@ def spatial_analysis(
 
 def _pattern(frames: MeanPlanes, dark: MeanPlanes | None, threshold: float | None) -> FramePattern:
     """Return the pattern of a mean dark frame, or of a mean flat field less a mean dark frame."""
-    planes: Sequence[Plane] = frames.planes
+    planes: Sequence[Map] = frames.planes
     noise, grain = frames.noise.total.value, None
     if dark is not None:
         planes = [Difference(bright, black) for bright, black in zip(frames.planes, dark.planes, strict=True)]
@@ -536,7 +547,7 @@ def _pattern(frames: MeanPlanes, dark: MeanPlanes | None, threshold: float | Non
     mean = float(np.mean(means))
     scale = 1.0 if dark is None else 100.0 / mean
     filtered = [high_passed(plane, scale) for plane in planes]
-    counted: Sequence[Plane] = planes if dark is None else filtered
+    counted: Sequence[Map] = planes if dark is None else filtered
     centres, border = (means, 0) if dark is None else ([plane_mean(plane) for plane in filtered], MARGIN)
     temporal = noise * scale**2
     horizontal, vertical = (spectrogram(planes, axis, scale=scale, temporal=temporal) for axis in (1, 0))
