@@ -21,12 +21,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from photosite.camera.sampled_otf import MapTransfers, Progress, SampledOtf, sample_otf
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.files.cache import Arrays, cached_arrays
 from photosite.optics.point_spread import FieldPsf, PointSpread
+from photosite.values.block_diagonal import block_diagonal
 
 Array = NDArray[np.float64]
 
@@ -225,7 +225,7 @@ def _terms(otf: SampledOtf, coupling: Array, limit: float) -> tuple[Transfer, Ar
     limit /= len(otf.parts)
     mixings = [_fewest_combinations([of_mode], limit) for of_mode in MapTransfers.by_map(otf, coupling)]
     # A term is 0 in all modes but its own.
-    mixing = block_diag(*mixings).reshape(-1, otf.modes, coupling.shape[1])
+    mixing = block_diagonal(*mixings).reshape(-1, otf.modes, coupling.shape[1])
     if otf.modes > 1 and len(mixing) > len(coupling) * otf.modes:
         together = _fewest_combinations([MapTransfers.by_mode_and_map(otf, coupling)], limit)
         together = together.reshape(-1, otf.modes, coupling.shape[1])

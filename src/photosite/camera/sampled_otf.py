@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from photosite.engine.threads import thread_count
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf, SampledPsf
+from photosite.values.block_diagonal import block_diagonal
 
 Array = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class MapTransfers:
     @classmethod
     def by_mode_and_map(cls, otf: SampledOtf, coupling: Array) -> MapTransfers:
         """Return the transfers of the maps of all modes, mode after mode."""
-        coefficients = np.stack([block_diag(*[of_channel] * otf.modes) for of_channel in coupling])
+        coefficients = np.stack([block_diagonal(*[of_channel] * otf.modes) for of_channel in coupling])
         return cls(coefficients, tuple(table.reshape(-1, table.shape[2]) for table in otf.parts))
 
     def squares(self, stride: int) -> Array:

@@ -8,12 +8,11 @@ from photosite.calibration.calibrate import AnyCalibration
 from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.effects.hot_pixels import DARK_DISTRIBUTION
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration
 from photosite.cli.output import diagnostics_text, table
-from photosite.report.effects.hot_pixels import DARK_DISTRIBUTION
-from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
 from photosite.report.numbers import format_uncertain
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.chip import DefectKind, MeasuredChip
@@ -141,6 +140,8 @@ def _cell(value: object) -> str:
 
 
 def _series(series: GainSeries) -> list[str]:
+    from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence  # needs matplotlib
+
     labels = [parameter_label(name) for name in SERIES_PARAMETERS]
     rows = [("setting", *(f"{shown.label}, {shown.unit}" for shown in labels))]
     for step in series.steps:

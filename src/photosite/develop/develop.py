@@ -43,11 +43,8 @@ _SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
 
 
 _LARGE_PNG = 1 << 21
-_FAST_PNG = {"level": 1, "strategy": 3, "filter": 0x40}
-"""Differences from the mean of the left and upper pixel, with Huffman codes and run lengths.
-
-For pictures with noise, a quarter of the time of level 3, and no larger; noise-free ones can be twice as large.
-"""
+_FAST_PNG = {"level": 2, "filter": 0x40}
+"""Only differences from the mean of the left and upper pixel: 2 to 13 % larger than level 3 in half of its time."""
 
 
 def develop(

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Picture
 
 from photosite.values.uncertain import Missing
 
@@ -290,6 +289,8 @@ def magnified(picture: NDArray[np.float32], reference: NDArray[np.float32], fact
 
 def jpeg_bytes(picture: NDArray[np.float32]) -> bytes:
     """Return a picture (rows, cols, 3) in display sRGB as JPEG."""
+    from PIL import Image as Picture
+
     stream = io.BytesIO()
     whole = np.rint(np.clip(picture, 0.0, 1.0) * 255.0).astype(np.uint8)
     Picture.fromarray(whole).save(stream, format="JPEG", quality=88, subsampling=0)

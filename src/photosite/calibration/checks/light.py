@@ -269,11 +269,11 @@ def _first_frames(reduction: Reduction) -> tuple[float, int, int] | None:
         fractions.append(first / float(np.mean(others)) - 1.0)
     if not fractions:
         return None
-    from scipy.stats import binom
+    from scipy.special import bdtrc
 
     # The largest of the chances is an upper limit for groups of different sizes.
     extreme = max(lowest, highest)
-    by_chance = 2.0 * float(binom.sf(extreme - 1, len(chances), max(chances)))
+    by_chance = 2.0 * float(bdtrc(extreme - 1, len(chances), max(chances)))
     fraction = float(np.median(fractions))
     if by_chance > FIRST_P_VALUE or abs(fraction) < FIRST_LEAST_FRACTION or (fraction > 0.0) != (highest > lowest):
         return None

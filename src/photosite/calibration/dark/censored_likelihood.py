@@ -17,7 +17,6 @@ from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 
 from photosite.calibration.withheld import CLIPPED_TOO_FAR
@@ -208,6 +207,8 @@ def _start(counts: ClippedCounts) -> NDArray[np.float64]:
 
 def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
     """Return where the likelihood is largest; None where no maximum was found."""
+    from scipy.optimize import minimize
+
     start = _start(counts)
     scale, samples = math.sqrt(start[1] + start[2]), counts.frames * float(counts.pixels.sum())
     if not scale > 0.0:

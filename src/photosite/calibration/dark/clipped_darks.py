@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
 from scipy.special import ndtr
 
 from photosite.calibration.dark.censored_likelihood import CensoredDark, count_clipped, fit_censored
@@ -102,6 +101,8 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
     >>> abs(corrected.mean) < 1e-6, round(corrected.variance - 1 / 12, 6)
     (True, 9.0)
     """
+    from scipy.optimize import root
+
     if level.low_fraction == 0.0:
         return level
     start = model.theta

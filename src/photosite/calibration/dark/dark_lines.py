@@ -153,11 +153,11 @@ class DarkLine:
         For dark variances it measures how far the noise is from that of independent frames: interference with a
         constant pattern adds in some combinations of frames and cancels in others.
         """
-        from scipy.stats import chi2
+        from scipy.special import chdtri
 
         fit = self.fit
         free = 0 if fit is None else fit.degrees_of_freedom
-        if fit is None or free == 0 or fit.chi_square <= float(chi2.isf(SCATTER_P_VALUE, free)):
+        if fit is None or free == 0 or fit.chi_square <= float(chdtri(free, SCATTER_P_VALUE)):
             return 0.0
         return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
@@ -137,6 +136,8 @@ def measure_drift(
     >>> moving.significant
     True
     """
+    from scipy.optimize import brentq, minimize_scalar
+
     chosen = [(np.asarray(y, np.float64), v) for y, v in zip(series_dn, noise_variance_dn2, strict=True) if len(y) > 1]
     longest = max((len(y) for y, _ in chosen), default=0)
     if longest < LEAST_FRAMES or all(np.ptp(y) == 0.0 for y, _ in chosen):

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
@@ -299,6 +298,8 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
     >>> round(found.dnl_rms_lsb.value, 1), found.significant
     (0.1, True)
     """
+    from scipy.ndimage import uniform_filter1d
+
     total = np.sum([density.counts.sum(axis=0) for density in densities], axis=0)
     usable = [found for density in densities if (found := _codes(density))]
     both, *single = ([found[i] for found in usable] for i in range(3))
@@ -390,6 +391,8 @@ def _rounds(groups: Sequence[_Codes], size: int) -> tuple[Array, list[SmoothDens
 
 
 def _smooth_densities(groups: Sequence[_Codes], widths: Array) -> list[SmoothDensity]:
+    from scipy.ndimage import maximum_filter1d
+
     found = []
     for counts, part, reach in groups:
         density = _moving(counts / (1.0 + widths[part]), reach)
@@ -432,6 +435,8 @@ def _fast(widths: Array, densities: Sequence[SmoothDensity]) -> Array:
 
 def _well_inside(densities: Sequence[SmoothDensity], size: int) -> NDArray[np.int64]:
     """Return the codes whose moving polynomial, in at least one group, extends over codes of known density alone."""
+    from scipy.ndimage import minimum_filter1d
+
     found = np.zeros(size, dtype=bool)
     for _, known, part, reach in densities:
         found[part] |= minimum_filter1d(known, 2 * reach + 1)
@@ -449,6 +454,8 @@ def _product(first: Array, second: Array) -> Uncertain:
 
     Its uncertainty adds over frequencies, because what they share and their noise are both largest at the slow ones.
     """
+    from scipy.ndimage import uniform_filter1d
+
     one, other = np.fft.rfft(first), np.fft.rfft(second)
     shared, noise = (
         uniform_filter1d(power, _AVERAGED_POWERS)

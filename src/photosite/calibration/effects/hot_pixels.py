@@ -43,6 +43,16 @@ _NO_CURRENT = Estimate(reason=_NOT_KNOWN.reason)
 _Floats = NDArray[np.float64]
 
 
+DARK_DISTRIBUTION = {
+    "fraction": ("Fraction of hot pixels", "1"),
+    "median_dn_per_s": ("Median of their additional dark current", "DN/s"),
+    "log_spread": ("Spread of it, standard deviation of its logarithm", "1"),
+    "mean_dn_per_s": ("Mean dark current of the other pixels", "DN/s"),
+    "dcnu_percent": ("Nonuniformity of the other pixels", "%"),
+}
+"""Label and unit of the estimates of `DarkDistribution`."""
+
+
 @dataclass(frozen=True)
 class DarkDistribution(Finding, Shown):
     """Distribution of the dark current over the pixels.

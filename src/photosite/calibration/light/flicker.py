@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtri
 
 from photosite.calibration.finding import Finding
@@ -270,6 +269,8 @@ def _frequency(scaled: Array, freedom: int, frames: int) -> tuple[Uncertain, int
 
 
 def _minimum(left: Any, start: float, step: float, harmonics: int) -> float:
+    from scipy.optimize import minimize_scalar
+
     found = minimize_scalar(
         lambda cycles: left(cycles, harmonics),
         bounds=(start - 1.5 * step, start + 1.5 * step),

@@ -30,7 +30,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 from scipy.special import gammainccinv, gammaincinv
 
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels
@@ -137,7 +136,8 @@ class FrameProducts:
         if m < LEAST_RUN:
             return
         center = np.eye(m) - 1.0 / m
-        basis = [center @ toeplitz(np.arange(m) == lag) @ center for lag in range(FRAME_REACH + 1)]
+        lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
+        basis = [center @ (lags == lag) @ center for lag in range(FRAME_REACH + 1)]
         for whole, pixels in frame_products(np.asarray(run, np.uint16), site, tile, BLOCK, PIXELS_AT_ONCE):
             frame_means, pattern = whole.mean(axis=0), float(whole.mean())
             products = whole - frame_means - frame_means[:, None] + pattern

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.withheld import NO_PHOTON_TRANSFER, NO_SATURATION, SINGLE_FLATS
+from photosite.values.block_diagonal import block_diagonal
 from photosite.values.uncertain import Source, Uncertain, Value, combined
 
 Array = NDArray[np.float64]
@@ -309,8 +309,8 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
     )
     if y.size == 0:
         return None
-    shot = block_diag(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked])
-    signal = block_diag(*[levels.signal_covariance[np.ix_(mask, mask)] for levels, mask in masked])
+    shot = block_diagonal(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked])
+    signal = block_diagonal(*[levels.signal_covariance[np.ix_(mask, mask)] for levels, mask in masked])
     gain = float(y @ v / (y @ y))
     for _ in range(3):
         expected = np.maximum(noise - v + gain * y, 0.0)

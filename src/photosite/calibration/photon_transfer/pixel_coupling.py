@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from photosite.calibration.finding import Finding, SensorChanges
 from photosite.calibration.photon_transfer.noise_covariance import REACH, NoiseCovariance
@@ -90,6 +89,8 @@ def fit_coupling(
     seen
         Whether neighbors are correlated beyond chance.
     """
+    from scipy.optimize import least_squares
+
     places = [(REACH + dy, REACH + dx) for dy, dx in _LAGS]
     found = np.array([[entry.covariance[place] for place in places] for entry in shot])
     error = np.array([[entry.uncertainty[place] for place in places] for entry in shot])

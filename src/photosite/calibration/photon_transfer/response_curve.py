@@ -28,13 +28,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
 from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
 from photosite.calibration.withheld import WRONG_PROPORTION
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
+from photosite.values.block_diagonal import block_diagonal
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Source, Uncertain
 
@@ -260,8 +260,8 @@ class _Joint:
             v,
             noise,
             uncertainty,
-            block_diag(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked]),
-            block_diag(*[levels.signal_covariance[np.ix_(mask, mask)] for levels, mask in masked]),
+            block_diagonal(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked]),
+            block_diagonal(*[levels.signal_covariance[np.ix_(mask, mask)] for levels, mask in masked]),
             np.maximum(noise - v - QUANTIZATION_DN2, 0.0),
             masked,
             np.concatenate([start + np.flatnonzero(mask) for start, (_, mask) in zip(starts, masked, strict=False)]),
@@ -291,7 +291,7 @@ class _Joint:
         n, size = len(self.t), len(self.y)
         mean = np.zeros(3 + 2 * n)
         mean[0], mean[2] = SENSOR_FRACTION[0], 0.5
-        prior = block_diag(np.diag([SENSOR_FRACTION[1] ** 2, own**2, 0.25]), self.shape_covariance)
+        prior = block_diagonal(np.diag([SENSOR_FRACTION[1] ** 2, own**2, 0.25]), self.shape_covariance)
         effects, gain = mean.copy(), float(line.parameters[0])
         for _ in range(_ROUNDS):
             fraction, bent, before = effects[:3]
@@ -369,7 +369,7 @@ def _scaled(shape: ResponseShape) -> Array:
 
 def _interleaved(blocks: Sequence[Array]) -> Array:
     """Return the covariance of all bends, then all slopes, from those of (bends, slopes) of each channel."""
-    total = block_diag(*blocks)
+    total = block_diagonal(*blocks)
     halves = [len(block) // 2 for block in blocks]
     starts = np.append(0, np.cumsum([2 * half for half in halves]))[:-1]
     bends = [np.arange(start, start + half) for start, half in zip(starts, halves, strict=True)]

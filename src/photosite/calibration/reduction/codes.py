@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from photosite.values.diagnostic import DiagnosticKind
 
@@ -225,6 +224,8 @@ def _count_ratio(counts: NDArray[np.float64], step: float) -> float:
     The offset of the codes is the one with the largest ratio. A converter with unequal steps, whose counts may have the
     same frequencies, reaches 1.2.
     """
+    from scipy.ndimage import uniform_filter1d
+
     usual = uniform_filter1d(counts, 2 * NEAR_NUMBERS + 1)
     known = np.flatnonzero(usual > FREQUENT_COUNT)
     relative = counts[known] / usual[known]

@@ -185,13 +185,13 @@ class Level:
         n frames by P pixels). `false_alarms` is the fraction of steady levels for which the answer may be True. Row
         noise counts as a shift here, because it scatters the frame means.
         """
-        from scipy.stats import f
+        from scipy.special import fdtri
 
         freedom = self.frames - 1
         if freedom == 0 or self.pixels < 2:
             return False
         explained = self.variance / self.pixels
-        limit = float(f.isf(false_alarms, freedom, freedom * (self.pixels - 1)))
+        limit = float(fdtri(freedom, freedom * (self.pixels - 1), 1.0 - false_alarms))
         return explained + math.copysign(self.frame_shift**2, self.frame_shift) > limit * explained
 
 

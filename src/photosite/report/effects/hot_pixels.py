@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.calibration.effects.hot_pixels import DarkDistribution
+from photosite.calibration.effects.hot_pixels import DARK_DISTRIBUTION, DarkDistribution
 from photosite.calibration.result import Calibration
 from photosite.report.effect import EffectFigure
 from photosite.report.page import Block, Subheading, Table, columns, figure_block, numeric
@@ -25,16 +25,6 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
         "only hot pixels lie; the curve is their log-normal distribution, fitted there, and its 95 % band of counts.",
     )
     return Subheading("Distribution over the pixels"), dark_distribution_table(found), figure
-
-
-DARK_DISTRIBUTION = {
-    "fraction": ("Fraction of hot pixels", "1"),
-    "median_dn_per_s": ("Median of their additional dark current", "DN/s"),
-    "log_spread": ("Spread of it, standard deviation of its logarithm", "1"),
-    "mean_dn_per_s": ("Mean dark current of the other pixels", "DN/s"),
-    "dcnu_percent": ("Nonuniformity of the other pixels", "%"),
-}
-"""Label and unit of the estimates of `DarkDistribution`."""
 
 
 def dark_distribution_table(found: DarkDistribution) -> Table:
