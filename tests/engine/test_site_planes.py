@@ -1,6 +1,5 @@
 """Statistics of the planes of a mosaic, compared with NumPy and SciPy."""
 
-import numba
 import numpy as np
 import pytest
 from scipy.ndimage import convolve, uniform_filter
@@ -13,6 +12,7 @@ from photosite.engine.site_planes import (
     plane_moments,
     spaced_values,
 )
+from photosite.engine.threads import ITEMS_PER_THREAD, threads_for
 
 SHAPES = [(31, 40), (64, 97), (200, 133)]
 TILES = [(1, 1), (2, 2), (3, 2)]
@@ -73,10 +73,8 @@ def test_planes_without_pixels_beyond_the_border_of_the_filter(shape):
 
 def test_the_result_does_not_depend_on_the_number_of_threads():
     values, found = random_map((333, 200)), []
-    before = numba.get_num_threads()
-    try:
-        for threads in (1, numba.config.NUMBA_NUM_THREADS):
-            numba.set_num_threads(threads)
+    for threads in (1, 2):
+        with threads_for(threads * ITEMS_PER_THREAD):
             of_planes = [
                 *plane_moments(values, (2, 2)).values(),
                 *plane_moments(values, (2, 2), high_passed=True).values(),
@@ -85,8 +83,6 @@ def test_the_result_does_not_depend_on_the_number_of_threads():
             far = far_sums(values, np.full((2, 2), 1e3), np.full((2, 2), 100.0))
             mean = mean_of_sites(values, None, (2, 2), relative=True)[:]
             found.append((moments, far, mean.tobytes()))
-    finally:
-        numba.set_num_threads(before)
     assert found[0] == found[1]
 
 

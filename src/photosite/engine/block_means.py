@@ -9,39 +9,12 @@ from photosite.engine.threads import parallel_for
 
 _PARTS = 8
 
-_SAMPLE, _NEAR = 256, 0.08
-"""Values of the sample of a block; fraction of them, on either side of its median, between which that of the block lies
-with a probability of 0.99."""
 
-
-@compiled()
-def _medians(start: int, stop: int, values: F64, side: int, out: F64) -> None:
-    for block in range(start, stop):
-        i, j = block // out.shape[1], block % out.shape[1]
-        pixels = np.empty(side * side)
-        for r in range(side):
-            pixels[r * side : (r + 1) * side] = values[i * side + r, j * side : (j + 1) * side]
-        out[i, j] = _median(pixels)
-
-
-@compiled()
-def _median(values: F64) -> float:
-    """Return the exact median, which is mostly found among the values near the median of a sample."""
-    n = values.size
-    sample = np.sort(values[:: max(n // _SAMPLE, 1)])
-    reach = int(_NEAR * sample.size)
-    low, high = sample[sample.size // 2 - reach], sample[min(sample.size // 2 + reach, sample.size - 1)]
-    near = np.empty(n)
-    below = count = 0
-    for x in values:
-        near[count] = x
-        count += int((low <= x) & (x <= high))
-        below += int(x < low)
-    first, second = (n - 1) // 2 - below, n // 2 - below
-    if first < 0 or second >= count:
-        return float(np.median(values))
-    near = np.partition(near[:count], second)
-    return float(near[second] if first == second else 0.5 * (near[:second].max() + near[second]))
+def _medians(values: F64, side: int) -> F64:
+    """Return the median of each whole block."""
+    rows, cols = (length // side for length in values.shape)
+    lines = values[: rows * side, : cols * side].reshape(rows, side, cols, side)
+    return np.stack([np.median(line.swapaxes(0, 1).reshape(cols, -1), axis=1) for line in lines])
 
 
 @compiled()
@@ -123,8 +96,7 @@ def block_means(values: F64, side: int, reach: float) -> F64:
     >>> block_means(values, 2, 4.0).tolist()
     [[2.0, 6.5]]
     """
-    middle = np.empty((values.shape[0] // side, values.shape[1] // side))
-    parallel_for(_medians, middle.size, values, side, middle)
+    middle = _medians(values, side)
     out = np.empty_like(middle)
     reach *= _median_distance(values, side, middle)
     parallel_for(_means, len(out), values, side, middle, reach, out)

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F64, I64, carray, compiled, pointer, prange, prefetch
+from photosite.engine.jit import F64, I64, carray, compiled, pointer, prefetch
 from photosite.engine.lazy_maps import LazyMap
 from photosite.engine.map_statistics import label_pixels
 from photosite.engine.pair_sums import LabelClips, PairSums, add_pairs_of_files
-from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
-from photosite.engine.threads import thread_count
+from photosite.engine.run_lanes import BAND, LANES, add_lanes, copy_run, lane_clips, lane_squares
+from photosite.engine.threads import parallel_for, thread_count
 
 MOST_FRAMES = 1 << 15
 """Largest number of frames in one `FrameSums`; n * sum(y^2) of 16-bit numbers then stays below 2^62."""
@@ -564,10 +564,14 @@ class StackSums(NamedTuple):
     spread: F64
 
 
-@compiled(parallel=True)
 def add_frames(frames: FramePixels, settings: SumSettings, into: StackSums) -> None:
     """Add frames to the per-pixel sums."""
-    for band in prange(into.totals.shape[0]):
+    parallel_for(_add_frames, len(into.totals), frames, settings, into)
+
+
+@compiled()
+def _add_frames(start: int, stop: int, frames: FramePixels, settings: SumSettings, into: StackSums) -> None:
+    for band in range(start, stop):
         _add_band(frames, settings, 0, into, band)
 
 
@@ -597,9 +601,10 @@ def _add_band(frames: FramePixels, settings: SumSettings, start: int, into: Stac
         row_labels = labels[(start + r) % tile_rows]
         for c in range(0, cols, run):
             m = min(run, cols - c)
+            here_sums, here_squares = sums[r, c : c + m], squares[r, c : c + m]
             if before:
-                run_sums[:m] = sums[r, c : c + m]
-                run_squares[:m] = squares[r, c : c + m]
+                copy_run(here_sums, run_sums)
+                copy_run(here_squares, run_squares)
             else:
                 run_sums[:m] = 0
                 run_squares[:m] = 0
@@ -623,11 +628,11 @@ def _add_band(frames: FramePixels, settings: SumSettings, start: int, into: Stac
                     _add_narrow(stage, m, part, run_sums, run_squares)
                 else:
                     _add_wide(stage, m, run_sums, run_squares)
-            sums[r, c : c + m] = run_sums[:m]
+            copy_run(run_sums[:m], here_sums)
             if last:
                 lane_squares(run_sums[:m], run_squares[:m], lanes, n, whole, rounded)
             else:
-                squares[r, c : c + m] = run_squares[:m]
+                copy_run(run_squares[:m], here_squares)
         if last:
             add_lanes(whole, rounded, row_labels, lanes, exact[band], spread[band])
 
@@ -752,7 +757,6 @@ def _add_wide(stage: _Ints, m: int, sums: _Ints, squares: _Ints) -> None:
         squares[j] += y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3 + y4 * y4 + y5 * y5 + y6 * y6 + y7 * y7
 
 
-@compiled(parallel=True)
 def label_squares(sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _Ints, spread: F64) -> None:
     """Compute the squares that `LabelTotals` needs, by band of rows and label.
 
@@ -761,31 +765,46 @@ def label_squares(sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _In
       which cannot overflow.
     - `spread`: (bands, labels), zeros: becomes the sum of (n Q - S^2)^2 in floating point.
     """
+    parallel_for(_label_squares, len(exact), sums, squares, labels, n, exact, spread)
+
+
+@compiled()
+def _label_squares(
+    start: int, stop: int, sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _Ints, spread: F64
+) -> None:
     rows = sums.shape[0]
     tile_rows, tile_cols = labels.shape
     lanes = LANES // tile_cols * tile_cols
-    for band in prange(exact.shape[0]):
+    for band in range(start, stop):
         whole, rounded = np.zeros((3, LANES), np.uint64), np.zeros(LANES)
         for r in range(band * BAND, min(rows, (band + 1) * BAND)):
             lane_squares(sums[r], squares[r], lanes, np.uint64(n), whole, rounded)
             add_lanes(whole, rounded, labels[r % tile_rows], lanes, exact[band], spread[band])
 
 
-@compiled(parallel=True)
 def mean_map(sums: _Ints, n: int, out: F64) -> None:
     """Compute (rows, cols) S / n in `out`."""
-    rows, cols = sums.shape
-    for r in prange(rows):
+    parallel_for(_mean_map, len(sums), sums, n, out)
+
+
+@compiled()
+def _mean_map(start: int, stop: int, sums: _Ints, n: int, out: F64) -> None:
+    cols = sums.shape[1]
+    for r in range(start, stop):
         for c in range(np.uint64(cols)):
             out[r, c] = np.float64(sums[r, c]) / np.float64(n)
 
 
-@compiled(parallel=True)
 def variance_map(sums: _Ints, squares: _Ints, n: int, out: F64) -> None:
     """Compute (rows, cols) (n Q - S^2) / (n (n - 1)) in `out`, with an exact numerator."""
-    rows, cols = sums.shape
+    parallel_for(_variance_map, len(sums), sums, squares, n, out)
+
+
+@compiled()
+def _variance_map(start: int, stop: int, sums: _Ints, squares: _Ints, n: int, out: F64) -> None:
+    cols = sums.shape[1]
     divisor = np.float64(n) * np.float64(n - 1)
-    for r in prange(rows):
+    for r in range(start, stop):
         for c in range(np.uint64(cols)):
             s = np.uint64(sums[r, c])
             out[r, c] = np.float64(np.int64(np.uint64(n) * squares[r, c] - s * s)) / divisor

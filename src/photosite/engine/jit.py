@@ -24,7 +24,7 @@ C64 = NDArray[np.complex64]
 I64 = NDArray[np.int64]
 
 
-def compiled(*, parallel: bool = False, inline: bool = False, fused: bool = False) -> Callable[[F], F]:
+def compiled(*, inline: bool = False, fused: bool = False) -> Callable[[F], F]:
     """Return a decorator that compiles a function at its first call and caches the result on disk.
 
     Floating point stays strict (no fast-math): the same input gives the same bits whatever the vector width.
@@ -37,8 +37,6 @@ def compiled(*, parallel: bool = False, inline: bool = False, fused: bool = Fals
     options: dict[str, Any] = {"inline": "always"} if inline else {"fastmath": {"contract"} if fused else False}
 
     def decorate(function: F) -> F:
-        if parallel:
-            return cast(F, _dispatcher(function, kernel_folder(), parallel=True))
         kernel = _dispatcher(function, kernel_folder(), **options)
         if not inline:
             _call_inner(kernel, _dispatcher(function, kernel_folder() / "inner", no_cpython_wrapper=True, **options))
@@ -73,8 +71,6 @@ def _call_inner(kernel: Any, inner: Any) -> None:
 
     kernel.get_call_template, kernel.get_overload = template, inner.get_overload
 
-
-prange = numba.prange
 
 T = TypeVar("T", bound=np.generic)
 

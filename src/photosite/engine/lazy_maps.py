@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F64, compiled, prange
+from photosite.engine.jit import F64
 from photosite.engine.threads import thread_count
 
 STRIP_VALUES = 1 << 19
@@ -65,17 +65,6 @@ class ConstantMap(LazyMap):
         return np.array(np.broadcast_to(self.value, self.shape)[part])
 
 
-@compiled(parallel=True)
-def _moved(values: F64, slopes: F64, distance: float) -> F64:
-    rows, cols = values.shape
-    out = np.empty((rows, cols))
-    for r in prange(rows):
-        line, of_values, of_slopes = out[r], values[r], slopes[r]
-        for c in range(np.uint64(cols)):
-            line[c] = of_values[c] + distance * of_slopes[c]
-    return out
-
-
 @dataclass(frozen=True, eq=False)
 class MovedMap(LazyMap):
     """A map moved along the slopes of its pixels: values + distance slopes.
@@ -96,7 +85,9 @@ class MovedMap(LazyMap):
         return self.values.shape
 
     def __getitem__(self, part: Any, /) -> F64:
-        return _moved(contiguous(self.values[part]), contiguous(self.slopes[part]), self.distance)
+        moved: F64 = self.distance * self.slopes[part]
+        moved += self.values[part]
+        return moved
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, prange, read_only
+from photosite.engine.jit import F32, F64, I64, carray, compiled, pointer, read_only
 from photosite.engine.lazy_maps import Map, contiguous, row_strips
+from photosite.engine.threads import parallel_for
 
 _RUN = 1024
 _LABEL_LANES = 64
@@ -25,11 +26,10 @@ LONGEST_LINE = 1 << 16
 """Pixels of a row or column, so that a sum of 16-bit numbers stays below 2^32."""
 
 
-@compiled(parallel=True)
-def _add_scaled(target: F64, addresses: I64, like: NDArray[Any], factors: F64) -> None:
-    rows, cols = target.shape
-    run = factors.shape[2]
-    for r in prange(rows):
+@compiled()
+def _add_scaled(start: int, stop: int, target: F64, addresses: I64, like: NDArray[Any], factors: F64) -> None:
+    cols, run = target.shape[1], factors.shape[2]
+    for r in range(start, stop):
         for first in range(0, cols, run):
             row = target[r, first : min(first + run, cols)]
             for k in range(addresses.size):
@@ -62,16 +62,16 @@ def add_scaled(target: F64, sources: Sequence[tuple[NDArray[np.unsignedinteger],
             raise ValueError(f"maps must be {target.shape}, got {[values.shape for values in maps]}")
         # Lines of all maps are added in runs that stay in the cache, and begin with the tile's first column.
         factors = np.stack([np.tile(tile, max(_RUN // tile.shape[1], 1)) for tile in tiles])
-        _add_scaled(target, np.array([values.ctypes.data for values in maps]), np.empty(0, dtype), factors)
+        addresses = np.array([values.ctypes.data for values in maps])
+        parallel_for(_add_scaled, len(target), target, addresses, np.empty(0, dtype), factors)
 
 
-@compiled(parallel=True)
-def _power_sums(values: F64, labels: NDArray[Any], center: F64, out: F64) -> None:
+@compiled()
+def _power_sums(start: int, stop: int, values: F64, labels: NDArray[Any], center: F64, out: F64) -> None:
     """Sum the first to fourth power of the deviation from `center[label]`, by row and label."""
-    rows = values.shape[0]
     tile_rows, tile_cols = labels.shape
     lanes = _LABEL_LANES // tile_cols * tile_cols
-    for r in prange(rows):
+    for r in range(start, stop):
         centers = np.empty(lanes)
         powers = np.zeros(4 * _LABEL_LANES)
         for lane in range(lanes):
@@ -141,7 +141,7 @@ def label_moments(values: Map, labels: NDArray[np.integer] | None = None) -> tup
     for final in (False, True):
         by_row = np.zeros((values.shape[0], n_labels, 4))
         for row, end in row_strips(values, tile.shape[0]):
-            _power_sums(contiguous(values[row:end]), tile, center, by_row[row:end])
+            parallel_for(_power_sums, end - row, contiguous(values[row:end]), tile, center, by_row[row:end])
         first, second, third, fourth = by_row.sum(axis=0).T / counts
         # Near the mean, the moments about it follow from these without cancellation; else a second pass finds them.
         if final or (first**2 <= 0.1 * second).all():
@@ -166,30 +166,20 @@ def _sampled_mean(values: Map, tile: I64, label: int) -> float:
     return float(values[r :: steps[0], c :: steps[1]].mean())
 
 
-@compiled()
 def remove_group_means(values: F32, groups: I64, rounds: int, tails: float) -> None:
     """Subtract means of groups from each row of values in place, and clip what is left, in several rounds.
-
-    The function is single-threaded: the waiting threads of a parallel loop would take time from those that read frames.
 
     - `values`: (rows, n), C-contiguous.
     - `groups`: (groupings, n) index of the group of each value, from 0; the groupings follow each other.
     - `tails`: Largest deviation that is left, in medians of the sizes of a quarter of the row's deviations.
     """
-    count = groups.max() + 1
-    for r in range(values.shape[0]):
-        row = values[r]
+    numbers = [np.maximum(np.bincount(group), 1) for group in groups]
+    for row in values:
         for _ in range(rounds):
-            for k in range(groups.shape[0]):
-                total, number = np.zeros(count), np.zeros(count)
-                for j in range(row.size):
-                    total[groups[k, j]] += row[j]
-                    number[groups[k, j]] += 1.0
-                for j in range(row.size):
-                    row[j] -= np.float32(total[groups[k, j]] / number[groups[k, j]])
-            limit = np.float32(tails * np.median(np.abs(row[::4])))
-            for j in range(row.size):
-                row[j] = min(max(row[j], -limit), limit)
+            for group, number in zip(groups, numbers, strict=True):
+                row -= (np.bincount(group, row) / number).astype(np.float32)[group]
+            limit = np.float32(tails * float(np.median(np.abs(row[::4]))))
+            np.clip(row, -limit, limit, out=row)
 
 
 # Statistics of a frame: exact line sums, and residuals about the mean of a stack.
@@ -278,7 +268,6 @@ class ResidualSums(NamedTuple):
     histogram: I64
 
 
-@compiled(parallel=True)
 def add_residuals(
     frame: NDArray[Any], total: NDArray[Any], count: int, shift: FrameShift, bins_per_dn: float, into: ResidualSums
 ) -> None:
@@ -288,13 +277,27 @@ def add_residuals(
     - `total`, `count`: (rows, cols) sum over the stack that the frame belongs to, and the number of frames in it.
     - `bins_per_dn`: Bins of the histogram per digital number.
     """
+    parallel_for(_add_residuals, len(into.histogram), frame, total, count, shift, bins_per_dn, into)
+
+
+@compiled()
+def _add_residuals(
+    start: int,
+    stop: int,
+    frame: NDArray[Any],
+    total: NDArray[Any],
+    count: int,
+    shift: FrameShift,
+    bins_per_dn: float,
+    into: ResidualSums,
+) -> None:
     second, fourth, histogram = into
     whole, row_shift, column_shift = shift
     rows, cols = frame.shape
     blocks, bins = histogram.shape
     inverse = 1.0 / count
     middle = 0.5 * bins
-    for block in prange(blocks):
+    for block in range(start, stop):
         counts = histogram[block]
         for r in range(block * rows // blocks, (block + 1) * rows // blocks):
             for c in range(cols):

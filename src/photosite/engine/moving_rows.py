@@ -72,7 +72,6 @@ def _translated_rows(start: int, stop: int, cells: Cells, y: F64, x: F64, light_
 
 @compiled()
 def _translated_row(cells: Cells, r: int, y: F64, x: F64, light_s: F64, out: F32) -> None:
-    # A separate function: numba may compute allocations in a prange loop once for all its iterations.
     top, left = int(np.floor(y.min())) - 1, int(np.floor(x.min())) - 1
     kernel = np.zeros((int(np.floor(y.max())) + 3 - top, int(np.floor(x.max())) + 3 - left))
     for s in range(light_s.size):

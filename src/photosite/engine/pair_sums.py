@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.file_rows import CAN_READ, read_at
 from photosite.engine.jit import F64, I64, compiled, counted
-from photosite.engine.run_lanes import BAND, LANES, add_lanes, lane_clips, lane_squares
+from photosite.engine.run_lanes import BAND, LANES, add_lanes, copy_run, lane_clips, lane_squares
 from photosite.engine.threads import thread_count
 
 _Ints = NDArray[Any]
@@ -213,7 +213,7 @@ def _add_many_lines(lines: _Ints, rows: int, start: int, together: int, clips: L
                     lane_clips(here.view(np.uint16), row_labels, black, white, counts, clipped[band])
                 if (k + 1) % together == 0 or k + 1 == frames:
                     _unpack_pairs(run, m, k < together, run_sums, run_squares)
-            sums[start + r, 2 * c : 2 * (c + m)] = run_sums[: 2 * m]
+            copy_run(run_sums[: 2 * m], sums[start + r, 2 * c :])
             lane_squares(run_sums[: 2 * m], run_squares[: 2 * m], LANES, np.uint64(frames), whole, rounded)
         add_lanes(whole, rounded, row_labels, LANES, exact[band], spread[band])
 

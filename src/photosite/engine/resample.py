@@ -261,7 +261,6 @@ def _warped_means(start: int, stop: int, source: _Source, trace: _Trace, y_m: F6
 
 @compiled()
 def _chunk_of_means(source: _Source, trace: _Trace, y_m: F64, begin: int, end: int, out: F32) -> None:
-    # A separate function: numba may compute allocations in a prange loop once for all its iterations.
     maps, cells = out.shape[0], out.shape[2]
     # Of two rows of corners, alternating: the row itself,
     corners = _corner_row(maps, cells + 1), _corner_row(maps, cells + 1)

@@ -19,6 +19,13 @@ BAND = 16
 """Rows of one entry of the totals of labels, which a thread processes at a time."""
 
 
+@compiled(inline=True)
+def copy_run(values: NDArray[Any], out: NDArray[Any]) -> None:
+    """Copy values to the beginning of `out`; numba compiles assignments between arrays with all their errors."""
+    for i in range(np.uint64(values.size)):
+        out[i] = values[i]
+
+
 @compiled()
 def lane_clips(pixels: _Ints, row_labels: _Ints, black: int, white: int, counts: _Ints, clipped: _Ints) -> None:
     """Count the numbers at or below black, and at or above white, for each label."""

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import F64, I64, compiled, prange
+from photosite.engine.jit import F64, I64, compiled
 from photosite.engine.lazy_maps import LazyMap, Map, contiguous, is_large, row_strips
+from photosite.engine.threads import parallel_for
 
 Site = tuple[int, int]
 
@@ -52,10 +53,10 @@ class PlaneMoments(NamedTuple):
     fourth: float
 
 
-@compiled(parallel=True)
-def _line_sums(values: F64, tile: Site, lanes: int, rows_out: F64, columns_out: F64) -> None:
+@compiled()
+def _line_sums(start: int, stop: int, values: F64, tile: Site, lanes: int, rows_out: F64, columns_out: F64) -> None:
     """Sum the rows of a mosaic by column of the tile, and its columns by band and row of the tile."""
-    for band in prange(columns_out.shape[0]):
+    for band in range(start, stop):
         parts = np.empty(lanes)
         for r in range(band * _BAND, min(values.shape[0], (band + 1) * _BAND)):
             row, columns = values[r], columns_out[band, r % tile[0]]
@@ -79,8 +80,8 @@ def _add_line(row: F64, lanes: F64, sums: F64) -> None:
         sums[lane % sums.size] += lanes[lane]
 
 
-@compiled(parallel=True)
-def _powers_left(values: F64, row_mean: F64, column_offset: F64, lanes: int, out: F64) -> None:
+@compiled()
+def _powers_left(start: int, stop: int, values: F64, row_mean: F64, column_offset: F64, lanes: int, out: F64) -> None:
     """Sum the second and fourth power of a mosaic less the means of its lines, by row and column of the tile.
 
     - `row_mean`: (rows, tile columns).
@@ -89,7 +90,7 @@ def _powers_left(values: F64, row_mean: F64, column_offset: F64, lanes: int, out
     - `out`: (2, rows, tile columns).
     """
     tile_rows, tile_cols = column_offset.shape[0], row_mean.shape[1]
-    for r in prange(values.shape[0]):
+    for r in range(start, stop):
         means, squares, fourths = np.empty(lanes), np.zeros(lanes), np.zeros(lanes)
         for lane in range(lanes):
             means[lane] = row_mean[r, lane % tile_cols]
@@ -158,8 +159,9 @@ def plane_moments(values: Map, tile: tuple[int, ...], *, high_passed: bool = Fal
     powers = np.zeros((2, rows, tile_cols))
     for first, part in parts or strips(values, (tile_rows, tile_cols), None):
         here = np.zeros((2, len(part), tile_cols))
-        _powers_left(part, row_mean[first : first + len(part)], column_offset, _lanes(tile_cols), here)
-        powers[:, first : first + len(part)] = here
+        rows_here = slice(first, first + len(part))
+        parallel_for(_powers_left, len(part), part, row_mean[rows_here], column_offset, _lanes(tile_cols), here)
+        powers[:, rows_here] = here
     found = {}
     for r, c in sites:
         height, width = plane_shape(shape, (r, c), tile)
@@ -175,7 +177,7 @@ def _plain_strips(values: Map, tile: Site, sums: _LineSums | None) -> _Strips:
         part = contiguous(values[first:last])
         if sums is not None:
             bands = sums.bands[first // _BAND : -(-last // _BAND)]
-            _line_sums(part, tile, _lanes(tile[1]), sums.rows[first:last], bands)
+            parallel_for(_line_sums, len(bands), part, tile, _lanes(tile[1]), sums.rows[first:last], bands)
         yield first, part
 
 
@@ -194,13 +196,15 @@ _FILTERED_BAND, _FILTERED_COLS = 96, 1024
 """Rows of a plane and columns of the mosaic that are filtered together, so that their sums stay in the cache."""
 
 
-@compiled(parallel=True)
-def _high_passed(values: F64, tile: Site, lanes: int, out: F64, rows_out: F64, columns_out: F64) -> None:
+@compiled()
+def _high_passed(
+    start: int, stop: int, values: F64, tile: Site, lanes: int, out: F64, rows_out: F64, columns_out: F64
+) -> None:
     """Filter the planes, and sum their lines as `_line_sums` does."""
     tile_rows, tile_cols = tile
     cols, together = out.shape[1], _FILTERED_COLS // tile_cols * tile_cols
     band_rows = _FILTERED_BAND * tile_rows
-    for band in prange(columns_out.shape[0]):
+    for band in range(start, stop):
         wide = together + 2 * MARGIN * tile_cols
         nothing, down, parts = np.zeros(wide), np.empty(wide), np.empty(lanes)
         boxes, long_boxes = np.empty((_SLOTS, wide)), np.empty((3, wide))
@@ -210,9 +214,9 @@ def _high_passed(values: F64, tile: Site, lanes: int, out: F64, rows_out: F64, c
             for site_row in range(tile_rows):
                 boxes[:] = 0.0
                 long_boxes[:] = 0.0
-                start = band * band_rows + site_row
-                end = min(start + band_rows + 2 * MARGIN * tile_rows, values.shape[0])
-                for count, r in enumerate(range(start, end, tile_rows)):
+                top = band * band_rows + site_row
+                end = min(top + band_rows + 2 * MARGIN * tile_rows, values.shape[0])
+                for count, r in enumerate(range(top, end, tile_rows)):
                     row = values[r, first_col : first_col + m]
                     before = r - _BOX * tile_rows
                     gone = values[before, first_col : first_col + m] if count >= _BOX else nothing
@@ -301,31 +305,30 @@ def _filtered_strips(values: Map, tile: Site, sums: _LineSums | None) -> _Strips
             rows, bands = np.zeros((last - first, tile[1])), np.zeros((-(-(last - first) // band), tile[0], shape[1]))
         else:
             rows, bands = sums.rows[first:last], sums.bands[first // band : -(-last // band)]
-        _high_passed(part, tile, _lanes(tile[1]), out, rows, bands)
+        parallel_for(_high_passed, len(bands), part, tile, _lanes(tile[1]), out, rows, bands)
         yield first, out
 
 
-@compiled(parallel=True)
-def _far_sums(values: F64, shape: Site, middle: F64, limit: F64, out: F64) -> None:
+@compiled()
+def _far_sums(start: int, stop: int, values: F64, cols: int, middle: F64, limit: F64, out: F64) -> None:
     tile_rows, tile_cols = middle.shape
-    rows, cols = shape
-    for r in prange(rows):
+    for r in range(start, stop):
         row, centers, limits = values[r], middle[r % tile_rows], limit[r % tile_rows]
         count = far = whole = 0.0
         for first in range(tile_cols):
             center, most = centers[first], limits[first]
             lanes = np.zeros(_LANES)
             n = np.uint64((cols - first + tile_cols - 1) // tile_cols)
-            start, step = np.uint64(first), np.uint64(tile_cols)
+            at, step = np.uint64(first), np.uint64(tile_cols)
             for j in range(np.uint64(0), n, np.uint64(_LANES)):
                 beyond = False
                 for lane in range(min(np.uint64(_LANES), n - j)):
-                    d = row[start + step * (j + lane)] - center
+                    d = row[at + step * (j + lane)] - center
                     lanes[lane] += d * d
                     beyond |= d * d > most
                 if beyond:
                     for lane in range(min(np.uint64(_LANES), n - j)):
-                        d = row[start + step * (j + lane)] - center
+                        d = row[at + step * (j + lane)] - center
                         if d * d > most:
                             count += 1.0
                             far += d * d
@@ -347,7 +350,8 @@ def far_sums(values: Map, middle: F64, limit: F64) -> tuple[int, float, float]:
     rows, cols = (length // step * step for length, step in zip(values.shape, middle.shape, strict=True))
     sums = np.zeros((rows, 3))
     for first, last in row_strips(values, len(middle), slice(rows)):
-        _far_sums(contiguous(values[first:last]), (last - first, cols), middle, limit, sums[first:last])
+        part = contiguous(values[first:last])
+        parallel_for(_far_sums, last - first, part, cols, middle, limit, sums[first:last])
     count, far, whole = sums.sum(axis=0).tolist()
     return int(count), far, whole
 
@@ -365,35 +369,36 @@ def spaced_values(values: Map, site: Site, tile: tuple[int, ...], step: int) -> 
     return np.asarray(values[site[0] + tile[0] * (places // cols), site[1] + tile[1] * (places % cols)])
 
 
-@compiled(parallel=True)
-def _site_sums(values: F64, dark: F64, subtract: bool, shape: Site, tile: Site, out: F64) -> None:
-    rows, cols = shape
-    for r in prange(rows):
+@compiled()
+def _site_sums(
+    start: int, stop: int, values: F64, dark: F64, subtract: bool, cols: int, tile_cols: int, out: F64
+) -> None:
+    for r in range(start, stop):
         row, black = values[r], dark[r] if subtract else values[r]
-        for first in range(tile[1]):
+        for first in range(tile_cols):
             lanes = np.zeros(_LANES)
-            n = np.uint64((cols - first + tile[1] - 1) // tile[1])
-            start, step = np.uint64(first), np.uint64(tile[1])
+            n = np.uint64((cols - first + tile_cols - 1) // tile_cols)
+            at, step = np.uint64(first), np.uint64(tile_cols)
             for j in range(np.uint64(0), n, np.uint64(_LANES)):
                 for lane in range(min(np.uint64(_LANES), n - j)):
-                    place = start + step * (j + lane)
+                    place = at + step * (j + lane)
                     lanes[lane] += row[place] - black[place] if subtract else row[place]
             out[r, first] = lanes.sum()
 
 
-@compiled(parallel=True)
-def _sum_of_sites(values: F64, dark: F64, subtract: bool, factors: F64, out: F64) -> None:
+@compiled()
+def _sum_of_sites(start: int, stop: int, values: F64, dark: F64, subtract: bool, factors: F64, out: F64) -> None:
     tile_rows, tile_cols = factors.shape
-    for r in prange(out.shape[0]):
+    for r in range(start, stop):
         target = out[r]
         target[:] = 0.0
         for i in range(tile_rows):
             row = values[r * tile_rows + i]
             black = dark[r * tile_rows + i] if subtract else row
             for k in range(tile_cols):
-                factor, start, step = factors[i, k], np.uint64(k), np.uint64(tile_cols)
+                factor, at, step = factors[i, k], np.uint64(k), np.uint64(tile_cols)
                 for c in range(np.uint64(target.size)):
-                    place = start + step * c
+                    place = at + step * c
                     target[c] += factor * (row[place] - black[place] if subtract else row[place])
 
 
@@ -424,7 +429,7 @@ class SiteMean(LazyMap):
         some = contiguous(self.values[rows])
         dark = some if self.dark is None else contiguous(self.dark[rows])
         out = np.empty((max(last - first, 0), self.shape[1]))
-        _sum_of_sites(some, dark, self.dark is not None, self.factors, out)
+        parallel_for(_sum_of_sites, len(out), some, dark, self.dark is not None, self.factors, out)
         return out[::step, part[1]] if isinstance(part, tuple) else out[::step]
 
 
@@ -447,8 +452,9 @@ def mean_of_sites(values: Map, dark: Map | None, tile: tuple[int, ...], *, relat
         for first, last in row_strips(values, tile[0], slice(len(sums))):
             part = contiguous(values[first:last])
             black = part if dark is None else contiguous(dark[first:last])
-            shape = last - first, cols * tile[1]
-            _site_sums(part, black, dark is not None, shape, (tile[0], tile[1]), sums[first:last])
+            parallel_for(
+                _site_sums, last - first, part, black, dark is not None, cols * tile[1], tile[1], sums[first:last]
+            )
         means = sums.reshape(rows, tile[0], tile[1]).sum(axis=0) / (rows * cols)
         if means.min() <= 0.0:
             return None
