@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -67,3 +69,41 @@ def test_a_kernel_is_kept_while_another_process_writes(
 def test_a_folder_that_cannot_be_written_is_no_error(kernel: Callable[[], Any], tmp_path: Path) -> None:
     (tmp_path / "kernels").write_text("a file in the place of the folder")
     assert kernel()(2.0) == 4.0
+
+
+_COMPILING = """
+import sys
+from pathlib import Path
+from photosite.engine import jit
+jit.kernel_folder = lambda: Path(sys.argv[1])
+from photosite.engine.random_numbers import poisson
+print("ready", flush=True)
+sys.stdin.readline()
+print(poisson(20.0, 1, 2, 3, 4, 5), sum(poisson.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are not locked on Windows")
+def test_of_two_processes_that_need_a_kernel_one_compiles_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", _COMPILING, str(tmp_path)]
+    processes = [subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("\n")
+        process.stdin.flush()
+    (one, hits), (other, more) = (process.communicate(timeout=120)[0].split() for process in processes)
+    assert one == other
+    assert int(hits) + int(more) == 1
+    assert not list(tmp_path.rglob("*.lock"))
+
+
+def test_a_kernel_that_a_killed_process_was_compiling_is_compiled(kernel: Callable[[], Any], tmp_path: Path) -> None:
+    assert kernel()(2.0) == 4.0
+    (path,) = files(tmp_path)
+    path.unlink()
+    path.with_suffix(".lock").touch()
+    assert kernel()(2.0) == 4.0
+    assert files(tmp_path) == [path]

@@ -12,6 +12,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
+from photosite.cli.compilation import compile_statistics
 from photosite.cli.output import Stages, held_warnings, not_listed, say, say_if_compiling, show, table
 from photosite.errors import printable
 
@@ -165,7 +166,7 @@ def command(
     if into is not None:
         if any(given[option] is not None for option in _OF_ONE_CAMERA):
             raise click.UsageError("--into takes --sensor, --maps and the options of reading frames only")
-        say_if_compiling()
+        say_if_compiling("site_planes._high_passed", compile_statistics)
         return _calibrate_cameras(paths, into, sensor_name, maps, given, as_json)
     if len(paths) > 1:
         raise click.UsageError("several cameras need --into")
@@ -191,7 +192,7 @@ def command(
     check_options(kind, chosen)
     if kind in ("captures", "combined"):
         outputs.check_report_only()
-    say_if_compiling()
+    say_if_compiling("site_planes._high_passed", compile_statistics)
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
     not_listed(held, result.warnings)
     written = outputs.write(result)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from photosite.cli.compilation import start_beside
 from photosite.errors import PhotositeWarning, printable
 
 if TYPE_CHECKING:
@@ -160,12 +161,19 @@ def say(message: str) -> None:
     click.echo(printable(message), err=True)
 
 
-def say_if_compiling() -> None:
-    """Announce the compilation of the kernels, which makes the first computation slower than later ones."""
-    from photosite.engine.kernel_cache import kernels_are_cached
+def say_if_compiling(kernel: str = "*", beside: Callable[[], None] | None = None) -> None:
+    """Announce the compilation of kernels, which makes the first computation slower than later ones.
 
-    if not kernels_are_cached():
-        say("compiling kernels (once; about 20 s) ...")
+    `kernel` is one that the command needs, "module.function". `beside` is a function of `compilation` for a second
+    process, which compiles while this one is still at other work.
+    """
+    from photosite.engine.kernel_cache import is_cached, kernel_folder
+
+    if is_cached(kernel):
+        return
+    say(f"compiling kernels, once, about 10 s; kept in {kernel_folder()}")
+    if beside is not None:
+        start_beside(beside)
 
 
 _BAR_AFTER_S = 1.0

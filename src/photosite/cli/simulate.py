@@ -12,6 +12,7 @@ import numpy as np
 
 from photosite.cli import options
 from photosite.cli.command import Command
+from photosite.cli.compilation import compile_exposure
 from photosite.cli.output import Stages, say, say_if_compiling, show
 from photosite.errors import InputError
 from photosite.frames.io.format_table import DEEP_SUFFIXES, WRITTEN_SUFFIXES
@@ -170,9 +171,9 @@ def command(
     for path in paths:
         for name in ("", *parts):
             options.check_new(_capture_path(path, name))
+    say_if_compiling("pixel_model._expose_drawn", compile_exposure)
     scene = set_up.seen.scene()
     seen = scene if flicker is None and motion is None else DynamicScene(scene, flicker, motion)
-    say_if_compiling()
     per_second = camera.mean_electrons(scene, 1.0, progress=Stages())
     time_s = camera.auto_exposure_s(per_second) if isinstance(time_s, str) else time_s
     mean = per_second * np.float32(time_s) if seen is scene else camera.mean_electrons(seen, time_s)
