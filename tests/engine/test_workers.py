@@ -22,6 +22,7 @@ import worker_tasks as tasks
 from process_groups import left_by
 
 import photosite as ps
+from photosite.engine.memory import KILLED
 from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import InputError, PhotositeWarning, WorkerError
 from photosite.training import Electrons, PairDataset, write_shards
@@ -74,6 +75,7 @@ def test_a_task_that_ends_every_worker_is_named(where: dict[str, Any]) -> None:
         everything(tasks.deadly, 2, **where)
     # Dask counts a task that waits at the same worker, too.
     assert caught.value.where in ("number 1", *(["number 0, number 1"] if "scheduler" in where else []))
+    assert "scheduler" in where or KILLED in caught.value.what
 
 
 def test_errors_of_tasks_are_those_of_the_call(where: dict[str, Any]) -> None:
@@ -141,6 +143,7 @@ def test_an_address_of_a_worker_is_an_error(scheduler: str) -> None:
 LOST = """
 import os, sys, time
 import worker_tasks
+from photosite.engine.memory import KILLED
 from photosite.engine.workers import run_tasks
 address, number, process = sys.argv[1], *map(int, sys.argv[2:])
 try:
@@ -212,6 +215,7 @@ def wait_until(condition: Callable[[], bool]) -> None:
 SCRIPT = """
 import signal
 import worker_tasks
+from photosite.engine.memory import KILLED
 from photosite.engine.workers import run_tasks
 signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores for what it runs in the background
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from process_groups import left_by
 
 from photosite.errors import FileError
 from photosite.files import child
-from photosite.files.child import ChildError, call_in_child
+from photosite.files.child import KILLED, ChildError, call_in_child
 from photosite.files.hdf5 import open_hdf5, read_texts
 
 LIMITS = {"time_s": 20.0, "memory_bytes": 2 << 30}
@@ -49,6 +49,13 @@ def test_a_crash_is_an_error_and_the_next_call_works() -> None:
     with pytest.raises(ChildError, match="crashed"):
         call_in_child(os.abort, **LIMITS)
     assert process_of_the_child() != first
+
+
+def test_a_killed_child_is_reported_as_that() -> None:
+    call_in_child(os.getpid, **LIMITS)
+    with pytest.raises(ChildError) as caught:
+        call_in_child(os.kill, process_of_the_child(), signal.SIGKILL, **LIMITS)
+    assert str(caught.value) == KILLED
 
 
 def test_a_call_that_takes_too_long_is_ended() -> None:

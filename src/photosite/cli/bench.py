@@ -60,17 +60,16 @@ def command(quick: bool, cases: tuple[str, ...], memory: bool, workers: bool, as
 def _measure_memory(quick: bool, as_json: bool) -> None:
     from photosite.studies.bench.memory import MEGAPIXELS, measure_memory
 
-    sizes = MEGAPIXELS[:2] if quick else MEGAPIXELS
+    sizes = MEGAPIXELS[:3] if quick else MEGAPIXELS
     uses = measure_memory((), sizes, lambda what: click.echo(f"measuring {what} ...", err=True))
     show(as_json, {"memory": [use.to_dict() for use in uses]}, lambda: _memory_text(uses))
 
 
 def _memory_text(uses: Sequence[MemoryUse]) -> str:
-    sizes = (f"MB at {size:.0f} megapixels" for size in uses[0].megapixels)
-    rows: list[tuple[str, ...]] = [("command", "sensor", *sizes, "bytes per pixel", "and MB")]
-    for use in uses:
-        slope, constant = use.line
-        rows.append((use.command, use.sensor, *(f"{mb:.0f}" for mb in use.peak_mb), f"{slope:.1f}", f"{constant:.0f}"))
+    first, *others = uses[0].megapixels
+    each = (f"bytes per pixel at {size:.0f} MP" for size in others)
+    rows: list[tuple[str, ...]] = [("command", "sensor", f"MB at {first:.1f} MP", *each)]
+    rows += [(u.command, u.sensor, f"{u.peak_mb[0]:.0f}", *(f"{b:.1f}" for b in u.bytes_per_pixel)) for u in uses]
     return table(rows, "<<" + ">" * (len(rows[0]) - 2))
 
 

@@ -192,12 +192,24 @@ def command(
     check_options(kind, chosen)
     if kind in ("captures", "combined"):
         outputs.check_report_only()
+    _check_memory(frames, maps, given["processes"])
     say_if_compiling("site_planes._high_passed", compile_statistics)
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
     not_listed(held, result.warnings)
     written = outputs.write(result)
     show(as_json, result.to_dict, lambda: calibration_text(result, every=every), **written)
     return None
+
+
+def _check_memory(frames: FrameSet | Mapping[str, FrameSet], maps: bool, processes: int | None) -> None:
+    """Warn if the memory is short."""
+    from photosite.cli.memory_need import calibrate_bytes, megapixels, warn_if_short
+
+    sets = [*frames.values()] if isinstance(frames, Mapping) else [frames]
+    size = megapixels(sets[0].rows, sets[0].cols)
+    less = "Omit --maps" if maps else "Use --processes 1" if processes != 1 else "Crop or bin the frames"
+    need = calibrate_bytes(sets, processes, maps=maps)
+    warn_if_short(f"a calibration of {size}", need, f"{less}, or use a machine with more memory")
 
 
 _READING = "bits", "cfa", "dark", "light", "exposure_from_name"

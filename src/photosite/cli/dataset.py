@@ -132,6 +132,7 @@ def command(
     Example: photosite dataset photos/*.jpg --sensor vendor-2.2um --crop 256x256 --exposure 1/1000:1/30 -o pairs
     Example: photosite dataset clean/*.dng --inputs-are raw --sensor mine.sensor.yaml --light 0.01:0.1 -o pairs
     """
+    from photosite.cli.memory_need import dataset_bytes, warn_if_short
     from photosite.training.dataset import PairDataset
     from photosite.training.shards import CARD, write_shards
 
@@ -140,6 +141,9 @@ def command(
             options.only_for(f"--inputs-are {of_kind}", *settings)
     names = ("crop", "crops", "draws", "light", "exposure_s", "flips", "unit", "seed")
     dataset = PairDataset(_source(kind, inputs, given), _sensors(given), **{name: given[name] for name in names})
+    processes = given["processes"]
+    need = dataset_bytes(dataset.shape[0] * dataset.shape[1], processes)
+    warn_if_short(f"a data set with --processes {processes}", need, "Use fewer --processes, or a smaller --crop")
     say_if_compiling()
     progress, written = Stages(), []
 

@@ -100,6 +100,7 @@ def command(
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
     Example: photosite develop polarized.h5 -o degree.png --polarization degree
     """
+    from photosite.cli.memory_need import develop_bytes, megapixels, warn_if_short
     from photosite.develop.develop import develop, save_picture
     from photosite.develop.polarization import polarization_picture, save_stokes, stokes
     from photosite.frames.binning import bin_frame
@@ -118,6 +119,11 @@ def command(
     if factor is not None:
         frame = bin_frame(frame, factor)
     rows, cols = frame.shape
+    warn_if_short(
+        f"a picture of {megapixels(rows, cols)}",
+        develop_bytes(rows * cols),
+        "Use --bin, or a machine with more memory",
+    )
     if polarization is not None:
         seen = stokes(frame, color, options.sensor_or(None, sensor_name))
         if polarization == "stokes":

@@ -171,12 +171,18 @@ def command(
     for path in paths:
         for name in ("", *parts):
             options.check_new(_capture_path(path, name))
+    _check_memory(camera.sensor, set_up.cells_per_pixel, preview is not None)
     say_if_compiling("pixel_model._expose_drawn", compile_exposure)
     scene = set_up.seen.scene()
     seen = scene if flicker is None and motion is None else DynamicScene(scene, flicker, motion)
     per_second = camera.mean_electrons(scene, 1.0, progress=Stages())
     time_s = camera.auto_exposure_s(per_second) if isinstance(time_s, str) else time_s
-    mean = per_second * np.float32(time_s) if seen is scene else camera.mean_electrons(seen, time_s)
+    suggested_s = camera.auto_exposure_s(per_second) if per_second.any() else None
+    if seen is scene:
+        mean = np.multiply(per_second, np.float32(time_s), out=per_second)
+    else:
+        mean = camera.mean_electrons(seen, time_s)
+    del per_second
     taken = date_of_files().replace(tzinfo=None).isoformat(timespec="seconds")
     progress = Stages()
     video = None if fps is None else camera.record(seen, frames, fps, time_s, seed=seed, temperature_c=temperature_c)
@@ -197,7 +203,6 @@ def command(
         "captures": {name: [str(_capture_path(path, name)) for path in paths] for name in parts},
     }
     facts |= {"preview": preview, "clean": clean, "scene": scene.name, "seed": seed}
-    suggested_s = camera.auto_exposure_s(per_second) if per_second.any() else None
     facts["suggested_exposure_s"] = suggested_s
     if (hint := _exposure_hint(camera, mean, facts["saturated_fraction"], suggested_s)) is not None:
         say(f"photosite: hint: {hint}")
@@ -248,9 +253,25 @@ def _exposure_hint(
     what = f"--exposure {format_exposure(suggested_s)} (or auto) puts the bright parts just below saturation"
     if saturated > _SATURATED_HINT:
         return f"{100 * saturated:.3g} % of the pixels are saturated; {what}"
-    if float(np.percentile(mean, 99.5)) < _BLACK_HINT * camera.sensor.saturation_capacity_e:
+    if np.count_nonzero(mean < _BLACK_HINT * camera.sensor.saturation_capacity_e) > 0.995 * mean.size:
         return f"the frame is almost black; {what}"
     return None
+
+
+def _check_memory(sensor: Sensor, cells_per_pixel: int, preview: bool) -> None:
+    """Warn if the memory is short; keep no free memory for a large frame."""
+    from photosite.cli.memory_need import megapixels, simulate_bytes, warn_if_short
+    from photosite.engine.lazy_maps import is_large
+    from photosite.engine.process import return_large_arrays
+
+    if is_large((sensor.array.rows, sensor.array.cols)):
+        return_large_arrays()
+
+    what = f"a frame of {megapixels(sensor.array.rows, sensor.array.cols)}"
+    wider = "Use fewer --cells" if cells_per_pixel > 1 else "Use fewer --rows and --cols"
+    less = "Omit --preview" if preview else wider
+    need = simulate_bytes(sensor, cells_per_pixel, preview=preview)
+    warn_if_short(what, need, f"{less}, or a machine with more memory")
 
 
 def _check_format(sensor: Sensor, output: Path) -> None:

@@ -61,6 +61,7 @@ def command(
 
     Example: photosite sweep pixels.sweep.yaml -o pixels.csv --figure pixels.png --processes 4
     """
+    from photosite.cli.memory_need import sweep_bytes, warn_if_short
     from photosite.studies.sweep import sweep
     from photosite.studies.sweep_file import load_sweep
 
@@ -69,6 +70,8 @@ def command(
     wanted = load_sweep(path)
     if x is not None and x not in wanted.values:
         raise InputError("x", value=x, expected=f"a field of the sweep: {', '.join(wanted.values)}")
+    need = sweep_bytes(wanted.camera.sensor, processes)
+    warn_if_short(f"a sweep with --processes {processes}", need, "Use fewer --processes, or a smaller sensor")
     say_if_compiling()
     partial = None if output is None else output.with_name(output.name + _PARTIAL)
     found = sweep(

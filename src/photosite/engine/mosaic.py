@@ -43,6 +43,17 @@ def mosaic_of_layers(
     `progress` receives the number of terms done, of how many, and their name.
     """
     places = [(r, c, channel) for channel, of_channel in enumerate(sites) for r, c in of_channel]
+    return _mosaic_of_folds(_folds_of_layers(layers, sampling, grid, places, progress), places, grid)
+
+
+def _folds_of_layers(
+    layers: Sequence[Layer],
+    sampling: Sampling,
+    grid: Grid,
+    places: Sequence[tuple[int, int, int]],
+    progress: Callable[[int, int, str], object] | None,
+) -> C64:
+    """Return the folded spectra of each site, for `_mosaic_of_folds`."""
     folds = _empty_folds(grid, places)
     most = max((spectra_at_once(layer) for layer in layers), default=0)
     spectra = np.empty((most, grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
@@ -55,7 +66,7 @@ def mosaic_of_layers(
             done += 1
             if progress is not None:
                 progress(done, total, "transforms")
-    return _mosaic_of_folds(folds.values, places, grid)
+    return folds.values
 
 
 def _empty_folds(grid: Grid, places: Sequence[tuple[int, int, int]]) -> Folds:
@@ -131,19 +142,30 @@ def _radial_rows(radial: RadialTransfer, sampling: Sampling, grid: Grid) -> Radi
 
 def _mosaic_of_folds(folds: C64, places: Sequence[tuple[int, int, int]], grid: Grid) -> F32:
     """Return the mosaic: inverse transforms, with the values of each site at their pixels."""
-    cells, cols = grid.cells_per_pixel, grid.cells(1)
+    cells = grid.cells_per_pixel
     mosaic = np.empty(grid.shape, np.float32)
-    small = folds.shape[1], cols // (grid.tile[1] * cells)
     skip = [grid.before(axis) // grid.tile[axis] for axis in (0, 1)]
-    for fold, (r, c, _) in zip(folds, places, strict=True):
-        # The first value of a site lies some cells into the grid: a phase.
-        fold *= _phases(small[0], (r * cells + cells // 2,), small[0] * grid.tile[0] * cells)
-        fold *= _phases(fold.shape[1], (c * cells + cells // 2,), cols)[:, 0]
-        fold.view(np.float32)[:] *= np.float32(1) / np.float32((grid.tile[0] * cells) * (grid.tile[1] * cells))
-        image = scipy.fft.irfft2(fold, s=small, overwrite_x=True, workers=thread_count())
+    left = list(folds)
+    del folds  # the last spectrum is released before its image is copied
+    for r, c, _ in places:
+        image = _image_of_fold(left.pop(0), (r * cells + cells // 2, c * cells + cells // 2), grid)
         target = mosaic[r :: grid.tile[0], c :: grid.tile[1]]
         target[:] = image[skip[0] : skip[0] + target.shape[0], skip[1] : skip[1] + target.shape[1]]
     return mosaic
+
+
+def _image_of_fold(fold: C64, first: tuple[int, int], grid: Grid) -> F32:
+    """Return the values of a site, the first of which lies some cells into the grid: a phase; `fold` is overwritten."""
+    down, across = (of_tile * grid.cells_per_pixel for of_tile in grid.tile)
+    rows, cols = fold.shape[0], grid.cells(1) // across
+    fold *= _phases(rows, (first[0],), rows * down)
+    fold *= _phases(fold.shape[1], (first[1],), grid.cells(1))[:, 0]
+    fold.view(np.float32)[:] *= np.float32(1) / np.float32(down * across)
+    # As irfft2 with the same bits, which would copy the spectrum.
+    half = scipy.fft.ifft(fold, axis=0, norm="forward", overwrite_x=True, workers=thread_count())
+    image: F32 = scipy.fft.irfft(half, cols, axis=1, norm="forward", workers=thread_count())
+    image *= np.float32(1.0 / (rows * cols))
+    return image
 
 
 @lru_cache(maxsize=64)

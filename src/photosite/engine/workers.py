@@ -21,6 +21,7 @@ from multiprocessing import connection
 from typing import Any, TypeVar
 from uuid import uuid4
 
+from photosite.engine.memory import how_it_ended
 from photosite.engine.process import prepare_process
 from photosite.engine.threads import cores, threads_for
 from photosite.errors import InputError, PhotositeError, PhotositeWarning, WorkerError, message_of
@@ -144,10 +145,10 @@ class _Process:
     def joined(self) -> str:
         """Wait until the process has ended, by force after some seconds; return how it ended."""
         self._process.join(_END_S)
+        code = self._process.exitcode
         self._process.kill()
         self._process.join()
-        code = self._process.exitcode or 0
-        return f"signal {-code}" if code < 0 else f"exit status {code}"
+        return "no answer" if code is None else how_it_ended(code)
 
 
 def _on_processes(

@@ -24,8 +24,13 @@ from photosite.errors import PhotositeError, message_of
 
 _START_S = 120.0
 """Time limit for starting the child and importing a module, on a busy machine."""
+_END_S = 5.0
+"""Time in which a child that has closed its streams ends."""
 _LEFT_ALONE_S = 5.0
 """Time after a call's limit at which the child ends by itself."""
+
+KILLED = "the reader was killed by the system, usually for lack of memory"
+"""How a child ended that received SIGKILL within its time."""
 
 
 class ChildError(Exception):
@@ -99,10 +104,18 @@ class _Child:
             answer: tuple[bool, Any] = pickle.load(self.process.stdout)
             return answer
         except (EOFError, OSError, pickle.UnpicklingError):
-            in_time = timer.is_alive()
-            raise ChildError("the reader crashed" if in_time else f"reading took longer than {time_s:g} s") from None
+            if not timer.is_alive():
+                raise ChildError(f"reading took longer than {time_s:g} s") from None
+            raise ChildError(KILLED if self._killed() else "the reader crashed") from None
         finally:
             timer.cancel()
+
+    def _killed(self) -> bool:
+        """Return whether the process, which has closed its streams, was killed."""
+        try:
+            return self.process.wait(_END_S) == -9  # SIGKILL, which Windows lacks
+        except subprocess.TimeoutExpired:
+            return False
 
     def end(self) -> None:
         self.process.kill()

@@ -1,4 +1,4 @@
-"""Peak memory of commands: bytes per pixel beyond libraries and compiled code, a slope over the size of the frame."""
+"""Peak memory of commands: bytes per pixel beyond libraries and compiled code."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.timing import peak_mb_of
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 
-MEGAPIXELS = (5.0, 20.0, 50.0)
-"""Sizes of the frames; `--quick` takes the first two."""
+MEGAPIXELS = (0.1, 10.0, 20.0, 50.0)
+"""Sizes of the frames. The first has little but libraries and compiled code; `--quick` takes the first three."""
 
 SENSORS = ("nikon-d200", "sony-imx571")
 """A Bayer mosaic of 12 bits, and a monochrome sensor of 16 bits."""
@@ -52,22 +50,21 @@ class MemoryUse:
     peak_mb: tuple[float, ...]
 
     @property
-    def line(self) -> tuple[float, float]:
-        """Bytes per pixel, and megabytes that do not depend on the size: the straight line through the peaks.
+    def bytes_per_pixel(self) -> tuple[float, ...]:
+        """(n - 1,) peak of each size beyond that of the first, per pixel beyond those of the first.
 
         Examples
         --------
-        >>> slope, constant = MemoryUse("simulate", "nikon-d200", (5.0, 20.0), (350.0, 500.0)).line
-        >>> round(slope, 6), round(constant, 6)
-        (10.0, 300.0)
+        >>> MemoryUse("simulate", "nikon-d200", (0.0, 20.0), (300.0, 500.0)).bytes_per_pixel
+        (10.0,)
         """
-        slope, constant = np.polyfit(self.megapixels, self.peak_mb, 1)
-        return float(slope), float(constant)
+        sizes, peaks = self.megapixels, self.peak_mb
+        others = zip(sizes[1:], peaks[1:], strict=True)
+        return tuple((peak - peaks[0]) / (size - sizes[0]) for size, peak in others)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        slope, constant = self.line
-        return {**asdict(self), "bytes_per_pixel": slope, "constant_mb": constant}
+        return {**asdict(self), "bytes_per_pixel": self.bytes_per_pixel}
 
 
 def memory_protocol() -> ShootingProtocol:
@@ -125,6 +122,8 @@ def measure_memory(
                     _peak_mb("simulate", sensor, (rows, cols), folder)
                 for name in chosen:
                     report(f"{name}, {sensor}, {pixels[-1]:.1f} megapixels")
+                    if not peaks[name]:
+                        _peak_mb(name, sensor, (rows, cols), folder)  # compiles the kernels
                     peaks[name].append(_peak_mb(name, sensor, (rows, cols), folder))
         uses += [MemoryUse(name, sensor, tuple(pixels), tuple(peaks[name])) for name in chosen]
     return uses
