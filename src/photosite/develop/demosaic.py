@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import colour_science
+from photosite.engine.threads import parallel_for
 from photosite.errors import InputError
 from photosite.values.cfa import Cfa, plane_names, tile_name, tile_text
 from photosite.values.validated import check_choice
@@ -130,14 +131,18 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa, half_width: int | None = None
     planes = np.empty((*values.shape, len(names)), dtype=np.float32)
     height, width = len(cfa), len(cfa[0])
     step = height * max(1, _TILES * width // values.shape[1])
-    for first in range(0, len(values), step):
-        block = _Block(values, cfa, slice(first, first + step), taps)
-        for (r, c, k), site in taps.items():
-            mean = block.mean(r, c, site)
-            if mean is None:
-                expected = f"one whose channels all have pixels near every pixel of a {values.shape} mosaic"
-                raise InputError("cfa", where="bilinear demosaic", value=tile_text(cfa), expected=expected)
-            planes[first + r : first + step : height, c::width, k] = mean
+
+    def interpolate(begin: int, end: int) -> None:
+        for first in range(begin * step, end * step, step):
+            block = _Block(values, cfa, slice(first, first + step), taps)
+            for (r, c, k), site in taps.items():
+                mean = block.mean(r, c, site)
+                if mean is None:
+                    expected = f"one whose channels all have pixels near every pixel of a {values.shape} mosaic"
+                    raise InputError("cfa", where="bilinear demosaic", value=tile_text(cfa), expected=expected)
+                planes[first + r : first + step : height, c::width, k] = mean
+
+    parallel_for(interpolate, -(-len(values) // step))
     return planes
 
 

@@ -8,13 +8,14 @@ import zlib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, SRGB_FROM_XYZ, adaptation_to_d65, encode_srgb
 from photosite.develop.camera_color import ColorMatrix, gray_world_gains, saturated_neighbourhood
+from photosite.engine.threads import parallel_for
 from photosite.errors import InputError, did_you_mean
 from photosite.files.writing import atomic_path
 from photosite.frames.companding import decompanded
@@ -23,6 +24,8 @@ from photosite.values.cfa import plane_names
 
 if TYPE_CHECKING:
     from photosite.develop.demosaic import Demosaic
+
+T = TypeVar("T", bound=np.generic)
 
 WHITE_BALANCES = ("as-shot", "gray-world", "none")
 
@@ -110,8 +113,13 @@ def develop(
     ((8, 8, 3), 1.0, 1.0)
     """
     linear = _linear_srgb(raw, white_balance, color_matrix, exposure, demosaic)
-    for block in _blocks(linear):
-        block[...] = encode_srgb(block)
+    blocks = _blocks(linear)
+
+    def encode(first: int, last: int) -> None:
+        for block in blocks[first:last]:
+            block[...] = encode_srgb(block)
+
+    parallel_for(encode, len(blocks))
     return linear
 
 
@@ -197,7 +205,7 @@ def develop_pair(
     return develop(first, "none", color_matrix, 1.0), develop(second, "none", color_matrix, 1.0)
 
 
-def _blocks(picture: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+def _blocks(picture: NDArray[T]) -> list[NDArray[T]]:
     """Return views of `_BLOCK_ROWS` rows each."""
     return [picture[r : r + _BLOCK_ROWS] for r in range(0, picture.shape[0], _BLOCK_ROWS)]
 
@@ -318,6 +326,19 @@ def _auto_exposure(linear: NDArray[np.float32]) -> float:
     return 1.0 / level
 
 
+def _codes(picture: NDArray[Any], bits: int) -> NDArray[np.unsignedinteger]:
+    """Return the integers of a picture from 0 to 1."""
+    codes = np.empty(picture.shape, np.uint8 if bits == 8 else np.uint16)
+    seen, out = _blocks(picture), _blocks(codes)
+
+    def encode(first: int, last: int) -> None:
+        for block, values in zip(out[first:last], seen[first:last], strict=True):
+            block[...] = np.rint(values * ((1 << bits) - 1))
+
+    parallel_for(encode, len(out))
+    return codes
+
+
 def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: int = 8) -> None:
     """Write a developed picture as PNG or JPEG.
 
@@ -366,7 +387,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
         raise InputError("path", value=target.name, expected=f"a name with the suffix {', '.join(PICTURE_SUFFIXES)}")
     if suffix != ".png" and bits != 8:
         raise InputError("bits", value=bits, expected="8 in JPEG", hint="Save as .png")
-    codes = np.rint(values * ((1 << bits) - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    codes = _codes(values, bits)
     if suffix == ".png":
         encoded = png_encode(codes, **(_FAST_PNG if codes.size > _LARGE_PNG else {"level": 3}))
         encoded = encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:]
