@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib
 import logging
 import multiprocessing
@@ -347,6 +346,8 @@ def _distributed() -> Any:
 
 def check_scheduler(address: str) -> None:
     """Raise `InputError` if no scheduler answers at an address; a Dask client hangs there for half a minute."""
+    import asyncio  # takes 0.05 s to import, only for Dask
+
     _distributed()
     with ThreadPoolExecutor(1) as pool:  # a thread without an event loop, which that of a notebook has
         try:
@@ -360,6 +361,8 @@ def check_scheduler(address: str) -> None:
 
 
 async def _kind_of_server(address: str) -> str:
+    import asyncio
+
     connect: Any = importlib.import_module("distributed.comm").connect
     security = importlib.import_module("distributed.security").Security()  # of Dask's configuration
     async with asyncio.timeout(_CONNECT_S + 1.0):  # for the answer; the connection has its own limit and message
