@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs linkcheck test smoke test-changed test-slow test-browser test-raws test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
+.PHONY: demo docs linkcheck test smoke test-changed test-slow test-browser test-torch test-raws test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
@@ -56,6 +56,13 @@ fuzz: $(VENV)/installed-dev
 audit: $(VENV)/installed-dev
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pip-audit
 	$(BIN)/python tests/audit.py
+
+# Tests with PyTorch: a build for the CPU is enough; TORCH names another requirement for pip. Without one, the tests that
+# need it are skipped.
+TORCH ?= torch==2.13.0
+test-torch: $(VENV)/installed-dev
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
+	$(PYTEST) -rs tests/training tests/camera/test_signal_model.py
 
 # Read, develop and calibrate a user's own raw files: make test-raws FOLDER=~/pictures
 test-raws: $(VENV)/installed

@@ -7,9 +7,6 @@ import os
 import sys
 from typing import Any
 
-_TURNS = "10000"
-"""Turns of the loop in which a thread waits."""
-
 _KEPT_BYTES = (1 << 31) - 1
 _RETURNED_BYTES = 32 << 20
 """Size from which the memory of arrays is returned after `return_large_arrays`."""
@@ -18,16 +15,11 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
 
 
 def prepare_process() -> None:
-    """Let threads wait briefly between parallel loops, and the C library keep freed memory for the next arrays.
+    """Let the C library keep freed memory for the next arrays.
 
-    Threads of GNU OpenMP that wait long in a loop take the cores from those that read files, and waking them takes as
-    long as a short loop. They wait a fraction of a millisecond before they sleep. The GNU C library returns large
-    arrays to the system when they are freed, which must clear the memory before it gives it out again: a tenth to a
-    third of a calibration. Call this before numba is imported. A variable that is set has priority.
+    The GNU C library returns large arrays to the system when they are freed, which must clear the memory before it
+    gives it out again: a tenth to a third of a calibration. A variable that is set has priority.
     """
-    if "OMP_WAIT_POLICY" not in os.environ:
-        os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
-        os.environ.setdefault("GOMP_SPINCOUNT", _TURNS)
     stated = {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"} & set(os.environ)
     if not sys.platform.startswith("linux") or stated:
         return
