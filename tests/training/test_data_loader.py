@@ -18,7 +18,7 @@ from photosite.training import Electrons, PairDataset
 
 pytest.importorskip("torch", reason="torch (extra ml) is not installed; make test-torch installs it")
 
-SCRIPT = Path(__file__).with_name("data_loader.py")
+SCRIPT = Path(__file__).parents[1] / "helpers/data_loader.py"
 METHODS = ["fork", "spawn", "forkserver"]
 
 

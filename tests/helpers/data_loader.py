@@ -6,7 +6,6 @@ import sys
 from typing import Any
 
 import numpy as np
-from torch.utils.data import DataLoader
 
 import photosite as ps
 from photosite.engine.threads import thread_count
@@ -26,6 +25,8 @@ class Threads(PairDataset):
 
 def main(method: str, way: str) -> None:
     """Load twelve pairs twice; forked workers see what this process did before."""
+    from torch.utils.data import DataLoader
+
     electrons = np.random.default_rng(1).uniform(0.0, 500.0, (256, 256)).astype(np.float32)
     pairs = Threads(Electrons([electrons]), ps.load_sensor("nikon-d200"), draws=12)
     pairs.failing = way == "error"
