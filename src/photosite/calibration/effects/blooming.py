@@ -154,8 +154,12 @@ def _fraction_kept(overflow: _Floats, column: _Floats, ordinary: _Floats, exposu
 
 
 def _mean(group: FrameGroup, used: set[int]) -> _Floats:
-    stack = [source.read() for source in group.frames if id(source) in used]
-    return np.asarray(np.mean(stack, axis=0, dtype=np.float64))
+    sources = [source for source in group.frames if id(source) in used]
+    total = sources[0].read().astype(np.float64)
+    for source in sources[1:]:
+        total += source.read()
+    total /= len(sources)
+    return total
 
 
 def _hot_pixels_near(r: int, c: int, row: NDArray[np.int64], col: NDArray[np.int64]) -> int:

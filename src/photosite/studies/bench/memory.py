@@ -20,12 +20,12 @@ SENSORS = ("nikon-d200", "sony-imx571")
 """A Bayer mosaic of 12 bits, and a monochrome sensor of 16 bits."""
 
 _COMMANDS = {
-    "simulate": "simulate --sensor {sensor} --rows {rows} --cols {cols} -o {folder}/shot.dng",
-    "simulate --preview": "simulate --sensor {sensor} --rows {rows} --cols {cols} -o {folder}/again.dng "
+    "simulate": "simulate --force --sensor {sensor} --rows {rows} --cols {cols} -o {folder}/shot.dng",
+    "simulate --preview": "simulate --force --sensor {sensor} --rows {rows} --cols {cols} -o {folder}/again.dng "
     "--preview {folder}/preview.png",
-    "develop": "develop {folder}/shot.dng -o {folder}/picture.png",
-    "calibrate": "calibrate {folder}/frames -o {folder}/plain.sensor.yaml",
-    "calibrate --maps": "calibrate {folder}/frames --maps -o {folder}/maps.sensor.yaml",
+    "develop": "develop --force {folder}/shot.dng -o {folder}/picture.png",
+    "calibrate": "calibrate --force {folder}/frames -o {folder}/plain.sensor.yaml",
+    "calibrate --maps": "calibrate --force {folder}/frames --maps -o {folder}/maps.sensor.yaml",
 }
 """Commands, in an order in which each finds its input."""
 
