@@ -60,7 +60,7 @@ def command(quick: bool, cases: tuple[str, ...], memory: bool, workers: bool, as
 def _measure_memory(quick: bool, as_json: bool) -> None:
     from photosite.studies.bench.memory import MEGAPIXELS, measure_memory
 
-    sizes = MEGAPIXELS[:3] if quick else MEGAPIXELS
+    sizes = MEGAPIXELS[:2] if quick else MEGAPIXELS
     uses = measure_memory((), sizes, lambda what: click.echo(f"measuring {what} ...", err=True))
     show(as_json, {"memory": [use.to_dict() for use in uses]}, lambda: _memory_text(uses))
 

@@ -73,7 +73,8 @@ def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps
     from photosite.engine.lazy_maps import HELD_PIXELS
 
     pixels = max(frames.rows * frames.cols for frames in sets)
-    each = 140 * pixels if maps else max(66 * min(pixels, HELD_PIXELS), 28 * pixels)
+    of_held, of_large = (135, 105) if maps else (68, 28)
+    each = max(of_held * min(pixels, HELD_PIXELS), of_large * pixels)
     first = sets[0].groups[0].frames[0]
     if first.open_rows() is None:  # whole frames are read ahead, and added in batches
         each += 10 * pixels
