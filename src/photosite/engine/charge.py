@@ -174,7 +174,8 @@ def _convert_charge(
                     low = step_below(place, curve.size)
                     signal[i] = between(curve[low], curve[low + 1], place - low)
             if column_dn.size > 1:
-                line_dn[:n] = line + column_dn[c : c + n]
+                for i in range(n):
+                    line_dn[i] = line + column_dn[c + i]
             for i in range(n):
                 read_e = (offset_e[i] + channel_e[i]) + noise_e[i] * deviates[i]
                 dn[i] = converter_input(signal[i], read_e, gain[i], line_dn[i], exposure)

@@ -57,7 +57,8 @@ def _combine(start: int, stop: int, numbers: NDArray[Any], constants: Combinatio
         for k in range(captures):
             _light(numbers[k, begin : begin + n], black, scale[k], light[k])
             if overflow_of[k] >= 0:
-                light[k] += light[overflow_of[k]]
+                for i in range(n):
+                    light[k, i] += light[overflow_of[k], i]
         for k in range(captures - 1, -1, -1):
             # The last capture has no next one to blend with.
             blends = k < captures - 1
