@@ -14,11 +14,20 @@ import numpy as np
 
 
 def compile_exposure() -> None:
-    """Compile what draws a chip and exposes a frame of it."""
+    """Compile what exposes a frame, on a chip without fixed pattern: the command itself compiles what draws that."""
+    _expose("nikon-d200", prnu_percent=0.0, dsnu_mv=0.0, dcnu_percent=0.0)
+
+
+def compile_captures() -> None:
+    """Compile what exposes, reads and combines several captures."""
+    _expose("dual-gain-phone", prnu_percent=0.0, dsnu_mv=0.0, dcnu_percent=0.0)
+
+
+def _expose(sensor_name: str, **fields: float) -> None:
     from photosite.sensor.io.sensor_file import load_sensor
     from photosite.sensor.readout import digital_numbers
 
-    sensor = load_sensor("nikon-d200").with_(rows=16, cols=16)
+    sensor = load_sensor(sensor_name).with_(rows=16, cols=16, **fields)
     digital_numbers(sensor, np.ones((16, 16), np.float32), 1.0, seed=1)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.compilation import compile_exposure
+from photosite.cli.compilation import compile_captures, compile_exposure
 from photosite.cli.output import Stages, say, say_if_compiling, show
 from photosite.errors import InputError
 from photosite.frames.io.format_table import DEEP_SUFFIXES, WRITTEN_SUFFIXES
@@ -172,7 +172,10 @@ def command(
         for name in ("", *parts):
             options.check_new(_capture_path(path, name))
     _check_memory(camera.sensor, set_up.cells_per_pixel, preview is not None)
-    say_if_compiling("pixel_model._expose_drawn", compile_exposure)
+    if camera.sensor.captures:
+        say_if_compiling("charge._convert_charge", compile_captures)
+    else:
+        say_if_compiling("pixel_model._expose_drawn", compile_exposure)
     scene = set_up.seen.scene()
     seen = scene if flicker is None and motion is None else DynamicScene(scene, flicker, motion)
     per_second = camera.mean_electrons(scene, 1.0, progress=Stages())
