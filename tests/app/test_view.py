@@ -19,7 +19,7 @@ from photosite.app.places import Places
 from photosite.app.preview_light import approximate_rate
 from photosite.app.state import CameraState, prepared
 from photosite.app.view import view_bytes
-from photosite.app.view_pixels import View
+from photosite.app.view_pixels import View, view_pixels
 from photosite.cli.main import run
 from photosite.engine.mosaic_means import mosaic_means
 
@@ -228,6 +228,21 @@ def test_the_noise_of_a_preview_has_the_statistics_of_the_frame(tmp_path: Path) 
     assert dn[::2, 1::2].std() == pytest.approx(means[::2, 1::2].std(), rel=0.05)
     assert means[::2, 1::2].std() == pytest.approx(frame[::2, 1::2].std() / 3, rel=0.05)
     assert dn[::2, 1::2].mean() == pytest.approx(frame[::2, 1::2].mean(), rel=1e-3)
+
+
+@pytest.mark.parametrize("start", [{"row": 129}, {"col": 193}, {"row": 125, "col": 190}, {"row": 1 << 20}])
+def test_views_that_start_in_the_last_rows_show_the_last_pixels(tmp_path: Path, start: dict[str, int]) -> None:
+    state = CameraState.model_validate({"sensor": {"changes": SMALL}})
+    small = View(height=16, width=16, **start)
+    shown = view_pixels(prepared(state, Places()), small, tmp_path)
+    assert shown.step > 1
+    assert shown.dn.shape == (shown.rows.size, shown.cols.size)
+    assert min(shown.dn.shape) >= 2
+    assert shown.rows[-1] < 130
+    assert shown.cols[-1] < 194
+    for axis, index, size in (("row", shown.rows, 130), ("col", shown.cols, 194)):
+        assert axis not in start or index[-1] >= size - 2 * shown.step
+    assert view_bytes(state, Places(), small, tmp_path)
 
 
 def test_a_small_view_of_the_exact_frame_has_means_of_pixels(tmp_path: Path) -> None:

@@ -85,8 +85,12 @@ class ViewPixels:
 
 
 def _pixels(first: int, count: int, step: int, tile: int, size: int) -> I64:
-    """Return the first pixel of the frame in each pixel of a view along an axis, whole tiles of view pixels."""
-    first = min(first, size - 1) // tile * tile
+    """Return the first pixel of the frame in each pixel of a view along an axis, at least a tile of them where it fits.
+
+    The center of each is inside the frame, so that a view cannot start further than a tile of its pixels from the end.
+    """
+    last = size - 1 - step // 2 - (tile - 1) * step
+    first = max(min(first, last), 0) // tile * tile
     count = max(min(count, size - first), 1)
     index = first + step * np.arange(-(-count // (step * tile)) * tile)
     return index[index + step // 2 < size]
