@@ -75,3 +75,16 @@ def test_unknown_paths_methods_and_jobs_are_refused(client) -> None:
         ("GET", "/static/app.css"),
     ):
         assert 400 <= client.request(method, path).status_code < 500, path
+
+
+@pytest.mark.parametrize("depth", [300, 5000])
+@pytest.mark.parametrize("path", PATHS)
+def test_deeply_nested_changes_are_a_bad_request(client, path: str, depth: int) -> None:
+    nested = b'{"a":' * depth + b"1" + b"}" * depth
+    sensor = b'{"changes": {"pixel": ' + nested + b"}}"
+    part = b'"sensor": ' + sensor
+    body = {"view": b'{"state": {%s}}', "comparison": b'{"cameras": [{%s}]}'}
+    content = next((form for key, form in body.items() if key in path), b"{%s}") % part
+    answer = client.post(path, content=content, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 400
+    assert answer.json()["error"]

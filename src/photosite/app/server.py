@@ -45,7 +45,7 @@ from photosite.app.files import (
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
 from photosite.app.places import UPLOAD, Part, Places, Text
-from photosite.app.state import CameraState, SensorState
+from photosite.app.state import TOO_DEEP, CameraState, SensorState
 from photosite.app.view import prepare_views, view_bytes
 from photosite.app.view_pixels import View
 from photosite.app.workers import BusyError, Job, Pool, Queue, WorkerError
@@ -261,9 +261,11 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
-        first = error.errors()[0]
+        found = error.errors()
+        deep = [each for each in found if each["type"] == TOO_DEEP]
+        first = (deep or found)[0]
         place = ".".join(str(part) for part in first["loc"] if part != "body")
-        return JSONResponse({"error": f"{place}: {first['msg']}".removeprefix(": ")[:500]}, 422)
+        return JSONResponse({"error": f"{place}: {first['msg']}".removeprefix(": ")[:500]}, 400 if deep else 422)
 
     @app.exception_handler(HTTPException)
     async def refused_request(_: Request, error: HTTPException) -> JSONResponse:

@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
 from pydantic.config import JsonDict, JsonValue
+from pydantic_core import PydanticCustomError
 
 from photosite.app.lens_state import LensState, lens
 from photosite.app.places import UPLOAD, Part, Places, Text
@@ -30,6 +31,8 @@ from photosite.sensor.gain_table import changed_at_setting
 from photosite.sensor.io.sensor_file import load_sensor, preset_names
 from photosite.sensor.model import Sensor
 
+TOO_DEEP = "too_deep"
+"""Type of the validation error of values that are nested too deep."""
 MOST_PIXELS = 64_000_000
 """Pixels, and cells of the image, that the workbench computes a frame of."""
 
@@ -123,12 +126,26 @@ class BinningState(Part):
     kind: Binning = Field("charge", description="Electrons are added, or digital numbers added or averaged.")
 
 
+_MOST_DEPTH = 32
+
+
+def _not_deep(changes: dict[str, Any]) -> dict[str, Any]:
+    """Refuse values in more levels than any field of a sensor has: code that calls itself fails on them."""
+    level: list[Any] = [changes]
+    for _ in range(_MOST_DEPTH):
+        inner = [one.values() if isinstance(one, dict) else one for one in level if isinstance(one, (dict, list))]
+        level = [value for values in inner for value in values]
+    if any(isinstance(one, (dict, list)) for one in level):
+        raise PydanticCustomError(TOO_DEEP, "must be nested at most {most} deep", {"most": _MOST_DEPTH})
+    return changes
+
+
 class SensorState(Part):
     """A preset or sensor file, its gain setting, changed fields, and binning."""
 
     source: Text = Field(DEFAULT_SENSOR, description="A preset, or file:NAME of the served folder, or upload:ID.")
     gain_setting: float | None = Field(None, description="One of the sensor's gain settings. None: its own.")
-    changes: dict[Text, Any] = Field(
+    changes: Annotated[dict[Text, Any], AfterValidator(_not_deep)] = Field(
         {}, max_length=80, description="Fields as for `Sensor.with_`, such as read_noise_e or telegraph_noise."
     )
     binning: BinningState | None = Field(None, description="Blocks of pixels of one color that are read as one.")
