@@ -77,6 +77,15 @@ def test_cancelling_before_the_process_is_prepared_leaves_it_alone() -> None:
         made.close()
 
 
+def test_the_time_limit_of_a_call_begins_once_the_process_is_prepared() -> None:
+    made = Worker(prepare=_slow)
+    try:
+        pid = made.process.pid
+        assert made.call(os.getpid, time_s=0.5) == pid
+    finally:
+        made.close()
+
+
 def _slow() -> None:
     time.sleep(1)
 

@@ -29,6 +29,9 @@ _SPAWN = multiprocessing.get_context("spawn")
 _GRACE_S = 1.5
 """Time in which a cancelled call can stop by itself, at its next report of progress. A new process needs several times
 as long before it computes."""
+_PREPARE_S = 1800.0
+"""Time in which a new process must be prepared. A busy machine compiles for minutes; a process that is ended compiles
+again."""
 _JOB_NICENESS = 5
 """A job gets a third of the time of a picture that is computed meanwhile; at 10, it stands still on a busy machine."""
 _POLL_S = 0.05
@@ -69,7 +72,7 @@ class Worker:
     def _start(self) -> None:
         self._cancelled = _SPAWN.Event()
         self._connection, theirs = _SPAWN.Pipe()
-        self._prepared = False
+        self._prepared, self._started = False, time.monotonic()
         arguments = (theirs, self._cancelled, *self._settings)
         self.process = _SPAWN.Process(target=_serve, args=arguments, daemon=True, name="photosite worker")
         self.process.start()
@@ -92,7 +95,7 @@ class Worker:
         *arguments
             They and the result must be picklable.
         time_s
-            Time limit in seconds, after which the process is ended.
+            Time limit in seconds, after which the process is ended. It begins once the process is prepared.
         progress
             Called in this process with what the function reports.
         cancelled
@@ -127,13 +130,13 @@ class Worker:
         progress: Progress | None,
         cancelled: threading.Event | None,
     ) -> Any:
-        deadline, stop_at = time.monotonic() + time_s, float("inf")
         while not self._is_prepared():
             if cancelled is not None and cancelled.is_set():
                 raise CancelledError
-            if time.monotonic() > deadline:
+            if time.monotonic() - self._started > _PREPARE_S:
                 self._replace()
-                raise WorkerError(f"the process did not start within {time_s:g} s")
+                raise WorkerError(f"the process did not start within {_PREPARE_S:g} s")
+        deadline, stop_at = time.monotonic() + time_s, float("inf")
         self._cancelled.clear()
         self._connection.send((function, arguments, progress is not None))
         while True:
