@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -206,3 +207,58 @@ def test_only_files_of_results_are_sent(client, workbench) -> None:
     assert answer.headers["content-disposition"].startswith("attachment")
     for path in (f"{'0' * 16}/other", f"{'1' * 16}/report.html", "../secret", f"{'0' * 16}/..%2f..%2fsecret", "x/y"):
         assert client.get(f"/api/results/{path}").status_code in (404, 422), path
+
+
+def test_the_limit_of_uploads_holds_for_parallel_ones_and_uploads_can_be_deleted(
+    client, workbench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import photosite.app.server as server
+
+    monkeypatch.setattr(server, "_MOST_UPLOADS", len(workbench.uploads) + 2)
+    path = tmp_path / "x.sensor.yaml"
+    ps.load_sensor("nikon-d200").with_(rows=48, cols=64).save(path)
+    content = path.read_bytes()
+
+    def send(_: object):
+        return client.post("/api/uploads?kind=sensor&name=x.sensor.yaml", content=content)
+
+    with client, ThreadPoolExecutor(6) as threads:
+        monkeypatch.setattr(workbench, "close", lambda: None)
+        answers = list(threads.map(send, range(6)))
+        assert sorted(answer.status_code for answer in answers) == [201, 201, 422, 422, 422, 422]
+        first, second = (answer.json()["name"] for answer in answers if answer.status_code == 201)
+        stored = workbench.places.path(first)
+        assert client.delete(f"/api/uploads/{first.removeprefix('upload:')}").status_code == 204
+        assert not stored.parent.exists()
+        assert client.delete(f"/api/uploads/{first.removeprefix('upload:')}").status_code == 422
+        assert client.post("/api/form", json={"sensor": {"source": first}}).status_code == 422
+        assert workbench.places.path(second).is_file()
+        assert send(None).status_code == 201
+
+
+def test_an_uploaded_folder_of_frames_can_be_deleted(client, workbench, tmp_path: Path) -> None:
+    content = frame_bytes(tmp_path)
+    name = client.post("/api/uploads?kind=frames&name=a/dark_10ms_0.png", content=content).json()["name"]
+    folder = workbench.places.path(name)
+    assert client.delete(f"/api/uploads/{name.removeprefix('upload:')}").status_code == 204
+    assert not folder.exists()
+    rest = {"kind": "frames", "folder": name, "name": "dark_10ms_1.png"}
+    assert client.post("/api/uploads", params=rest, content=content).status_code == 422
+    assert not folder.exists()
+
+
+def test_names_are_cut_by_bytes(client, tmp_path: Path) -> None:
+    for letter in ("\u00e9", "\u5149", "\U00020000"):
+        params = {"kind": "frames", "name": letter * 150 + "/" + letter * 40 + ".png"}
+        answer = client.post("/api/uploads", params=params, content=frame_bytes(tmp_path))
+        assert answer.status_code == 201, answer.text
+        assert 90 < len(answer.json()["file_name"].encode()) <= 100 or letter == "\u00e9"
+
+
+def test_errors_of_uploads_name_the_file_of_the_user(client, workbench) -> None:
+    damaged = {"mine.sensor.yaml": "sensor", "mine.optics.yaml": "lens", "mine.csv": "lamp", "mine.png": "scene"}
+    for name, kind in damaged.items():
+        answer = client.post("/api/uploads", params={"kind": kind, "name": name}, content=b"name: [")
+        assert answer.status_code == 422
+        assert name in answer.json()["error"]
+        assert str(workbench.folder) not in answer.json()["error"]

@@ -38,6 +38,7 @@ MOST_FRAMES = 5000
 """Frames of an uploaded folder."""
 MOST_LISTED = 500
 _MOST_DEPTH = 4
+_MOST_NAME_BYTES = 100
 _CHECK_S, _CHECK_BYTES = 60.0, 4 << 30
 
 
@@ -123,7 +124,9 @@ async def store(folder: Path, file_name: str, kind: FileKind, content: AsyncIter
 
 
 def _plain_name(name: str) -> str:
-    return re.sub(r"[^\w.-]", "_", name)[-100:].lstrip(".")
+    """Return a name without characters of paths, its last `_MOST_NAME_BYTES` in UTF-8: systems count bytes."""
+    plain = re.sub(r"[^\w.-]", "_", name).encode("utf-8", "replace")[-_MOST_NAME_BYTES:]
+    return plain.decode("utf-8", "ignore").lstrip(".")
 
 
 async def _write(path: Path, content: AsyncIterator[bytes]) -> None:
@@ -167,16 +170,14 @@ class FrameFolder:
         if not parts or not parts[-1].lower().endswith(tuple(RAW_SUFFIXES)):
             suffixes = ", ".join(sorted(RAW_SUFFIXES)[:8])
             raise InputError("file name", value=name, expected=f"one of a frame: {suffixes}, ...")
-        sizes = [file.stat().st_size for file in self.path.rglob("*") if file.is_file()]
-        if len(sizes) >= MOST_FRAMES or sum(sizes) >= most_bytes:
-            hint = "Start photosite serve with the folder"
-            raise InputError("the folder is too large to upload", value=f"{len(sizes)} files", hint=hint)
         target = self.path.joinpath(*parts)
+        self._check_size(target, most_bytes)
         if target.exists():
             raise InputError("file name", value=name, expected="a name that was not uploaded before")
         created = not self.path.exists()
         try:
             await _write(target, content)
+            self._check_size(target, most_bytes)  # frames that arrived meanwhile count too
         except BaseException:
             if created:
                 shutil.rmtree(self.path, ignore_errors=True)
@@ -184,6 +185,13 @@ class FrameFolder:
                 target.unlink(missing_ok=True)
             raise
         return target
+
+    def _check_size(self, new: Path, most_bytes: int) -> None:
+        """Raise `InputError` if the folder is full without a new frame."""
+        sizes = [file.stat().st_size for file in self.path.rglob("*") if file.is_file() and file != new]
+        if len(sizes) >= MOST_FRAMES or sum(sizes) >= most_bytes:
+            hint = "Start photosite serve with the folder"
+            raise InputError("the folder is too large to upload", value=f"{len(sizes)} files", hint=hint)
 
 
 def check_frame(path: Path) -> str:

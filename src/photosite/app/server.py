@@ -7,13 +7,14 @@ sends the key as `Authorization: Bearer KEY`.
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 import socket
 import time
 import uuid
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -176,6 +177,7 @@ class Workbench:
         (self.folder / "kept").mkdir()
         (self.folder / "results").mkdir()
         self.uploads: dict[str, Path] = {}
+        self._arriving = 0
         memory = settings.memory_bytes or _machine_bytes() * 3 // 4
         self.pool = Pool(settings.pictures, memory, prepare_views)
         self.queue = Queue(
@@ -195,6 +197,27 @@ class Workbench:
     def places(self) -> Places:
         """The files that states can name."""
         return Places(folder=self.settings.folder, uploads=dict(self.uploads), results=self.folder / "results")
+
+    @contextmanager
+    def new_upload(self) -> Iterator[None]:
+        """Count an upload while it arrives; raise `InputError` if there are too many with it."""
+        if len(self.uploads) + self._arriving >= _MOST_UPLOADS:
+            raise InputError("too many files were uploaded", hint="Delete some, or serve a folder")
+        self._arriving += 1
+        try:
+            yield
+        finally:
+            self._arriving -= 1
+
+    def delete_upload(self, key: str) -> None:
+        """Delete an uploaded file or folder of frames; raise `InputError` if there is none."""
+        if self.uploads.pop(key, None) is None:
+            raise InputError("upload", value=key, expected="a file that was uploaded")
+        shutil.rmtree(self.folder / "uploads" / key, ignore_errors=True)
+
+    def named(self, text: str) -> str:
+        """Return a message with the names of uploaded files in place of their paths on this machine."""
+        return re.sub(re.escape(str(self.folder / "uploads")) + r"[\\/][0-9a-f]{16}[\\/]?", "", text)
 
     def tidy(self) -> None:
         """Delete the frames used least recently where they exceed the limit, and the files of old results."""
@@ -242,7 +265,7 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
         lifespan=lifespan,
         responses=refused,
     )
-    _answer_errors(app)
+    _answer_errors(app, workbench)
     _add_page(app)
     _add_facts(app, workbench)
     _add_camera(app, workbench)
@@ -254,10 +277,10 @@ def create_app(workbench: Workbench, port: int, token: str) -> App:
     return Guard(app, port, token, workbench.settings.upload_bytes)
 
 
-def _answer_errors(app: FastAPI) -> None:
+def _answer_errors(app: FastAPI, workbench: Workbench) -> None:
     @app.exception_handler(PhotositeError)
     async def invalid(_: Request, error: PhotositeError) -> JSONResponse:
-        return JSONResponse({"error": str(error)}, 422)
+        return JSONResponse({"error": workbench.named(str(error))}, 422)
 
     @app.exception_handler(RequestValidationError)
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -274,7 +297,7 @@ def _answer_errors(app: FastAPI) -> None:
     @app.exception_handler(BusyError)
     @app.exception_handler(WorkerError)
     async def failed(_: Request, error: Exception) -> JSONResponse:
-        return JSONResponse({"error": str(error)}, 503)
+        return JSONResponse({"error": workbench.named(str(error))}, 503)
 
     @app.exception_handler(ClientDisconnect)
     async def gone(_: Request, __: ClientDisconnect) -> JSONResponse:
@@ -334,7 +357,7 @@ def _add_camera(app: FastAPI, workbench: Workbench) -> None:
     def frame(request: FrameRequest) -> JobInfo:
         """Compute the exact frame; a new request of a tab cancels its last one."""
         arguments = (request.state, workbench.places, workbench.kept)
-        return _info(workbench.queue.add("frame", request.tab, exact_frame, *arguments, replaces=True))
+        return _info(workbench, workbench.queue.add("frame", request.tab, exact_frame, *arguments, replaces=True))
 
     @app.post("/api/save", response_class=Response, responses={200: {"content": {"application/octet-stream": {}}}})
     def save(request: SaveRequest) -> Response:
@@ -360,14 +383,14 @@ def _add_jobs(app: FastAPI, workbench: Workbench) -> None:
     @app.get("/api/jobs/{job_id}")
     def job(job_id: str) -> JobInfo:
         """Return a job, with its result once it is done."""
-        return _info(_job(workbench, job_id))
+        return _info(workbench, _job(workbench, job_id))
 
     @app.delete("/api/jobs/{job_id}")
     def cancel(job_id: str) -> JobInfo:
         """Cancel a job and free its processor."""
         found = _job(workbench, job_id)
         workbench.queue.cancel(found)
-        return _info(found)
+        return _info(workbench, found)
 
 
 def _add_files(app: FastAPI, workbench: Workbench) -> None:
@@ -402,21 +425,37 @@ def _add_uploads(app: FastAPI, workbench: Workbench) -> None:
         """
         from starlette.concurrency import run_in_threadpool
 
-        if not (kind == "frames" and folder) and len(workbench.uploads) >= _MOST_UPLOADS:
-            raise InputError("too many files were uploaded", hint="Start the server again, or serve a folder")
-        if kind == "frames":
-            new = FrameFolder.start(workbench.folder / "uploads") if not folder else None
-            place = new or FrameFolder.of(workbench.uploads.get(folder.removeprefix(UPLOAD)))
-            stored = await place.store(name, request.stream(), workbench.settings.upload_bytes * _FOLDER_FILES)
-            holds = await run_in_threadpool(check_frame, stored)
-            workbench.uploads[place.path.name] = place.path
-            size = stored.stat().st_size
-            return Upload(name=f"upload:{place.path.name}", file_name=stored.name, bytes=size, holds=holds)
-        path = await store(workbench.folder / "uploads", name, kind, request.stream())
-        holds = await run_in_threadpool(check_upload, path, kind)
-        key = path.parent.name
-        workbench.uploads[key] = path
-        return Upload(name=f"upload:{key}", file_name=path.name, bytes=path.stat().st_size, holds=holds)
+        if kind == "frames" and folder:
+            place = FrameFolder.of(workbench.uploads.get(folder.removeprefix(UPLOAD)))
+            return await _frame_upload(workbench, place, name, request, new=False)
+        with workbench.new_upload():
+            if kind == "frames":
+                place = FrameFolder.start(workbench.folder / "uploads")
+                return await _frame_upload(workbench, place, name, request, new=True)
+            path = await store(workbench.folder / "uploads", name, kind, request.stream())
+            holds = await run_in_threadpool(check_upload, path, kind)
+            key = path.parent.name
+            workbench.uploads[key] = path
+            return Upload(name=f"upload:{key}", file_name=path.name, bytes=path.stat().st_size, holds=holds)
+
+    @app.delete("/api/uploads/{key}", status_code=204)
+    async def delete(key: Annotated[str, ApiPath(pattern="^[0-9a-f]{16}$")]) -> None:
+        """Delete an uploaded file or folder of frames, by its name without `upload:`."""
+        workbench.delete_upload(key)
+
+
+async def _frame_upload(workbench: Workbench, place: FrameFolder, name: str, request: Request, *, new: bool) -> Upload:
+    """Store a frame in a folder, which can be deleted meanwhile."""
+    from starlette.concurrency import run_in_threadpool
+
+    key = place.path.name
+    stored = await place.store(name, request.stream(), workbench.settings.upload_bytes * _FOLDER_FILES)
+    holds = await run_in_threadpool(check_frame, stored)
+    if not new and key not in workbench.uploads:
+        shutil.rmtree(place.path, ignore_errors=True)
+        raise InputError("folder", value=key, expected="one of uploaded frames", hint="It was deleted meanwhile")
+    workbench.uploads[key] = place.path
+    return Upload(name=f"upload:{key}", file_name=stored.name, bytes=stored.stat().st_size, holds=holds)
 
 
 def _add_view(app: FastAPI, workbench: Workbench, entry: views.JobView) -> None:
@@ -424,7 +463,9 @@ def _add_view(app: FastAPI, workbench: Workbench, entry: views.JobView) -> None:
     request_type = entry.request
 
     def start(request: request_type, tab: TabId = "api") -> JobInfo:  # type: ignore[valid-type]
-        return _info(workbench.queue.add(entry.name, tab, entry.compute, request, workbench.places, replaces=True))
+        return _info(
+            workbench, workbench.queue.add(entry.name, tab, entry.compute, request, workbench.places, replaces=True)
+        )
 
     def text(request: request_type) -> Code:  # type: ignore[valid-type]
         python, command = entry.code(request, workbench.places)
@@ -443,7 +484,7 @@ def _job(workbench: Workbench, job_id: str) -> Job:
     return found
 
 
-def _info(job: Job) -> JobInfo:
+def _info(workbench: Workbench, job: Job) -> JobInfo:
     done, total, what = job.progress
     return JobInfo(
         id=job.id,
@@ -454,7 +495,7 @@ def _info(job: Job) -> JobInfo:
         what=what,
         seconds=job.seconds,
         result=job.result if job.status == "done" else None,
-        error=job.error,
+        error=workbench.named(job.error),
     )
 
 
