@@ -35,6 +35,7 @@ from photosite.app.views import (
 from photosite.errors import InputError
 from photosite.frames.io.libcamera import read_libcamera
 from photosite.frames.raw_frame import RawFrame
+from photosite.report.numbers import format_duration
 
 NOWHERE = Places()
 
@@ -54,6 +55,7 @@ def test_a_plan_and_its_code_agree(capsys: pytest.CaptureFixture[str]) -> None:
     own = executed(python)["plan"].to_dict()
     assert own == {name: found[name] for name in own}
     assert json_of(command, capsys)["steps"] == found["steps"]
+    assert found["duration"] == format_duration(found["seconds"])
     assert found["seconds"] == pytest.approx(sum(step["frames"] * (step["exposure_s"] + 2) for step in found["steps"]))
 
 

@@ -37,6 +37,7 @@ from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
+from photosite.report.numbers import format_duration
 from photosite.report.style import new_figure, styled
 from photosite.studies.gray_surface import snr
 from photosite.studies.planning import Design, Want, plan_frames
@@ -83,7 +84,12 @@ def plan(request: PlanRequest, places: Places, progress: Progress | None = None)
         illuminant=light_name(request.illuminant, places),
     )
     seconds = sum(group.frames * (group.exposure_s + request.seconds_per_frame) for group in found.groups)
-    return {**found.to_dict(), "seconds": seconds, "black_level_dn": raised.readout.black_level_dn.value}
+    return {
+        **found.to_dict(),
+        "seconds": seconds,
+        "duration": format_duration(seconds),
+        "black_level_dn": raised.readout.black_level_dn.value,
+    }
 
 
 def _wants(request: PlanRequest) -> dict[str, Want]:

@@ -114,11 +114,13 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
 
 def _text(plan: Plan, sensor: Sensor, note: str) -> str:
     from photosite.calibration.parameters import PARAMETER_LABELS
-    from photosite.report.numbers import format_number
+    from photosite.report.numbers import format_duration, format_number
     from photosite.studies.planning import LEAST_IN_WORDS, setting_text
     from photosite.values.exposure import format_exposure
 
-    lines = [f"{plan.protocol.frame_count} frames of {sensor.name}, {sensor.array.rows} x {sensor.array.cols} pixels"]
+    exposed = format_duration(sum(group.frames * group.exposure_s for group in plan.groups))
+    size = f"{sensor.array.rows} x {sensor.array.cols} pixels"
+    lines = [f"{plan.protocol.frame_count} frames of {sensor.name}, {size}; {exposed} of exposure"]
     if note:
         lines.append(note)
     if plan.least:

@@ -28,6 +28,26 @@ def format_number(value: float, significant: int = 4) -> str:
     return _fixed(value, max(significant - 1 - exponent, 0))
 
 
+def format_duration(seconds: float) -> str:
+    """Format a duration in the unit that people use: seconds, minutes, hours or days.
+
+    Examples
+    --------
+    >>> [format_duration(seconds) for seconds in (0, 0.25, 36.6, 600, 5399, 8100, 300_000)]
+    ['0 s', '0.25 s', '37 s', '10 min', '1 h 30 min', '2 h 15 min', '3 d 11 h']
+    """
+    if seconds < 10:
+        return f"{seconds:.2g} s"
+    if seconds < 90:
+        return f"{round(seconds)} s"
+    minutes = round(seconds / 60)
+    if minutes < 60:
+        return f"{minutes} min"
+    parts = (*divmod(minutes, 60), "h", "min") if minutes < 48 * 60 else (*divmod(round(seconds / 3600), 24), "d", "h")
+    whole, rest, unit, smaller = parts
+    return f"{whole} {unit} {rest} {smaller}" if rest else f"{whole} {unit}"
+
+
 def format_uncertain(value: float, standard_uncertainty: float) -> str:
     r"""Format a value with its standard uncertainty, rounded to two significant digits of the uncertainty.
 

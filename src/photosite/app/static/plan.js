@@ -50,7 +50,6 @@ export async function show(content) {
 }
 
 function draw(root, found, parameters) {
-  const minutes = found.seconds / 60;
   const named = (name) => {
     const { label, unit } = parameters.find((each) => each.name === name) ?? { label: name, unit: "" };
     return unit ? `${label} (${unit})` : label;
@@ -61,7 +60,7 @@ function draw(root, found, parameters) {
     return [named(name), known ? short(each.value) : "0", short(each.standard_uncertainty, 2), known ? short(100 * each.standard_uncertainty / Math.abs(each.value), 2) : "–", request.wants[name] ?? ""];
   });
   root.replaceChildren(element("div", { class: "beside" },
-    element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Frames of the plan" }, element("h3", {}, `${found.frames} frames, about ${minutes < 90 ? `${short(minutes, 2)} minutes` : `${short(minutes / 60, 2)} hours`}`),
+    element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Frames of the plan" }, element("h3", {}, `${found.frames} frames, about ${found.duration}`),
       found.least_of_a_calibration ? element("p", { class: "hint" }, "The minimum of a calibration reaches the wanted precision.") : null,
       table(`Black level ${short(found.black_level_dn)} DN, so that dark frames do not clip.`, ["Kind", "Frames", "Exposure time (s)", "Mean signal (e⁻)"], groups)),
     element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Expected uncertainties" }, element("h3", {}, "Expected"),
