@@ -42,7 +42,7 @@ from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.distortion import RadialMapping, image_height, inverse_scale, wavelength_nodes
 from photosite.optics.lens import Optics
 from photosite.optics.point_spread import FieldPsf, PointSpread, RadialPsf
-from photosite.scene.placement import Placement, place
+from photosite.scene.placement import Placement, field_size, place
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -185,15 +185,17 @@ def pitch_m(sensor: Sensor) -> tuple[float, float]:
 def placement(scene: Scene, camera: CameraParts) -> Placement:
     """Return where the scene's samples fall on the sensor's pixels."""
     pixel, array = camera.sensor.pixel, camera.sensor.array
-    samples = None
-    if scene.width_m is not None:
+    samples, content = None, None
+    if scene.width_m is None:
+        content = field_size(scene)
+    else:
         image_width_m = scene.width_m * camera.optics.magnification(scene.distance_m)
         samples = scene.shape[1] * pixel.width_um.value * 1e-6 / max(image_width_m, _SMALLEST_IMAGE_M)
         if not _FEWEST_SAMPLES <= samples <= _MOST_SAMPLES:
             expected = f"that of an image with {_FEWEST_SAMPLES:g} to {_MOST_SAMPLES:g} samples a pixel"
             raise InputError("width_m", value=scene.width_m, expected=expected)
     aspect = pixel.height_um.value / pixel.width_um.value
-    return place(scene.shape, (array.rows, array.cols), pixel_aspect=aspect, cols_per_pixel=samples)
+    return place(scene.shape, (array.rows, array.cols), pixel_aspect=aspect, cols_per_pixel=samples, content=content)
 
 
 def image_regions(scene: Scene, camera: CameraParts) -> tuple[Region, ...]:

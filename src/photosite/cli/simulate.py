@@ -145,8 +145,9 @@ def command(
     holds all of it.
 
     Corners of the ColorChecker for `photosite validate --corners`: its patches extend 62 P above and below the frame's
-    center and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
-    corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
+    center and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. Where that would cut
+    patches (124 P > rows or 188 P > cols, as for 4:3 sensors), P = min(cols / 196, rows / 132). The D200's corners are
+    71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
     With --flicker or --motion, each row of a rolling shutter (--line-time) is exposed at its own time. --fps makes a
     video.

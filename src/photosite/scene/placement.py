@@ -68,6 +68,7 @@ def place(
     *,
     pixel_aspect: float = 1.0,
     cols_per_pixel: float | None = None,
+    content: tuple[float, float] | None = None,
 ) -> Placement:
     """Center a scene of square samples on a frame; shapes are (rows, cols).
 
@@ -79,16 +80,24 @@ def place(
         A pixel's height over its width.
     cols_per_pixel
         Samples per pixel along a row; None scales the scene evenly until it covers the frame.
+    content
+        Rows and columns of the centered part that the frame must hold, in samples, such as a chart without its border.
+        If a scene that covers the frame loses some of it, the scene is scaled until all of it fits.
 
     Examples
     --------
     >>> place((100, 100), (20, 50)).row_step
     2.0
+    >>> place((100, 100), (20, 50), content=(90, 90)).row_step
+    5.0
     """
     (scene_rows, scene_cols), (rows, cols) = scene_shape, frame_shape
     col_step = cols_per_pixel
     if col_step is None:
-        col_step = min(scene_cols / cols, scene_rows / (rows * pixel_aspect))
+        steps = scene_cols / cols, scene_rows / (rows * pixel_aspect)
+        col_step = min(steps)
+        if content is not None and (content[0] > rows * pixel_aspect * col_step or content[1] > cols * col_step):
+            col_step = max(steps)
     row_step = col_step * pixel_aspect
     start = (scene_rows - rows * row_step) / 2, (scene_cols - cols * col_step) / 2
     return Placement(*start, row_step, col_step, frame_shape)
@@ -210,6 +219,21 @@ def field_corners(chart: Scene) -> Corners:
         raise InputError("a dark chart has no corners")
     top, bottom, left, right = float(rows[0]), float(rows[-1] + 1), float(cols[0]), float(cols[-1] + 1)
     return (top, left), (top, right), (bottom, right), (bottom, left)
+
+
+def field_size(chart: Scene) -> tuple[float, float] | None:
+    """Return the rows and columns of samples between the borders of a chart of patches; None for any other scene.
+
+    Examples
+    --------
+    >>> from photosite.scene.charts import macbeth
+    >>> field_size(macbeth())
+    (124.0, 188.0)
+    """
+    if not chart.patches or not np.any(chart.weights):
+        return None
+    (top, left), _, (bottom, right), _ = field_corners(chart)
+    return bottom - top, right - left
 
 
 def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrilateral, ...]:

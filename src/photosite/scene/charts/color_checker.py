@@ -35,6 +35,7 @@ Edition = Literal["after 2014", "before 2014"]
 
 _ROWS, _COLS = 4, 6
 _SHAPE, _CORNERS = patch_grid(_ROWS, _COLS)
+_FIELD = _CORNERS[-1][0] + PATCH - _CORNERS[0][0], _CORNERS[-1][1] + PATCH - _CORNERS[0][1]
 """132 x 196 samples, nearly 3 : 2."""
 
 _TABLES: dict[str, str] = {
@@ -118,7 +119,7 @@ def macbeth_regions(rows: int, cols: int) -> tuple[Region, ...]:
     >>> macbeth_regions(1296, 1936)[0].name
     'dark skin'
     """
-    return place(_SHAPE, (rows, cols)).regions(patch_regions(MACBETH_NAMES, _CORNERS))
+    return place(_SHAPE, (rows, cols), content=_FIELD).regions(patch_regions(MACBETH_NAMES, _CORNERS))
 
 
 def color_checker_sg_reflectance(
