@@ -86,31 +86,6 @@ def loop() -> ClosedLoop:
 def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("PHOTOSITE_CACHE", "off")  # tests compute what they test
     gc.set_threshold(100_000, 20, 100)  # collections in a process of 6000 tests take a sixth of its start
-    if hasattr(config, "workerinput"):
-        _compile_kernels_once()
-
-
-def _compile_kernels_once() -> None:
-    """Let one process of a parallel run compile a kernel, while the others wait and then load it from the cache.
-
-    Otherwise each process compiles what the first tests of all need, which takes a minute or more.
-    """
-    import fcntl
-
-    from numba.core.compiler_lock import global_compiler_lock
-    from numba.core.dispatcher import Dispatcher
-
-    from photosite.engine.kernel_cache import kernel_folder
-
-    compile_kernel = Dispatcher.compile
-
-    def compile_once(self: Any, signature: Any) -> Any:
-        # numba's own lock first: threads of one process must not wait for each other's files.
-        with global_compiler_lock, open(kernel_folder() / f"{self.py_func.__qualname__}.lock", "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            return compile_kernel(self, signature)
-
-    Dispatcher.compile = compile_once
 
 
 @pytest.hookimpl(tryfirst=True)

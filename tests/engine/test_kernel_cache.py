@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photosite.engine import jit
+from photosite.engine import jit, kernel_cache
 
 
 def double(values: Any) -> Any:
@@ -74,7 +76,7 @@ def test_a_folder_that_cannot_be_written_is_no_error(kernel: Callable[[], Any], 
 _COMPILING = """
 import sys
 from pathlib import Path
-from photosite.engine import jit
+from photosite.engine import jit, kernel_cache
 jit.kernel_folder = lambda: Path(sys.argv[1])
 from photosite.engine.random_numbers import poisson
 print("ready", flush=True)
@@ -107,3 +109,42 @@ def test_a_kernel_that_a_killed_process_was_compiling_is_compiled(kernel: Callab
     path.with_suffix(".lock").touch()
     assert kernel()(2.0) == 4.0
     assert files(tmp_path) == [path]
+
+
+@pytest.fixture
+def no_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Put a file where the user's cache would be, and return the folder of temporary files."""
+    (tmp_path / "home").touch()
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    kernel_cache.kernel_folder.cache_clear()
+    yield tmp_path / "tmp"  # type: ignore[misc]
+    kernel_cache.kernel_folder.cache_clear()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the folder is that of XDG_CACHE_HOME on Linux")
+def test_kernels_are_kept_in_a_temporary_folder_of_the_user(no_cache: Path) -> None:
+    folder = kernel_cache.kernel_folder()
+    own = no_cache / f"photosite-{os.getuid()}"
+    assert folder.parent == own
+    assert own.stat().st_mode & 0o777 == 0o700
+    kernel_cache.kernel_folder.cache_clear()
+    assert kernel_cache.kernel_folder() == folder
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the folder is that of XDG_CACHE_HOME on Linux")
+@pytest.mark.parametrize("planted", ["a link", "open to others", "a file"])
+def test_a_temporary_folder_that_others_can_write_is_not_used(no_cache: Path, planted: str) -> None:
+    own = no_cache / f"photosite-{os.getuid()}"
+    if planted == "a link":
+        (no_cache / "elsewhere").mkdir()
+        own.symlink_to(no_cache / "elsewhere")
+    elif planted == "a file":
+        own.touch()
+    else:
+        own.mkdir()
+        own.chmod(0o777)
+    folder = kernel_cache.kernel_folder()
+    assert own not in folder.parents
+    assert folder.is_dir()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import textwrap
@@ -16,6 +17,7 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import click
+from platformdirs import user_cache_path
 
 from photosite.cli.compilation import start_beside
 from photosite.errors import PhotositeWarning, printable
@@ -171,7 +173,11 @@ def say_if_compiling(kernel: str = "*", beside: Callable[[], None] | None = None
 
     if is_cached(kernel):
         return
-    say(f"compiling kernels, once, about 10 s; kept in {kernel_folder()}")
+    folder, usual = kernel_folder(), user_cache_path("photosite", appauthor=False)
+    say(f"compiling kernels, once, about 10 s; kept in {folder}")
+    if not folder.is_relative_to(usual):
+        variable = "XDG_CACHE_HOME" if os.name == "posix" else "LOCALAPPDATA"
+        say(f"{usual} cannot be written; {variable} names another folder")
     if beside is not None:
         start_beside(beside)
 

@@ -7,6 +7,7 @@ import hashlib
 import os
 import pickle
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Callable
@@ -148,23 +149,44 @@ def kernel_folder() -> Path:
     """Return the folder of compiled kernels, a different one for each state of the engine's sources.
 
     numba itself compares only the file of a kernel, so that a kernel would stay in use after a function that it calls
-    has changed in another file.
+    has changed in another file. Where the user's cache cannot be written, the folder is in one of the user's own among
+    temporary files; if that is not safe, or cannot be written, one for the lifetime of the process.
     """
     sources = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         sources.update(path.read_bytes())
-    folder = user_cache_path("photosite", appauthor=False) / f"kernels-{sources.hexdigest()[:16]}"
+    name = f"kernels-{sources.hexdigest()[:16]}"
+    folder = user_cache_path("photosite", appauthor=False) / name
+    if _is_writable(folder):
+        return folder
+    own = _own_temporary_folder()
+    if own is not None and _is_writable(own / name):
+        return own / name
+    passing = tempfile.mkdtemp(prefix="photosite-kernels-")
+    atexit.register(shutil.rmtree, passing, ignore_errors=True)
+    return Path(passing)
+
+
+def _is_writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
     except OSError:
-        writable = False
-    if writable:
-        return folder
-    # The home folder is read-only: keep kernels for the lifetime of the process.
-    own = tempfile.mkdtemp(prefix="photosite-kernels-")
-    atexit.register(shutil.rmtree, own, ignore_errors=True)
-    return Path(own)
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def _own_temporary_folder() -> Path | None:
+    """Return a folder among temporary files that this user alone can write; None if another has its name."""
+    if not hasattr(os, "getuid"):
+        return None
+    folder = Path(tempfile.gettempdir()) / f"photosite-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    safe = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+    return folder if safe else None
 
 
 def is_cached(kernel: str = "*") -> bool:
