@@ -9,7 +9,7 @@ import pytest
 from photosite.engine.threads import threads_for
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="module")
 def one_thread():
     """Run the kernels in one thread: for small frames, threads cost more processor time than they save."""
     with threads_for(1):
