@@ -34,10 +34,10 @@ _most: ContextVar[int | None] = ContextVar("_most", default=None)
 
 def thread_count() -> int:
     """Return how many threads to use: those of this process, or fewer in a `with threads_for(...)` block."""
-    return min(_most.get() or _available(), _available())
+    available = _available()
+    return min(_most.get() or available, available)
 
 
-@lru_cache(maxsize=1)
 def _available() -> int:
     """Return how many threads this process may use: its cores, or the variable NUMBA_NUM_THREADS.
 
@@ -112,7 +112,6 @@ def _pool() -> ThreadPoolExecutor:
 def _forget() -> None:
     """Forget the threads of the process that this one was forked from, which do not exist here."""
     _pool.cache_clear()
-    _available.cache_clear()
 
 
 if hasattr(os, "register_at_fork"):
