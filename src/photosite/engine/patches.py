@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import F32, compiled
-from photosite.engine.threads import parallel_for
+from photosite.engine.threads import COPIES_PER_THREAD, parallel_for, threads_for
 
 
 def scaled_patch(
@@ -17,7 +17,8 @@ def scaled_patch(
     """Return the patch of a shape at a corner of an image, (rows, cols), times a factor; flipped along its axes."""
     rows, cols = shape
     out = np.empty((rows, cols), np.float32)
-    parallel_for(_scaled_patch, rows, image, corner, shape, flips, factor, out)
+    with threads_for(out.size, COPIES_PER_THREAD):
+        parallel_for(_scaled_patch, rows, image, corner, shape, flips, factor, out)
     return out
 
 

@@ -45,7 +45,7 @@ from photosite.engine.random_runs import (
     random_words,
     short_normals,
 )
-from photosite.engine.threads import parallel_for
+from photosite.engine.threads import COPIES_PER_THREAD, parallel_for, threads_for
 
 DEVIATE_STEP = 2.0**-12
 """Standard deviations per unit of a 16-bit deviate: the range is 8 standard deviations, and deviates reach 6.3."""
@@ -300,7 +300,8 @@ def run_shape(cols: int) -> tuple[int, int]:
 def all_light(values: F32) -> bool:
     """Return whether all values (rows, cols) are finite and not negative."""
     others = np.zeros(len(values), np.int64)
-    parallel_for(_count_others, len(values), values, others)
+    with threads_for(values.size, COPIES_PER_THREAD):
+        parallel_for(_count_others, len(values), values, others)
     return not others.any()
 
 
@@ -326,7 +327,8 @@ def clean_frame(photo_e: F32, well_e: np.float32, gain: np.float32, black_dn: np
     `photo_e` is (rows, cols); the others are single numbers in 32 bits.
     """
     out = np.empty(photo_e.shape, np.float32)
-    parallel_for(_clean_frame, len(out), photo_e, well_e, gain, black_dn, white_dn, out)
+    with threads_for(out.size, COPIES_PER_THREAD):
+        parallel_for(_clean_frame, len(out), photo_e, well_e, gain, black_dn, white_dn, out)
     return out
 
 

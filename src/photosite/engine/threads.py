@@ -6,11 +6,12 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import lru_cache
-from itertools import pairwise
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Concatenate, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -18,6 +19,9 @@ T = TypeVar("T")
 
 ITEMS_PER_THREAD = 100_000
 """Pixels that take a thread about a millisecond."""
+
+COPIES_PER_THREAD = 2_000_000
+"""Pixels that a thread copies or compares in about half a millisecond."""
 
 VARIABLE = "NUMBA_NUM_THREADS"
 """Environment variable with the number of threads, in place of the number of cores."""
@@ -56,12 +60,12 @@ def _available() -> int:
 _NO_LIMIT = nullcontext()
 
 
-def threads_for(items: int) -> AbstractContextManager[None]:
+def threads_for(items: int, per_thread: int = ITEMS_PER_THREAD) -> AbstractContextManager[None]:
     """Limit the threads of `parallel_for` in a `with` block to what a number of items can keep busy.
 
     Handing work to a thread takes longer than a small frame, and much longer if other processes use the cores.
     """
-    threads = max(1, items // ITEMS_PER_THREAD)
+    threads = max(1, items // per_thread)
     return _NO_LIMIT if threads >= thread_count() else _at_most(threads)
 
 
@@ -79,7 +83,7 @@ def parallel_for(
 ) -> None:
     """Call a compiled function for parts of `range(count)`, on the threads of this process.
 
-    The parts are `kernel(first, last, ...)`, of about equal size, one for each thread. The function releases the
+    The parts are `kernel(first, last, ...)`, of about equal size, a few for each thread. The function releases the
     interpreter's lock, and its iterations do not depend on each other.
 
     Examples
@@ -94,24 +98,71 @@ def parallel_for(
     if threads <= 1:
         kernel(0, count, *arguments, **options)
         return
-    ends = [part * count // threads for part in range(threads + 1)]
-    others = [_pool().submit(kernel, first, last, *arguments, **options) for first, last in pairwise(ends[1:])]
-    try:
-        kernel(0, ends[1], *arguments, **options)
-    finally:  # they write into the same arrays
-        wait(others)
+    parts = min(threads * _PARTS, count)
+    left = iter(range(parts))  # each part goes to the thread that is free: one that starts late takes fewer
+
+    def run() -> None:
+        for part in left:
+            kernel(part * count // parts, (part + 1) * count // parts, *arguments, **options)
+
+    tasks, others = _tasks(_available()), [_Part(run) for _ in range(threads - 1)]
     for other in others:
-        other.result()
+        tasks.put(other)
+    try:
+        run()
+    finally:  # they write into the same arrays
+        errors = [other.wait() for other in others]
+    for error in errors:
+        if error is not None:
+            raise error
+
+
+_PARTS = 4
+"""Parts of a loop for each thread."""
+
+
+class _Part:
+    """What another thread does of a loop; a future of `concurrent.futures` takes several times as long."""
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self._call = call
+        self._error: BaseException | None = None
+        self._running = Lock()
+        self._running.acquire()
+
+    def run(self) -> None:
+        try:
+            self._call()
+        except BaseException as error:
+            self._error = error
+        finally:
+            self._running.release()
+
+    def wait(self) -> BaseException | None:
+        """Wait for the end; return the error."""
+        self._running.acquire()
+        return self._error
 
 
 @lru_cache(maxsize=1)
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_available(), "photosite")
+def _tasks(threads: int) -> SimpleQueue[_Part]:
+    """Start threads, and return the queue that they take parts from."""
+    tasks: SimpleQueue[_Part] = SimpleQueue()
+    for _ in range(threads):
+        Thread(target=_run_parts, args=(tasks,), name="photosite", daemon=True).start()
+    return tasks
+
+
+def _run_parts(tasks: SimpleQueue[_Part]) -> None:
+    while True:
+        part = tasks.get()
+        part.run()
+        del part  # and the arrays with it
 
 
 def _forget() -> None:
     """Forget the threads of the process that this one was forked from, which do not exist here."""
-    _pool.cache_clear()
+    _tasks.cache_clear()
 
 
 if hasattr(os, "register_at_fork"):
