@@ -31,7 +31,7 @@ def compiled(*, inline: bool = False, fused: bool = False) -> Callable[[F], F]:
     `inline` inlines the function into its callers. `fused` lets a processor round a * b + c once: for results that are
     only compared with others beyond the bound of their errors.
 
-    A function is compiled for calls from Python, or for calls from compiled functions, which takes half of the time.
+    A function is compiled for calls from Python, or, without what converts its arguments, for calls from compiled ones.
     Loops over several threads are those of `threads.parallel_for`: numba's own compile each function four times.
     """
     options: dict[str, Any] = {"inline": "always"} if inline else {"fastmath": {"contract"} if fused else False}
