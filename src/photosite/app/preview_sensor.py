@@ -39,11 +39,7 @@ def _resized(sensor: Sensor, rows: int, cols: int, notes: list[str]) -> Sensor:
         notes.append("the preview draws the fixed pattern in place of the measured maps")
     if sensor.effects is None:
         return sensor.with_(**changes)
-    placed = {name: None for name in _PLACED if getattr(sensor.effects, name) is not None}
+    placed = {name: None for name, section in sensor.effects.stated.items() if section.placed}
     if placed:
         notes.append(f"the preview is without {', '.join(placed).replace('_', ' ')}")
     return sensor.with_(**placed, **changes)
-
-
-_PLACED = ("glow", "optical_black", "readout_channels", "pixel_defects", "charge_transfer", "blooming")
-"""Effects that depend on places in the array, or reach over many pixels."""

@@ -58,23 +58,18 @@ def view_header(found: PreparedState, shown: ViewPixels, view: View, folder: Pat
 
 
 _RESPONSE_POINTS = 513
-_BENDING = ("response_curve", "em_gain", "output")
-"""Effects that change the digital number of a charge."""
 
 
 def _response_table(sensor: Sensor) -> dict[str, list[float]]:
     """Return electrons from light, and the digital numbers that they have without noise: linear in between."""
-    effects = sensor.effects
-    bending = [] if effects is None else [name for name in _BENDING if getattr(effects, name) is not None]
-    if sensor.captures is None and not bending:
+    effects = {} if sensor.effects is None else sensor.effects.stated
+    if sensor.captures is None and not any(section.changes_response for section in effects.values()):
         black_dn = sensor.output_levels_dn[0]
         return {"dn": [black_dn, black_dn + sensor.system_gain_dn_per_e], "electrons": [0.0, 1.0]}
     top_e = sensor.saturation_capacity_e if sensor.captures is None else largest_light_e(sensor)
     light = np.linspace(0.0, top_e, _RESPONSE_POINTS)
     tile = len(sensor.array.cfa), len(sensor.array.cfa[0])
-    others = (
-        {} if effects is None else {name: None for name, part in effects if part is not None and name not in bending}
-    )
+    others = {name: None for name, section in effects.items() if not section.changes_response}
     small = of_size(sensor.with_(**others), tile[0], tile[1] * _RESPONSE_POINTS, [])
     mosaic = np.repeat(np.repeat(light, tile[1])[None], tile[0], axis=0).astype(np.float32)
     dn, first = np.unique(clean_numbers(small, mosaic)[0, :: tile[1]], return_index=True)

@@ -405,7 +405,7 @@ class SignalModel(Shown):
         if _POLYNOMIAL in given:
             well_e = float(given.get("well_capacity_e", self._own["well_capacity_e"]))
             try:
-                ResponseCurve(polynomial_percent=tuple(given[_POLYNOMIAL].tolist())).check(well_e)
+                ResponseCurve(polynomial_percent=tuple(given[_POLYNOMIAL].tolist())).check_rising(well_e)
             except InputError as error:
                 expected = "factors of a signal that rises with the charge up to the well capacity"
                 raise InputError(_POLYNOMIAL, where="values", value=error.value, expected=expected) from None

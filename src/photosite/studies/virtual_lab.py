@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,20 +116,16 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,
         maps=None,
-        effects=_geometry(sensor.effects),
+        effects=_known(sensor.effects),
         gain_settings=(),
     )
 
 
-def _geometry(effects: Effects | None) -> dict[str, Any] | None:
-    """Return the properties of the effects that are known before a measurement."""
-    if effects is None or (effects.optical_black is None and effects.charge_transfer is None):
-        return None
-    transfer = effects.charge_transfer
-    return {
-        "optical_black": None if effects.optical_black is None else effects.optical_black.model_dump(),
-        "charge_transfer": None if transfer is None else {"output": transfer.output},
-    }
+def _known(effects: Effects | None) -> Effects | None:
+    """Return what is known of the effects before a measurement."""
+    sections = {} if effects is None else effects.stated
+    known = {name: entry for name, section in sections.items() if (entry := section.nominal()) is not None}
+    return Effects(**known) if known else None
 
 
 @dataclass(frozen=True)

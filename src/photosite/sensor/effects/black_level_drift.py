@@ -6,11 +6,11 @@ from typing import Annotated
 
 from pydantic import Field
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import about
-from photosite.values.validated import Section
 
 
-class BlackLevelDrift(Section):
+class BlackLevelDrift(EffectSection):
     """1/f noise of the black level over the frames of a seed: a sum of steps, each held for twice as long as the last.
 
     Examples

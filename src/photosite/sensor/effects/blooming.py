@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import UnitFraction, about
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Section
 
 
-class Blooming(Section):
+class Blooming(EffectSection):
     """Flow of the charge that a pixel cannot hold, half of it each way along the column.
 
     Examples
@@ -15,6 +15,9 @@ class Blooming(Section):
     >>> Blooming(drained=0.9).drained.value
     0.9
     """
+
+    placed = True
+    of_single_captures = True
 
     drained: UnitFraction = about(
         "Share of the charge above the full well that an anti-blooming drain removes.", "1", 0.9, default=Measured(0.0)

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import Corner, EffectSection
 from photosite.sensor.quantity import NO_UNIT, NotNegative, about
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Section
-
-Corner = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
-"""Corner of the array at which the output amplifier lies."""
 
 _LARGEST = 1e-3
 _LEFT_OUT = 1e-9
 """Share of the charge that may arrive later than is computed; it counts as the latest that is."""
 
 
-class ChargeTransfer(Section):
+class ChargeTransfer(EffectSection):
     """Inefficiency of the transfers to the output, which lies at a corner of the array.
 
     Counted from the output, row r takes r + 1 parallel transfers and column c takes c + 1 serial ones. What stays
@@ -33,6 +30,9 @@ class ChargeTransfer(Section):
     >>> ChargeTransfer(parallel_inefficiency=1e-5).row_shares(2000)[:2, -1].round(5).tolist()
     [0.9802, 0.0196]
     """
+
+    placed = True
+    of_single_captures = True
 
     parallel_inefficiency: NotNegative = about(
         "Share of the charge that stays behind at a transfer along a column.", "1", 5e-6, default=Measured(0.0)
@@ -48,6 +48,10 @@ class ChargeTransfer(Section):
             if (value := getattr(self, name).value) > _LARGEST:
                 raise InputError(name, value=value, expected=f"at most {_LARGEST:g}")
         return self
+
+    def nominal(self) -> Self:
+        """Return that the sensor is a CCD with its output at this corner."""
+        return type(self)(output=self.output)
 
     @property
     def order(self) -> tuple[slice, slice]:

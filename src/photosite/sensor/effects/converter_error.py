@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import about
-from photosite.values.validated import Number, Section
+from photosite.values.validated import Number
 
 
-class ConverterError(Section):
+class ConverterError(EffectSection):
     """Error of the converter's codes against a straight line.
 
     Examples

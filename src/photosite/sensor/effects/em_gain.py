@@ -9,13 +9,14 @@ from pydantic import Field, model_validator
 
 from photosite.engine.charge_stages import Register
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import Positive, about
-from photosite.values.validated import NonNegativeNumber, PositiveNumber, Section
+from photosite.values.validated import NonNegativeNumber, PositiveNumber
 
 _LARGEST_E, _LARGEST_GAIN = 1e15, 1e5
 
 
-class EmGain(Section):
+class EmGain(EffectSection):
     """The multiplication register in front of the output amplifier.
 
     n electrons become a gamma-distributed number of electrons with mean n g and variance n g^2 (F^2 - 1), where g is
@@ -31,6 +32,9 @@ class EmGain(Section):
     >>> round(EmGain(gain=300).excess_noise_factor, 3), round(EmGain(gain=300, stages=536).excess_noise_factor, 3)
     (1.997, 1.976)
     """
+
+    changes_response = True
+    of_single_captures = True
 
     gain: Positive = about("Mean electrons behind the register per electron in front of it.", "1", 300)
     stages: Annotated[int, Field(strict=True, ge=1)] | None = about(

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import NO_UNIT, about
-from photosite.values.validated import Section
 
 Place = Literal["top", "bottom", "left", "right", "top_left", "top_right", "bottom_left", "bottom_right"]
 
 
-class Glow(Section):
+class Glow(EffectSection):
     """Electrons per second that fall off exponentially with the distance from edges or corners.
 
     Examples
@@ -22,6 +22,8 @@ class Glow(Section):
     >>> Glow(places=("left",), peak_e_per_s=8, decay_pixels=1 / np.log(2)).map(1, 4).tolist()
     [[8.0, 4.0, 2.0, 1.0]]
     """
+
+    placed = True
 
     places: tuple[Place, ...] = about("Edges and corners that glow.", NO_UNIT, ["top_left"], min_length=1)
     peak_e_per_s: Annotated[float, Field(ge=0.0)] = about("Glow at each of them.", "e-/s", 5.0)

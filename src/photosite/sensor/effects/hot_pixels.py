@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Self
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import LogSpread, NotNegative, UnitFraction, about
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Section
 
 
-class HotPixels(Section):
+class HotPixels(EffectSection):
     """Pixels with additional dark current, drawn from the serial: log-normal over these pixels.
 
     Examples
@@ -24,12 +25,12 @@ class HotPixels(Section):
     )
     log_spread: LogSpread = about("Standard deviation of its natural logarithm.", "1", 1.0, default=Measured(1.0))
 
-    def scaled(self, ratio: float) -> HotPixels:
+    def with_dark_current(self, ratio: float) -> Self:
         """Return hot pixels with a dark current that is larger or smaller by a ratio.
 
         Examples
         --------
-        >>> HotPixels(fraction=0.001, median_e_per_s=200).scaled(2).median_e_per_s.value
+        >>> HotPixels(fraction=0.001, median_e_per_s=200).with_dark_current(2).median_e_per_s.value
         400.0
         """
         median = self.median_e_per_s

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import NotNegative, about
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Section
 
 _LARGEST_SHARE = 50.0
 
 
-class InterpixelCapacitance(Section):
+class InterpixelCapacitance(EffectSection):
     """Fractions of a pixel's signal that appear in its neighbors.
 
     Examples

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import NotNegative, ResponseSpread, about
 from photosite.values.uncertain import Measured
-from photosite.values.validated import Section
 
 
-class LinePattern(Section):
+class LinePattern(EffectSection):
     """Standard deviations over the rows and columns of a chip, normal and drawn from its serial.
 
     Examples
@@ -25,3 +25,9 @@ class LinePattern(Section):
     column_gain_percent: ResponseSpread = about(
         "Gains of the columns relative to their mean, standard deviation.", "%", 0.3, default=Measured(0.0)
     )
+
+    @property
+    def line_variances(self) -> tuple[float, float]:
+        """Variance of the offsets of rows and columns, e-^2, and of the gains of columns."""
+        offset = self.row_offset_e.value**2 + self.column_offset_e.value**2
+        return offset, (self.column_gain_percent.value / 100.0) ** 2

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from photosite.errors import InputError
 from photosite.sensor.effects.black_level_drift import BlackLevelDrift
 from photosite.sensor.effects.blooming import Blooming
-from photosite.sensor.effects.charge_transfer import ChargeTransfer, Corner
+from photosite.sensor.effects.charge_transfer import ChargeTransfer
 from photosite.sensor.effects.converter_error import ConverterError
 from photosite.sensor.effects.em_gain import EmGain
 from photosite.sensor.effects.glow import Glow
@@ -20,6 +18,7 @@ from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.effects.read_noise_spread import ReadNoiseSpread
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.effects.response_curve import ResponseCurve
+from photosite.sensor.effects.section import Corner, EffectSection, Limits
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.quantity import NO_UNIT, about
 from photosite.values.region import Border
@@ -39,19 +38,25 @@ class Effects(Section):
         "Deviation of the signal from a straight response.", NO_UNIT, {"polynomial_percent": [0.0, -2.0]}, default=None
     )
     readout_channels: ReadoutChannels | None = about(
-        "Gains and offsets of readout channels.", NO_UNIT, {"relative_gain": [[1.01, 0.99]]}, default=None
+        "Gains and offsets of readout channels.",
+        NO_UNIT,
+        {"relative_gain": [[1.01, 0.99]], "offset_e": [[3, -3]]},
+        default=None,
     )
     line_pattern: LinePattern | None = about(
         "Fixed offsets of rows and columns, and gains of columns.",
         NO_UNIT,
-        {"column_offset_e": 2.0, "column_gain_percent": 0.3},
+        {"row_offset_e": 0.5, "column_offset_e": 2.0, "column_gain_percent": 0.3},
         default=None,
     )
     blooming: Blooming | None = about(
-        "Charge above the full well flows along the column.", NO_UNIT, {"drained": 0.9}, default=None
+        "Charge above the full well flows along the column.", NO_UNIT, {"drained": 0.5}, default=None
     )
     charge_transfer: ChargeTransfer | None = about(
-        "Charge that stays behind at the transfers of a CCD.", NO_UNIT, {"parallel_inefficiency": 5e-6}, default=None
+        "Charge that stays behind at the transfers of a CCD.",
+        NO_UNIT,
+        {"parallel_inefficiency": 5e-6, "serial_inefficiency": 1e-6},
+        default=None,
     )
     em_gain: EmGain | None = about(
         "Multiplication register of an EMCCD.", NO_UNIT, {"gain": 300, "stages": 536}, default=None
@@ -59,23 +64,26 @@ class Effects(Section):
     interpixel_capacitance: InterpixelCapacitance | None = about(
         "Signal that couples to neighboring pixels after the charge was collected.",
         NO_UNIT,
-        {"coupling_percent": 1.2},
+        {"coupling_percent": 1.2, "diagonal_percent": 0.1},
         default=None,
     )
     converter_error: ConverterError | None = about(
         "Integral nonlinearity of the converter.", NO_UNIT, {"error_lsb": [0, 1.5, -0.5, 0]}, default=None
     )
     output: Output | None = about(
-        "Lossy digital stages behind the converter.", NO_UNIT, {"dropped_bits": 2}, default=None
+        "Lossy digital stages behind the converter.", NO_UNIT, {"dropped_bits": 1}, default=None
     )
     hot_pixels: HotPixels | None = about(
         "Tail of the dark current.", NO_UNIT, {"fraction": 0.001, "median_e_per_s": 200}, default=None
     )
     pixel_defects: PixelDefects | None = about(
-        "Dead, stuck and hot pixels, columns and clusters.", NO_UNIT, {"dead_fraction": 1e-4}, default=None
+        "Dead, stuck and hot pixels, columns and clusters.",
+        NO_UNIT,
+        {"dead_fraction": 1e-4, "stuck_fraction": 1e-4},
+        default=None,
     )
     telegraph_noise: TelegraphNoise | None = about(
-        "Pixels that blink.", NO_UNIT, {"fraction": 0.01, "amplitude_e": 20}, default=None
+        "Pixels that blink.", NO_UNIT, {"fraction": 0.01, "amplitude_e": 20, "correlation_frames": 5.0}, default=None
     )
     read_noise_spread: ReadNoiseSpread | None = about(
         "Distribution of the read noise over the pixels.", NO_UNIT, {"log_spread": 0.2}, default=None
@@ -96,23 +104,21 @@ class Effects(Section):
         default=None,
     )
 
+    @property
+    def stated(self) -> dict[str, EffectSection]:
+        """The sections of the effects that the sensor has, by name."""
+        return {name: section for name, section in self if section is not None}
+
     def check(
         self, rows: int, cols: int, tile: tuple[int, int], well_capacity_e: float, black_dn: float, white_dn: float
     ) -> None:
         """Raise `InputError` unless the effects are consistent with the sensor's array, well and converter."""
-        given: dict[str, tuple[Any, ...]] = {
-            "response_curve": (well_capacity_e,),
-            "readout_channels": (rows, cols),
-            "optical_black": (rows, cols, tile, self.corner),
-            "pixel_defects": (rows, cols, white_dn),
-            "output": (black_dn, white_dn),
-        }
-        for name, arguments in given.items():
-            if (part := getattr(self, name)) is not None:
-                try:
-                    part.check(*arguments)
-                except InputError as error:
-                    raise error.within(f"effects.{name}") from None
+        limits = Limits(rows, cols, tile, well_capacity_e, black_dn, white_dn, self.corner)
+        for name, section in self.stated.items():
+            try:
+                section.check(limits)
+            except InputError as error:
+                raise error.within(f"effects.{name}") from None
         if self.response_curve is not None and self.em_gain is not None:
             hint = "A curve ends at the well capacity, and the output of the register reaches beyond it"
             raise InputError("response_curve and em_gain are both given", where="effects", hint=hint)
@@ -135,8 +141,7 @@ class Effects(Section):
     @property
     def of_single_captures(self) -> list[str]:
         """The effects that sensors with several captures of one exposure cannot have."""
-        names = "blooming", "charge_transfer", "em_gain", "output"
-        return [name for name in names if getattr(self, name) is not None]
+        return [name for name, section in self.stated.items() if section.of_single_captures]
 
     @property
     def line_variances(self) -> tuple[float, float]:
@@ -147,27 +152,12 @@ class Effects(Section):
         >>> Effects(line_pattern={"row_offset_e": 3, "column_gain_percent": 1}).line_variances
         (9.0, 0.0001)
         """
-        offset, gain = 0.0, 0.0
-        if (lines := self.line_pattern) is not None:
-            offset = lines.row_offset_e.value**2 + lines.column_offset_e.value**2
-            gain = (lines.column_gain_percent.value / 100.0) ** 2
-        if (channels := self.readout_channels) is not None:
-            gains, offsets = channels.tables()
-            offset, gain = offset + float(offsets.var()), gain + float((gains / gains.mean()).var())
-        return offset, gain
+        offsets, gains = zip((0.0, 0.0), *(section.line_variances for section in self.stated.values()), strict=True)
+        return sum(offsets), sum(gains)
 
     def with_dark_current(self, ratio: float) -> Effects:
         """Return the effects with a dark current that is larger or smaller by a ratio: that of hot pixels.
 
         Glow is light, and does not follow the temperature as the dark current does.
         """
-        changes: dict[str, Any] = {}
-        if (hot := self.hot_pixels) is not None:
-            changes["hot_pixels"] = hot.scaled(ratio)
-        if (defects := self.pixel_defects) is not None:
-            listed = tuple(
-                one.model_copy(update={"value": (one.value or 0.0) * ratio}) if one.kind == "hot" else one
-                for one in defects.listed
-            )
-            changes["pixel_defects"] = defects.model_copy(update={"listed": listed})
-        return self.model_copy(update=changes)
+        return self.model_copy(update={name: section.with_dark_current(ratio) for name, section in self.stated.items()})

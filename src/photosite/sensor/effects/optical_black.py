@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field
 
 from photosite.errors import InputError
-from photosite.sensor.effects.charge_transfer import Corner
+from photosite.sensor.effects.section import Corner, EffectSection, Limits
 from photosite.sensor.quantity import about
 from photosite.values.region import Border
-from photosite.values.validated import Section
 
 _Lines = Annotated[int, Field(ge=0, le=65_535, strict=True)]
 
 
-class OpticalBlack(Section):
+class OpticalBlack(EffectSection):
     """Rows and columns of the array without light. Covered ones have the same noise and dark current as the others.
 
     Overscan is read after the last line of the array, on the side opposite to the output. It has no pixels: read noise
@@ -27,12 +26,18 @@ class OpticalBlack(Section):
     (0, 4, 8, 0)
     """
 
+    placed = True
+
     top: _Lines = about("Covered rows at the top.", "pixels", 8, default=0)
     bottom: _Lines = about("Covered rows at the bottom.", "pixels", 0, default=0)
     left: _Lines = about("Covered columns at the left.", "pixels", 16, default=0)
     right: _Lines = about("Covered columns at the right.", "pixels", 0, default=0)
     overscan_rows: _Lines = about("Rows that are read after the last one.", "pixels", 16, default=0)
     overscan_cols: _Lines = about("Columns that are read after the last one.", "pixels", 32, default=0)
+
+    def nominal(self) -> Self:
+        """Return the lines, which a data sheet states."""
+        return self
 
     def overscan(self, output: Corner) -> Border:
         """Return the lines of overscan at each side, for the corner of the output."""
@@ -47,12 +52,12 @@ class OpticalBlack(Section):
         top, bottom, left, right = self.overscan(output)
         return top + self.top, bottom + self.bottom, left + self.left, right + self.right
 
-    def check(self, rows: int, cols: int, tile: tuple[int, int], output: Corner) -> None:
+    def check(self, limits: Limits) -> None:
         """Raise `InputError` unless pixels with light are left, and their first has the tile's first filter."""
-        top, bottom, left, right = self.border(output)
-        for name, size, lines in (("top", rows, top + bottom), ("left", cols, left + right)):
+        top, bottom, left, right = self.border(limits.output)
+        for name, size, lines in (("top", limits.rows, top + bottom), ("left", limits.cols, left + right)):
             if lines >= size:
                 raise InputError(name, value=lines, expected=f"below {size}, together with the opposite side")
-        for name, lines, step in (("top", top, tile[0]), ("left", left, tile[1])):
+        for name, lines, step in (("top", top, limits.tile[0]), ("left", left, limits.tile[1])):
             if lines % step:
                 raise InputError(name, value=lines, expected=f"a multiple of {step}, the size of the array's tile")

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from pydantic import Field, StrictBool, field_validator, model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection, Limits
 from photosite.sensor.quantity import NO_UNIT, about
-from photosite.values.validated import Section
 
 
-class Output(Section):
+class Output(EffectSection):
     """Digital stages behind the converter, in the order of the fields; together they are one table.
 
     Examples
@@ -22,6 +22,9 @@ class Output(Section):
     >>> Output(dropped_bits=2, rescaled=True).table(white_level_dn=15, black_level_dn=0).tolist()
     [0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12]
     """
+
+    changes_response = True
+    of_single_captures = True
 
     subtract_black_level: StrictBool = about(
         "Whether the black level is subtracted, with negative numbers clipped to 0.", NO_UNIT, True, default=False
@@ -68,8 +71,9 @@ class Output(Section):
             raise InputError("decoded", value=True, expected="false without companding")
         return self
 
-    def check(self, black_level_dn: float, white_level_dn: float) -> None:
+    def check(self, limits: Limits) -> None:
         """Raise `InputError` unless a companding table covers all numbers, and the output holds black below white."""
+        black_level_dn, white_level_dn = limits.black_level_dn, limits.white_level_dn
         needed = self._highest(int(white_level_dn)) + 1
         if isinstance(self.companding, tuple) and len(self.companding) < needed:
             expected = f"a table of {needed} numbers or more, one for each number before it"

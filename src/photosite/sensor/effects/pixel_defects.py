@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection, Limits
 from photosite.sensor.quantity import NO_UNIT, about
 from photosite.values.validated import Number, Section
 
@@ -47,7 +48,7 @@ class ListedDefect(Section):
         return self
 
 
-class PixelDefects(Section):
+class PixelDefects(EffectSection):
     """Fractions and numbers of defects that are drawn from the serial, and defects at stated places.
 
     Examples
@@ -55,6 +56,8 @@ class PixelDefects(Section):
     >>> PixelDefects(dead_fraction=1e-4, dead_columns=1).stuck_fraction
     0.0
     """
+
+    placed = True
 
     dead_fraction: _Fraction = about("Fraction of the pixels without response to light.", "1", 1e-4, default=0.0)
     stuck_fraction: _Fraction = about(
@@ -69,14 +72,22 @@ class PixelDefects(Section):
         "Defects at stated places.", NO_UNIT, [{"kind": "stuck", "rows": [5, 5], "cols": [8, 8]}], default=()
     )
 
-    def check(self, rows: int, cols: int, white_level_dn: float) -> None:
+    def check(self, limits: Limits) -> None:
         """Raise `InputError` unless listed defects are on the chip, and there are as many columns as dead ones."""
-        if self.dead_columns > cols:
-            raise InputError("dead_columns", value=self.dead_columns, expected=f"at most {cols}")
+        if self.dead_columns > limits.cols:
+            raise InputError("dead_columns", value=self.dead_columns, expected=f"at most {limits.cols}")
         for number, one in enumerate(self.listed):
             where = f"listed[{number}]."
-            for name, (_, last), size in (("rows", one.rows, rows), ("cols", one.cols, cols)):
+            for name, (_, last), size in (("rows", one.rows, limits.rows), ("cols", one.cols, limits.cols)):
                 if last >= size:
                     raise InputError(where + name, value=last, expected=f"at most {size - 1}")
-            if one.kind == "stuck" and one.value is not None and one.value > white_level_dn:
-                raise InputError(where + "value", value=one.value, expected=f"at most {white_level_dn:g}")
+            if one.kind == "stuck" and one.value is not None and one.value > limits.white_level_dn:
+                raise InputError(where + "value", value=one.value, expected=f"at most {limits.white_level_dn:g}")
+
+    def with_dark_current(self, ratio: float) -> Self:
+        """Return the defects with a dark current of listed hot pixels that is larger or smaller by a ratio."""
+        listed = tuple(
+            one.model_copy(update={"value": (one.value or 0.0) * ratio}) if one.kind == "hot" else one
+            for one in self.listed
+        )
+        return self.model_copy(update={"listed": listed})

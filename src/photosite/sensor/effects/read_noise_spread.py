@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import about
-from photosite.values.validated import Section
 
 
-class ReadNoiseSpread(Section):
+class ReadNoiseSpread(EffectSection):
     """Distribution of the pixels' read noise: log-normal, or quantiles that were measured.
 
     The root mean square over the pixels is the read noise of the sensor.

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection, Limits
 from photosite.sensor.quantity import NO_UNIT, AnyValue, Positive, about
-from photosite.values.validated import Section
 
 
-class ReadoutChannels(Section):
+class ReadoutChannels(EffectSection):
     """Gains and offsets of readout channels, a value for each place of a tile or block.
 
     Examples
@@ -23,6 +23,8 @@ class ReadoutChannels(Section):
     >>> columns.groups(2, 4)[1].tolist(), quadrants.groups(2, 4)[1].tolist()
     ([0, 1, 0, 1], [0, 0, 1, 1])
     """
+
+    placed = True
 
     arrangement: Literal["tile", "blocks"] = about(
         "tile: the values repeat over the array, as those of odd and even columns; blocks: each value holds for a part "
@@ -66,10 +68,17 @@ class ReadoutChannels(Section):
         table = self.relative_gain or self.offset_e or ()
         return len(table), len(table[0])
 
-    def check(self, rows: int, cols: int) -> None:
+    def check(self, limits: Limits) -> None:
         """Raise `InputError` unless the array has at least a row and a column for each channel."""
-        if self.shape[0] > rows or self.shape[1] > cols:
-            raise InputError("relative_gain", value=self.shape, expected=f"at most the array's size, {(rows, cols)}")
+        size = limits.rows, limits.cols
+        if self.shape[0] > size[0] or self.shape[1] > size[1]:
+            raise InputError("relative_gain", value=self.shape, expected=f"at most the array's size, {size}")
+
+    @property
+    def line_variances(self) -> tuple[float, float]:
+        """Variance over the channels of offsets, e-^2, and of gains relative to their mean."""
+        gains, offsets = self.tables()
+        return float(offsets.var()), float((gains / gains.mean()).var())
 
     def groups(self, rows: int, cols: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the row of the table for each row of the array, and the column of the table for each column."""

@@ -9,13 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from photosite.errors import InputError
+from photosite.sensor.effects.section import EffectSection, Limits
 from photosite.sensor.quantity import NO_UNIT, Increasing, about, check_length
-from photosite.values.validated import Number, Section
+from photosite.values.validated import Number
 
 _NODES = 4097
 
 
-class ResponseCurve(Section):
+class ResponseCurve(EffectSection):
     """Deviation of the signal from a straight response with the system gain, which is that at small signal.
 
     signal = charge (1 + deviation / 100). The deviation is a table over the charge, or a polynomial in charge / well
@@ -29,6 +30,8 @@ class ResponseCurve(Section):
     >>> ResponseCurve(charge_e=(0, 10000), deviation_percent=(0, -2)).signal_e([10000], well_capacity_e=10000)
     array([9800.])
     """
+
+    changes_response = True
 
     charge_e: Increasing | None = about(
         "Collected electrons, from 0, increasing. With deviation_percent.", "e-", [0, 5000, 10000], default=None
@@ -73,8 +76,12 @@ class ResponseCurve(Section):
                 raise InputError(f"{name}[0]", value=first, expected="0: the curve begins at the charge 0")
         return self
 
-    def check(self, well_capacity_e: float) -> None:
+    def check(self, limits: Limits) -> None:
         """Raise `InputError` unless the signal rises with the charge up to the well capacity."""
+        self.check_rising(limits.well_capacity_e)
+
+    def check_rising(self, well_capacity_e: float) -> None:
+        """Raise `InputError` unless the signal rises with the charge up to a well capacity."""
         grid = np.linspace(0.0, well_capacity_e, _NODES)
         if not (rising := np.diff(self.signal_e(grid, well_capacity_e)) > 0.0).all():
             first = float(grid[int(np.argmin(rising))])

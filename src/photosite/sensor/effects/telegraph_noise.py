@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import NO_UNIT, about
-from photosite.values.validated import Section
 
 
-class TelegraphNoise(Section):
+class TelegraphNoise(EffectSection):
     """Blinking pixels, drawn from the serial; their states depend on the seed and the frame number.
 
     Examples

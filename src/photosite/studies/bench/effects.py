@@ -11,27 +11,15 @@ from typing import Any, Literal
 from photosite.camera.camera import Camera
 from photosite.scene.dynamic_scene import DynamicScene
 from photosite.scene.motion import Motion
+from photosite.sensor.effects.model import Effects
 from photosite.studies.bench.captures import EXPOSURE_S, MEGAPIXELS, camera, scene, work
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 
 Kind = Literal["em", "curve", "captures"]
 """Every effect with electron multiplication; with a response curve, which excludes it; three captures."""
 
-_EFFECTS: dict[str, Any] = {
-    "readout_channels": {"relative_gain": [[1.01, 0.99]], "offset_e": [[3, -3]]},
-    "line_pattern": {"row_offset_e": 0.5, "column_offset_e": 2.0, "column_gain_percent": 0.3},
-    "blooming": {"drained": 0.5},
-    "charge_transfer": {"parallel_inefficiency": 5e-6, "serial_inefficiency": 1e-6},
-    "interpixel_capacitance": {"coupling_percent": 1.2, "diagonal_percent": 0.1},
-    "converter_error": {"error_lsb": [0, 1.5, -0.5, 0]},
-    "output": {"dropped_bits": 1},
-    "hot_pixels": {"fraction": 0.001, "median_e_per_s": 200},
-    "pixel_defects": {"dead_fraction": 1e-4, "stuck_fraction": 1e-4},
-    "telegraph_noise": {"fraction": 0.01, "amplitude_e": 20, "correlation_frames": 5.0},
-    "read_noise_spread": {"log_spread": 0.2},
-    "glow": {"places": ["top_left"], "peak_e_per_s": 5, "decay_pixels": 100},
-    "black_level_drift": {"standard_deviation_e": 2},
-    "optical_black": {"top": 8, "left": 16},
+_EVERY: dict[str, Any] = {
+    **{name: field.examples[0] for name, field in Effects.model_fields.items() if field.examples},
     "row_noise_mv": 0.1,
     "column_noise_mv": 0.1,
     "dark_voltage_mv_per_s": 5.0,
@@ -46,8 +34,12 @@ _CAPTURES = {
     "combination": {"dn_per_e": 4, "bits": 24, "black_level_dn": 16},
 }
 SENSORS: dict[Kind, dict[str, Any]] = {
-    "em": {**_EFFECTS, "em_gain": {"gain": 1.2, "stages": 500, "clock_induced_charge_e": 0.002}},
-    "curve": {**_EFFECTS, "response_curve": {"polynomial_percent": [0, -2.0]}},
+    "em": {
+        **_EVERY,
+        "em_gain": {"gain": 1.2, "stages": 500, "clock_induced_charge_e": 0.002},
+        "response_curve": None,
+    },
+    "curve": {**_EVERY, "em_gain": None},
     "captures": {"well_capacity_e": 60000, "captures": _CAPTURES},
 }
 """What differs from the sensor without effects."""
