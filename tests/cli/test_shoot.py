@@ -49,6 +49,21 @@ def test_a_raised_black_level_gives_a_note(photosite: Any, tmp_path: Path) -> No
     assert as_it_is.json["black_level_dn"] == 0
 
 
+def test_changed_fields_of_the_sensor(photosite: Any, tmp_path: Path) -> None:
+    fields = "--sensor-option", "read_noise_e=9", "--sensor-option", "black_level_dn=60"
+    size = "--rows", 8, "--cols", 12
+    shown = photosite("shoot", *size, *fields, "-o", tmp_path / "a")
+    assert "black level raised" not in shown.err
+    true = ps.load_sensor(tmp_path / "a" / "truth.sensor.yaml")
+    assert true.electrons(true.noise.read_noise_mv.value) == pytest.approx(9)
+    assert true.readout.black_level_dn.value == 60
+    plan = photosite("plan", *size, *fields, "--step", "dark:1/100:9", "--step", "light:1/50:9", "--json").json
+    assert plan["expected"]["read_noise_e"]["value"] == pytest.approx(9, rel=1e-3)
+    wrong = photosite("shoot", *size, "--sensor-option", "read_noise=9", "-o", tmp_path / "b")
+    assert (wrong.status, wrong.err.count("\n")) == (2, 1)
+    assert "'read_noise'" in wrong.err
+
+
 @pytest.mark.usefixtures("without_frames")
 def test_maps_with_the_default_seed_give_a_note(photosite: Any, tmp_path: Path) -> None:
     """Maps of frames shot with seed 0 hold a share of its noise, which seed 0 repeats."""

@@ -345,7 +345,9 @@ def black_level_option(text: str) -> Callable[[F], F]:
 def virtual_sensor_options(function: F) -> F:
     """Add the options of a virtual sensor whose dark frames do not clip, for `prepared_sensor`."""
     level = black_level_option("; by default one at which dark frames do not clip at 0")
-    return stacked(sensor_option("nikon-d200"), gain_setting_option, size_options(), level)(function)
+    return stacked(sensor_option("nikon-d200"), gain_setting_option, size_options(), sensor_fields_option, level)(
+        function
+    )
 
 
 def virtual_light_options(photons: str) -> Callable[[F], F]:
@@ -591,6 +593,7 @@ def prepared_sensor(
     cols: int | None,
     black_level_dn: float | None = None,
     gain_setting: float | None = None,
+    sensor_fields: Sequence[tuple[str, Any]] = (),
     *,
     pedestal: bool = True,
 ) -> tuple[Sensor, str]:
@@ -599,9 +602,9 @@ def prepared_sensor(
     from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
 
     changes = {"rows": rows, "cols": cols, "black_level_dn": black_level_dn}
-    sensor = sensor_at(load_sensor(sensor_name), gain_setting)
-    sensor = sensor.with_(**{name: value for name, value in changes.items() if value is not None})
-    raised = with_pedestal(sensor) if pedestal and black_level_dn is None else sensor
+    sensor = changed_sensor(load_sensor(sensor_name), gain_setting, sensor_fields, changes)
+    stated = black_level_dn is not None or "black_level_dn" in dict(sensor_fields)
+    raised = with_pedestal(sensor) if pedestal and not stated else sensor
     if raised is sensor:
         return sensor, ""
     own, high = (each.readout.black_level_dn.value for each in (sensor, raised))
@@ -614,6 +617,16 @@ def prepared_sensor(
 def sensor_at(sensor: Sensor, gain_setting: float | None) -> Sensor:
     """Return a sensor at the gain setting of --gain-setting, or unchanged."""
     return sensor if gain_setting is None else sensor.at_gain_setting(gain_setting)
+
+
+def changed_sensor(
+    sensor: Sensor, gain_setting: float | None, fields: Sequence[tuple[str, Any]], changes: Mapping[str, Any]
+) -> Sensor:
+    """Return a sensor with --gain-setting, --sensor-option, and the changes of other options that are not None."""
+    from photosite.sensor.gain_table import changed_at_setting
+
+    given = {name: value for name, value in changes.items() if value is not None}
+    return changed_at_setting(sensor, gain_setting, {**dict(fields), **given})
 
 
 def sensor_or(default: T, name: str | None) -> Sensor | T:

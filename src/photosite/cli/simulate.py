@@ -298,14 +298,11 @@ def _capture_path(path: Path, name: str) -> Path:
 def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
     """Return the camera file's set-up, or the paper's, changed by the options."""
     from photosite.camera.file import SetUp, load_camera
-    from photosite.sensor.gain_table import changed_at_setting
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
     sensor = options.sensor_or(base.sensor, given["sensor_name"])
-    changes = {
-        name: given[name] for name in ("rows", "cols", "black_level_dn", "line_time_us") if given[name] is not None
-    }
-    sensor = changed_at_setting(sensor, given["gain_setting"], {**dict(given["sensor_fields"]), **changes})
+    changes = {name: given[name] for name in ("rows", "cols", "black_level_dn", "line_time_us")}
+    sensor = options.changed_sensor(sensor, given["gain_setting"], given["sensor_fields"], changes)
     if given["factor"] is None:
         options.only_for("--bin", "bin_kind")
     else:
