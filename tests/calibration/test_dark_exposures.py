@@ -16,7 +16,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.sensor.readout import digital_numbers
-from photosite.studies.plain_camera import Effect, PlainCamera
+from photosite.studies.plain_camera import Disturbance, PlainCamera
 from photosite.studies.protocol import ShootingProtocol, Step
 
 DARK_E_PER_S, GAIN, BLACK_DN, READ_E = 2000.0, 0.3, 64.0, 6.0
@@ -38,7 +38,7 @@ CAMERA = PlainCamera(
 def frames_of(stated_s: tuple[float, ...], taken_s: tuple[float, ...]) -> FrameSet:
     """Dark frames of stated and other exposure times, and flat fields of the stated ones."""
     steps = [Step("dark", t, 8) for t in taken_s] + [Step("light", t, 4) for t in stated_s]
-    frames = CAMERA.frame_set(ShootingProtocol("darks", tuple(steps)), Effect(), 3)
+    frames = CAMERA.frame_set(ShootingProtocol("darks", tuple(steps)), Disturbance(), 3)
     stated = dict(zip(taken_s, stated_s, strict=True))
     groups = [
         replace(group, exposure_s=stated[group.exposure_s]) if group.kind == "dark" else group
@@ -86,7 +86,7 @@ def test_three_exposures_do_not_tell_which_is_wrong(taken_s: tuple[float, ...]) 
 def test_read_noise_of_dark_frames_alone_is_without_dark_shot_noise() -> None:
     """Without a gain, the slope of the dark variance gives it: 20 to 80 electrons beside 36 electrons^2."""
     steps = tuple(Step("dark", t, 16) for t in (0.01, 0.02, 0.04))
-    found = calibrate(CAMERA.frame_set(ShootingProtocol("dark", steps), Effect(), 5)).read_noise_dn
+    found = calibrate(CAMERA.frame_set(ShootingProtocol("dark", steps), Disturbance(), 5)).read_noise_dn
     assert found.value == pytest.approx(GAIN * READ_E, abs=3.5 * found.standard_uncertainty)
     assert found.standard_uncertainty < 0.03 * found.value
 
@@ -102,7 +102,7 @@ def test_moving_black_levels_and_clean_frames_are_left_alone(sets: int) -> None:
     rng = np.random.default_rng(1)
     for seed in range(sets):
         steps = tuple(Step("dark", t, 8) for t in TIMES_S)
-        frames = CAMERA.frame_set(ShootingProtocol("darks", steps), Effect(), seed)
+        frames = CAMERA.frame_set(ShootingProtocol("darks", steps), Disturbance(), seed)
         clean = frames.groups
         for groups in (clean, tuple(shifted(group, int(rng.integers(0, 10))) for group in clean)):
             with FrameReader(replace(frames, groups=groups)) as reader:

@@ -10,7 +10,7 @@ from photosite.calibration.spatial.line_noise import temporal_components
 from photosite.engine.frame_sums import FrameSums
 from photosite.engine.map_statistics import line_sums
 from photosite.frames.frame_set import FrameSet
-from photosite.studies.plain_camera import Effect, PlainCamera, bands
+from photosite.studies.plain_camera import Disturbance, PlainCamera, bands
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.cfa import NAMED
 
@@ -104,7 +104,7 @@ def test_strong_flicker_on_few_rows_leaves_the_gain(cfa):
     darks = [Step(kind="dark", exposure_s=t, count=16 if t < 1e-3 else 4) for t in (1e-4, 0.002, 0.01)]
     lights = [Step(kind="light", exposure_s=t, count=16 if t == 0.006 else 4) for t in np.arange(1, 9) * 1e-3]
     protocol = ShootingProtocol(name="short", steps=(*darks, *lights))
-    gain = calibrate(camera.frame_set(protocol, Effect(light=bands(0.05, 12.0)), 1)).system_gain_dn_per_e
+    gain = calibrate(camera.frame_set(protocol, Disturbance(light=bands(0.05, 12.0)), 1)).system_gain_dn_per_e
     assert gain.standard_uncertainty < 0.01 * gain.value
     assert gain.value == pytest.approx(0.5, abs=4.0 * gain.standard_uncertainty)
 
@@ -118,8 +118,8 @@ def test_row_and_column_noise_of_an_independent_camera(cfa, row_dn):
         electrons_per_s=0.0,
     )  # fmt: skip
     protocol = ShootingProtocol("dark", (Step("dark", 1e-3, 16),))
-    effect = Effect(numbers=lambda values, rng: values + rng.normal(0.0, row_dn, (len(values), 1)))
-    found = calibrate(camera.frame_set(protocol, effect, 4))
+    disturbance = Disturbance(numbers=lambda values, rng, _: values + rng.normal(0.0, row_dn, (len(values), 1)))
+    found = calibrate(camera.frame_set(protocol, disturbance, 4))
     for estimate, truth in ((found.row_noise_dn, row_dn), (found.column_noise_dn, 0.0)):
         variance = estimate.value * abs(estimate.value)
         uncertainty = 2.0 * abs(estimate.value) * estimate.standard_uncertainty
@@ -136,8 +136,8 @@ def test_lines_whose_means_the_camera_subtracts_are_named(axis, name):
         shape=(40, 48), gain=0.5, black_dn=100.0, read_noise_e=8.0, dsnu_dn=1.0, prnu=0.0, electrons_per_s=0.0
     )
     protocol = ShootingProtocol("dark", (Step("dark", 1e-3, 4),))
-    effect = Effect(numbers=lambda values, rng: values - values.mean(axis=axis, keepdims=True) + values.mean())
-    subtracted, clean = (calibrate(camera.frame_set(protocol, each, 4)) for each in (effect, Effect()))
+    disturbance = Disturbance(numbers=lambda values, *_: values - values.mean(axis=axis, keepdims=True) + values.mean())
+    subtracted, clean = (calibrate(camera.frame_set(protocol, each, 4)) for each in (disturbance, Disturbance()))
     (found,) = (entry for entry in subtracted.diagnostics if entry.id == "lines-alike")
     assert name in found.parameters
     assert "lines-alike" not in limits(clean)

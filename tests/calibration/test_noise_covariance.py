@@ -16,7 +16,7 @@ from photosite.calibration.photon_transfer.noise_covariance import (
     mean_covariance,
     noise_covariances,
 )
-from photosite.studies.plain_camera import Change, Effect, PlainCamera, convolved
+from photosite.studies.plain_camera import Change, Disturbance, PlainCamera, convolved
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.uncertain import Missing
 
@@ -123,8 +123,8 @@ def test_few_dark_frames_leave_the_cause_in_doubt(cause: str) -> None:
     )
     steps = (Step("dark", 0.01, 4), *(Step("light", t, 12) for t in (0.01, 0.02, 0.03, 0.04, 0.06)))
     change: Change = convolved(next_pixels(0.008))
-    effect = Effect(charge=change) if cause == "charge" else Effect(numbers=change)
-    found = calibrate(camera.frame_set(ShootingProtocol("few darks", steps), effect, 2))
+    disturbance = Disturbance(charge=change) if cause == "charge" else Disturbance(numbers=change)
+    found = calibrate(camera.frame_set(ShootingProtocol("few darks", steps), disturbance, 2))
     assert "correlated-noise" in limits(found)
     for estimate, truth in ((found.system_gain_dn_per_e, 0.5), (found.read_noise_e, 6.0)):
         low, high = estimate.interval_95

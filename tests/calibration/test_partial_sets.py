@@ -25,7 +25,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import PhotositeWarning
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import Kind
-from photosite.studies.plain_camera import Effect, PlainCamera, bent, convolved
+from photosite.studies.plain_camera import Disturbance, PlainCamera, bent, convolved
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.estimate import Estimate
 
@@ -75,9 +75,10 @@ NO_DARKS, SINGLE = "there are no dark frames", "each dark exposure has one frame
 
 
 def frames_of(
-    *steps: tuple[Kind, float, int], camera: PlainCamera = CAMERA, effect: Effect | None = None, seed: int = 7
+    *steps: tuple[Kind, float, int], camera: PlainCamera = CAMERA, disturbance: Disturbance | None = None, seed: int = 7
 ) -> FrameSet:
-    return camera.frame_set(ShootingProtocol("set", tuple(Step(*step) for step in steps)), effect or Effect(), seed)
+    protocol = ShootingProtocol("set", tuple(Step(*step) for step in steps))
+    return camera.frame_set(protocol, disturbance or Disturbance(), seed)
 
 
 def holds(estimate: Estimate, truth: float) -> None:
@@ -154,8 +155,8 @@ def test_responsivity_includes_the_dark_current_that_one_exposure_leaves_open(da
 
 def test_single_dark_frame() -> None:
     """The spread over pixels is an upper limit of read noise and of DSNU; hot pixels are listed."""
-    effect = Effect(hot=(3.0 / math.prod(SHAPE), 2e4))
-    calibration = calibrate(frames_of(*DARK_1, effect=effect, seed=11))
+    disturbance = Disturbance(hot=(3.0 / math.prod(SHAPE), 2e4))
+    calibration = calibrate(frames_of(*DARK_1, disturbance=disturbance, seed=11))
     # Noise and pattern are 2 DN, and their limit 9 DN.
     assert calibration.spatial["M"].dark.outliers.deviation == pytest.approx([60.0, 60.0, 60.0], rel=0.2)
     calibration = calibrate(frames_of(*DARK_1))
@@ -239,7 +240,7 @@ def test_flat_fields_without_dark_frames(cfa: tuple[tuple[str, ...], ...]) -> No
 def test_brighter_fatter_noise_is_within_the_uncertainty_of_the_gain() -> None:
     """0.2 % of the charge moves to each next pixel at 10 000 electrons; the straight line is 1.4 % low."""
 
-    def fatter(charge: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    def fatter(charge: NDArray[np.float64], rng: np.random.Generator, frame: int) -> NDArray[np.float64]:
         fraction = 0.002 * charge.mean() / 1e4
         next_pixels = np.array([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])
         return np.asarray(charge + fraction * convolve(charge, next_pixels, mode="nearest"))
@@ -247,7 +248,8 @@ def test_brighter_fatter_noise_is_within_the_uncertainty_of_the_gain() -> None:
     camera = replace(CAMERA, electrons_per_s=1e5)
     flats: list[tuple[Kind, float, int]] = [("light", t, 8) for t in (0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1)]
     for seed in range(3):
-        gain = calibrate(frames_of(*flats, camera=camera, effect=Effect(charge=fatter), seed=seed)).system_gain_dn_per_e
+        frames = frames_of(*flats, camera=camera, disturbance=Disturbance(charge=fatter), seed=seed)
+        gain = calibrate(frames).system_gain_dn_per_e
         assert gain.value == pytest.approx(GAIN, abs=2.5 * gain.standard_uncertainty)
         assert 0.005 * GAIN < gain.standard_uncertainty < 0.012 * GAIN
 
@@ -273,16 +275,16 @@ def test_one_level_of_light_and_nothing_else(steps: tuple[tuple[Kind, float, int
 def test_bent_response_without_dark_frames(size: float, power: int) -> None:
     """A bend and a light out of proportion look alike: the interval holds both."""
     steps = [("light", 0.08 * i / 12, 6) for i in range(1, 9)]
-    effect = Effect(charge=bent(size, power, (4095 - BLACK_DN) / GAIN))
-    calibration = calibrate(frames_of(*steps, effect=effect))
+    disturbance = Disturbance(charge=bent(size, power, (4095 - BLACK_DN) / GAIN))
+    calibration = calibrate(frames_of(*steps, disturbance=disturbance))
     low, high = calibration.system_gain_dn_per_e.interval_95
     assert low < GAIN < high
     assert "bend-or-light" in limits(calibration)
 
 
 def test_smoothed_frames_without_dark_frames() -> None:
-    effect = Effect(numbers=convolved([[0.0, 0.1, 0.0], [0.1, 0.6, 0.1], [0.0, 0.1, 0.0]]))
-    calibration = calibrate(frames_of(*FLATS, effect=effect))
+    disturbance = Disturbance(numbers=convolved([[0.0, 0.1, 0.0], [0.1, 0.6, 0.1], [0.0, 0.1, 0.0]]))
+    calibration = calibrate(frames_of(*FLATS, disturbance=disturbance))
     missing(calibration, "system_gain_dn_per_e", "prnu_percent", reason="the noise is correlated between neighboring")
 
 

@@ -42,6 +42,7 @@ ANSWERS: dict[str, tuple[tuple[float, float] | None, str, str, str]] = {
     "taps": ((0.009, 0.013), "prnu_percent", GIVEN, GIVEN),
     "uneven light": ((1.5, 3.0), "prnu_percent", GIVEN, GIVEN),
     "wrong level": ((0.95, 0.97), "responsivity_dn_per_photon", GIVEN, GIVEN),
+    "alternating black level": ((1.0, 1.2), "black_level_dn", GIVEN, GIVEN),
     "frames of another chip": (None, "", GIVEN, GIVEN),
 }  # fmt: skip
 
@@ -73,7 +74,7 @@ def test_the_gain_is_corrected(name: str) -> None:
 @pytest.mark.parametrize("factor", [1.8, 2.0])
 def test_soft_saturation_with_few_levels_below_withholds_the_gain(factor: float) -> None:
     """One or two levels are below 70 % of the largest variance; with two, a line through them is 25 % low."""
-    kind = StackKind("", "", charge=lambda e, rng: e / (1.0 + (factor - 1.0) * e / SATURATION_E))
+    kind = StackKind("", "", charge=lambda e, *_: e / (1.0 + (factor - 1.0) * e / SATURATION_E))
     answer = calibrate_stack(kind, 1)
     assert isinstance(answer.gain, str)
     assert isinstance(answer.prnu, str)

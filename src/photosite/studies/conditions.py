@@ -151,8 +151,9 @@ class Condition:
             level *= last.saturation_capacity_e / sensor.saturation_capacity_e / sensor.captures.light("small")
         if self.disturbed is None:
             return virtual_lab(sensor, self.protocol, level=level, seed=number, photons_known=self.photons_known)
-        effect, factors = disturbances()[self.disturbed](sensor, np.random.default_rng([number]))
-        return DisturbedLab(sensor, self.protocol, level, effect, factors, seed=zlib.crc32(self.name.encode()) + number)
+        disturbance, factors = disturbances()[self.disturbed](sensor, np.random.default_rng([number]))
+        seed = zlib.crc32(self.name.encode()) + number
+        return DisturbedLab(sensor, self.protocol, level, disturbance, factors, seed=seed)
 
 
 def _captures(between: Callable[[float, float], float], read_noise_e: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A laboratory whose frames an effect of random size disturbs, for the coverage study."""
+"""A laboratory whose frames are disturbed by a random size, for the coverage study."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import AT_SATURATION, Disturb, effect_studies, log_uniform
-from photosite.studies.plain_camera import Effect, PlainCamera, bent, darker_corners
+from photosite.studies.plain_camera import Disturbance, PlainCamera, bent, darker_corners
 from photosite.studies.protocol import ShootingProtocol
 from photosite.studies.truth import as_defined, true_parameters
 from photosite.studies.virtual_lab import nominal_sensor
@@ -20,23 +20,24 @@ from photosite.studies.virtual_lab import nominal_sensor
 
 @dataclass(frozen=True)
 class DisturbedLab:
-    """A laboratory that measures a monochrome sensor with a plain camera, whose frames an effect disturbs.
+    """A laboratory that measures a monochrome sensor with a plain camera, whose frames are disturbed.
 
     Parameters
     ----------
     true_sensor, protocol, level, seed
         As for `virtual_lab`. The light is metered.
-    effect
+    disturbance
         What disturbs the frames.
     factors
-        Factor of each parameter whose true value the effect changes; NaN for one that then has none. The row noise is
-        relative to the read noise of the sensor, which has no row noise; the coupling of pixels is relative to 1.
+        Factor of each parameter whose true value the disturbance changes; NaN for one that then has none. The row
+        noise is relative to the read noise of the sensor, which has no row noise; the coupling of pixels is
+        relative to 1.
     """
 
     true_sensor: Sensor
     protocol: ShootingProtocol
     level: float
-    effect: Effect
+    disturbance: Disturbance
     factors: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
 
@@ -62,7 +63,7 @@ class DisturbedLab:
 
     def frame_set(self) -> FrameSet:
         """Return the frames as `calibrate` takes them."""
-        return self.camera.frame_set(self.protocol, self.effect, self.seed)
+        return self.camera.frame_set(self.protocol, self.disturbance, self.seed)
 
     def truth(self, calibration: Calibration) -> dict[str, float]:
         """Return the true parameters, except those at saturation."""
@@ -86,25 +87,25 @@ class DisturbedLab:
         return {name: value for name, value in truth.items() if name not in AT_SATURATION and math.isfinite(value)}
 
 
-def _shading(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _shading(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
     """Draw corners 2 to 20 % darker than the center."""
     light = darker_corners((sensor.array.rows, sensor.array.cols), log_uniform(rng, 0.01, 0.1))
     spread = math.hypot(1.0, 100.0 * float(light.std()) / sensor.noise.prnu_percent.value)
-    return Effect(light=lambda values, noise: values * light), {"prnu_percent": spread, "prnu1288_percent": math.nan}
+    return Disturbance(light=lambda values, *_: values * light), {"prnu_percent": spread, "prnu1288_percent": math.nan}
 
 
-def _wrong_level(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _wrong_level(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
     """Draw one of 16 levels, after 6 steps of dark frames, whose light is 1 to 10 % off the stated one."""
-    return Effect(
+    return Disturbance(
         wrong_level=(6 + int(rng.integers(16)), 1.0 + log_uniform(rng, 0.01, 0.1) * rng.choice([-1.0, 1.0]))
     ), {}
 
 
-def _bend_and_wrong_level(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _bend_and_wrong_level(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
     """Draw a response bent by 1 to 3 % with the third power, and one of 16 levels whose light is 4 % off."""
     size = log_uniform(rng, 0.01, 0.03) * rng.choice([-1.0, 1.0])
     level = 6 + int(rng.integers(16)), 1.0 + 0.04 * rng.choice([-1.0, 1.0])
-    return Effect(charge=bent(size, 3, sensor.saturation_capacity_e), wrong_level=level), {}
+    return Disturbance(charge=bent(size, 3, sensor.saturation_capacity_e), wrong_level=level), {}
 
 
 def disturbances() -> Mapping[str, Disturb]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from photosite.calibration.finding import Finding
 from photosite.sensor.model import Sensor
 from photosite.studies.outcome import Outcomes, compare_estimates
-from photosite.studies.plain_camera import Effect
+from photosite.studies.plain_camera import Disturbance
 from photosite.studies.virtual_lab import VirtualLab
 from photosite.values.registry import registered
 from photosite.values.uncertain import Missing
@@ -116,7 +116,7 @@ class TrueTerms:
 
 Draw = Callable[[Drawing, Range], dict[str, Any]]
 """Returns fields of the sensor's section of noise or of effects, with a size within a range."""
-Disturb = Callable[[Sensor, np.random.Generator], tuple[Effect, dict[str, float]]]
+Disturb = Callable[[Sensor, np.random.Generator], tuple[Disturbance, dict[str, float]]]
 """Draws an effect of random size on the frames of a plain camera, with the factors of `DisturbedLab`."""
 
 

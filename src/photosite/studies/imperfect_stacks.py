@@ -13,7 +13,16 @@ import numpy as np
 from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
-from photosite.studies.plain_camera import Change, Effect, Frame, PlainCamera, bands, bent, convolved, darker_corners
+from photosite.studies.plain_camera import (
+    Change,
+    Disturbance,
+    Frame,
+    PlainCamera,
+    bands,
+    bent,
+    convolved,
+    darker_corners,
+)
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.cfa import MONOCHROME, Cfa
 from photosite.values.diagnostic import Diagnostic, texts
@@ -44,7 +53,7 @@ CAMERA = PlainCamera(
 
 
 @dataclass(frozen=True)
-class StackKind(Effect):
+class StackKind(Disturbance):
     """A kind of imperfect stack.
 
     Parameters
@@ -98,18 +107,18 @@ def _sized(name: str, size: str, diagnostic: str, amount: float, sized: Callable
     return StackKind(name, size, diagnostic, amount, sized, **sized(amount))
 
 
-def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
+def _mosaic(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
     rows, cols = (length // 2 for length in values.shape)
     filtered: Frame = values * np.tile([[0.55, 1.0], [1.0, 0.7]], (rows, cols))
     return filtered
 
 
 def _digital_gain(gain: float | Frame) -> Change:
-    return lambda values, rng: np.floor(np.clip(np.rint(values), 0, WHITE_DN) * gain + 0.5)
+    return lambda values, *_: np.floor(np.clip(np.rint(values), 0, WHITE_DN) * gain + 0.5)
 
 
 def _tone_curve(curve: Callable[[Frame], Frame]) -> Change:
-    return lambda values, rng: WHITE_DN * curve(np.clip(np.rint(values), 0, WHITE_DN) / WHITE_DN)
+    return lambda values, *_: WHITE_DN * curve(np.clip(np.rint(values), 0, WHITE_DN) / WHITE_DN)
 
 
 def _filter(a: float) -> tuple[tuple[float, ...], ...]:
@@ -122,7 +131,7 @@ def _crosstalk(a: float) -> dict[str, Any]:
 
 def _pattern(light: Frame) -> dict[str, Any]:
     """Return the fields of a light of mean 1, or of gains of the pixels."""
-    return {"light": lambda values, rng: values * light, "prnu": math.hypot(PRNU, float(light.std() / light.mean()))}
+    return {"light": lambda values, *_: values * light, "prnu": math.hypot(PRNU, float(light.std() / light.mean()))}
 
 
 def _channels(a: float) -> dict[str, Any]:
@@ -134,14 +143,14 @@ def _taps(a: float) -> dict[str, Any]:
 
 
 def _knee(a: float) -> dict[str, Any]:
-    return {"charge": lambda values, rng: np.asarray(values - a * np.maximum(values - 0.4 * SATURATION_E, 0.0))}
+    return {"charge": lambda values, *_: np.asarray(values - a * np.maximum(values - 0.4 * SATURATION_E, 0.0))}
 
 
 def _soft(a: float) -> dict[str, Any]:
-    return {"charge": lambda values, rng: np.asarray(values / (1.0 + a * values / SATURATION_E))}
+    return {"charge": lambda values, *_: np.asarray(values / (1.0 + a * values / SATURATION_E))}
 
 
-def _another_chip(values: Frame, rng: np.random.Generator) -> Frame:
+def _another_chip(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
     foreign: Frame = values.mean() * (1.0 + PRNU * rng.normal(size=values.shape))
     return foreign if rng.random() < 0.03 else values
 
@@ -167,13 +176,13 @@ KINDS = (
     _sized(
         "noise reduction over time", "{} of the last frame", "correlated-noise", 0.2, lambda a: {"blend": a}
     ),
-    StackKind("row noise", "1 DN", numbers=lambda v, rng: v + rng.normal(0.0, 1.0, (len(v), 1))),
+    StackKind("row noise", "1 DN", numbers=lambda v, rng, _: v + rng.normal(0.0, 1.0, (len(v), 1))),
     _sized(
         "flicker of the light", "bands of {}, 37 rows", "flickering-light", 0.01, lambda a: {"light": bands(a, 37.0)}
     ),
     _sized(
         "drift of the light", "{} from frame to frame", "unsteady-light", 0.02,
-        lambda a: {"light": lambda v, rng: v * (1 + a * rng.normal())},
+        lambda a: {"light": lambda v, rng, _: v * (1 + a * rng.normal())},
     ),
     _sized(
         "bent response", "-{} at saturation", "bent-response", 0.02,
@@ -187,7 +196,7 @@ KINDS = (
     _sized("soft saturation", "signal over 1 + {} at saturation", "bent-response", 0.1, _soft),
     _sized(
         "non-linear light", "-{} at saturation", "nonlinear-light", 0.02,
-        lambda a: {"light": lambda v, rng: v * (1.0 - a * v.mean() / SATURATION_E)},
+        lambda a: {"light": lambda v, *_: v * (1.0 - a * v.mean() / SATURATION_E)},
     ),
     StackKind("mosaic not stated", "RGGB stated as monochrome", "unstated-mosaic", light=_mosaic),
     StackKind("wrong phase", "RGGB stated as GRBG", "unstated-mosaic", light=_mosaic, cfa=_GRBG),
@@ -199,7 +208,7 @@ KINDS = (
     ),
     StackKind("gamma", "1 / 2.2", "tone-curve", numbers=_tone_curve(lambda x: x ** (1 / 2.2))),
     StackKind("square-root companding", "12 bits", "tone-curve", numbers=_tone_curve(np.sqrt)),
-    StackKind("clipping below full scale", "at 2800 DN", numbers=lambda v, rng: np.minimum(np.rint(v), 2800.0)),
+    StackKind("clipping below full scale", "at 2800 DN", numbers=lambda v, *_: np.minimum(np.rint(v), 2800.0)),
     _sized("readout channels", "even columns {} brighter", "periodic-gain", 0.01, _channels),
     _sized("taps", "right half {} brighter", "steps-between-taps", 0.01, _taps),
     _sized(
@@ -209,6 +218,10 @@ KINDS = (
     _sized(
         "wrong level", "light of one level {} off", "wrong-light-levels", 0.04,
         lambda a: {"wrong_level": (5, 1.0 + a)},
+    ),
+    StackKind(
+        "alternating black level", "2 DN more in every second frame", "black-level-shifts",
+        numbers=lambda v, rng, frame: v + 2.0 * (frame % 2),
     ),
     StackKind("frames of another chip", "3 % of the frames", "foreign-frames", light=_another_chip),
 )  # fmt: skip

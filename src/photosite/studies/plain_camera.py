@@ -1,7 +1,8 @@
-"""A virtual camera of plain NumPy, independent of the engine, and effects that disturb its frames."""
+"""A virtual camera of plain NumPy, independent of the engine, and disturbances of its frames."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,17 +18,17 @@ from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.cfa import MONOCHROME, Cfa
 
 Frame = NDArray[np.float64]
-Change = Callable[[Frame, np.random.Generator], Frame]
-"""Function of (rows, cols) values and a generator of random numbers."""
+Change = Callable[[Frame, np.random.Generator, int], Frame]
+"""Function of (rows, cols) values, a generator of random numbers, and the number of the frame in the set, from 0."""
 
 
-def unchanged(values: Frame, rng: np.random.Generator) -> Frame:
+def unchanged(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
     """Return the values."""
     return values
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect:
+class Disturbance:
     """What happens to light, charge and digital numbers of every frame.
 
     Parameters
@@ -85,27 +86,30 @@ class PlainCamera:
     quantum_efficiency: float | None = None
     sensor: Sensor | None = None
 
-    def frame_set(self, protocol: ShootingProtocol, effect: Effect, seed: int) -> FrameSet:
+    def frame_set(self, protocol: ShootingProtocol, disturbance: Disturbance, seed: int) -> FrameSet:
         """Return the frames of a protocol in memory, in its order."""
         rng = np.random.default_rng(seed)
         response = 1.0 + self.prnu * rng.normal(size=self.shape)
         offset = self.black_dn + self.dsnu_dn * rng.normal(size=self.shape)
-        dark_rate = self._dark_rate(effect, rng)
+        dark_rate = self._dark_rate(disturbance, rng)
         left, last = np.zeros(self.shape), offset
         white = (1 << self.bits) - 1
         groups = []
+        count = itertools.count()
         for number, step in enumerate(protocol.steps):
             electrons = self._electrons(step)
-            if number == effect.wrong_level[0]:
-                electrons *= effect.wrong_level[1]
+            if number == disturbance.wrong_level[0]:
+                electrons *= disturbance.wrong_level[1]
             frames = []
             for i in range(step.count):
-                light = effect.light(np.full(self.shape, electrons) * response, rng)
-                charge = effect.charge(rng.poisson(light + dark_rate * step.exposure_s).astype(np.float64), rng)
-                left, charge = effect.lag * charge, (1.0 - effect.lag) * charge + left
+                frame = next(count)
+                light = disturbance.light(np.full(self.shape, electrons) * response, rng, frame)
+                collected = rng.poisson(light + dark_rate * step.exposure_s).astype(np.float64)
+                charge = disturbance.charge(collected, rng, frame)
+                left, charge = disturbance.lag * charge, (1.0 - disturbance.lag) * charge + left
                 read = rng.normal(0.0, self.read_noise_e, self.shape)
-                numbers = effect.numbers(offset + self.gain * (charge + read), rng)
-                last = (1.0 - effect.blend) * numbers + effect.blend * last
+                numbers = disturbance.numbers(offset + self.gain * (charge + read), rng, frame)
+                last = (1.0 - disturbance.blend) * numbers + disturbance.blend * last
                 dn = np.clip(np.rint(last), 0, white).astype(np.uint16)
                 frames.append(FrameSource(f"{step.kind} {step.exposure_s:g} s, frame {i}", partial(np.array, dn)))
             groups.append(FrameGroup(step.kind, step.exposure_s, tuple(frames), self._photons(step)))
@@ -114,12 +118,12 @@ class PlainCamera:
         black = None if self.sensor is None else self.black_dn
         return FrameSet(tuple(groups), rows, cols, self.bits, self.cfa, sensor=self.sensor, black_level_dn=black)
 
-    def _dark_rate(self, effect: Effect, rng: np.random.Generator) -> Frame:
+    def _dark_rate(self, disturbance: Disturbance, rng: np.random.Generator) -> Frame:
         if not self.dark_e_per_s:
             return np.zeros(self.shape)
         sigma = math.sqrt(math.log1p(self.dcnu**2))
         rate = self.dark_e_per_s * np.exp(sigma * rng.normal(size=self.shape) - sigma**2 / 2)
-        fraction, hot_e_per_s = effect.hot
+        fraction, hot_e_per_s = disturbance.hot
         return np.where(rng.random(self.shape) < fraction, hot_e_per_s, rate) if fraction else rate
 
     def _photons(self, step: Step) -> float | None:
@@ -134,13 +138,13 @@ class PlainCamera:
 def convolved(weights: Sequence[Sequence[float]]) -> Change:
     """Return a convolution with weights that are symmetric about their center."""
     kernel = np.array(weights)
-    return lambda values, rng: np.asarray(convolve(values, kernel, mode="nearest"))
+    return lambda values, *_: np.asarray(convolve(values, kernel, mode="nearest"))
 
 
 def bands(size: float, period_rows: float) -> Change:
     """Return the flicker of a light under a rolling shutter: bands of a relative amplitude, with a random phase."""
 
-    def light(values: Frame, rng: np.random.Generator) -> Frame:
+    def light(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
         phase = 2.0 * math.pi * np.arange(len(values))[:, None] / period_rows + rng.uniform(0.0, 2.0 * math.pi)
         return np.asarray(values * (1.0 + size * np.sin(phase)))
 
@@ -149,7 +153,7 @@ def bands(size: float, period_rows: float) -> Change:
 
 def bent(size: float, power: int, saturation_e: float) -> Change:
     """Return a response with a relative deviation at saturation that grows with a power of the electrons."""
-    return lambda values, rng: np.asarray(values * (1.0 + size * (values / saturation_e) ** (power - 1)))
+    return lambda values, *_: np.asarray(values * (1.0 + size * (values / saturation_e) ** (power - 1)))
 
 
 def darker_corners(shape: tuple[int, int], fraction: float) -> Frame:

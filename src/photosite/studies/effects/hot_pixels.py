@@ -11,7 +11,7 @@ import numpy as np
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms, log_uniform
-from photosite.studies.plain_camera import Effect
+from photosite.studies.plain_camera import Disturbance
 
 
 def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
@@ -38,14 +38,14 @@ def _truth(hot: HotPixels, sensor: Sensor) -> Mapping[str, float]:
     }
 
 
-def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
     """Draw 0.3 to 1 % hot pixels with 100 to 500 e-/s."""
     fraction, hot = log_uniform(rng, 0.003, 0.01), log_uniform(rng, 100.0, 500.0)
     usual, spread = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value), sensor.noise.dcnu_percent.value / 100.0
     mean = (1.0 - fraction) * usual + fraction * hot
     variance = (1.0 - fraction) * ((spread * usual) ** 2 + (usual - mean) ** 2) + fraction * (hot - mean) ** 2
     names = "dark_current_e_per_s", "dark_current_dn_per_s", "dark_voltage_mv_per_s"
-    return Effect(hot=(fraction, hot)), {
+    return Disturbance(hot=(fraction, hot)), {
         **dict.fromkeys(names, mean / usual),
         "dcnu_percent": math.sqrt(variance) / mean / spread,
     }

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from photosite.sensor.effects.interpixel_capacitance import InterpixelCapacitance
 from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import AT_SATURATION, Drawing, EffectStudy, Range, TrueTerms, log_uniform
-from photosite.studies.plain_camera import Effect, convolved
+from photosite.studies.plain_camera import Disturbance, convolved
 
 
 def _draw(drawing: Drawing, percent: Range) -> dict[str, Any]:
@@ -58,13 +58,13 @@ def _averaged(kernel: NDArray[np.float64], signal: NDArray[np.float64], shape: t
     return float(np.sqrt(np.mean(square / mean**2))), float(np.sqrt(border))
 
 
-def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
     """Draw crosstalk of 0.5 to 3 % of the charge to each next pixel."""
     a = log_uniform(rng, 0.005, 0.03)
     weights = ((0.0, a, 0.0), (a, 1.0 - 4.0 * a, a), (0.0, a, 0.0))
     spread = float(np.linalg.norm(weights))
     factors = dict.fromkeys(("prnu_percent", "prnu1288_percent", "dcnu_percent"), spread)
-    return Effect(charge=convolved(weights)), factors | {"interpixel_coupling_percent": a}
+    return Disturbance(charge=convolved(weights)), factors | {"interpixel_coupling_percent": a}
 
 
 STUDY = EffectStudy(draw=_draw, terms=_terms, disturb=_disturb, planned=False)

@@ -12,7 +12,7 @@ from photosite.sensor.effects.response_curve import ResponseCurve
 from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms, log_uniform
 from photosite.studies.outcome import Outcome, Outcomes
-from photosite.studies.plain_camera import Effect, bent
+from photosite.studies.plain_camera import Disturbance, bent
 
 
 def _draw(drawing: Drawing, percent: Range) -> dict[str, Any]:
@@ -40,10 +40,10 @@ def _compare(found: ResponseCurves, bend: ResponseCurve, sensor: Sensor) -> Outc
     return result
 
 
-def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
     """Draw a response bent by 0.5 to 10 % at saturation, of either sign, with the second to fourth power."""
     size = log_uniform(rng, 0.005, 0.1) * rng.choice([-1.0, 1.0])
-    return Effect(charge=bent(size, int(rng.integers(2, 5)), sensor.saturation_capacity_e)), {}
+    return Disturbance(charge=bent(size, int(rng.integers(2, 5)), sensor.saturation_capacity_e)), {}
 
 
 STUDY = EffectStudy(draw=_draw, terms=_terms, compare=_compare, disturb=_disturb, planned=False)
