@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 from scipy.stats import binom
 
+from photosite.calibration.diagnostics import Stage, checks
 from photosite.calibration.effect import effects
 from photosite.calibration.setting import calibrate_setting
 from photosite.report.effect import effect_figures
@@ -194,3 +195,9 @@ def test_intervals_cover(name: str) -> None:
         uncertain = row.estimated - row.exact
         assert round(row.covered * uncertain) >= binom.ppf(1e-4, uncertain, 0.95)
         assert row.wrong == 0
+
+
+def test_orders_differ() -> None:
+    assert len({effect.order for effect in effects().values()}) == len(effects())
+    for stage in get_args(Stage):
+        assert len({check.order for check in checks(stage)}) == len(checks(stage)) > 0
