@@ -83,7 +83,7 @@ def parallel_for(
 ) -> None:
     """Call a compiled function for parts of `range(count)`, on the threads of this process.
 
-    The parts are `kernel(first, last, ...)`, of about equal size, a few for each thread. The function releases the
+    The parts are `kernel(first, last, ...)`, the first ones larger than the last ones. The function releases the
     interpreter's lock, and its iterations do not depend on each other.
 
     Examples
@@ -98,12 +98,11 @@ def parallel_for(
     if threads <= 1:
         kernel(0, count, *arguments, **options)
         return
-    parts = min(threads * _PARTS, count)
-    left = iter(range(parts))  # each part goes to the thread that is free: one that starts late takes fewer
+    left = iter(_parts(count, threads))  # each part goes to the thread that is free: one that starts late takes fewer
 
     def run() -> None:
-        for part in left:
-            kernel(part * count // parts, (part + 1) * count // parts, *arguments, **options)
+        for first, last in left:
+            kernel(first, last, *arguments, **options)
 
     tasks, others = _tasks(_available()), [_Part(run) for _ in range(threads - 1)]
     for other in others:
@@ -117,8 +116,18 @@ def parallel_for(
             raise error
 
 
-_PARTS = 4
-"""Parts of a loop for each thread."""
+@lru_cache
+def _parts(count: int, threads: int) -> list[tuple[int, int]]:
+    """Return the parts of a loop: large ones first, which cost fewer calls, and small ones that end at the same time.
+
+    A part is three quarters of a thread's part of what is left, and at least a 16th of that of the whole loop.
+    """
+    parts, first = [], 0
+    while first < count:
+        last = min(first + max(3 * (count - first) // (4 * threads), count // (16 * threads), 1), count)
+        parts.append((first, last))
+        first = last
+    return parts
 
 
 class _Part:
