@@ -21,7 +21,7 @@ _FROM_DLPACK = {"torch": "torch", "jax": "jax.dlpack"}
 
 
 def collate(pairs: Sequence[Pair], library: Library = "numpy", *, packed: bool = False) -> Pair:
-    """Return a batch of pairs; torch and JAX take over NumPy's memory through DLPack, without a copy.
+    """Return a batch of pairs; frames are copied once, in a worker of torch's `DataLoader` to memory that is shared.
 
     For torch: `DataLoader(dataset, collate_fn=functools.partial(collate, library="torch"))`.
 
@@ -69,11 +69,12 @@ def collate(pairs: Sequence[Pair], library: Library = "numpy", *, packed: bool =
             names = sorted(pair.metadata.keys() ^ first.metadata.keys())
             raise InputError("pairs", value=names, expected="of the same metadata")
     made = _array_maker(library)
+    stack = _stack_tensors if library == "torch" else lambda frames: made(np.stack(frames))
 
     def batch(frames: list[NDArray[Any]]) -> Any:
         if packed:
             frames = [pack(frame, cfa_from(pair.metadata["cfa"])) for frame, pair in zip(frames, pairs, strict=True)]
-        return made(np.stack(frames))
+        return stack(frames)
 
     facts = {name: [pair.metadata[name] for pair in pairs] for name in first.metadata}
     metadata = {
@@ -96,6 +97,13 @@ def pack(mosaic: NDArray[Any], cfa: Cfa) -> NDArray[Any]:
     """
     rows, cols = len(cfa), len(cfa[0])
     return np.stack([mosaic[r::rows, c::cols] for r in range(rows) for c in range(cols)])
+
+
+def _stack_tensors(frames: list[NDArray[Any]]) -> Any:
+    """Return a tensor of all frames: in a worker of a `DataLoader`, in memory that the program's process shares."""
+    import torch.utils.data
+
+    return torch.utils.data.default_collate([torch.from_numpy(np.require(frame, None, "W")) for frame in frames])
 
 
 def _array_maker(library: Library) -> Callable[[NDArray[Any]], Any]:

@@ -1,0 +1,62 @@
+"""Training pairs a second from torch's DataLoader, in this process and in workers of each start method.
+
+    python benchmarks/data_loader.py [--workers 2] [--pairs 640] [--rounds 3]
+
+Pairs of 512 x 512 from given electrons in batches of 16, stacked by `ps.training.collate`. The rate counts all batches
+but the first. The methods run in turn after one pair was made here; medians of the rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from functools import partial
+
+from photosite.studies.bench.pairs import dataset
+from photosite.training.collate import collate
+
+BATCH = 16
+
+
+def measure(pairs: int, workers: int, method: str | None) -> tuple[float, float]:
+    """Return the seconds to the first batch, and the pairs a second after it."""
+    from torch.utils.data import DataLoader
+
+    loader = DataLoader(
+        dataset("noise", pairs),
+        batch_size=BATCH,
+        num_workers=workers if method else 0,
+        multiprocessing_context=method,
+        collate_fn=partial(collate, library="torch"),
+    )
+    start = time.perf_counter()
+    batches = iter(loader)
+    next(batches)
+    first = time.perf_counter()
+    count = sum(len(batch.noisy) for batch in batches)
+    return first - start, count / (time.perf_counter() - first)
+
+
+def main() -> None:
+    """Print a line for each start method."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--pairs", type=int, default=640)
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    dataset("noise", options.pairs)[0]
+    methods = (None, "fork", "forkserver", "spawn")
+    found: dict[str | None, list[tuple[float, float]]] = {method: [] for method in methods}
+    for _ in range(options.rounds):
+        for method in methods:
+            found[method].append(measure(options.pairs, options.workers, method))
+    alone = statistics.median(rate for _, rate in found[None])
+    print("workers        first batch, s  pairs/s  of one process")
+    for method, rounds in found.items():
+        first, rate = (statistics.median(values) for values in zip(*rounds, strict=True))
+        print(f"{method or 'none':14s} {first:14.2f} {rate:8.0f} {rate / alone:15.2f}")
+
+
+if __name__ == "__main__":
+    main()
