@@ -227,10 +227,13 @@ def test_the_limit_of_uploads_holds_for_parallel_ones_and_uploads_can_be_deleted
         answers = list(threads.map(send, range(6)))
         assert sorted(answer.status_code for answer in answers) == [201, 201, 422, 422, 422, 422]
         first, second = (answer.json()["name"] for answer in answers if answer.status_code == 201)
+        listed = {each["name"]: each for each in client.get("/api/uploads").json()}
+        assert {"kind": "sensor", "file_name": "x.sensor.yaml", "holds": "Nikon D200"}.items() <= listed[first].items()
         stored = workbench.places.path(first)
         assert client.delete(f"/api/uploads/{first.removeprefix('upload:')}").status_code == 204
         assert not stored.parent.exists()
         assert client.delete(f"/api/uploads/{first.removeprefix('upload:')}").status_code == 422
+        assert listed.keys() - {each["name"] for each in client.get("/api/uploads").json()} == {first}
         assert client.post("/api/form", json={"sensor": {"source": first}}).status_code == 422
         assert workbench.places.path(second).is_file()
         assert send(None).status_code == 201
@@ -240,9 +243,12 @@ def test_an_uploaded_folder_of_frames_can_be_deleted(client, workbench, tmp_path
     content = frame_bytes(tmp_path)
     name = client.post("/api/uploads?kind=frames&name=a/dark_10ms_0.png", content=content).json()["name"]
     folder = workbench.places.path(name)
+    rest = {"kind": "frames", "folder": name, "name": "dark_10ms_1.png"}
+    assert client.post("/api/uploads", params=rest, content=content).status_code == 201
+    (found,) = [each for each in client.get("/api/uploads").json() if each["name"] == name]
+    assert (found["kind"], found["bytes"], found["holds"][:9]) == ("frames", 2 * len(content), "2 frames,")
     assert client.delete(f"/api/uploads/{name.removeprefix('upload:')}").status_code == 204
     assert not folder.exists()
-    rest = {"kind": "frames", "folder": name, "name": "dark_10ms_1.png"}
     assert client.post("/api/uploads", params=rest, content=content).status_code == 422
     assert not folder.exists()
 

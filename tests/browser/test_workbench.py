@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photosite.studies.planning import precision_curves
+
 pytestmark = pytest.mark.browser
 
 WIDTHS = {390: 844, 1024: 768, 1600: 1000}
@@ -174,8 +176,9 @@ def test_tables_captures_and_dropped_files_are_simulated(page, link, folder: Pat
     assert table.get_attribute("aria-invalid") == "true"
     csv = folder / "green.csv"
     csv.write_text("wavelength,efficiency\n400,0.1\n550,0.7\n700,0.05\n")
-    drop(page, "#" + table.get_attribute("id"), csv)
-    assert table.input_value().startswith("wavelength")
+    name = table.get_attribute("id")
+    drop(page, f"#{name}", csv)
+    wait(page, "name => document.getElementById(name).value.startsWith('wavelength')", name)
     assert table.get_attribute("aria-invalid") is None
     page.get_by_text("Captures", exact=True).first.click()
     page.check("[data-part=captures]")
@@ -333,6 +336,32 @@ def test_an_upload_is_simulated(page, link, folder: Path) -> None:
     wait(page, "document.getElementById('pick-scene').value.startsWith('upload:')")
     wait(page, "document.getElementById('picture').getAttribute('aria-label').includes('picture')")
     page.wait_for_selector("#badge.exact")
+    page.click("#uploads-open")
+    page.get_by_role("dialog").get_by_role("button", name="Delete picture.png").click()
+    wait(page, "document.getElementById('pick-scene').value === 'macbeth'")
+    wait(page, "!/ of picture/.test(document.getElementById('picture').getAttribute('aria-label'))")
+    page.wait_for_selector("#badge.exact")
+    page.reload()
+    ready(page, "camera")
+    assert page.is_hidden("#alert")
+    page.wait_for_timeout(500)  # the list of uploads has arrived
+    assert "picture.png" not in page.locator("#uploads").inner_html()
+
+
+def test_an_uploaded_folder_of_frames_is_deleted(page, link, folder: Path) -> None:
+    opened(page, link, "calibrate")
+    page.set_input_files("#frames-folder", str(folder / "stack"))
+    picked = page.get_by_label("Folder on this machine")
+    wait(page, "document.querySelector('#view-calibrate select').value.startsWith('upload:')")
+    page.get_by_role("button", name=re.compile("^Uploads")).click()
+    row = page.get_by_role("dialog").get_by_role("row", name=re.compile("15 frames, 64 x 64 pixels")).last
+    row.get_by_role("button").click()
+    wait(page, "document.querySelector('#view-calibrate select').value === ''")
+    assert "stack" in picked.inner_text()
+    assert "upload:" not in picked.inner_html()
+    page.keyboard.press("Escape")
+    picked.select_option("stack")
+    page.wait_for_selector("#view-calibrate .numbered")
 
 
 def test_a_folder_is_calibrated_with_a_changed_group(page, link, axe) -> None:
@@ -501,7 +530,7 @@ def test_measured_frames_are_compared_with_their_simulation(page, link) -> None:
 
 def test_a_plan_with_code(page, link) -> None:
     opened(page, link, "plan")
-    page.get_by_label("System gain K", exact=False).first.fill("0.02%")
+    page.locator("#view-plan").get_by_label("System gain K (DN/e⁻)", exact=True).fill("0.02%")
     page.keyboard.press("Tab")
     before = page.inner_text("#view-plan .card >> nth=1")
     page.locator("#view-plan").get_by_role("button", name="Compute").click()
@@ -510,4 +539,72 @@ def test_a_plan_with_code(page, link) -> None:
     page.wait_for_selector("#code[open]")
     names: dict = {}
     exec(page.inner_text("#code-text").replace("print(", "str("), names)
-    assert f"{names['plan'].protocol.frame_count} frames" in page.inner_text("#view-plan .card >> nth=1")
+    frames = names["plan"].protocol.frame_count
+    assert f"{frames} frames" in page.inner_text("#view-plan .card >> nth=1")
+    marks = page.locator("#view-plan svg.plot .mark-text").all_text_contents()
+    assert {"wanted", f"planned: {frames} frames"} <= set(marks)
+    page.click("#code-close")
+
+    # Where a precision is met: at 1, between two numbers of frames of the curve.
+    met = page.locator("#view-plan .key li", has_text="System gain K").inner_text()
+    at = int(re.search(r"from (\d+) frames", met)[1])
+    counts, ratios = precision_curves(names["plan"])
+    gain = dict(zip(counts, ratios["system_gain_dn_per_e"], strict=True))
+    assert max(gain[n] for n in counts if n >= at) <= 1 < min(gain[n] for n in counts if n < at)
+    ring = page.locator("#view-plan svg.plot .reached.s0")
+    line = page.locator("#view-plan svg.plot .mark-line").first
+    assert float(ring.get_attribute("cy")) == pytest.approx(float(line.get_attribute("y1")))
+
+
+@pytest.mark.parametrize("view", ["plan", "sweep"])
+def test_sensor_files_of_the_folder_are_planned_and_swept(page, link, view: str) -> None:
+    opened(page, link, view)
+    root = page.locator(f"#view-{view}")
+    root.get_by_label(re.compile("^Sensor")).select_option(label="small.sensor.yaml")
+    before = page.inner_html(f"#view-{view} .card >> nth=1")
+    root.get_by_role("button", name="Compute").click()
+    wait(page, "([at, html]) => document.querySelectorAll(at)[1].innerHTML !== html", [f"#view-{view} .card", before])
+    root.get_by_role("button", name="Copy as Python").click()
+    page.wait_for_selector("#code[open]")
+    assert "small.sensor.yaml" in page.inner_text("#code-text")
+
+
+def test_tables_on_a_narrow_screen_are_whole_and_keep_their_roles(page, link) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    opened(page, link, "plan")
+    opened(page, link, "calibrate")
+    page.get_by_role("button", name="Calibrate", exact=True).click()
+    page.get_by_role("heading", name="Parameters", exact=True).wait_for()
+    row = page.get_by_role("row", name=re.compile("^System gain K")).first
+    assert row.get_by_role("rowheader").inner_text() == "System gain K"
+    assert 0.4 < float(row.get_by_role("cell").first.inner_text()) < 0.6
+    inside = """view => [...document.querySelectorAll(`#view-${view} table`)].filter(each => each.checkVisibility())
+        .map(each => Math.max(...[...each.querySelectorAll('td, tbody th, td *')].map(
+            cell => cell.getBoundingClientRect().right)))"""
+    for view in ("calibrate", "plan"):
+        page.goto(f"{link.split('/?')[0]}/#{view}")
+        page.wait_for_selector(f"#view-{view} table")
+        right = page.evaluate(inside, view)
+        assert len(right) >= 2
+        assert max(right) <= 390 - 16
+
+
+def test_plots_cover_what_they_show_with_text_of_one_size(page, link) -> None:
+    opened(page, link)
+    for width in (390, 1024, 1600):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_timeout(300)
+        found = page.evaluate(
+            """() => {
+                const plot = document.querySelector('#snr-plot svg'), box = plot.getBoundingClientRect();
+                const line = plot.querySelector('.line').getBoundingClientRect();
+                const texts = [...plot.querySelectorAll('text')].map(each => each.getBoundingClientRect());
+                return {
+                    part: line.width / box.width, scale: box.width / plot.viewBox.baseVal.width,
+                    cut: texts.filter(each => each.left < box.left - 1 || each.right > box.right + 1).length,
+                };
+            }"""
+        )
+        assert found["part"] > 0.7
+        assert 0.85 < found["scale"] < 1.35
+        assert found["cut"] == 0

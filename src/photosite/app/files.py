@@ -50,9 +50,10 @@ class FileEntry(Part):
 
 
 class Upload(Part):
-    """An uploaded file, by the name that states use."""
+    """An uploaded file, or a folder of frames with the name of the last one, by the name that states use."""
 
     name: str
+    kind: UploadKind
     file_name: str
     bytes: int
     holds: str
@@ -186,9 +187,13 @@ class FrameFolder:
             raise
         return target
 
+    def sizes(self, new: Path | None = None) -> list[int]:
+        """Return the sizes of the frames in bytes, without a new one."""
+        return [file.stat().st_size for file in self.path.rglob("*") if file.is_file() and file != new]
+
     def _check_size(self, new: Path, most_bytes: int) -> None:
         """Raise `InputError` if the folder is full without a new frame."""
-        sizes = [file.stat().st_size for file in self.path.rglob("*") if file.is_file() and file != new]
+        sizes = self.sizes(new)
         if len(sizes) >= MOST_FRAMES or sum(sizes) >= most_bytes:
             hint = "Start photosite serve with the folder"
             raise InputError("the folder is too large to upload", value=f"{len(sizes)} files", hint=hint)

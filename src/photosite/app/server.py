@@ -177,6 +177,7 @@ class Workbench:
         (self.folder / "kept").mkdir()
         (self.folder / "results").mkdir()
         self.uploads: dict[str, Path] = {}
+        self.described: dict[str, Upload] = {}
         self._arriving = 0
         memory = settings.memory_bytes or _machine_bytes() * 3 // 4
         self.pool = Pool(settings.pictures, memory, prepare_views)
@@ -209,8 +210,14 @@ class Workbench:
         finally:
             self._arriving -= 1
 
+    def keep_upload(self, key: str, path: Path, found: Upload) -> Upload:
+        """Keep an uploaded file or folder of frames and return what is known of it."""
+        self.uploads[key], self.described[key] = path, found
+        return found
+
     def delete_upload(self, key: str) -> None:
         """Delete an uploaded file or folder of frames; raise `InputError` if there is none."""
+        self.described.pop(key, None)
         if self.uploads.pop(key, None) is None:
             raise InputError("upload", value=key, expected="a file that was uploaded")
         shutil.rmtree(self.folder / "uploads" / key, ignore_errors=True)
@@ -435,8 +442,13 @@ def _add_uploads(app: FastAPI, workbench: Workbench) -> None:
             path = await store(workbench.folder / "uploads", name, kind, request.stream())
             holds = await run_in_threadpool(check_upload, path, kind)
             key = path.parent.name
-            workbench.uploads[key] = path
-            return Upload(name=f"upload:{key}", file_name=path.name, bytes=path.stat().st_size, holds=holds)
+            found = Upload(name=UPLOAD + key, kind=kind, file_name=path.name, bytes=path.stat().st_size, holds=holds)
+            return workbench.keep_upload(key, path, found)
+
+    @app.get("/api/uploads")
+    def uploads() -> list[Upload]:
+        """Return the uploaded files and folders of frames."""
+        return list(workbench.described.values())
 
     @app.delete("/api/uploads/{key}", status_code=204)
     async def delete(key: Annotated[str, ApiPath(pattern="^[0-9a-f]{16}$")]) -> None:
@@ -454,8 +466,13 @@ async def _frame_upload(workbench: Workbench, place: FrameFolder, name: str, req
     if not new and key not in workbench.uploads:
         shutil.rmtree(place.path, ignore_errors=True)
         raise InputError("folder", value=key, expected="one of uploaded frames", hint="It was deleted meanwhile")
-    workbench.uploads[key] = place.path
-    return Upload(name=f"upload:{key}", file_name=stored.name, bytes=stored.stat().st_size, holds=holds)
+    sizes = place.sizes()
+    found = Upload(name=UPLOAD + key, kind="frames", file_name=stored.name, bytes=stored.stat().st_size, holds=holds)
+    number = "1 frame" if len(sizes) == 1 else f"{len(sizes)} frames"
+    workbench.keep_upload(
+        key, place.path, found.model_copy(update={"bytes": sum(sizes), "holds": f"{number}, {holds}"})
+    )
+    return found
 
 
 def _add_view(app: FastAPI, workbench: Workbench, entry: views.JobView) -> None:

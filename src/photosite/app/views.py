@@ -40,7 +40,7 @@ from photosite.errors import InputError
 from photosite.report.numbers import format_duration
 from photosite.report.style import new_figure, styled
 from photosite.studies.gray_surface import snr
-from photosite.studies.planning import Design, Want, plan_frames
+from photosite.studies.planning import Design, Want, plan_frames, precision_curves
 from photosite.studies.sensor_comparison import sensor_figures
 from photosite.studies.sweep import sweep
 from photosite.studies.virtual_lab import with_pedestal
@@ -83,12 +83,17 @@ def plan(request: PlanRequest, places: Places, progress: Progress | None = None)
         design=Design(request.longest_dark_s, request.longest_flat_s),
         illuminant=light_name(request.illuminant, places),
     )
+    frames, ratios = precision_curves(found)
     seconds = sum(group.frames * (group.exposure_s + request.seconds_per_frame) for group in found.groups)
     return {
         **found.to_dict(),
         "seconds": seconds,
         "duration": format_duration(seconds),
         "black_level_dn": raised.readout.black_level_dn.value,
+        "precision": {
+            "frames": frames,
+            "expected_over_wanted": {name: [_finite(each) for each in values] for name, values in ratios.items()},
+        },
     }
 
 

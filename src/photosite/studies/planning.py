@@ -182,6 +182,42 @@ def _warn_of_effects(sensor: Sensor) -> None:
         warnings.warn(PhotositeWarning(problem, hint="Precision with them may be lower"), stacklevel=3)
 
 
+CURVE_FACTORS = tuple(2.0 ** (k / 4) for k in range(-12, 13))
+"""Numbers of frames of a curve of precision, relative to those of the plan."""
+
+
+def precision_curves(plan: Plan) -> tuple[list[int], dict[str, list[float]]]:
+    """Return how the wanted precision depends on the number of frames.
+
+    The frames at all settings are multiplied by the same factor, at least to `LEAST_FRAMES`.
+
+    Returns
+    -------
+    list of int
+        Numbers of frames, increasing.
+    dict of list of float
+        Expected over wanted uncertainty at these numbers, by parameter: 1 or less where the precision is reached.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> from photosite.studies.virtual_lab import with_pedestal
+    >>> sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=200, cols=200))
+    >>> plan = plan_frames(sensor, {"read_noise_dn": Want.parse("read_noise_dn=0.2%")})
+    >>> frames, ratios = precision_curves(plan)
+    >>> frames[0], plan.protocol.frame_count in frames, ratios["read_noise_dn"][0] > 1.0
+    (26, True, True)
+    """
+    ratios: dict[int, dict[str, float]] = {}
+    for factor in CURVE_FACTORS:
+        groups = [replace(each, frames=max(round(factor * each.frames), LEAST_FRAMES)) for each in plan.groups]
+        expected = predict(plan.sensor, groups)
+        count = sum(group.frames for group in groups)
+        ratios[count] = {want.parameter: want.reached(getattr(expected, want.parameter)) for want in plan.wants}
+    names = [want.parameter for want in plan.wants]
+    return sorted(ratios), {name: [ratios[count][name] for count in sorted(ratios)] for name in names}
+
+
 def planned_groups(lab: VirtualLab) -> tuple[PlannedGroup, ...]:
     """Return the frames of a laboratory with the light on the pixels; steps with the same setting form one group."""
     sensor = lab.camera.sensor

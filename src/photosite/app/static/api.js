@@ -1,6 +1,7 @@
 // Calls of the server. Every error becomes an Error with the server's text.
 
 export const tab = crypto.randomUUID();
+export const UPLOADED = "photosite-uploaded", DELETED = "photosite-deleted"; // events; that of a deletion has the name of the upload
 
 const alertBox = document.getElementById("alert");
 
@@ -31,12 +32,14 @@ const posted = (content) => ({
 export const get = async (path) => (await answer(path, {})).json();
 export const post = async (path, content) => (await answer(path, posted(content))).json();
 export const postForBytes = async (path, content) => (await answer(path, posted(content))).arrayBuffer();
-export const remove = async (path) => (await answer(path, { method: "DELETE" })).json();
+export const remove = (path) => answer(path, { method: "DELETE" });
 
 // `folder` and `name` are those of a frame of an uploaded folder.
 export async function upload(file, kind, { folder = "", name = file.name } = {}) {
   const path = `/api/uploads?kind=${kind}&name=${encodeURIComponent(name)}&folder=${encodeURIComponent(folder)}`;
-  return (await answer(path, { method: "POST", body: file })).json();
+  const found = await (await answer(path, { method: "POST", body: file })).json();
+  window.dispatchEvent(new Event(UPLOADED));
+  return found;
 }
 
 // A function that says how far a job is, and how long the rest of what it does now takes at the speed so far.

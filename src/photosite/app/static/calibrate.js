@@ -1,6 +1,6 @@
 // A calibration: a folder of the server or an uploaded one, its groups of frames, and the results.
 
-import { finished, get, post, showError, tab } from "./api.js";
+import { DELETED, finished, get, post, showError, tab } from "./api.js";
 import { element, short, table } from "./dom.js";
 import { folderDrop } from "./folder.js";
 import { jobBar } from "./jobview.js";
@@ -8,7 +8,8 @@ import { drawResults } from "./results.js";
 
 const fresh = { groups: [], maps: false, captures: [] };
 let request = { folder: "", sensor: null, ...fresh };
-let built = false, found = null, listing = 0;
+let built = false, found = null, listing = 0, forget = () => {};
+window.addEventListener(DELETED, ({ detail }) => forget(detail));
 
 export async function show(content) {
   const root = document.getElementById("view-calibrate");
@@ -26,6 +27,15 @@ export async function show(content) {
     request = { ...request, folder: name, ...fresh };
     list();
   }
+  const noFolder = () => groups.replaceChildren(element("p", { class: "hint" }, "No folder is served. Drop one above, or start the server with one: photosite serve FOLDER"));
+  forget = (name) => {
+    [...folder.options].find((option) => option.value === name)?.remove();
+    if (request.folder !== name) return;
+    request = { ...request, folder: "", ...fresh };
+    listing++; // of the deleted folder
+    results.replaceChildren();
+    if (server.folder) open(""); else noFolder();
+  };
   const known = [["", "that of the frames' protocol, or none"], ...sensors.map((name) => [name, name]), ...files.map((file) => [`file:${file.name}`, file.name])];
   const sensor = element("select", { onchange: () => { request.sensor = sensor.value ? { source: sensor.value } : null; } }, ...known.map(([value, text]) => element("option", { value }, text)));
   sensor.value = request.sensor?.source ?? "";
@@ -56,7 +66,7 @@ export async function show(content) {
   if (server.folder || request.folder) {
     folder.value = request.folder;
     await list();
-  } else groups.replaceChildren(element("p", { class: "hint" }, "No folder is served. Drop one above, or start the server with one: photosite serve FOLDER"));
+  } else noFolder();
 }
 
 function drawGroups(root) {
@@ -82,13 +92,13 @@ function drawGroups(root) {
     const kind = element("select", { "aria-label": `Kind of group ${k + 1}`, onchange: () => { edits[k] = { ...edits[k], kind: kind.value }; keep(); } },
       ...[["dark", "dark frames"], ["light", "flat fields"], ["omit", "left out"]].map(([value, text]) => element("option", { value }, text)));
     kind.value = edits[k].kind;
-    return [String(k + 1), kind, number(k, "exposure_s", "Exposure time in s", { min: 1e-9, required: true }), number(k, "gain_setting", "Gain setting", { min: 0, placeholder: "none" }), String(each.frames), element("td", { class: "files" }, each.frames > 1 ? `${each.first} … ${each.last}` : each.first)];
+    return [String(k + 1), kind, number(k, "exposure_s", "Exposure time in s", { min: 1e-9, required: true }), number(k, "gain_setting", "Gain setting", { min: 0, placeholder: "none" }), String(each.frames), { content: each.frames > 1 ? `${each.first} … ${each.last}` : each.first, class: "files" }];
   });
   keep();
   root.replaceChildren(element("div", { class: "card" },
     element("h3", {}, `${found.groups.reduce((sum, each) => sum + each.frames, 0)} frames of ${found.rows} × ${found.cols} pixels, ${found.bits} bits${found.black_level_dn ? `, black level ${short(found.black_level_dn)} DN` : ""}`),
     element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Groups of frames" },
-      table(found.sensor ? `The protocol names the sensor ${found.sensor}.` : "As understood from metadata and names.", ["Group", "Kind", "Exposure time (s)", "Gain setting", "Frames", "Files"], rows, { class: "numbered" })),
+      table(found.sensor ? `The protocol names the sensor ${found.sensor}.` : "As understood from metadata and names.", ["Group", "Kind", "Exposure time (s)", "Gain setting", "Frames", "Files"], rows, { class: "numbered stacked" })),
     note,
     ...(found.notes.length ? [element("ul", { class: "notes" }, ...found.notes.map((text) => element("li", {}, text)))] : []),
     element("p", {}, element("label", { class: "choice" }, maps, " Maps of the chip: DSNU, PRNU, dark current, read noise, defects")),

@@ -1,10 +1,10 @@
 // The camera view: form, preview, exact frame, plots and regions.
 
-import { finished, post, postForBytes, progressReporter, remove, showError, tab } from "./api.js";
+import { DELETED, finished, post, postForBytes, progressReporter, remove, showError, tab } from "./api.js";
 import { copied, element, short, table } from "./dom.js";
 import { partRow } from "./parts.js";
 import { lights, spectrumUpload } from "./lights.js";
-import { dropOnView, gainPick, picks } from "./picks.js";
+import { dropOnView, forget, gainPick, picks } from "./picks.js";
 import { Picture, decode, describe, snrLegend } from "./picture.js";
 import { plot } from "./plots.js";
 import { merged, toHash } from "./state.js";
@@ -58,6 +58,10 @@ export async function start(content) {
   });
   window.addEventListener("pagehide", () => { if (job) fetch(`/api/jobs/${job.id}`, { method: "DELETE", keepalive: true }); });
   dropOnView(at("view-camera"), () => state, reload);
+  window.addEventListener(DELETED, ({ detail }) => {
+    const used = forget(state, detail);
+    if (used.length) reload(used.includes("sensor"));
+  });
   await loadForm();
   changed(performance.now());
 }
@@ -271,7 +275,7 @@ function describeRegions(regions) {
     k ? "" : `${number + 1}: rows ${each.region[0]}–${each.region[1] - 1}, columns ${each.region[2]}–${each.region[3] - 1}${each.exact ? "" : " (preview)"}`,
     name, ...(found ? [String(found.pixels), short(found.mean_dn, 6), short(found.sd_dn), short(found.mean_e, 5), short(found.snr_db, 4)] : [each.waits ? "follow with the exact frame" : "too few", "–", "–", "–", "–"])]));
   if (!regions.length) { at("regions").replaceChildren(); return; }
-  const drawn = table("Mean and standard deviation over the pixels; signal above black.", ["Region", "Channel", "Pixels", "Mean (DN)", "SD (DN)", "Signal (e⁻)", "SNR (dB)"], rows);
+  const drawn = table("Mean and standard deviation over the pixels; signal above black.", ["Region", "Channel", "Pixels", "Mean (DN)", "SD (DN)", "Signal (e⁻)", "SNR (dB)"], rows, { class: "stacked" });
   const clear = element("button", { type: "button", onclick: () => { picture.regions = []; picture.draw(); request(); } }, "Remove regions");
   at("regions").replaceChildren(element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Values of the regions" }, drawn), clear);
 }

@@ -1,6 +1,6 @@
 // Comparison: sensors or lenses in the same light, and measured frames with their simulation.
 
-import { get, post, showError, upload } from "./api.js";
+import { DELETED, get, post, showError, upload } from "./api.js";
 import { state as camera } from "./camera.js";
 import { element, short, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
@@ -50,6 +50,13 @@ export async function show(restored) {
   }
   build();
 }
+
+window.addEventListener(DELETED, ({ detail }) => {
+  if (!known?.raws.includes(detail)) return;
+  known.raws = known.raws.filter((name) => name !== detail);
+  content.measured = content.measured.filter((name) => name !== detail);
+  build();
+});
 
 function build() {
   const root = document.getElementById("view-compare");
@@ -167,10 +174,9 @@ function draw(root, found) {
   const names = Object.keys(found.cameras), plots = element("div", { class: "plots" });
   const add = (title, lines, x, y) => {
     if (!lines.length) return;
-    const box = element("div", { class: "card" });
+    const box = element("div");
     plot(box, { title, lines, x, y });
-    box.prepend(element("h3", {}, title));
-    plots.append(box);
+    plots.append(element("div", { class: "card" }, element("h3", {}, title), box));
   };
   add("Signal-to-noise ratio against luminance", names.map((name) => ({ name, x: found.luminance_cd_m2, y: found.snr_db[name].map((v) => v ?? NaN) })),
     { label: "luminance (cd/m²)", logarithmic: true }, { label: "SNR (dB)", low: -10 });
@@ -291,8 +297,9 @@ async function drawMeasured(root, found) {
   const against = (box, title, values, label) => {
     const lines = channels.map((name, c) => ({ name, marks: true, x: simulated[values].map((row) => row[c]), y: measured[values].map((row) => row[c]), style: { R: "s1", G: "s2", B: "s0" }[name] }));
     const top = Math.max(...lines.flatMap((line) => line.x));
-    plot(box, { title, lines: [{ name: "equal", x: [0, top], y: [0, top], style: "s7" }, ...lines], x: { label: `simulated ${label}` }, y: { label: `measured ${label}`, low: 0 } });
-    box.prepend(element("h3", {}, title));
+    const drawn = element("div");
+    box.replaceChildren(element("h3", {}, title), drawn);
+    plot(drawn, { title, lines: [{ name: "equal", x: [0, top], y: [0, top], style: "s7" }, ...lines], x: { label: `simulated ${label}` }, y: { label: `measured ${label}`, low: 0 } });
   };
   against(points, "Means of the patches", "mean_dn", "(DN)");
   against(noise, "Noise over the pixels", "spatial_noise_dn", "(DN)");

@@ -19,24 +19,39 @@ export function svg(name, attributes = {}, ...children) {
   return made;
 }
 
+const SUPERSCRIPTS = { "-": "⁻", ...Object.fromEntries([..."⁰¹²³⁴⁵⁶⁷⁸⁹"].entries()) };
+
 // A number with a few digits, as a person writes it.
 export function short(value, digits = 4) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e6 || size < 1e-3) return value.toExponential(digits - 1).replace(/\.?0+e/, "e").replace("e+", "e");
+  if (size >= 1e6 || size < 1e-3) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    const power = `10${[...String(Number(exponent))].map((each) => SUPERSCRIPTS[each]).join("")}`;
+    return Number(mantissa) === 1 ? power : `${Number(mantissa)} × ${power}`;
+  }
   return String(Number(value.toPrecision(size >= 10 ** digits ? Math.ceil(Math.log10(size)) : digits)));
 }
 
-export const captionOf = (text) => element("caption", {}, element("span", {}, text));
+// A number of bytes, as a person writes it.
+export function sizeText(bytes) {
+  const [unit, size] = [["GB", 1e9], ["MB", 1e6], ["kB", 1e3], ["bytes", 1]].find(([, each]) => bytes >= each || each === 1);
+  return `${short(bytes / size, 3)} ${unit}`;
+}
 
-// Cells can be texts or elements; an element of a cell of its own, td, is taken as it is.
+const captionOf = (text) => element("caption", {}, element("span", {}, text));
+
+// A table of texts or elements; an object {content, class} gives a cell its class. The class "stacked" makes each row a
+// block of labelled values on narrow screens, where elements lose the roles of a table unless they are explicit.
 export function table(caption, head, rows, attributes = {}) {
-  return element("table", attributes,
-    captionOf(caption),
-    element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
-    element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map((cell, k) =>
-      k === 0 ? element("th", { scope: "row" }, cell) : cell instanceof HTMLTableCellElement ? cell : element("td", {}, cell))))));
+  const cell = (each, k) => {
+    const { content, ...own } = each?.content === undefined ? { content: each } : each;
+    return k === 0 ? element("th", { scope: "row", role: "rowheader", ...own }, content) : element("td", { role: "cell", "data-label": head[k], ...own }, content);
+  };
+  return element("table", { role: "table", ...attributes }, captionOf(caption),
+    element("thead", { role: "rowgroup" }, element("tr", { role: "row" }, ...head.map((text) => element("th", { scope: "col", role: "columnheader" }, text)))),
+    element("tbody", { role: "rowgroup" }, ...rows.map((row) => element("tr", { role: "row" }, ...row.map(cell)))));
 }
 
 export async function copied(title, text, note = "") {

@@ -1,10 +1,14 @@
 // Names of lights: illuminants, CSV files of the served folder, and uploaded ones.
 
-import { get, showError, upload } from "./api.js";
+import { DELETED, get, showError, upload } from "./api.js";
 import { element } from "./dom.js";
 
 const ILLUMINANTS = ["A", "D50", "D65", "3200K", "daylight 5600", "led 4000", "FL2", "FL11", "sunlight"];
 const uploaded = [];
+window.addEventListener(DELETED, ({ detail }) => {
+  const at = uploaded.findIndex(([name]) => name === detail);
+  if (at >= 0) uploaded.splice(at, 1);
+});
 
 // All names with what they are called.
 export async function lights() {

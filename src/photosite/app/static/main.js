@@ -7,6 +7,7 @@ import * as compare from "./compare.js";
 import * as plan from "./plan.js";
 import * as sweep from "./sweep.js";
 import { fromHash, merged } from "./state.js";
+import "./uploads.js";
 
 const VIEWS = { camera: null, calibrate, compare, plan, sweep };
 const root = document.documentElement, appearance = document.getElementById("appearance");

@@ -18,6 +18,15 @@ const CHOSEN = {
   sensor(state, value) { state.sensor = { source: value, gain_setting: null, changes: {}, binning: null }; },
 };
 
+// Chooses the first of the built-in ones in place of a deleted upload; returns the kinds that were changed.
+export function forget(state, name) {
+  const fallbacks = { scene: "macbeth", lens: "", sensor: "nikon-d200" };
+  const used = Object.keys(fallbacks).filter((kind) => state[kind].source === name);
+  for (const kind of used) CHOSEN[kind](state, fallbacks[kind]);
+  if (state.scene.illuminant === name) { state.scene.illuminant = "A"; used.push("light"); }
+  return used;
+}
+
 async function take(file, kind, state, reload) {
   try {
     showError("");

@@ -1,9 +1,11 @@
 // Frames for a wanted precision.
 
-import { get, post } from "./api.js";
+import { get } from "./api.js";
 import { element, short, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
 import { lightField, lights } from "./lights.js";
+import { plot } from "./plots.js";
+import { sensorPick } from "./sensors.js";
 
 let request = { sensor: { source: "nikon-d200" }, wants: { system_gain_dn_per_e: "0.5%", prnu_percent: "2%" }, longest_dark_s: 5, longest_flat_s: 0.05, illuminant: "D65", seconds_per_frame: 1 };
 let built = false;
@@ -13,12 +15,9 @@ export async function show(content) {
   if (built && !content) return;
   built = true;
   if (content) request = { ...request, ...content };
-  const [{ sensors }, parameters, known] = await Promise.all([post("/api/form", {}), get("/api/parameters"), lights()]);
+  const [pick, parameters, known] = await Promise.all([sensorPick("Sensor assumed", request.sensor, (sensor) => { request.sensor = sensor; }), get("/api/parameters"), lights()]);
   const results = element("div", { "aria-live": "polite" });
   const { bar, start } = jobBar("plan", "plan", () => request, (found) => draw(results, found, parameters));
-  const pick = element("select", { onchange: () => { request.sensor = { source: pick.value }; } }, ...sensors.map((name) => element("option", { value: name }, name)));
-  if (!sensors.includes(request.sensor.source)) pick.append(element("option", { value: request.sensor.source }, request.sensor.source));
-  pick.value = request.sensor.source;
   const wants = element("div");
   const drawWants = () => {
     const rows = Object.entries(request.wants).map(([name, text]) => {
@@ -38,7 +37,7 @@ export async function show(content) {
     element("p", { class: "hint" }, "The fewest dark frames and flat fields that reach a standard uncertainty, for a sensor like yours. Nothing is simulated; a real setup adds its own variation."),
     element("div", { class: "card" },
       element("div", { class: "fields" },
-        element("label", {}, "Sensor assumed", pick),
+        pick,
         field("Longest dark frame", "s", { type: "number", min: 1e-6 }, request.longest_dark_s, (value) => { request.longest_dark_s = value; }),
         field("Longest flat field", "s", { type: "number", min: 1e-6 }, request.longest_flat_s, (value) => { request.longest_flat_s = value; }),
         ...lightField("Illuminant of the flat fields", known, request.illuminant, (value) => { request.illuminant = value; }),
@@ -54,15 +53,38 @@ function draw(root, found, parameters) {
     const { label, unit } = parameters.find((each) => each.name === name) ?? { label: name, unit: "" };
     return unit ? `${label} (${unit})` : label;
   };
-  const groups = found.steps.map((each) => [each.kind === "dark" ? "dark frames" : "flat fields", String(each.frames), short(each.exposure_s), Object.entries(each.electrons ?? {}).map(([name, value]) => `${name} ${short(value, 3)}`).join(", ") || "–"]);
+  const groups = found.steps.map((each) => [each.kind === "dark" ? "dark frames" : "flat fields", String(each.frames), short(each.exposure_s), { content: Object.entries(each.electrons ?? {}).map(([name, value]) => `${name} ${short(value, 3)}`).join(", ") || "–", class: "wrapped" }]);
   const expected = Object.entries(found.expected).filter(([, each]) => each.standard_uncertainty !== null && each.standard_uncertainty !== undefined).map(([name, each]) => {
     const known = each.standard_uncertainty < Math.abs(each.value ?? 0);
     return [named(name), known ? short(each.value) : "0", short(each.standard_uncertainty, 2), known ? short(100 * each.standard_uncertainty / Math.abs(each.value), 2) : "–", request.wants[name] ?? ""];
   });
-  root.replaceChildren(element("div", { class: "beside" },
-    element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Frames of the plan" }, element("h3", {}, `${found.frames} frames, about ${found.duration}`),
+  const card = (title, ...content) => element("div", { class: "card", tabindex: "0", role: "group", "aria-label": title }, ...content);
+  const drawn = element("div");
+  root.replaceChildren(element("div", { class: "planned" },
+    card("Frames of the plan", element("h3", {}, `${found.frames} frames, about ${found.duration}`),
       found.least_of_a_calibration ? element("p", { class: "hint" }, "The minimum of a calibration reaches the wanted precision.") : null,
       table(`Black level ${short(found.black_level_dn)} DN, so that dark frames do not clip.`, ["Kind", "Frames", "Exposure time (s)", "Mean signal (e⁻)"], groups)),
-    element("div", { class: "card", tabindex: "0", role: "group", "aria-label": "Expected uncertainties" }, element("h3", {}, "Expected"),
-      table("What a calibration of these frames reaches.", ["Parameter", "Expected", "Standard uncertainty", "Relative (%)", "Wanted"], expected))));
+    element("div", { class: "card" }, element("h3", {}, "Precision against the number of frames"), drawn,
+      element("p", { class: "hint" }, "The frames at all settings multiplied by the same factor, two or more at each. A ring is where a precision is met.")),
+    card("Expected uncertainties", element("h3", {}, "Expected"),
+      table("What a calibration of these frames reaches.", ["Parameter", "Expected", "Standard uncertainty", "Relative (%)", "Wanted"], expected, { class: "stacked" }))));
+  precision(drawn, found, named);
+}
+
+// Curves of the expected over the wanted uncertainty, with marks where they fall to 1.
+function precision(root, { frames, precision: { frames: x, expected_over_wanted: ratios } }, named) {
+  const curves = Object.entries(ratios).map(([name, y], k) => ({ name, y, style: `s${k % 8}`, met: metAt(x, y) }));
+  plot(root, {
+    title: "Precision", x: { label: "frames", logarithmic: true }, y: { label: "uncertainty / wanted", logarithmic: true },
+    lines: curves.map(({ name, y, style, met }) => ({ name: `${named(name)}, ${request.wants[name]}${met === null ? "" : met > x[0] ? ` from ${Math.ceil(met)} frames` : ` with the fewest frames`}`, x, y: y.map((each) => each ?? NaN), style })),
+    marks: [{ y: 1, label: "wanted" }, { x: frames, label: `planned: ${frames} frames` },
+      ...curves.filter(({ met }) => met !== null).map(({ y, style, met }) => ({ x: met, y: met > x[0] ? 1 : y[0], label: "", style }))],
+  });
+}
+
+// The number of frames at which a falling curve reaches 1: between its points, or its first.
+function metAt(x, y) {
+  const k = y.findIndex((each) => each !== null && each <= 1);
+  if (k < 1 || y[k - 1] === null) return k < 0 ? null : x[k];
+  return x[k - 1] * (x[k] / x[k - 1]) ** (Math.log(y[k - 1]) / Math.log(y[k - 1] / y[k]));
 }

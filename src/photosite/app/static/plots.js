@@ -2,15 +2,28 @@
 
 import { element, short, svg } from "./dom.js";
 
-const W = 460, H = 260, LEFT = 58, RIGHT = 12, TOP = 12, BOTTOM = 44;
+const MARGIN = 12, BOTTOM = 44, LEAST_WIDTH = 280, MOST_WIDTH = 640, OTHER_WIDTH = 460, CHARACTER = 7.8;
+
+// Plots are drawn for the width that they get, so that text has the same size in all.
+const drawings = new WeakMap();
+const widths = new ResizeObserver((changes) => {
+  for (const { target } of changes) {
+    const { width, draw } = drawings.get(target) ?? {};
+    if (target.clientWidth && width !== fitting(target)) requestAnimationFrame(draw);
+  }
+});
+
+function fitting(parent) {
+  return parent.clientWidth ? Math.round(Math.min(Math.max(parent.clientWidth, LEAST_WIDTH), MOST_WIDTH) / 20) * 20 : OTHER_WIDTH;
+}
 
 function ticks(low, high, logarithmic) {
   if (logarithmic) {
-    const found = [];
-    const step = Math.max(1, Math.round((Math.log10(high) - Math.log10(low)) / 6));
-    for (let k = Math.ceil(Math.log10(low) - 1e-9); k <= Math.log10(high) + 1e-9; k += step) found.push(10 ** k);
-    if (found.length > 1) return found;
-    return [low, Math.sqrt(low * high), high];
+    const decades = Math.log10(high / low), factors = decades > 2 ? [1] : decades > 0.7 ? [1, 2, 5] : [1, 1.5, 2, 3, 4, 5, 6, 8];
+    const found = [], step = Math.max(1, Math.ceil(decades / 7));
+    for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k += step) found.push(...factors.map((each) => each * 10 ** k));
+    const inside = found.filter((each) => each >= low * (1 - 1e-9) && each <= high * (1 + 1e-9));
+    return inside.length > 1 ? inside : [low, Math.sqrt(low * high), high];
   }
   const raw = (high - low) / 5, power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= raw);
@@ -25,44 +38,58 @@ function digits(low, high, logarithmic) {
   return Math.min(Math.max(Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / (high - low))) + 2, 3), 12);
 }
 
-// plot(parent, {lines: [{name, x, y}], x: {label, logarithmic}, y: {label, logarithmic, low}, marks, title})
-export function plot(parent, { lines, x, y, title, steps = false }) {
-  const points = lines.flatMap((line) => line.x.map((value, k) => [value, line.y[k]]))
-    .filter(([a, b]) => Number.isFinite(a) && Number.isFinite(b) && (!x.logarithmic || a > 0) && (!y.logarithmic || b > 0));
-  parent.replaceChildren();
-  if (!points.length) {
-    parent.append(element("p", { class: "hint" }, "No values to plot."));
-    return;
-  }
-  let [x0, x1] = [Math.min(...points.map((p) => p[0])), Math.max(...points.map((p) => p[0]))];
-  let [y0, y1] = [Math.min(...points.map((p) => p[1])), Math.max(...points.map((p) => p[1]))];
+// plot(parent, {lines: [{name, x, y}], x: {label, logarithmic}, y: {label, logarithmic, low}, marks, title}) replaces what
+// is in the parent. A mark {x, y, label} is a labelled point; without y or x, a labelled line across the plot.
+export function plot(parent, content) {
+  const draw = () => {
+    const width = fitting(parent);
+    drawings.set(parent, { width, draw });
+    parent.replaceChildren(...drawn(content, width, Math.round(Math.min(Math.max(0.56 * width, 210), 300))));
+  };
+  draw();
+  widths.observe(parent);
+}
+
+function drawn({ lines, x, y, title, marks = [], steps = false }, W, H) {
+  const visible = ([a, b]) => Number.isFinite(a) && Number.isFinite(b) && (!x.logarithmic || a > 0) && (!y.logarithmic || b > 0) && !(b < y.low);
+  const points = [...lines.flatMap((line) => line.x.map((value, k) => [value, line.y[k]])).filter(visible)];
+  if (!points.length) return [element("p", { class: "hint" }, "No values to plot.")];
+  const extent = (k, each) => {
+    const own = [...points.map((point) => point[k]), ...marks.map((mark) => mark[each]).filter(Number.isFinite)];
+    return [Math.min(...own), Math.max(...own)];
+  };
+  let [[x0, x1], [y0, y1]] = [extent(0, "x"), extent(1, "y")];
   if (y.low !== undefined) y0 = y.low;
   if (x0 === x1) [x0, x1] = x.logarithmic ? [x0 / 2, x1 * 2] : [x0 - 1, x1 + 1];
   if (y0 === y1) [y0, y1] = y.logarithmic ? [y0 / 2, y1 * 2] : [y0 - 1, y1 + 1];
   if (!y.logarithmic) y1 += 0.04 * (y1 - y0);
+  const texts = { x: ticks(x0, x1, x.logarithmic).map((each) => [each, short(each, digits(x0, x1, x.logarithmic))]), y: ticks(y0, y1, y.logarithmic).map((each) => [each, short(each, digits(y0, y1, y.logarithmic))]) };
+  const LEFT = 28 + CHARACTER * Math.max(...texts.y.map(([, text]) => text.length)), TOP = MARGIN, RIGHT = MARGIN;
   const scaled = (value, low, high, logarithmic) => logarithmic
     ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
   const px = (value) => LEFT + (W - LEFT - RIGHT) * scaled(value, x0, x1, x.logarithmic);
   const py = (value) => H - BOTTOM - (H - TOP - BOTTOM) * scaled(value, y0, y1, y.logarithmic);
-  const drawn = svg("svg", { class: "plot", viewBox: `0 0 ${W} ${H}`, role: "img", tabindex: "0", "aria-label": `${title}: ${y.label} over ${x.label}, ${lines.map((l) => l.name).join(", ")}` });
-  for (const tick of ticks(x0, x1, x.logarithmic)) {
-    drawn.append(svg("line", { class: "grid", x1: px(tick), x2: px(tick), y1: TOP, y2: H - BOTTOM }));
-    const text = svg("text", { x: Math.min(px(tick), W - 2), y: H - BOTTOM + 16, "text-anchor": px(tick) > W - 30 ? "end" : "middle" });
-    text.textContent = short(tick, digits(x0, x1, x.logarithmic));
-    drawn.append(text);
+  const made = svg("svg", { class: "plot", viewBox: `0 0 ${W} ${H}`, role: "img", tabindex: "0", "aria-label": `${title}: ${y.label} over ${x.label}, ${lines.map((l) => l.name).join(", ")}` });
+  const write = (at, down, anchor, content, extra = {}) => {
+    const text = svg("text", { x: at, y: down, "text-anchor": anchor, ...extra });
+    text.textContent = content;
+    made.append(text);
+  };
+  let end = -Infinity;
+  for (const [tick, text] of texts.x) {
+    made.append(svg("line", { class: "grid", x1: px(tick), x2: px(tick), y1: TOP, y2: H - BOTTOM }));
+    const half = CHARACTER * text.length / 2, at = Math.min(px(tick), W - half);
+    if (at - half < end + 4) continue; // it would touch the one before
+    write(at, H - BOTTOM + 16, "middle", text);
+    end = at + half;
   }
-  for (const tick of ticks(y0, y1, y.logarithmic)) {
-    drawn.append(svg("line", { class: "grid", x1: LEFT, x2: W - RIGHT, y1: py(tick), y2: py(tick) }));
-    const text = svg("text", { x: LEFT - 6, y: py(tick) + 4, "text-anchor": "end" });
-    text.textContent = short(tick, digits(y0, y1, y.logarithmic));
-    drawn.append(text);
+  for (const [tick, text] of texts.y) {
+    made.append(svg("line", { class: "grid", x1: LEFT, x2: W - RIGHT, y1: py(tick), y2: py(tick) }));
+    write(LEFT - 6, py(tick) + 4, "end", text);
   }
-  drawn.append(svg("path", { class: "axis", d: `M${LEFT} ${TOP}V${H - BOTTOM}H${W - RIGHT}` }));
-  const across = svg("text", { x: (LEFT + W - RIGHT) / 2, y: H - 8, "text-anchor": "middle" });
-  across.textContent = x.label;
-  const down = svg("text", { x: 14, y: (TOP + H - BOTTOM) / 2, "text-anchor": "middle", transform: `rotate(-90 14 ${(TOP + H - BOTTOM) / 2})` });
-  down.textContent = y.label;
-  drawn.append(across, down);
+  made.append(svg("path", { class: "axis", d: `M${LEFT} ${TOP}V${H - BOTTOM}H${W - RIGHT}` }));
+  write((LEFT + W - RIGHT) / 2, H - 8, "middle", x.label);
+  write(14, (TOP + H - BOTTOM) / 2, "middle", y.label, { transform: `rotate(-90 14 ${(TOP + H - BOTTOM) / 2})` });
   lines.forEach((line, number) => {
     let path = "", pen = false;
     line.x.forEach((value, k) => {
@@ -78,15 +105,22 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
       line.x.forEach((value, k) => {
         if (!Number.isFinite(line.y[k]) || line.y[k] < y0 || (x.logarithmic && !(value > 0))) return;
         const half = line.half?.[k], style = line.style || `s${number % 8}`;
-        if (half) drawn.append(svg("line", { class: `bar ${style}`, x1: px(value), x2: px(value), y1: py(Math.min(line.y[k] + half, y1)), y2: py(Math.max(line.y[k] - half, y0)) }));
-        drawn.append(svg("circle", { class: `mark ${style}${line.used && !line.used[k] ? " hollow" : ""}`, cx: px(value), cy: py(line.y[k]), r: 3 }));
+        if (half) made.append(svg("line", { class: `bar ${style}`, x1: px(value), x2: px(value), y1: py(Math.min(line.y[k] + half, y1)), y2: py(Math.max(line.y[k] - half, y0)) }));
+        made.append(svg("circle", { class: `mark ${style}${line.used && !line.used[k] ? " hollow" : ""}`, cx: px(value), cy: py(line.y[k]), r: 3 }));
       });
       return;
     }
-    drawn.append(svg("path", { class: `line ${line.style || `s${number % 8}`}`, d: path }));
+    made.append(svg("path", { class: `line ${line.style || `s${number % 8}`}`, d: path }));
   });
+  for (const mark of marks) {
+    const [across, down] = [mark.x, mark.y].map(Number.isFinite), right = across && px(mark.x) > (LEFT + W) / 2;
+    if (across && down) made.append(svg("circle", { class: `reached ${mark.style ?? ""}`, cx: px(mark.x), cy: py(mark.y), r: 6 }));
+    else if (across) made.append(svg("line", { class: "mark-line", x1: px(mark.x), x2: px(mark.x), y1: TOP, y2: H - BOTTOM }));
+    else made.append(svg("line", { class: "mark-line", x1: LEFT, x2: W - RIGHT, y1: py(mark.y), y2: py(mark.y) }));
+    write(across ? px(mark.x) + (right ? -6 : 6) : W - RIGHT - 4, !down ? H - BOTTOM - 8 : py(mark.y) > TOP + 20 ? py(mark.y) - 8 : py(mark.y) + 14, right || !across ? "end" : "start", mark.label, { class: "mark-text" });
+  }
   const cursor = svg("line", { class: "hover", y1: TOP, y2: H - BOTTOM, x1: -9, x2: -9, visibility: "hidden" });
-  drawn.append(cursor);
+  made.append(cursor);
   const value = element("p", { class: "plot-value", "aria-live": "polite" });
   // Points where there are some, else the values of all lines.
   const marked = lines.filter((line) => line.marks);
@@ -98,27 +132,24 @@ export function plot(parent, { lines, x, y, title, steps = false }) {
     cursor.setAttribute("visibility", "visible");
     value.textContent = `${x.label} ${short(at)}: ` + lines.map((line) => valueAt(line, at)).filter(Boolean).join(", ");
   };
-  drawn.addEventListener("pointermove", (event) => {
-    const box = drawn.getBoundingClientRect();
+  made.addEventListener("pointermove", (event) => {
+    const box = made.getBoundingClientRect();
     const share = ((event.clientX - box.left) / box.width * W - LEFT) / (W - LEFT - RIGHT);
     if (share < 0 || share > 1) return;
     const at = x.logarithmic ? x0 * (x1 / x0) ** share : x0 + share * (x1 - x0);
     shown = stops.reduce((best, each, k) => (Math.abs(px(each) - px(at)) < Math.abs(px(stops[best]) - px(at)) ? k : best), 0);
     show(marked.length ? stops[shown] : at);
   });
-  drawn.addEventListener("keydown", (event) => {
+  made.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1, PageDown: 10, PageUp: -10, Home: -stops.length, End: stops.length }[event.key];
     if (!step || !stops.length) return;
     event.preventDefault();
     shown = Math.min(Math.max(shown + step, 0), stops.length - 1);
     show(stops[shown]);
   });
-  parent.append(drawn);
-  if (lines.length > 1) {
-    parent.append(element("ul", { class: "key" }, ...lines.map((line, number) => element("li", {},
-      svg("svg", { viewBox: "0 0 30 6", "aria-hidden": "true" }, svg("line", { class: line.style || `s${number % 8}`, x1: 0, x2: 30, y1: 3, y2: 3 })), line.name))));
-  }
-  parent.append(value);
+  const key = lines.length < 2 ? [] : [element("ul", { class: "key" }, ...lines.map((line, number) => element("li", {},
+    svg("svg", { viewBox: "0 0 30 6", "aria-hidden": "true" }, svg("line", { class: line.style || `s${number % 8}`, x1: 0, x2: 30, y1: 3, y2: 3 })), line.name)))];
+  return [made, ...key, value];
 }
 
 // The value of a line at a place: of its point there, or between its points.

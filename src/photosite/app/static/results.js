@@ -2,21 +2,19 @@
 
 import { state as camera } from "./camera.js";
 import { chipMap } from "./chipmap.js";
-import { captionOf, element, short } from "./dom.js";
+import { element, short, table } from "./dom.js";
 import { plot } from "./plots.js";
 import { toHash } from "./state.js";
 
 const STYLES = { R: "s1", G: "s2", B: "s0", M: "s0" };
 
-const cells = (each) => [each.value === null ? "–" : short(each.value, 5), each.interval_95 ? `${short(each.interval_95[0], 5)} to ${short(each.interval_95[1], 5)}` : "–", each.unit || "1"];
+const interval = (each) => (each.interval_95 ? `${short(each.interval_95[0], 5)} to ${short(each.interval_95[1], 5)}` : "–");
 
 function estimates(caption, first, rows) {
   const missing = rows.some((each) => each.value === null && each.reason);
-  const head = [...first, "Value", "95 % interval", "Unit"].map((text) => element("th", { scope: "col" }, text));
-  if (missing) head.push(element("th", { scope: "col", class: "reason" }, "Why it is missing"));
-  return element("table", {}, captionOf(caption), element("thead", {}, element("tr", {}, ...head)),
-    element("tbody", {}, ...rows.map((each) => element("tr", {}, element("th", { scope: "row" }, each.label), ...(first.length > 1 ? [element("td", {}, each.part)] : []),
-      ...cells(each).map((text) => element("td", {}, text)), missing ? element("td", { class: "reason" }, each.value === null ? each.reason : "") : null))));
+  const head = [...first, "Value", "95 % interval", "Unit", ...(missing ? ["Why it is missing"] : [])];
+  return table(caption, head, rows.map((each) => [each.label, ...(first.length > 1 ? [each.part] : []), short(each.value, 5), interval(each), each.unit || "1",
+    ...(missing ? [{ content: each.value === null ? each.reason : "", class: "reason" }] : [])]), { class: missing ? "stacked reasons" : "stacked" });
 }
 
 const scrolled = (label, ...content) => element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": label }, ...content);
@@ -42,13 +40,13 @@ function curveCard(curve) {
 
 function part(each, result) {
   const name = each.name ? `${each.name[0].toUpperCase()}${each.name.slice(1)}` : "", title = name || "Parameters";
-  const table = scrolled(title, estimates(name ? "" : result.title, ["Parameter"], each.parameters));
+  const parameters = scrolled(title, estimates(name ? "" : result.title, ["Parameter"], each.parameters));
   const plots = element("div", { class: "plots" }, ...each.curves.map(curveCard));
   const channels = Object.entries(each.channels).map(([channel, rows]) => element("details", { class: "card" }, element("summary", {}, `Channel ${channel}`),
     scrolled(`Parameters of channel ${channel}${name ? `, ${name}` : ""}`, estimates("Of this channel alone.", ["Parameter"], rows))));
   const maps = element("div", { class: "plots" }, ...each.maps.map((map) => chipMap(map, each.defects)));
-  if (!name) return [element("div", { class: "card" }, element("h3", {}, title), table), plots, ...channels, maps];
-  return [element("details", { class: "card" }, element("summary", {}, name), table, plots, ...channels, maps)];
+  if (!name) return [element("div", { class: "card" }, element("h3", {}, title), parameters), plots, ...channels, maps];
+  return [element("details", { class: "card" }, element("summary", {}, name), parameters, plots, ...channels, maps)];
 }
 
 export function drawResults(root, result) {
@@ -61,7 +59,7 @@ export function drawResults(root, result) {
   root.replaceChildren(
     ...(files.length ? [element("div", { class: "toolbar" }, ...files)] : []),
     ...list("Limits of the result", result.warnings), ...list("Frames left out", result.rejected),
-    ...result.tables.map((table) => element("div", { class: "card" }, element("h3", {}, table.title), scrolled(table.title, estimates(result.title, ["Parameter", table.first], table.rows)))),
+    ...result.tables.map((each) => element("div", { class: "card" }, element("h3", {}, each.title), scrolled(each.title, estimates(result.title, ["Parameter", each.first], each.rows)))),
     ...(result.curves.length ? [element("div", { class: "plots" }, ...result.curves.map(curveCard))] : []),
     ...result.parts.flatMap((each) => part(each, result)));
 }

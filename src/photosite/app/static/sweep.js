@@ -1,12 +1,12 @@
 // A measure of the camera over one or two of its fields: curves or a heat map.
 
-import { post } from "./api.js";
-import { state as camera } from "./camera.js";
+import { post, showError } from "./api.js";
 import { element, short, svg, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
 import { lightField, lights } from "./lights.js";
 import { viridis } from "./picture.js";
 import { plot } from "./plots.js";
+import { sensorPick } from "./sensors.js";
 
 const UNITS = {
   signal_e: "e⁻", noise_e: "e⁻", snr_db: "dB", electrons_per_cd_m2: "e⁻ per cd/m²", saturation_capacity_e: "e⁻", dynamic_range_db: "dB",
@@ -28,21 +28,19 @@ export async function show(content) {
   if (built && !content) return;
   built = true;
   if (content) request = { ...request, ...content };
-  const [{ sensors }, known] = await Promise.all([post("/api/form", {}), lights()]);
+  const [pick, known] = await Promise.all([sensorPick("Sensor", request.sensor, (sensor) => { request.sensor = sensor; ranges(); }), lights()]);
   const { bar, start } = jobBar("sweep", "sweep", () => request, (found) => { result = found; draw(); });
-  const ownChanged = Object.keys(camera.sensor.changes).length > 0 || camera.sensor.source.includes(":") || camera.sensor.gain_setting !== null;
-  const choices = [...sensors.map((name) => [name, { source: name }]), ...(ownChanged ? [["sensor of the camera view", camera.sensor]] : [])];
-  const key = (sensor) => JSON.stringify([sensor.source, sensor.gain_setting ?? null, sensor.changes ?? {}]);
-  if (!choices.some(([, known]) => key(known) === key(request.sensor))) choices.push([request.sensor.source, request.sensor]);
-  const pick = element("select", { onchange: async () => { request.sensor = choices[pick.selectedIndex][1]; await ranges(); } }, ...choices.map(([label]) => element("option", {}, label)));
-  pick.selectedIndex = choices.findIndex(([, known]) => key(known) === key(request.sensor));
   const box = element("div"), measure = element("select", { onchange: () => { request.measure = measure.value; luminance.hidden = measure.value !== "snr"; } },
     element("option", { value: "snr" }, "signal, noise and SNR of a surface"), element("option", { value: "sensor_figures" }, "dynamic range, SNR10 and saturation"));
   measure.value = request.measure;
   const luminance = field("Luminance", "cd/m²", { type: "number", min: 1e-9 }, request.luminance_cd_m2, (value) => { request.luminance_cd_m2 = value; });
   luminance.hidden = request.measure !== "snr";
   async function ranges() {
-    const form = await post("/api/form", { sensor: { source: request.sensor.source, gain_setting: request.sensor.gain_setting ?? null } });
+    let form;
+    try {
+      form = await post("/api/form", { sensor: { source: request.sensor.source, gain_setting: request.sensor.gain_setting ?? null } });
+      showError("");
+    } catch (error) { showError(error.message); return; } // of a sensor file that cannot be read
     fields = new Map([["pixel_width_um", { label: "Pixel width, noise in electrons kept", unit: "µm" }]]);
     const ofLens = form.lens[0].fields.filter((each) => !each.optional), ofSensor = form.sensor.filter((each) => each.name !== "gain_settings").flatMap((each) => each.fields);
     for (const each of [...ofLens, ...ofSensor]) if (each.kind === "number" || each.kind === "whole") fields.set(each.name, each);
@@ -63,7 +61,7 @@ export async function show(content) {
   root.replaceChildren(
     element("h2", { id: "sweep-title" }, "Sweep a camera"),
     element("p", { class: "hint" }, "One pixel that sees an even surface, for all combinations of the values. Nothing is drawn at random."),
-    element("div", { class: "card" }, element("div", { class: "fields" }, element("label", {}, "Sensor", pick),
+    element("div", { class: "card" }, element("div", { class: "fields" }, pick,
       field("f-number", "", { type: "number", min: 0.5 }, request.lens.f_number, (value) => { request.lens = { ...request.lens, f_number: value }; }),
       field("Focal length", "mm", { type: "number", min: 0.2 }, request.lens.focal_length_mm, (value) => { request.lens = { ...request.lens, focal_length_mm: value }; }),
       element("label", {}, "Measure", measure), luminance,
