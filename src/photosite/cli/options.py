@@ -614,11 +614,6 @@ def prepared_sensor(
     )
 
 
-def sensor_at(sensor: Sensor, gain_setting: float | None) -> Sensor:
-    """Return a sensor at the gain setting of --gain-setting, or unchanged."""
-    return sensor if gain_setting is None else sensor.at_gain_setting(gain_setting)
-
-
 def changed_sensor(
     sensor: Sensor, gain_setting: float | None, fields: Sequence[tuple[str, Any]], changes: Mapping[str, Any]
 ) -> Sensor:

@@ -30,8 +30,9 @@ _SEEN_P_VALUE = 0.005
 _SCATTER_P_VALUE = 0.01
 """Probability of so large a scatter about the line by chance, below which the scatter widens the uncertainty."""
 _LEAST_LINES = 2
-_PASSES = 3
-_LEAST_NOISE = 0.1
+"""Lines behind the last illuminated one: the charge in the first half is that above the level of the second half."""
+_PASSES, _LEAST_NOISE = 3, 0.1
+"""Passes of the fit of the variance over signal, and its least value over the pooled one."""
 _METHOD = (
     "charge in {lines} {kind} behind the last illuminated one against its signal, over {transfers} transfers (extended "
     "pixel edge response)"

@@ -58,7 +58,10 @@ OF_WELL = 0.9
 """Part of the signal of full wells up to which a flat field has a smooth density: its brightest pixels are not full."""
 
 _WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
-_EXPECTED, _PEAK_FRACTION, _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 25.0, 0.1, 4, 9, 4
+"""Half width of the moving polynomial in standard deviations of the noise, its degree, and rounds of the smoothing."""
+_EXPECTED, _PEAK_FRACTION = 25.0, 0.1
+"""Count, and fraction of the peak of the counts, from which a polynomial follows a density."""
+_AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 4, 9, 4
 _METHOD = "code density of flat fields against a smooth one (IEEE 1241), {}"
 
 

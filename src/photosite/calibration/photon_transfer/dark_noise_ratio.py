@@ -23,10 +23,8 @@ RATIO_P_VALUE = 1e-4
 LEAST_DIFFERENCE = 0.3
 """Difference of the ratio from 1 that matters: averaged and subtracted frames have 0.5 or 2 at least."""
 
-LEAST_LEVELS = 5
-"""Light levels that the extrapolation needs, over a factor of `LEAST_RANGE` in signal."""
-
-LEAST_RANGE = 3.0
+LEAST_LEVELS, LEAST_RANGE = 5, 3.0
+"""Light levels that the extrapolation needs, and the factor in signal between them."""
 
 
 @dataclass(frozen=True)

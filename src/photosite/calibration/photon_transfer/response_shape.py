@@ -61,7 +61,7 @@ class ResponseShape:
         (n,) H, and dH/dt.
     covariance
         (2n, 2n) covariance of both, `bend` first.
-    offset, offset_uncertainty
+    offset
         c: the logarithm of the light for a unit of signal at small signal.
     """
 
@@ -70,7 +70,6 @@ class ResponseShape:
     slope: Array
     covariance: Array
     offset: float
-    offset_uncertainty: float
 
 
 def find_shape(levels: LightLevels, used: NDArray[np.bool_], signals: Array) -> ResponseShape | None:
@@ -136,8 +135,7 @@ class _Points:
             mean += weight * found
             square += weight * (covariance + np.outer(found, found))
         covariance = square - np.outer(mean, mean)
-        uncertainty = float(np.sqrt(max(covariance[0, 0], 0.0)))
-        return ResponseShape(t, mean[1 : n + 1], mean[n + 1 :], covariance[1:, 1:], float(mean[0]), uncertainty)
+        return ResponseShape(t, mean[1 : n + 1], mean[n + 1 :], covariance[1:, 1:], float(mean[0]))
 
     def _grid(self, design: Array, wiener: Array) -> list[tuple[float, Array, float]]:
         """Return weight, (m, m) covariance of the light, and square of the roughness for each point of the grid.

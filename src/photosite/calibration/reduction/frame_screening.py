@@ -20,7 +20,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import TypeVar
+from types import MappingProxyType
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,19 +40,27 @@ BLOCKS, LEAST_BLOCK = 8, 4
 LEAST_PIXELS = 16
 """Pixels below which a frame is not screened."""
 
-SIGNAL_FRACTION = 0.2
-"""Tolerated fraction of the signal above dark; lamps and shutters are better, broken frames mostly worse."""
 
-LEVEL_NOISE, BLOCK_NOISE, MEAN_NOISE = 6.0, 3.0, 6.0
-"""Tolerated deviation of a frame and of a block, in units of a pixel's temporal noise (black level drift, row noise);
-and of a block, in units of the noise of its mean."""
+class Tolerance(NamedTuple):
+    """What a score tolerates: a fraction of the signal above dark, noise of other frames, and scatter of the group."""
 
-NOISE_RATIO, NOISE_FRACTION = 3.0, 0.1
-"""Tolerated noise, in units of that of the other frames, and as a fraction of the signal: near saturation, clipped
-frames have less noise than others."""
+    signal: float
+    noise: float
+    scatter: float
 
-LEVEL_SCATTER, BLOCK_SCATTER, LARGEST_LIMIT = 6.0, 4.0, 2.0
-"""Scatter of the group that the limits follow, as multiples, and the largest limit."""
+
+TOLERANCE = MappingProxyType(
+    {
+        "level": Tolerance(signal=0.2, noise=6.0, scatter=6.0),
+        "block": Tolerance(signal=0.2, noise=3.0, scatter=4.0),
+        "noise": Tolerance(signal=0.1, noise=3.0, scatter=0.0),
+    }
+)
+"""Lamps and shutters are better than these fractions, broken frames mostly worse; near saturation, clipped frames have
+less noise than others. The noise covers drift of the black level and row noise."""
+
+MEAN_NOISE, LARGEST_LIMIT = 6.0, 2.0
+"""Tolerated deviation of a block, in units of the noise of its mean; and the largest limit that follows the scatter."""
 
 LEAST_NOISE_DN = 0.5
 """Least noise assumed, DN, where quantization hides it."""
@@ -138,18 +147,19 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
     spread = _spread(deviation, off)
     noise = max(float(np.median(spread)) * np.sqrt(n / (n - 1)), LEAST_NOISE_DN)
 
-    level_score = np.abs(means - level) / (SIGNAL_FRACTION * signal + LEVEL_NOISE * noise)
+    of_level, of_block, of_noise = (TOLERANCE[name] for name in ("level", "block", "noise"))
+    level_score = np.abs(means - level) / (of_level.signal * signal + of_level.noise * noise)
     local = np.zeros_like(blocks) if dark_dn is None else np.maximum(blocks - dark_dn, 0.0)
     usual = float(np.median(local))
     # A change of the light scales the pattern; a change of the black level shifts it.
-    weight = local / usual if usual > LEVEL_NOISE * noise else np.ones_like(local)
+    weight = local / usual if usual > of_level.noise * noise else np.ones_like(local)
     rest = off - np.median(off, axis=(1, 2), keepdims=True) * weight
-    allowed = (BLOCK_NOISE + MEAN_NOISE / np.sqrt(_block_sizes(pattern.shape))) * noise
-    block_score = np.abs(rest / (SIGNAL_FRACTION * local + allowed)).max(axis=(1, 2))
-    noise_score = spread / (NOISE_RATIO * float(np.median(spread)) + NOISE_FRACTION * signal + LEAST_NOISE_DN)
+    allowed = (of_block.noise + MEAN_NOISE / np.sqrt(_block_sizes(pattern.shape))) * noise
+    block_score = np.abs(rest / (of_block.signal * local + allowed)).max(axis=(1, 2))
+    noise_score = spread / (of_noise.noise * float(np.median(spread)) + of_noise.signal * signal + LEAST_NOISE_DN)
 
-    level_limit = _limit(LEVEL_SCATTER * NORMAL_MAD * float(np.median(level_score)), n)
-    block_limit = _limit(BLOCK_SCATTER * float(np.median(block_score)), n)
+    level_limit = _limit(of_level.scatter * NORMAL_MAD * float(np.median(level_score)), n)
+    block_limit = _limit(of_block.scatter * float(np.median(block_score)), n)
     found = {}
     for i in range(n):
         if level_score[i] > level_limit:

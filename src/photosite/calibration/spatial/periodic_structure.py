@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +46,18 @@ FILTER_FRACTION = 0.1
 SAME_CHANNEL = 0.15
 """Largest difference within a channel of a tile that fits, as a fraction of the whole difference."""
 
-READOUT_FRACTION = 0.002
-"""Difference above which places of a period are reported as readout channels of different response."""
 
-LEAST_DARK_OFFSET = 0.1
-"""Difference between places of a period in dark frames, in standard deviations of their pixels, below which nothing is
-reported."""
+class LeastDifference(NamedTuple):
+    """Difference between places of a period, and step between taps, below which nothing is reported."""
+
+    period: float
+    step: float
+
+
+LEAST_DIFFERENCE = MappingProxyType(
+    {"flat": LeastDifference(period=0.002, step=0.002), "dark": LeastDifference(period=0.1, step=0.2)}
+)
+"""Relative to the signal in flat fields; in standard deviations of the pixels in dark frames."""
 
 PERIOD_P_VALUE = 1e-4
 """Fraction of mean frames without a period in which one of the places may deviate beyond chance."""
@@ -302,9 +310,9 @@ def _periodic(mean: Map, tile: NDArray[np.int64], subtracted: Map | None = None)
         found = PeriodicStructure(folded, chance.get(period, 0.0), dark=dark, separable=_separable(labels, period))
         limits = {longer: max(limit, 0.1 * found.difference) for longer, limit in chance.items()}
         if all(np.abs(_fold(rest, longer)).max() < limit for longer, limit in limits.items()):
-            least = READOUT_FRACTION
+            least = LEAST_DIFFERENCE["dark" if dark else "flat"].period
             if dark:
-                least = LEAST_DARK_OFFSET * NORMAL_MAD * float(np.median(np.abs(cells - level[..., None, None])))
+                least = least * NORMAL_MAD * float(np.median(np.abs(cells - level[..., None, None])))
             negligible = found.difference == 0.0 or found.difference <= least
             return None if negligible else _with_lines(found, cells, labels, ramp)
     return None
@@ -381,12 +389,6 @@ def _with_lines(found: PeriodicStructure, cells: Array, labels: NDArray[np.int64
 
 TAPS_P_VALUE = 1e-4
 """Fraction of mean frames without a step in which one may be reported."""
-
-LEAST_STEP = 0.002
-"""Step in flat fields, relative to the signal, below which nothing is reported."""
-
-LEAST_DARK_STEP = 0.2
-"""Step in dark frames, in standard deviations of their pixels, below which nothing is reported."""
 
 STEP_RATIO = 2.0
 """Factor by which a step must exceed all steps elsewhere, which shading, dust or single lines make."""
@@ -477,7 +479,7 @@ def find_taps(mean: Map | None, *, dark: bool = False) -> Taps | None:
     design = np.array([[-1, 1, 0, 0], [0, 0, -1, 1], [-1, 0, 1, 0], [0, -1, 0, 1], [1, 1, 1, 1]], dtype=np.float64)
     level = np.linalg.lstsq(design, np.append(steps, 0.0), rcond=None)[0].reshape(2, 2)
     taps = Taps(level, uncertainty, dark)
-    least = LEAST_DARK_STEP * _spread(mean) if dark else LEAST_STEP
+    least = LEAST_DIFFERENCE["dark"].step * _spread(mean) if dark else LEAST_DIFFERENCE["flat"].step
     return taps if taps.step > least else None
 
 
