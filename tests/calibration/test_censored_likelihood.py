@@ -151,3 +151,11 @@ def test_a_misfit_of_the_model_widens_the_uncertainty():
     assert not mixed.misfit_is_chance
     assert mixed.misfit > 3
     assert (np.diag(mixed.covariance) > 2 * np.diag(plain.covariance)).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_a_fixed_pattern_far_above_the_noise_has_tiny_probabilities(seed):
+    """A DSNU of 96 DN at a noise of 11 DN: most pixels are never at 0, or always."""
+    dark = fit_censored(counted(darks(12288, 20, 121.0, 96.0, 11.4, seed)))
+    pulls = (dark.theta - [121.0, 96.0**2, 11.4**2]) / np.sqrt(np.diag(dark.covariance))
+    assert np.abs(pulls).max() < 4.0

@@ -131,3 +131,12 @@ def test_moments_of_extreme_noise_take_limited_memory():
     pixels = _Pixels.of(5.0, 4.0, 1e30)
     assert np.isfinite(pixels.variance).all()
     assert pixels.mean.max() < 1 << 16
+
+
+@pytest.mark.parametrize("theta", [(10.0, 0.26, 2.8), (14.0, 0.27, 1.7), (40.0, 4.0, 100.0)])
+def test_a_level_far_from_the_model_is_restored(theta):
+    """The reference level lies at black level 0, the other one has few numbers at 0."""
+    mean, temporal, spatial = _moments(*theta)
+    level = Level(10**6, 10, mean, 1e-6, temporal, 1e-3, spatial + temporal / 10, 0.5, 1e-5, 0.0)
+    corrected = correct_clipping(level, like(0.0, 0.5, 1.25))
+    np.testing.assert_allclose([corrected.mean, corrected.variance - 1 / 12], [theta[0], theta[2]], rtol=1e-6)

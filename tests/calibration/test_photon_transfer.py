@@ -107,6 +107,12 @@ def test_partial_clipping_gives_full_scale():
     assert found.level_dn.value == 470.0
 
 
+def test_clipped_pixels_are_at_full_scale_exactly():
+    """Some pixels of the brightest flat fields do not clip, and lower their mean."""
+    clipped = find_saturation(levels([1000, 2000, 3980], [400, 800, 0.5], white_fraction=[0, 0, 0.998]), 4095)
+    assert (clipped.level_dn.value, clipped.level_dn.standard_uncertainty) == (4095.0, 0.0)
+
+
 def test_gain_is_the_weighted_slope_through_the_origin():
     shot_sigma = np.array([0.1, 0.3, 0.5, 1.0])
     curve = levels(RISING, [20.05, 40.1, 59.8, 80.3], shot_sigma=shot_sigma)

@@ -211,6 +211,14 @@ CLIPPED_TOO_FAR = DiagnosticKind(
     "Raise the camera's black level (pedestal), and take the dark frames again.",
     ("*",),
 )
+UNSOLVED_CLIPPING = DiagnosticKind(
+    "clipped-darks-unsolved",
+    "refused",
+    "Numbers of dark frames are 0, and the numerical search for level and noise of the rest did not converge.",
+    "There is no result. The frames may be good.",
+    "Leave out the dark frames of this exposure time; a higher black level (pedestal) of the camera avoids the search.",
+    ("*",),
+)
 FEW_SETTINGS = DiagnosticKind(
     "few-gain-settings",
     "warning",

@@ -302,7 +302,8 @@ def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float
     t = np.linspace(-8.0, 8.0, 801)
     fraction = np.exp(-0.5 * t * t)
     below = ndtr((0.5 - mu - math.sqrt(a) * t) / math.sqrt(b))
-    expected = pixels * (binom.pmf(np.arange(n + 1)[:, None], n, below) @ (fraction / fraction.sum()))
+    chances = np.exp(binom.logpmf(np.arange(n + 1)[:, None], n, below))  # binom.pmf overflows at tiny probabilities
+    expected = pixels * (chances @ (fraction / fraction.sum()))
     found = np.bincount(counts.zeros, weights=counts.pixels.astype(np.float64), minlength=n + 1)
     # Classes of similar size, each with enough pixels for chi square.
     wanted = max(LEAST_CLASS, pixels / MOST_CLASSES)

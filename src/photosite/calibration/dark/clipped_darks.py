@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, Level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.nonuniformity import VarianceComponents
-from photosite.calibration.withheld import CLIPPED_TOO_FAR
+from photosite.calibration.withheld import CLIPPED_TOO_FAR, UNSOLVED_CLIPPING
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.diagnostic import DiagnosticKind
@@ -101,7 +102,7 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
     >>> abs(corrected.mean) < 1e-6, round(corrected.variance - 1 / 12, 6)
     (True, 9.0)
     """
-    from scipy.optimize import root
+    from scipy.optimize import least_squares, root
 
     if level.low_fraction == 0.0:
         return level
@@ -110,23 +111,33 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
     free = np.array([0, 1, 2]) if level.repeated else np.array([0])
     scale = math.sqrt(abs(start[1]) + start[2])
 
-    def theta_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        theta = start.copy()
+    def theta_of(x: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:
+        theta = near.copy()
         theta[0] += scale * x[0]
         if level.repeated:
             theta[1] += scale**2 * x[1]
             theta[2] *= math.exp(min(x[2], 50.0))
         return theta
 
-    def residual(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        away = (_moments(*theta_of(x)) - observed) / np.array([scale, scale**2, scale**2])
+    def residual(x: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:
+        away = (_moments(*theta_of(x, near)) - observed) / np.array([scale, scale**2, scale**2])
         return np.asarray(away[free])
 
-    found = root(residual, np.zeros(len(free)), tol=1e-10)
-    if not found.success and float(np.abs(found.fun).max()) > 1e-6:
+    near, found = start, root(residual, np.zeros(len(free)), (start,), tol=1e-10)
+    if not _solved(found):  # a level with few numbers at 0 may be far from the model, and near its own moments
+        own = np.array([level.mean, observed[2], max(level.variance - QUANTIZATION_DN2, 0.01 * start[2])])
+        near = own if level.repeated else np.array([level.mean, *start[1:]])
+        found = least_squares(residual, np.zeros(len(free)), bounds=(-20.0, 20.0), args=(near,), xtol=1e-15)
+    if not _solved(found):
         zeros = f"{100 * level.low_fraction:.3g} % of the numbers are 0"
-        return CLIPPED_TOO_FAR.missing(f"{zeros}, and no level and noise explain the rest")
-    return _restored(level, theta_of(found.x), start, free)
+        if found.success:
+            return CLIPPED_TOO_FAR.missing(f"{zeros}, and no level and noise explain the rest")
+        return UNSOLVED_CLIPPING.missing(f"{zeros}; the search for level and noise of the rest did not converge")
+    return _restored(level, theta_of(found.x, near), start, free)
+
+
+def _solved(found: Any) -> bool:
+    return float(np.abs(found.fun).max()) < 1e-6  # in units of the noise, or of its variance
 
 
 def _inverse(theta: NDArray[np.float64], free: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -320,8 +331,10 @@ def correct_clipped_darks(reduction: Reduction, reference: GroupStatistics, read
 
 
 def _error(reduction: Reduction, group: GroupStatistics, name: str, why: Missing) -> CalibrationError:
-    hint = "Raise the camera's black level (pedestal) and take the dark frames again"
-    return reduction.error(CLIPPED_TOO_FAR, f"the dark frames are clipped at 0 DN: {why.reason}", hint, group, name)
+    kind, hint = CLIPPED_TOO_FAR, "Raise the camera's black level (pedestal) and take the dark frames again"
+    if why.id == UNSOLVED_CLIPPING.id:
+        kind, hint = UNSOLVED_CLIPPING, "Leave out the dark frames of this exposure time"
+    return reduction.error(kind, f"the dark frames are clipped at 0 DN: {why.reason}", hint, group, name)
 
 
 def _estimates(dark: CensoredDark) -> DarkEstimates:

@@ -245,11 +245,15 @@ def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
 
 
 def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
-    """Return the digital number of fully clipped pixels: the brightest flat fields without noise, or the full scale."""
-    last = len(levels.x) - 1
+    """Return the digital number of fully clipped pixels: the full scale, or the brightest flat fields without noise.
+
+    Where most numbers of a level are the full scale, it is the exact level at which pixels clip, and the mean of the
+    brightest flat fields may hold pixels that do not. Few numbers at the full scale may be those of hot pixels.
+    """
+    last, fraction = len(levels.x) - 1, float(levels.white_fraction.max())
     shot = levels.shot[levels.repeated]
     still = levels.repeated[last] and levels.shot[last] < STILL_FRACTION * shot.max()
-    if still or levels.white_fraction[last] > 1.0 - CLIPPED_FRACTION:
+    if still and fraction < 0.5:
         value, variance = Uncertain.of(float(levels.mean[last])), float(levels.mean_variance[last])
         scatter = float(levels.frame_scatter[last])
         if scatter > 0.0:  # row noise, for one, shifts whole frames
@@ -258,7 +262,6 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
             value += Uncertain.of(0.0, math.sqrt(scatter), Source.student(frames - 1.0))
         value += Uncertain.of(0.0, math.sqrt(variance))
         return value, "mean of the brightest flat fields, all pixels clipped"
-    fraction = float(levels.white_fraction.max())
     if fraction > CLIPPED_FRACTION:
         method = f"full scale of the converter: {100 * fraction:.3g} % of the values in the brightest flat fields"
         return Uncertain.of(float(white)), method
