@@ -47,17 +47,6 @@ if TYPE_CHECKING:
 
 _Array = NDArray[np.float64]
 
-_LEAST_NOISE_STEPS = 0.5
-"""Standard deviation in steps of the numbers below which rounding hides the noise."""
-
-_STILL = 0.02
-"""Fraction of the largest variance below which a level is fully saturated."""
-
-_OTHER_CODES = 0.3
-"""Relative difference of the distances of the codes of two captures."""
-
-_STEPS_SHOWN = 1.5
-"""Least distance of the codes of a capture, in output numbers, that shows its converter's steps."""
 
 _SWITCHED = HIDDEN_CAPTURE.missing("the frames change to the next capture before this one saturates")
 
@@ -174,6 +163,10 @@ class CombinedCalibration(Diagnosed, Reported, Tabular):
         count = len(self.captures)
         title = f"Combined frames of {self.source}: {count} capture{'s' * (count > 1)} distinguished by their noise"
         return ResultTable(title, columns, rows)
+
+
+_LEAST_NOISE_STEPS = 0.5
+"""Standard deviation in steps of the numbers below which rounding hides the noise."""
 
 
 class _Level(NamedTuple):
@@ -357,6 +350,10 @@ def _distance_of_codes(dn: NDArray[Any]) -> float | None:
     return float(steps.mean()) if np.ptp(steps) <= 1.0 else None
 
 
+_OTHER_CODES = 0.3
+"""Relative difference of the distances of the codes of two captures."""
+
+
 def _split(levels: Sequence[_Level], piece: Piece) -> Iterator[tuple[int, int]]:
     """Yield the first and last level of the captures of a piece, which the distances of the codes tell apart."""
     first, last, own = piece.first, piece.last, None
@@ -380,6 +377,10 @@ def _black_level(darks: Sequence[_Level]) -> Uncertain:
         weights = 1.0 / variance
         return Uncertain.of(float((weights * means).sum() / weights.sum()), float(weights.sum() ** -0.5))
     return fit_linear(np.stack([np.ones_like(times), times], axis=1), means, np.diag(variance)).uncertain[0]
+
+
+_STILL = 0.02
+"""Fraction of the largest variance below which a level is fully saturated."""
 
 
 def _saturation(levels: Sequence[_Level], signal: _Array, variance: _Array, reached: bool) -> Value:
@@ -416,6 +417,10 @@ def _fit(signal: _Array, variance: _Array, uncertainty: _Array, piece: Piece) ->
         line = fit.parameters[0] + fit.parameters[1] * x
     assert fit is not None
     return fit
+
+
+_STEPS_SHOWN = 1.5
+"""Least distance of the codes of a capture, in output numbers, that shows its converter's steps."""
 
 
 def _capture(

@@ -24,33 +24,8 @@ from photosite.engine.frame_sums import FrameSums
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.uncertain import Missing
 
-LEAST_READ_NOISE = 0.5
-"""DN. Below it a rounded normal differs too much from a normal of variance + 1/12 (by exp(-2 pi^2 s^2), 0.7 % here)."""
-
-MOST_UNCERTAIN = 0.25
-"""Relative uncertainty of the read noise, or of the total spread, above which the result is withheld."""
-
-ROUNDING_ERROR = 10.0
-"""Error of the variances from replacing a rounded normal by a normal of variance v = s^2 + 1/12.
-
-In units of s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; the error of the mean is half of it in
-units of s. The number is the largest over a grid of sensors with a million pixels each."""
-
-MISFIT_P_VALUE = 1e-3
-"""Fraction of sensors that follow the model and may be reported not to."""
-
-LEAST_PIXELS = 100
-"""Pixels that must be above zero at least once."""
-
-LEAST_CLASS, MOST_CLASSES = 20.0, 30
-"""Least expected pixels in a class of the comparison with the model, and largest number of classes."""
-
-_BATCH_FRAMES = 4
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(24)
 _LOG_WEIGHTS = np.log(_WEIGHTS) + _NODES**2
-_NEWTON_STEPS = 60
-_NO_SPREAD = 1e-4
-"""DSNU variance over read variance at which the search ends, where the likelihood grows towards zero DSNU."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +53,9 @@ class ClippedCounts:
     def zero_fraction(self) -> float:
         """Fraction of all numbers that are 0."""
         return float(self.zeros @ self.pixels) / (self.frames * int(self.pixels.sum()))
+
+
+_BATCH_FRAMES = 4
 
 
 def count_clipped(
@@ -121,6 +99,9 @@ class CensoredDark:
     def theta(self) -> NDArray[np.float64]:
         """(3,) black level, DSNU variance and read variance."""
         return np.array([self.black_level, self.dsnu_variance, self.read_variance])
+
+
+_NEWTON_STEPS = 60
 
 
 def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -205,6 +186,10 @@ def _start(counts: ClippedCounts) -> NDArray[np.float64]:
     return np.array([z * spread, 0.5 * spread**2, 0.5 * spread**2])
 
 
+_NO_SPREAD = 1e-4
+"""DSNU variance over read variance at which the search ends, where the likelihood grows towards zero DSNU."""
+
+
 def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
     """Return where the likelihood is largest; None where no maximum was found."""
     from scipy.optimize import minimize
@@ -231,6 +216,19 @@ def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
     found = minimize(cost, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-9})
     theta = theta_of(found.x)
     return theta if np.isfinite(theta).all() else None
+
+
+LEAST_READ_NOISE = 0.5
+"""DN. Below it a rounded normal differs too much from a normal of variance + 1/12 (by exp(-2 pi^2 s^2), 0.7 % here)."""
+MOST_UNCERTAIN = 0.25
+"""Relative uncertainty of the read noise, or of the total spread, above which the result is withheld."""
+ROUNDING_ERROR = 10.0
+"""Error of the variances from replacing a rounded normal by a normal of variance v = s^2 + 1/12.
+
+In units of s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; the error of the mean is half of it in
+units of s. The number is the largest over a grid of sensors with a million pixels each."""
+LEAST_PIXELS = 100
+"""Pixels that must be above zero at least once."""
 
 
 def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
@@ -288,6 +286,12 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
         misfit=misfit,
         misfit_is_chance=by_chance,
     )
+
+
+MISFIT_P_VALUE = 1e-3
+"""Fraction of sensors that follow the model and may be reported not to."""
+LEAST_CLASS, MOST_CLASSES = 20.0, 30
+"""Least expected pixels in a class of the comparison with the model, and largest number of classes."""
 
 
 def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float, bool]:

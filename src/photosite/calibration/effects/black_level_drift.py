@@ -23,20 +23,6 @@ from photosite.values.uncertain import COVERAGE_95, Missing, Uncertain, Value
 
 Array = NDArray[np.float64]
 
-LEAST_FRAMES = 4
-"""Frames of the longest series below which nothing is estimated."""
-
-SIGNIFICANT = 12.0
-"""Twice the logarithm of the likelihood ratio beyond which there is a drift: below 1 of 1000 series without one."""
-
-WITHIN_95 = 3.841458820694124 / 0.7
-"""Twice the logarithm of the likelihood ratio within which a value belongs to the 95 % interval.
-
-The likelihood is that of normal numbers. Steps at random frames have fewer degrees of freedom: the variance that it
-finds for a drift beyond the noise scatters as that of 0.7 times as many (600 simulated series of 24 frames)."""
-
-_SLOWEST = 24
-"""Octaves of the model: the slowest step is held for 2^23 frames, longer than any series."""
 
 _METHOD = (
     "likelihood of the means of successive dark frames under noise of pixels, rows and columns, and a drift with a "
@@ -89,6 +75,10 @@ class BlackLevelSeries(Finding, Shown):
         return {**super().to_dict(), "frames": self.frames, "significant": self.significant}
 
 
+_SLOWEST = 24
+"""Octaves of the model: the slowest step is held for 2^23 frames, longer than any series."""
+
+
 def step_covariance(frames: int) -> Array:
     """Return the (frames, frames) covariance of a drift whose octaves have a variance of 1 each.
 
@@ -107,6 +97,17 @@ def octaves_within(frames: int) -> float:
     """Return the expected variance over a number of frames, for octaves with a variance of 1 each."""
     covariance = step_covariance(frames)
     return float((np.trace(covariance) - covariance.sum() / frames) / (frames - 1))
+
+
+LEAST_FRAMES = 4
+"""Frames of the longest series below which nothing is estimated."""
+SIGNIFICANT = 12.0
+"""Twice the logarithm of the likelihood ratio beyond which there is a drift: below 1 of 1000 series without one."""
+WITHIN_95 = 3.841458820694124 / 0.7
+"""Twice the logarithm of the likelihood ratio within which a value belongs to the 95 % interval.
+
+The likelihood is that of normal numbers. Steps at random frames have fewer degrees of freedom: the variance that it
+finds for a drift beyond the noise scatters as that of 0.7 times as many (600 simulated series of 24 frames)."""
 
 
 def measure_drift(

@@ -25,14 +25,6 @@ from photosite.values.uncertain import Measured, Missing, Source, Uncertain
 Direction = Literal["parallel", "serial"]
 _Floats = NDArray[np.float64]
 
-_SEEN_P_VALUE = 0.005
-"""Probability of so much charge without any inefficiency, below which it is taken for seen."""
-_SCATTER_P_VALUE = 0.01
-"""Probability of so large a scatter about the line by chance, below which the scatter widens the uncertainty."""
-_LEAST_LINES = 2
-"""Lines behind the last illuminated one: the charge in the first half is that above the level of the second half."""
-_PASSES, _LEAST_NOISE = 3, 0.1
-"""Passes of the fit of the variance over signal, and its least value over the pooled one."""
 _METHOD = (
     "charge in {lines} {kind} behind the last illuminated one against its signal, over {transfers} transfers (extended "
     "pixel edge response)"
@@ -117,6 +109,10 @@ class TransferLoss(Finding, Tabular):
         return ResultTable("Charge transfer inefficiency", columns, rows)
 
 
+_LEAST_LINES = 2
+"""Lines behind the last illuminated one: the charge in the first half is that above the level of the second half."""
+
+
 def measure_charge_transfer(evidence: Evidence) -> TransferLoss | Missing:
     """Estimate the charge transfer inefficiency from the lines behind the illuminated ones.
 
@@ -195,6 +191,12 @@ def _edge_lines(
     return found
 
 
+_SEEN_P_VALUE = 0.005
+"""Probability of so much charge without any inefficiency, below which it is taken for seen."""
+_SCATTER_P_VALUE = 0.01
+"""Probability of so large a scatter about the line by chance, below which the scatter widens the uncertainty."""
+
+
 def _edge_response(
     direction: Direction, lines: Sequence[_Floats], groups: Sequence[FrameGroup], transfers: int
 ) -> EdgeResponse:
@@ -247,6 +249,10 @@ def _edge_response(
         profile,
         bool(stdtr(shared, -slope.value / slope.standard_uncertainty) < _SEEN_P_VALUE),
     )
+
+
+_PASSES, _LEAST_NOISE = 3, 0.1
+"""Passes of the fit of the variance over signal, and its least value over the pooled one."""
 
 
 def _noise(charge: Sequence[_Floats], signal: _Floats) -> tuple[_Floats, int]:

@@ -38,30 +38,7 @@ Array = NDArray[np.float64]
 PIXELS = 1 << 25
 """Pixels, over all flat fields, that are counted."""
 
-LEAST_COUNT, LEAST_CODES = 300, 64
-"""Mean count of the codes, and number of codes, below which no error of a converter is estimated."""
 
-LEAST_NOISE_DN = 4.0
-"""Noise below which the density of a flat field is not smooth over enough codes."""
-
-SIGNIFICANT = 5.0
-"""Standard uncertainties of the variance of the codes' widths above which there is an error: fewer than 1 of 10 000
-ideal converters."""
-
-SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.005
-"""Errors of the smooth density, as standard uncertainties; a smaller error of a converter is not found."""
-
-LEAST_FRACTION = 0.8
-"""Fraction of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
-
-OF_WELL = 0.9
-"""Part of the signal of full wells up to which a flat field has a smooth density: its brightest pixels are not full."""
-
-_WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
-"""Half width of the moving polynomial in standard deviations of the noise, its degree, and rounds of the smoothing."""
-_EXPECTED, _PEAK_FRACTION = 25.0, 0.1
-"""Count, and fraction of the peak of the counts, from which a polynomial follows a density."""
-_AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 4, 9, 4
 _METHOD = "code density of flat fields against a smooth one (IEEE 1241), {}"
 
 
@@ -87,6 +64,11 @@ class SmoothDensity(NamedTuple):
     known: NDArray[np.bool_]
     part: slice
     reach: int
+
+
+LEAST_FRACTION = 0.8
+"""Fraction of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
+_AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 4, 9, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,6 +217,12 @@ def _measure(evidence: Evidence) -> Deferred[ConverterCodes | Missing]:
 EFFECT = Effect(38, _measure, key="converter", missing="reason")
 
 
+LEAST_COUNT, LEAST_CODES = 300, 64
+"""Mean count of the codes, and number of codes, below which no error of a converter is estimated."""
+LEAST_NOISE_DN = 4.0
+"""Noise below which the density of a flat field is not smooth over enough codes."""
+
+
 def _chosen(reduction: Reduction) -> list[GroupStatistics] | Missing:
     """Return the groups whose codes are counted, or why flat fields do not show the error."""
     if any(found is not None for found in (*reduction.steps, *reduction.sums)):
@@ -266,6 +254,10 @@ def _counts(reader: FrameReader, frames: Sequence[UsedFrame]) -> NDArray[np.int6
     return np.stack([found[half::2, : reader.white + 1].sum(axis=0) for half in (0, 1)])
 
 
+OF_WELL = 0.9
+"""Part of the signal of full wells up to which a flat field has a smooth density: its brightest pixels are not full."""
+
+
 def _full_wells(lights: Sequence[GroupStatistics]) -> Sequence[float]:
     """Return for each channel the mean number of full wells, where the variance is no longer the largest; or infinity.
 
@@ -284,6 +276,13 @@ def _smooth(entry: GroupStatistics, limits: Sequence[float]) -> bool:
         level.variance >= LEAST_NOISE_DN**2 and level.high_fraction == 0.0 and level.mean <= limit
         for level, limit in zip(entry.levels, limits, strict=False)
     )
+
+
+SIGNIFICANT = 5.0
+"""Standard uncertainties of the variance of the codes' widths above which there is an error: fewer than 1 of 10 000
+ideal converters."""
+SMOOTH_DNL_LSB, SMOOTH_INL_LSB = 0.003, 0.005
+"""Errors of the smooth density, as standard uncertainties; a smaller error of a converter is not found."""
 
 
 def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]) -> ConverterCodes | Missing:
@@ -344,6 +343,10 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
     )
 
 
+_WIDTH, _DEGREE, _ROUNDS = 1.0, 4, 8
+"""Half width of the moving polynomial in standard deviations of the noise, its degree, and rounds of the smoothing."""
+
+
 def _reach(noise_dn: float) -> int:
     return round(_WIDTH * noise_dn)
 
@@ -391,6 +394,10 @@ def _rounds(groups: Sequence[_Codes], size: int) -> tuple[Array, list[SmoothDens
         widths = np.where(expected > 0.0, seen / np.maximum(expected, 1.0) - 1.0, 0.0)
         widths = np.maximum(widths, -0.9)
     return np.where(expected > 0.0, widths, np.nan), densities
+
+
+_EXPECTED, _PEAK_FRACTION = 25.0, 0.1
+"""Count, and fraction of the peak of the counts, from which a polynomial follows a density."""
 
 
 def _smooth_densities(groups: Sequence[_Codes], widths: Array) -> list[SmoothDensity]:

@@ -27,23 +27,7 @@ Array = NDArray[np.float64]
 
 PLACES: tuple[Place, ...] = get_args(Place)
 
-MOST_BLOCKS = 48
-"""Blocks of pixels along the longer side of the map."""
 
-LEAST_SIDE = 32
-"""Rows and columns of a chip below which no glow is looked for."""
-
-SIGNIFICANT = 30.0
-"""Drop of chi square by a glow, beside a tilted plane, beyond which it is one: fewer than 1 of 10 000 maps without it,
-of 255 sets of places and 24 decays."""
-
-AMBIGUOUS = 12.0
-"""Difference of chi square between two sets of places below which the map does not tell which of them it is."""
-
-CLIPPED = 4.0
-"""Standard deviations about the median of a block beyond which pixels, such as hot ones, are left out of its mean."""
-
-_DECAYS, _ITERATIONS = 24, 30
 _METHOD = "fit of a uniform dark current and of a glow that falls off from its places to the map of the dark current"
 
 
@@ -120,6 +104,10 @@ class GlowMap(Finding, Shown):
         return {"places": list(self.places), **super().to_dict()}
 
 
+LEAST_SIDE = 32
+"""Rows and columns of a chip below which no glow is looked for."""
+
+
 def deferred_glow(evidence: Evidence) -> Missing | Deferred[GlowMap | Missing]:
     """Return the glow in the map of the dark current, which is computed when it is first needed."""
     if evidence.dark.slope_map is None:
@@ -136,6 +124,18 @@ def deferred_glow(evidence: Evidence) -> Missing | Deferred[GlowMap | Missing]:
 
 
 EFFECT = Effect(50, deferred_glow)
+
+
+MOST_BLOCKS = 48
+"""Blocks of pixels along the longer side of the map."""
+SIGNIFICANT = 30.0
+"""Drop of chi square by a glow, beside a tilted plane, beyond which it is one: fewer than 1 of 10 000 maps without it,
+of 255 sets of places and 24 decays."""
+AMBIGUOUS = 12.0
+"""Difference of chi square between two sets of places below which the map does not tell which of them it is."""
+CLIPPED = 4.0
+"""Standard deviations about the median of a block beyond which pixels, such as hot ones, are left out of its mean."""
+_DECAYS, _ITERATIONS = 24, 30
 
 
 def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:

@@ -20,23 +20,8 @@ from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95, Measured, Missing, Uncertain, Value
 
-LEAST_PIXELS = 20
-"""Smallest number of hot pixels from which their distribution is estimated."""
-
-_CELLS, _NODES, _BINS = 240, 25, 100
-_LIMIT_RATIO = 1.5
-"""Distance of the limit of hot pixels from the median, in units of the distance that no other pixel reaches."""
-_MOSTLY_SEEN = 0.3
-"""Smallest fraction of the hot pixels above the limit, for which the distribution below it is known."""
-_MISFIT_P_VALUE = 0.01
-"""Probability of the tail's shape below which it is not log-normal."""
-_WIDEST = 0.5
-"""Largest relative uncertainty of the fraction."""
 _METHOD = "log-normal tail of the pixels' dark currents above {:.3g} DN/s, where no other pixel lies"
 
-NEARLY_SATURATED = 0.95
-"""Fraction of the range up to saturation beyond which the longest dark frames do not tell the dark current of a pixel.
-"""
 
 _NOT_KNOWN = EFFECT_NOT_MEASURED.missing("not known")
 _NO_CURRENT = Estimate(reason=_NOT_KNOWN.reason)
@@ -144,6 +129,11 @@ class DarkDistribution(Finding, Shown):
         return {**super().to_dict(), "limit_dn_per_s": self.limit_dn_per_s, "above": self.above, "pixels": self.pixels}
 
 
+NEARLY_SATURATED = 0.95
+"""Fraction of the range up to saturation beyond which the longest dark frames do not tell the dark current of a pixel.
+"""
+
+
 def _measure(evidence: Evidence) -> DarkDistribution | Missing:
     chip, rate, parameters = evidence.chip, evidence.dark_rate_dn_per_s, evidence.parameters
     if chip is None:
@@ -164,6 +154,17 @@ def _measure(evidence: Evidence) -> DarkDistribution | Missing:
 
 
 EFFECT = Effect(20, _measure, key="dark_distribution", missing="absent")
+
+
+LEAST_PIXELS = 20
+"""Smallest number of hot pixels from which their distribution is estimated."""
+_CELLS, _NODES, _BINS = 240, 25, 100
+_MOSTLY_SEEN = 0.3
+"""Smallest fraction of the hot pixels above the limit, for which the distribution below it is known."""
+_MISFIT_P_VALUE = 0.01
+"""Probability of the tail's shape below which it is not log-normal."""
+_WIDEST = 0.5
+"""Largest relative uncertainty of the fraction."""
 
 
 def dark_distribution(
@@ -237,6 +238,10 @@ def _logarithmic(x: float, u: float, method: str) -> Estimate:
     value = math.exp(x)
     ends = value * math.exp(-COVERAGE_95 * u), value * math.exp(COVERAGE_95 * u)
     return Estimate(value, value * u, method=method, interval_95=ends)
+
+
+_LIMIT_RATIO = 1.5
+"""Distance of the limit of hot pixels from the median, in units of the distance that no other pixel reaches."""
 
 
 def _reach(values: _Floats, noise: _Floats) -> float:

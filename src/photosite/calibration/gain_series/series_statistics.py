@@ -13,8 +13,6 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 
 Array = NDArray[np.float64]
 
-FALSE_ALARMS = 0.01
-"""Fraction of series without a conversion-gain switch in which one may be found."""
 
 FEWEST_SETTINGS = 5
 """Smallest number of settings in which a switch can be distinguished from scatter."""
@@ -22,8 +20,6 @@ FEWEST_SETTINGS = 5
 LEAST_STEP = math.log(1.2)
 """Smallest step in gain per setting (logarithm) that alone counts as a switch. Nominal settings are inexact."""
 
-_POSITION_95 = 3.841458820694124
-"""Largest increase in deviance within the 95 % range of a position: chi-square, one degree of freedom."""
 
 SettingScale = Literal["proportional", "tenths of a decibel", "decibels"]
 
@@ -208,6 +204,12 @@ class Switch:
     last: int
     p_value: float
     seen_in: tuple[str, ...]
+
+
+FALSE_ALARMS = 0.01
+"""Fraction of series without a conversion-gain switch in which one may be found."""
+_POSITION_95 = 3.841458820694124
+"""Largest increase in deviance within the 95 % range of a position: chi-square, one degree of freedom."""
 
 
 def find_switch(gain_step: StepTest, noise_step: StepTest | None) -> Switch | None:

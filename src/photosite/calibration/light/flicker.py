@@ -29,20 +29,6 @@ from photosite.values.uncertain import Measured, Uncertain
 
 Array = NDArray[np.float64]
 
-LEAST_CYCLES = 0.6
-"""Cycles over the frame below which bands cannot be distinguished from drift of the light."""
-LEAST_CYCLES_OF_PULSES = 2.5
-"""Cycles over the frame below which a light with harmonics gives no frequency: those of others fit nearly as well."""
-_MOST_HARMONICS = 16
-_MISSING_HARMONICS = 3
-"""Harmonics that are tried beyond the last one found."""
-_CIRCLE_FRAMES = 3
-"""Frames of a level that a circle needs."""
-SCATTER_P_VALUE = 0.01
-"""Probability of the disagreement of levels from which the uncertainty of the depth is scaled with it."""
-_CORRECTIONS = 4
-"""Passes; each corrects the rows' light for the mean of the bands over the frames, which few frames leave."""
-
 
 @dataclass(frozen=True)
 class Flicker(Finding, Shown):
@@ -165,6 +151,14 @@ class _Bands:
     amplitude: Uncertain
 
 
+LEAST_CYCLES_OF_PULSES = 2.5
+"""Cycles over the frame below which a light with harmonics gives no frequency: those of others fit nearly as well."""
+_CIRCLE_FRAMES = 3
+"""Frames of a level that a circle needs."""
+_CORRECTIONS = 4
+"""Passes; each corrects the rows' light for the mean of the bands over the frames, which few frames leave."""
+
+
 def _fit(levels: Sequence[RowLight]) -> tuple[Uncertain, list[_Bands]] | None:
     """Return cycles per row, and the bands of the levels with enough frames; None without a sine."""
     rows = levels[0].dn.shape[1]
@@ -222,6 +216,13 @@ def _design(cycles_per_row: float, rows: int, harmonics: int) -> Array:
     angle = 2.0 * np.pi * cycles_per_row * np.arange(rows)
     waves = [wave(k * angle) for k in range(1, harmonics + 1) for wave in (np.cos, np.sin)]
     return np.stack([np.ones(rows), *waves], axis=1)
+
+
+LEAST_CYCLES = 0.6
+"""Cycles over the frame below which bands cannot be distinguished from drift of the light."""
+_MOST_HARMONICS = 16
+_MISSING_HARMONICS = 3
+"""Harmonics that are tried beyond the last one found."""
 
 
 def _frequency(scaled: Array, freedom: int, frames: int) -> tuple[Uncertain, int] | None:
@@ -306,6 +307,10 @@ def _circle(points: Array, covariance: Array) -> tuple[Array, float, float]:
         if np.abs(change).max() < 1e-9 * max(abs(radius), 1e-300):
             break
     return center, abs(radius), float(np.sqrt(inverse[2, 2]))
+
+
+SCATTER_P_VALUE = 0.01
+"""Probability of the disagreement of levels from which the uncertainty of the depth is scaled with it."""
 
 
 def _depth(bands: Sequence[_Bands], frequency_hz: Uncertain) -> Uncertain | None:

@@ -22,31 +22,6 @@ from photosite.sensor.noise_terms import QUANTIZATION_DN2
 
 _Array = NDArray[np.float64]
 
-LEAST_POINTS = 3
-"""Points of a piece: two for the line, one that can contradict it."""
-
-_NEW_PIECE, _LEFT_OUT = 30.0, 12.0
-"""Costs in chi square of another piece, and of a point between two pieces, where captures are blended."""
-
-_MODEL_ERROR = 0.01
-"""Relative deviation of the variance from a straight line that is no knee."""
-
-LEAST_STEP = 0.03
-"""Least relative step of the variance at a knee."""
-
-
-BELOW_SATURATION = 0.85
-"""Fraction of the saturated signal that is used; brighter pixels clip."""
-
-_FALLEN, _STILL_RISING = 0.8, 1.05
-"""Fraction of the largest variance, and ratio of the signals of the last two levels: saturation is below both."""
-
-_LARGE_STEP = 1.5
-"""Ratio of the variances on both sides of a knee, or its inverse, with which no system gain holds."""
-
-_MOST_BETWEEN = 2
-"""Points of each channel between the pieces at a knee."""
-
 
 class SeveralCapturesError(CalibrationError):
     """Frames combine several captures, or are companded: their photon transfer curve has knees."""
@@ -63,6 +38,12 @@ class Piece(NamedTuple):
     def at(self, signal: float) -> float:
         """Return the variance of the line."""
         return self.intercept + self.slope * signal
+
+
+_NEW_PIECE, _LEFT_OUT = 30.0, 12.0
+"""Costs in chi square of another piece, and of a point between two pieces, where captures are blended."""
+_MODEL_ERROR = 0.01
+"""Relative deviation of the variance from a straight line that is no knee."""
 
 
 def find_pieces(signal: _Array, variance: _Array, uncertainty: _Array) -> list[Piece]:
@@ -105,6 +86,10 @@ def find_pieces(signal: _Array, variance: _Array, uncertainty: _Array) -> list[P
     return _merged(signal, variance, spread, pieces[::-1])
 
 
+LEAST_POINTS = 3
+"""Points of a piece: two for the line, one that can contradict it."""
+
+
 def _chi_squares(signal: _Array, variance: _Array, spread: _Array) -> _Array:
     """Return chi square of the line through the first 1, 2, ... points; infinite where there is no valid one."""
     weight, scale = 1.0 / spread**2, max(float(np.abs(signal).max()), 1e-300)
@@ -144,6 +129,10 @@ def step_at_knee(
     return high / low, high / low * float(np.sqrt(sum(relative)))
 
 
+LEAST_STEP = 0.03
+"""Least relative step of the variance at a knee."""
+
+
 def _merged(signal: _Array, variance: _Array, spread: _Array, pieces: list[tuple[int, int]]) -> list[Piece]:
     """Return the lines of pieces; those that meet their neighbor are one with it."""
     found: list[Piece] = []
@@ -157,6 +146,12 @@ def _merged(signal: _Array, variance: _Array, spread: _Array, pieces: list[tuple
     return found
 
 
+BELOW_SATURATION = 0.85
+"""Fraction of the saturated signal that is used; brighter pixels clip."""
+_FALLEN, _STILL_RISING = 0.8, 1.05
+"""Fraction of the largest variance, and ratio of the signals of the last two levels: saturation is below both."""
+
+
 def linear_end(signal: _Array, variance: _Array, clipped: NDArray[np.bool_]) -> tuple[int, bool]:
     """Return the number of points below saturation, and whether saturation was reached; signals ascend."""
     last = len(signal) - 1
@@ -166,6 +161,12 @@ def linear_end(signal: _Array, variance: _Array, clipped: NDArray[np.bool_]) -> 
         return len(signal), False
     first = int(np.argmax(clipped)) if clipped.any() else last
     return min(first, int(np.searchsorted(signal, BELOW_SATURATION * signal[last]))), True
+
+
+_LARGE_STEP = 1.5
+"""Ratio of the variances on both sides of a knee, or its inverse, with which no system gain holds."""
+_MOST_BETWEEN = 2
+"""Points of each channel between the pieces at a knee."""
 
 
 def check_knees(channels: Sequence[Channel], source: str) -> None:

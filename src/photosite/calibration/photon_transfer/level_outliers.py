@@ -23,36 +23,6 @@ from photosite.values.diagnostic import DiagnosticKind, one_in
 
 Array = NDArray[np.float64]
 
-OUTLIER_P_VALUE = 1e-4
-"""Fraction of sets of levels, of one channel and range, in which a level may be taken for an outlier."""
-
-LEAST_LEVELS = 4
-"""Levels below which no outlier can be found."""
-
-LEAST_DEVIATION = 0.005
-"""Relative deviation below which the scatter of lamp and shutter explains a level, and the fits allow for it."""
-
-LEAST_SIGNAL = 0.02
-"""Signal, as a fraction of the brightest, below which stray light hides the proportion."""
-
-HIGHEST_SIGNAL = 0.95
-"""Signal, as a fraction of that at the largest variance, up to which levels are compared."""
-
-ORDER_FACTOR = 1.2
-"""Factor by which the light of a level too dim or too bright to be compared may be out of order."""
-
-MOST_OUTLIERS = 3
-"""Outliers at most; they are also at most a quarter of the levels, and two of more than `MANY_LEVELS` levels."""
-
-MANY_LEVELS = 60
-"""Levels above which trying all sets of three takes too long."""
-
-LEAST_OF_CURVE = 8
-"""Levels from which the variance over the signal is compared with a parabola, not a straight line."""
-
-_POWERS = (0, 1, 2, -1)
-"""Powers of the signal in light per DN: proportion, bends, and an offset of the signal, from stray light."""
-
 
 @dataclass(frozen=True)
 class LightOutlier:
@@ -93,6 +63,10 @@ def find_light_outliers(channels: Sequence[LightLevels], whites: Sequence[int]) 
     return [LightOutlier(group, found[group]) for group in sorted(found)]
 
 
+OUTLIER_P_VALUE = 1e-4
+"""Fraction of sets of levels, of one channel and range, in which a level may be taken for an outlier."""
+
+
 LIGHT_OUTLIERS = DiagnosticKind(
     "wrong-light-levels",
     "warning",
@@ -123,6 +97,14 @@ def _fraction(ratio: float) -> str:
     return f"{ratio:.3g} times what their signal shows"
 
 
+LEAST_SIGNAL = 0.02
+"""Signal, as a fraction of the brightest, below which stray light hides the proportion."""
+HIGHEST_SIGNAL = 0.95
+"""Signal, as a fraction of that at the largest variance, up to which levels are compared."""
+ORDER_FACTOR = 1.2
+"""Factor by which the light of a level too dim or too bright to be compared may be out of order."""
+
+
 def _channel_outliers(levels: LightLevels, white: int) -> dict[int, float]:
     """Return stated over expected light of the outliers of a channel, by their place."""
     order = np.argsort(levels.signal, kind="stable")
@@ -148,6 +130,18 @@ def _channel_outliers(levels: LightLevels, white: int) -> dict[int, float]:
         found |= {int(i): float(x[i] / low) for i in np.flatnonzero(dimmer)}
         found |= {int(i): float(x[i] / high) for i in np.flatnonzero(brighter)}
     return {int(order[i]): ratio for i, ratio in found.items()}
+
+
+LEAST_LEVELS = 4
+"""Levels below which no outlier can be found."""
+LEAST_DEVIATION = 0.005
+"""Relative deviation below which the scatter of lamp and shutter explains a level, and the fits allow for it."""
+MOST_OUTLIERS = 3
+"""Outliers at most; they are also at most a quarter of the levels, and two of more than `MANY_LEVELS` levels."""
+MANY_LEVELS = 60
+"""Levels above which trying all sets of three takes too long."""
+_POWERS = (0, 1, 2, -1)
+"""Powers of the signal in light per DN: proportion, bends, and an offset of the signal, from stray light."""
 
 
 def _outliers(levels: LightLevels) -> dict[int, float]:
@@ -199,6 +193,10 @@ def _worst(design: Array, y: Array, uncertainty: Array, count: int) -> NDArray[n
     reduced = left[chosen[:, :, None], chosen[:, None, :]] + 1e-9 * np.eye(count)
     lost = np.einsum("ij,ij->i", residual[chosen], np.linalg.solve(reduced, residual[chosen][..., None])[..., 0])
     return np.asarray(chosen[int(lost.argmax())])
+
+
+LEAST_OF_CURVE = 8
+"""Levels from which the variance over the signal is compared with a parabola, not a straight line."""
 
 
 def _bent(levels: LightLevels, left: NDArray[np.intp], worst: NDArray[np.intp], ratio: Array) -> list[int]:

@@ -168,27 +168,6 @@ class FrameProducts:
 REACH = 2
 """Rows and columns to the farthest neighbor whose covariance is summed: crosstalk to the next pixels reaches two."""
 
-CORRELATION_P_VALUE = 5e-4
-"""Fraction of calibrations with independent pixels in which correlated noise may be reported."""
-
-FILTER_FRACTION = 0.3
-"""Correlation of the dark noise, as a fraction of that of the shot noise, above which a filter may be the cause.
-
-A filter gives 1, crosstalk 0.
-"""
-
-FILTER_SIGMA = 3.0
-"""Standard uncertainties by which that fraction must be apart from the limit."""
-
-SUSPICION_SIGMA = 2.0
-"""Standard uncertainties of the mean correlation with the next pixels above which it widens the gain's uncertainty."""
-
-LARGEST_UNCLEAR_CORRECTION = 0.1
-"""Largest correction of photon transfer that is made when its cause is uncertain."""
-
-CAUSE_UNCERTAINTY = 0.5
-"""Standard uncertainty that an uncertain cause adds, as a fraction of the correction: the interval then reaches
-from none to twice the correction."""
 
 _LAGS = range(-REACH, REACH + 1)
 _NEXT = (REACH - 1, REACH, REACH, REACH + 1), (REACH, REACH - 1, REACH + 1, REACH)
@@ -434,6 +413,10 @@ def _row_noise(means: Sequence[_RowMeans], row_covariance: float) -> tuple[float
     return float(np.mean(shared)), square * math.sqrt(2.0 / freedom) * (1.0 + fraction) ** 1.5, freedom
 
 
+CORRELATION_P_VALUE = 5e-4
+"""Fraction of calibrations with independent pixels in which correlated noise may be reported."""
+
+
 def _row_period(means: Sequence[_RowMeans], tile_rows: int) -> float | None:
     """Return the period of the row means in rows of the frame, if one frequency stands out of the others."""
     power = np.mean([entry.spectrum for entry in means], axis=0)
@@ -493,6 +476,11 @@ def _line_products(
     n = len(first)
     sums = [np.vdot(first[max(-s, 0) : n - max(s, 0)], second[max(s, 0) : n - max(-s, 0)]) for s in shifts]
     return np.array(sums), np.array([float((n - abs(s)) * across * across) for s in shifts])
+
+
+CAUSE_UNCERTAINTY = 0.5
+"""Standard uncertainty that an uncertain cause adds, as a fraction of the correction: the interval then reaches
+from none to twice the correction."""
 
 
 @dataclass(frozen=True)
@@ -630,6 +618,12 @@ SHARED_NOISE = DiagnosticKind(
 )
 
 
+SUSPICION_SIGMA = 2.0
+"""Standard uncertainties of the mean correlation with the next pixels above which it widens the gain's uncertainty."""
+LARGEST_UNCLEAR_CORRECTION = 0.1
+"""Largest correction of photon transfer that is made when its cause is uncertain."""
+
+
 def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance]) -> SharedNoise | None:
     """Return how shot noise is correlated between pixels and between frames; None where it is not, within chance.
 
@@ -710,6 +704,15 @@ def seen_correlations(neighbors: tuple[float, float] | None, frames: float | Non
     if frames is not None:
         seen.append(f"successive frames by {frames:.2g}")
     return f"the noise is correlated between {' and between '.join(seen)}"
+
+
+FILTER_FRACTION = 0.3
+"""Correlation of the dark noise, as a fraction of that of the shot noise, above which a filter may be the cause.
+
+A filter gives 1, crosstalk 0.
+"""
+FILTER_SIGMA = 3.0
+"""Standard uncertainties by which that fraction must be apart from the limit."""
 
 
 def _unclear_cause(

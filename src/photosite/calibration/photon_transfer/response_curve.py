@@ -40,22 +40,9 @@ from photosite.values.uncertain import Missing, Source, Uncertain
 
 Array = NDArray[np.float64]
 
-SENSOR_FRACTION = (0.5, 0.6)
-"""Mean and standard deviation of the sensor's fraction of the bend before the variances are seen."""
-
-OWN_BEND = 0.5
-"""Standard deviation of the sensor's own bend before the variances are seen, relative to the largest H_L.
-
-Where the variances show more, it is OWN_BEND itself: nearly free."""
-
-FREE_BEND_P_VALUES = (1e-3, 0.03)
-"""Fraction of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
 
 LARGEST_BEND = math.log(2.0)
 """Largest H_L that is fitted; beyond it the gain is withheld."""
-
-_ROUNDS = 12
-_SMALL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +155,14 @@ class BentGain:
         return replace(self, curves=curves)
 
 
+OWN_BEND = 0.5
+"""Standard deviation of the sensor's own bend before the variances are seen, relative to the largest H_L.
+
+Where the variances show more, it is OWN_BEND itself: nearly free."""
+FREE_BEND_P_VALUES = (1e-3, 0.03)
+"""Fraction of straight, and of bent responses in which a free bend of the variances alone may be found by chance."""
+
+
 def fit_bent_gain(
     channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], saturation_dn: Sequence[float | None]
 ) -> BentGain | Missing | None:
@@ -213,6 +208,12 @@ def _better(more: Fit, less: Fit, by_chance: float) -> bool:
     if more.extra_variance == 0.0:
         return bool(chdtrc(1, gained) < by_chance)
     return bool(fdtrc(1, freedom, gained * freedom / more.chi_square) < by_chance)
+
+
+SENSOR_FRACTION = (0.5, 0.6)
+"""Mean and standard deviation of the sensor's fraction of the bend before the variances are seen."""
+_ROUNDS = 12
+_SMALL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)

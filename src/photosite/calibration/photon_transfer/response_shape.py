@@ -30,23 +30,10 @@ from photosite.values.diagnostic import DiagnosticKind
 
 Array = NDArray[np.float64]
 
-LEAST_LEVELS = 4
-"""Different light levels that a bend needs."""
-
-BEND_P_VALUE = 1e-3
-"""Fraction of straight responses under proportional light that may be analyzed as bent."""
-
-LEAST_SIGNAL = 20.0
-"""Signal of a level, in its standard uncertainties, from which it shows the shape."""
-
-HIGHEST_ORDER = 3
-"""Highest power of the signal that is tested for a bend."""
 
 _ROUGHNESS = np.append(0.0, np.geomspace(1e-3, 30.0, 11))
 _SCATTER = np.append(0.0, np.geomspace(1e-5, 0.05, 7))
 _CONSTANT_LIGHT = np.array([0.0, 1e-4, 1e-3, 1e-2])
-_NEGLIGIBLE = 1e-3
-"""Weight, relative to the largest, below which a point of the grid is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +59,12 @@ class ResponseShape:
     offset: float
 
 
+LEAST_LEVELS = 4
+"""Different light levels that a bend needs."""
+LEAST_SIGNAL = 20.0
+"""Signal of a level, in its standard uncertainties, from which it shows the shape."""
+
+
 def find_shape(levels: LightLevels, used: NDArray[np.bool_], signals: Array) -> ResponseShape | None:
     """Return the shape at some signals (n,), DN; None where signals are proportional to the stated light within noise.
 
@@ -86,6 +79,14 @@ def find_shape(levels: LightLevels, used: NDArray[np.bool_], signals: Array) -> 
     unit = float(y.max())
     points = _Points(y / unit, np.log(x / y), levels.signal_covariance[np.ix_(take, take)] / np.outer(y, y))
     return None if points.straight() else points.shape_at(np.maximum(signals, 0.0) / unit)
+
+
+BEND_P_VALUE = 1e-3
+"""Fraction of straight responses under proportional light that may be analyzed as bent."""
+HIGHEST_ORDER = 3
+"""Highest power of the signal that is tested for a bend."""
+_NEGLIGIBLE = 1e-3
+"""Weight, relative to the largest, below which a point of the grid is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,28 +172,6 @@ def _wiener_slope(a: Array, b: Array) -> Array:
     return np.asarray(low * b[None, :] - 0.5 * low**2)
 
 
-TONE_EXPONENT = 0.8
-"""Exponent of the signal against the light below which the response is that of a tone curve; 1 is straight."""
-
-TONE_LEAST_LEVELS, LEAST_RANGE = 3, 2.0
-"""Light levels, and ratio of the largest to the smallest light, that an exponent needs."""
-
-STILL_RISING = 0.98
-"""Fraction of the largest signal above which flat fields may all be saturated."""
-
-QUIETER_SIGMA, LEAST_RISE = 6.0, 0.2
-"""Standard uncertainties by which half of the flat fields are quieter than the dark frames, and relative rise of their
-signal, at which they are not saturated."""
-
-LEAST_STRAIGHT, FALLEN_SIGMA, RISEN_RATIO = 4, 6.0, 1.1
-"""Light levels up to 70 % of the signal at the largest variance that show a bend of the response. With fewer, falling
-variances of rising signals are those of a tone curve or of soft saturation: standard uncertainties by which the
-variance falls, and ratio of the signals beyond its maximum. Sharp saturation ends at one signal."""
-
-TONE_CHI_SQUARE = 25.0
-"""Chi square per degree of freedom of the variances about a line through the origin that a tone curve exceeds."""
-
-
 @dataclass(frozen=True)
 class ToneCurve:
     """A tone curve as found.
@@ -236,6 +215,19 @@ def find_tone_curve(channels: Sequence[LightLevels]) -> ToneCurve | None:
     return ToneCurve(min(found)) if found else None
 
 
+TONE_EXPONENT = 0.8
+"""Exponent of the signal against the light below which the response is that of a tone curve; 1 is straight."""
+TONE_LEAST_LEVELS, LEAST_RANGE = 3, 2.0
+"""Light levels, and ratio of the largest to the smallest light, that an exponent needs."""
+STILL_RISING = 0.98
+"""Fraction of the largest signal above which flat fields may all be saturated."""
+QUIETER_SIGMA, LEAST_RISE = 6.0, 0.2
+"""Standard uncertainties by which half of the flat fields are quieter than the dark frames, and relative rise of their
+signal, at which they are not saturated."""
+TONE_CHI_SQUARE = 25.0
+"""Chi square per degree of freedom of the variances about a line through the origin that a tone curve exceeds."""
+
+
 def _exponent(levels: LightLevels) -> float | None:
     take = levels.repeated & levels.trusted & ~levels.clipped & (levels.x > 0.0) & (levels.signal > 0.0)
     if not take.any():
@@ -256,6 +248,12 @@ def _exponent(levels: LightLevels) -> float | None:
     slope = float((weight * y) @ v / ((weight * y) @ y))
     chi_square = float(weight @ (v - slope * y) ** 2)
     return exponent if slope <= 0.0 or chi_square > TONE_CHI_SQUARE * (len(y) - 1) else None
+
+
+LEAST_STRAIGHT, FALLEN_SIGMA, RISEN_RATIO = 4, 6.0, 1.1
+"""Light levels up to 70 % of the signal at the largest variance that show a bend of the response. With fewer, falling
+variances of rising signals are those of a tone curve or of soft saturation: standard uncertainties by which the
+variance falls, and ratio of the signals beyond its maximum. Sharp saturation ends at one signal."""
 
 
 def _falls(levels: LightLevels) -> bool:

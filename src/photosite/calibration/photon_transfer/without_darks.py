@@ -34,21 +34,6 @@ SINGLE_DARK_FRAMES = (
     "frames (better 50) at one exposure time"
 )
 
-BEND_P_VALUE = 1e-3
-"""Fraction of straight responses under proportional light whose means may count as bent."""
-
-LARGEST_BEND = 0.5
-"""Relative change of the slope from a bend of the means, above which the gain is withheld."""
-
-LEAST_LEVELS = 3
-"""Different amounts of light that a bend needs."""
-
-BRIGHTER_FATTER = 0.02
-"""Standard deviation of the relative change of the brightest level's variance by brighter-fatter noise: a choice."""
-
-CONSTANT_S = 0.01
-"""Range of exposure times up to which dark current is neglected: 100 electrons per second leave one."""
-
 
 def unknown_level(lights: Sequence[GroupStatistics], channel: int, reason: str) -> DarkLine:
     """Return the unknown dark level of a channel: between 0 and the dimmest flat field.
@@ -86,6 +71,10 @@ def unknown_variance(
     return DarkLine.unknown(min(max(nominal, 0.0), largest), max(largest, 1.0), reason)
 
 
+CONSTANT_S = 0.01
+"""Range of exposure times up to which dark current is neglected: 100 electrons per second leave one."""
+
+
 def unknown_dark_current(shortest_s: float, longest_s: float, reason: str) -> Missing | None:
     """Return why flat fields of a range of exposure times hold an unknown dark current; None where it is negligible."""
     if not longest_s - shortest_s > CONSTANT_S:
@@ -94,6 +83,14 @@ def unknown_dark_current(shortest_s: float, longest_s: float, reason: str) -> Mi
         f"flat fields of {shortest_s:g} to {longest_s:g} s hold a dark current that is not known: {reason}; or take "
         f"flat fields of different light at one exposure time"
     )
+
+
+BEND_P_VALUE = 1e-3
+"""Fraction of straight responses under proportional light whose means may count as bent."""
+LARGEST_BEND = 0.5
+"""Relative change of the slope from a bend of the means, above which the gain is withheld."""
+LEAST_LEVELS = 3
+"""Different amounts of light that a bend needs."""
 
 
 def straightening(levels: LightLevels, used: NDArray[np.bool_]) -> Value:
@@ -140,6 +137,10 @@ def straightening(levels: LightLevels, used: NDArray[np.bool_]) -> Value:
     factor = 1.0 / (1.0 + change)
     half = 0.5 * (factor - 1.0)
     return Uncertain.of(1.0 + half, math.hypot(half, factor**2 * by_b * b.standard_uncertainty))
+
+
+BRIGHTER_FATTER = 0.02
+"""Standard deviation of the relative change of the brightest level's variance by brighter-fatter noise: a choice."""
 
 
 def brighter_fatter(levels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]]) -> Uncertain:

@@ -24,35 +24,13 @@ from photosite.values.diagnostic import DiagnosticKind
 Counts = NDArray[np.int64]
 """(n, 3): channel, digital number, and how often it occurs among the sampled pixels of a group."""
 
-FREQUENT_COUNT = 20
-"""Counts of two numbers between which the others must occur. By chance a number between them is missing in fewer than
-1 of 10^8 cases (Poisson counts, a density without a dip)."""
-
-LEAST_GAPS = 8
-"""Distances of numbers that a step is computed from."""
-
-STRETCH_TOLERANCE = 1e-3
-"""Relative difference within which a gain is that between the full scales of two bit depths."""
-
-DOUBLED_P_VALUE = 5e-4
-"""Fraction of clean calibrations in which doubled numbers may be reported."""
-
-SMOOTH_FREQUENCY = 0.7
-"""Frequency times standard deviation above which a density of normal noise has no amplitude (exp(-9.7))."""
-
-LEAST_NOISE_DN = 3.0
-"""Least temporal noise of the levels in which doubled numbers are searched."""
-
-LEAST_STEP, PEAKS, ORDERS, MISFIT = 0.55, 4, 12, 0.1
-"""Smallest step that is searched; peaks that it is searched from, and their orders k; largest squared misfit of the
-heights, relative."""
-
-NEAR_NUMBERS, LEAST_TWICE, LEAST_RATIO = 15, 3, 1.5
-"""Numbers on either side with which a number's counts are compared; numbers that stand for two codes, at least; and how
-much more often they must occur (2 times with a digital gain)."""
 
 _LENGTH = 1 << 17
 _APART = _LENGTH // 100
+
+
+STRETCH_TOLERANCE = 1e-3
+"""Relative difference within which a gain is that between the full scales of two bit depths."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +133,13 @@ def find_steps(
     return _missing(inside) or _doubled(inside, noise_dn, channels)
 
 
+FREQUENT_COUNT = 20
+"""Counts of two numbers between which the others must occur. By chance a number between them is missing in fewer than
+1 of 10^8 cases (Poisson counts, a density without a dip)."""
+LEAST_GAPS = 8
+"""Distances of numbers that a step is computed from."""
+
+
 def _missing(groups: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Steps | None:
     """Return the steps from gaps between numbers that occur often."""
     gaps = []
@@ -179,6 +164,20 @@ def _missing(groups: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> S
     if np.any(np.diff(steps) < -0.2 * steps[:-1]) or steps[-1] < 1.5 * steps[0]:
         return None
     return Steps(tuple(np.interp(level, at, steps).tolist()), uniform=False)
+
+
+DOUBLED_P_VALUE = 5e-4
+"""Fraction of clean calibrations in which doubled numbers may be reported."""
+SMOOTH_FREQUENCY = 0.7
+"""Frequency times standard deviation above which a density of normal noise has no amplitude (exp(-9.7))."""
+LEAST_NOISE_DN = 3.0
+"""Least temporal noise of the levels in which doubled numbers are searched."""
+LEAST_STEP, PEAKS, ORDERS, MISFIT = 0.55, 4, 12, 0.1
+"""Smallest step that is searched; peaks that it is searched from, and their orders k; largest squared misfit of the
+heights, relative."""
+NEAR_NUMBERS, LEAST_TWICE, LEAST_RATIO = 15, 3, 1.5
+"""Numbers on either side with which a number's counts are compared; numbers that stand for two codes, at least; and how
+much more often they must occur (2 times with a digital gain)."""
 
 
 def _doubled(
@@ -253,14 +252,6 @@ def _misfit(step: float, power: NDArray[np.float64], number: float, lowest: int)
     return float(((found - expected) ** 2).sum() / (expected**2).sum())
 
 
-NUMBERS = (2, 4, 8, 9, 16, 32, 64)
-"""Numbers of frames or pixels that cameras add up."""
-
-LEAST_BITS = 10
-"""Smallest bit depth that is searched: a white level is a multiple of 1023 or more, times one of the numbers, by chance
-in fewer than one of 1000 cameras."""
-
-
 @dataclass(frozen=True)
 class Sums:
     """Each number is the sum of `number` codes of `bits` bits."""
@@ -287,6 +278,13 @@ SUMMED_CODES = DiagnosticKind(
     "number of codes in a sum",
     "below 1 of 1000 cameras",
 )
+
+
+NUMBERS = (2, 4, 8, 9, 16, 32, 64)
+"""Numbers of frames or pixels that cameras add up."""
+LEAST_BITS = 10
+"""Smallest bit depth that is searched: a white level is a multiple of 1023 or more, times one of the numbers, by chance
+in fewer than one of 1000 cameras."""
 
 
 def find_sums(white: int, step: float, bits: int) -> Sums | None:

@@ -18,20 +18,6 @@ from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupS
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.exposure import format_exposure
 
-LEAST_EXPOSURES = 4
-"""Exposure times of repeated dark frames that show which one of them is wrong: three others lie on a line."""
-
-MEAN_SIGMA = 10.0
-"""Deviation of a mean from the line of the others, in standard uncertainties, from which its noise is looked at."""
-
-NOISE_SIGMA = 4.0
-"""Deviation of its variance, in standard uncertainties: from the line at the stated exposure time, at least, and at the
-exposure time that explains the mean, at most."""
-
-
-SATURATED = 0.95
-"""Variance over the pixels, relative to that at the shown exposure time, below which hot pixels saturate."""
-
 _Array = NDArray[np.float64]
 
 
@@ -58,6 +44,10 @@ class WrongExposure:
         )
 
 
+SATURATED = 0.95
+"""Variance over the pixels, relative to that at the shown exposure time, below which hot pixels saturate."""
+
+
 def _saturates(exposure_s: _Array, spatial: _Array, index: int, shown_s: float) -> bool:
     """Return whether a group has less pattern than its mean shows: hot pixels that saturate lower both.
 
@@ -77,6 +67,15 @@ WRONG_DARK_EXPOSURE = DiagnosticKind(
     "Correct the exposure time, or look for light on these frames.",
     size="exposure time that the frames show, s",
 )
+
+
+LEAST_EXPOSURES = 4
+"""Exposure times of repeated dark frames that show which one of them is wrong: three others lie on a line."""
+MEAN_SIGMA = 10.0
+"""Deviation of a mean from the line of the others, in standard uncertainties, from which its noise is looked at."""
+NOISE_SIGMA = 4.0
+"""Deviation of its variance, in standard uncertainties: from the line at the stated exposure time, at least, and at the
+exposure time that explains the mean, at most."""
 
 
 def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | None:

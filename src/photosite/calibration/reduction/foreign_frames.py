@@ -24,31 +24,6 @@ from photosite.values.uncertain import NORMAL_MAD
 
 Array = NDArray[np.floating]
 
-COMPARED_SIGMA = 3.0
-"""Covariance of two patterns, in standard uncertainties, from which they are compared."""
-
-LEAST_COMMON_FRACTION = 0.3
-"""Least fraction of the usual covariance that a pattern has with those of its chip; those of other chips have none."""
-
-COMMON_SIGMA = 8.0
-"""Usual covariance with the others, in standard uncertainties, from which its lack in a frame is no chance."""
-
-LEAST_FRAMES, MOST_COMPARED = 3, 200
-"""Least frames that show a majority; frames that others are compared with, at most."""
-
-NOISE_FRAMES, NOISE_CHANGE, NOISE_SCATTER = 4, 0.3, 8.0
-"""Least frames for the comparison of their noise; least relative difference of a variance; the same as a multiple of
-its scatter, that of the others (median absolute deviation) or of chance."""
-
-HIGHEST_FRACTION = 0.002
-"""Fraction of a frame's pixels at the highest number of all above which its noise, maybe clipped, is not compared."""
-
-LARGEST_KURTOSIS = 4.0
-"""Kurtosis, 3 for normal noise, above which a channel is partly saturated by its wells and is not compared."""
-
-CLIPPED_SIGMA = 5.0
-"""Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
-
 
 @lru_cache(maxsize=4)
 def _places(labels: bytes, shape: tuple[int, ...]) -> list[tuple[NDArray[np.intp], NDArray[np.int64]]]:
@@ -57,6 +32,10 @@ def _places(labels: bytes, shape: tuple[int, ...]) -> list[tuple[NDArray[np.intp
     groupings = np.stack([block_numbers(shape), *np.indices(shape)]).reshape(3, -1)
     inside = [np.flatnonzero(channels == label) for label in np.unique(channels)]
     return [(places, np.take(groupings, places, axis=1)) for places in inside]
+
+
+CLIPPED_SIGMA = 5.0
+"""Deviations beyond this many robust standard deviations are clipped, so that a few hot pixels are not the pattern."""
 
 
 def fine_pattern(samples: Sequence[NDArray[np.generic]], labels: NDArray[np.int64]) -> list[Array]:
@@ -81,6 +60,16 @@ def _joined(channels: Sequence[Array]) -> tuple[Array, Array]:
     """Return the (frames, pixels) deviations of all channels, and the same, moved within each channel."""
     moved = [np.roll(pixels, pixels.shape[1] // 3, axis=1) for pixels in channels]
     return np.concatenate(channels, axis=1), np.concatenate(moved, axis=1)
+
+
+COMPARED_SIGMA = 3.0
+"""Covariance of two patterns, in standard uncertainties, from which they are compared."""
+LEAST_COMMON_FRACTION = 0.3
+"""Least fraction of the usual covariance that a pattern has with those of its chip; those of other chips have none."""
+COMMON_SIGMA = 8.0
+"""Usual covariance with the others, in standard uncertainties, from which its lack in a frame is no chance."""
+LEAST_FRAMES, MOST_COMPARED = 3, 200
+"""Least frames that show a majority; frames that others are compared with, at most."""
 
 
 def find_foreign(patterns: Array, shifted: Array, strength: Array | None = None) -> list[int]:
@@ -144,6 +133,10 @@ def _connected(linked: NDArray[np.bool_], start: int) -> NDArray[np.intp]:
     return np.flatnonzero(found)
 
 
+LARGEST_KURTOSIS = 4.0
+"""Kurtosis, 3 for normal noise, above which a channel is partly saturated by its wells and is not compared."""
+
+
 def _normal_channels(channels: Sequence[Array]) -> list[Array]:
     """Return the patterns without channels of heavy tails or without noise, and with the same spread in the others."""
     normal = []
@@ -181,6 +174,13 @@ FOREIGN_FRAMES = DiagnosticKind(
     "Remove the frames, or calibrate them separately.",
     false_alarms="below 1 of 1000 sets",
 )
+
+
+NOISE_FRAMES, NOISE_CHANGE, NOISE_SCATTER = 4, 0.3, 8.0
+"""Least frames for the comparison of their noise; least relative difference of a variance; the same as a multiple of
+its scatter, that of the others (median absolute deviation) or of chance."""
+HIGHEST_FRACTION = 0.002
+"""Fraction of a frame's pixels at the highest number of all above which its noise, maybe clipped, is not compared."""
 
 
 def find_foreign_frames(samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64]) -> dict[int, str]:

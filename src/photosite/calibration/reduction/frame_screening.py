@@ -31,15 +31,6 @@ from photosite.values.uncertain import NORMAL_MAD
 
 T = TypeVar("T", bound=np.generic)
 
-SIDE, SMALL_SIDE, LARGE_GROUP = 64, 24, 4096
-"""Pixels along each side of the grid; fewer for groups of more than `LARGE_GROUP` frames, to limit memory."""
-
-BLOCKS, LEAST_BLOCK = 8, 4
-"""Blocks along each side, and least pixels along the side of a block: small frames have fewer blocks."""
-
-LEAST_PIXELS = 16
-"""Pixels below which a frame is not screened."""
-
 
 class Tolerance(NamedTuple):
     """What a score tolerates: a fraction of the signal above dark, noise of other frames, and scatter of the group."""
@@ -58,21 +49,6 @@ TOLERANCE = MappingProxyType(
 )
 """Lamps and shutters are better than these fractions, broken frames mostly worse; near saturation, clipped frames have
 less noise than others. The noise covers drift of the black level and row noise."""
-
-MEAN_NOISE, LARGEST_LIMIT = 6.0, 2.0
-"""Tolerated deviation of a block, in units of the noise of its mean; and the largest limit that follows the scatter."""
-
-LEAST_NOISE_DN = 0.5
-"""Least noise assumed, DN, where quantization hides it."""
-
-NEAR_COPY = 1 / 512
-"""Fraction of the sampled pixels up to which a frame that differs from another counts as its copy."""
-
-LEAST_COMPARED, LEAST_NUMBERS = 1024, 3
-"""Least sampled pixels, and different numbers in the middle 80 % of them, at which copies are looked for."""
-
-SAMPLE_PARTS = 64
-"""Parts of a sample, of which a copy has most in common with its original."""
 
 
 OUTLIER_FRAME = DiagnosticKind(
@@ -102,6 +78,10 @@ NO_MAJORITY = DiagnosticKind(
 )
 
 
+SIDE, SMALL_SIDE, LARGE_GROUP = 64, 24, 4096
+"""Pixels along each side of the grid; fewer for groups of more than `LARGE_GROUP` frames, to limit memory."""
+
+
 def sample_grid(shape: tuple[int, int], frames: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the indices of the sampled pixels, (n, 1) rows and (1, m) columns, for a number of frames.
 
@@ -114,6 +94,14 @@ def sample_grid(shape: tuple[int, int], frames: int) -> tuple[NDArray[np.int64],
         for length in shape
     )
     return rows[:, None], cols[None, :]
+
+
+LEAST_PIXELS = 16
+"""Pixels below which a frame is not screened."""
+MEAN_NOISE, LARGEST_LIMIT = 6.0, 2.0
+"""Tolerated deviation of a block, in units of the noise of its mean; and the largest limit that follows the scatter."""
+LEAST_NOISE_DN = 0.5
+"""Least noise assumed, DN, where quantization hides it."""
 
 
 def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | None) -> dict[int, str]:
@@ -176,6 +164,14 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
     return found
 
 
+NEAR_COPY = 1 / 512
+"""Fraction of the sampled pixels up to which a frame that differs from another counts as its copy."""
+LEAST_COMPARED, LEAST_NUMBERS = 1024, 3
+"""Least sampled pixels, and different numbers in the middle 80 % of them, at which copies are looked for."""
+SAMPLE_PARTS = 64
+"""Parts of a sample, of which a copy has most in common with its original."""
+
+
 def find_near_copies(samples: Sequence[NDArray[np.uint16]]) -> dict[int, tuple[int, int]]:
     """Return the frames that repeat an earlier one in nearly all sampled pixels: its index, and pixels that differ.
 
@@ -218,6 +214,10 @@ def find_near_copies(samples: Sequence[NDArray[np.uint16]]) -> dict[int, tuple[i
 def _limit(scatter: float, frames: int) -> float:
     """Return the limit of a score. Two frames show no scatter: the deviation of each is half of their difference."""
     return 1.0 if frames == 2 else min(max(scatter, 1.0), LARGEST_LIMIT)
+
+
+BLOCKS, LEAST_BLOCK = 8, 4
+"""Blocks along each side, and least pixels along the side of a block: small frames have fewer blocks."""
 
 
 def _block_starts(length: int) -> NDArray[np.int64]:

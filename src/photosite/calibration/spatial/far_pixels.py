@@ -15,13 +15,6 @@ from photosite.engine.threads import thread_count
 
 _Array = NDArray[np.float64]
 
-_FAR_SIGMA = 8.0
-"""Distance from the median in standard deviations by the quartiles: 1 of 10^15 pixels of a normal distribution."""
-_FRACTION = 0.2
-_QUARTILE = 0.6745
-_SAMPLES = 1 << 16
-"""Pixels of a site from which the quartiles are computed, at least, where it has as many: the limit is known to 1 %."""
-
 
 @dataclass(frozen=True)
 class FarPixels:
@@ -47,6 +40,14 @@ class FarPixels:
             f"the variance of the {self.what}, which is that of all pixels, as are its parts of rows and columns. Maps "
             f"(--maps) list them"
         )
+
+
+_FAR_SIGMA = 8.0
+"""Distance from the median in standard deviations by the quartiles: 1 of 10^15 pixels of a normal distribution."""
+_FRACTION = 0.2
+_QUARTILE = 0.6745
+_SAMPLES = 1 << 16
+"""Pixels of a site from which the quartiles are computed, at least, where it has as many: the limit is known to 1 %."""
 
 
 def find_far_pixels(what: str, values: Map, tile: tuple[int, ...] = (1, 1)) -> FarPixels | None:

@@ -25,27 +25,6 @@ PERIODS = (1, 2, 4, 6)
 CELL = 12
 """Rows and columns of the cell that all periods divide."""
 
-LEAST_CELLS = 16
-"""Cells below which a frame is too small to show a period."""
-
-MOST_CELLS = 64
-"""Cells along each side of the frame that are compared, evenly spaced."""
-
-LEAST_LIGHT = 0.1
-"""Fraction of the usual signal below which a cell counts as not lit: covered pixels, corners that no light reaches."""
-
-MOSAIC_FRACTION = 0.02
-"""Difference between places of a period, as a fraction of the signal, above which they do not belong to one channel.
-
-The two greens of a Bayer mosaic and the readout channels of a chip differ by less.
-"""
-
-FILTER_FRACTION = 0.1
-"""Difference above which rows or columns belong to a striped color filter array: readout channels differ by less."""
-
-SAME_CHANNEL = 0.15
-"""Largest difference within a channel of a tile that fits, as a fraction of the whole difference."""
-
 
 class LeastDifference(NamedTuple):
     """Difference between places of a period, and step between taps, below which nothing is reported."""
@@ -73,6 +52,17 @@ UNSTATED_MOSAIC = DiagnosticKind(
     "difference between the places of the period as a fraction of the signal",
     f"below {one_in(PERIOD_P_VALUE)} sets",
 )
+
+
+MOSAIC_FRACTION = 0.02
+"""Difference between places of a period, as a fraction of the signal, above which they do not belong to one channel.
+
+The two greens of a Bayer mosaic and the readout channels of a chip differ by less.
+"""
+FILTER_FRACTION = 0.1
+"""Difference above which rows or columns belong to a striped color filter array: readout channels differ by less."""
+SAME_CHANNEL = 0.15
+"""Largest difference within a channel of a tile that fits, as a fraction of the whole difference."""
 
 
 @dataclass(frozen=True)
@@ -273,6 +263,14 @@ def periodic_offsets(dark: Map) -> PeriodicStructure | None:
     return _periodic(dark, np.zeros((1, 1), np.int64))
 
 
+LEAST_CELLS = 16
+"""Cells below which a frame is too small to show a period."""
+MOST_CELLS = 64
+"""Cells along each side of the frame that are compared, evenly spaced."""
+LEAST_LIGHT = 0.1
+"""Fraction of the usual signal below which a cell counts as not lit: covered pixels, corners that no light reaches."""
+
+
 def _periodic(mean: Map, tile: NDArray[np.int64], subtracted: Map | None = None) -> PeriodicStructure | None:
     """Return the periodic structure of a mean frame: a flat field less the dark that is subtracted, or a dark frame."""
     dark = subtracted is None
@@ -387,15 +385,6 @@ def _with_lines(found: PeriodicStructure, cells: Array, labels: NDArray[np.int64
     return replace(found, relative=_fold(relative, found.period)[0], uncertainty=uncertainty)
 
 
-TAPS_P_VALUE = 1e-4
-"""Fraction of mean frames without a step in which one may be reported."""
-
-STEP_RATIO = 2.0
-"""Factor by which a step must exceed all steps elsewhere, which shading, dust or single lines make."""
-
-NARROWEST, WIDEST = 8, 64
-"""Lines at each side of a step that show it, at least and at most; an eighth of the frame between."""
-
 _SIDES = ("top", "bottom"), ("left", "right")
 
 
@@ -441,6 +430,10 @@ class Taps:
             f"the {frames} step by {scale * self.step:.2g}{unit} between {parts} of the sensor ({each}), as with taps "
             f"of different {cause}; {result} includes this step"
         )
+
+
+NARROWEST, WIDEST = 8, 64
+"""Lines at each side of a step that show it, at least and at most; an eighth of the frame between."""
 
 
 def find_taps(mean: Map | None, *, dark: bool = False) -> Taps | None:
@@ -506,6 +499,12 @@ def _spread(values: Map) -> float:
     strips, pixels = list(row_strips(values)), values.shape[0] * values.shape[1]
     center = sum(float(values[first:last].sum()) for first, last in strips) / pixels
     return math.sqrt(sum(float(((values[first:last] - center) ** 2).sum()) for first, last in strips) / pixels)
+
+
+TAPS_P_VALUE = 1e-4
+"""Fraction of mean frames without a step in which one may be reported."""
+STEP_RATIO = 2.0
+"""Factor by which a step must exceed all steps elsewhere, which shading, dust or single lines make."""
 
 
 def _middle_step(profile: Array) -> tuple[float, float, bool]:
