@@ -205,7 +205,15 @@ def test_only_files_of_results_are_sent(client, workbench) -> None:
     answer = client.get(f"/api/results/{'0' * 16}/report.html")
     assert (answer.status_code, answer.text) == (200, "<p>result</p>")
     assert answer.headers["content-disposition"].startswith("attachment")
-    for path in (f"{'0' * 16}/other", f"{'1' * 16}/report.html", "../secret", f"{'0' * 16}/..%2f..%2fsecret", "x/y"):
+    (folder / ".calibration.pickle").write_bytes(b"kept")
+    for path in (
+        f"{'0' * 16}/other",
+        f"{'0' * 16}/.calibration.pickle",
+        f"{'1' * 16}/report.html",
+        "../secret",
+        f"{'0' * 16}/..%2f..%2fsecret",
+        "x/y",
+    ):
         assert client.get(f"/api/results/{path}").status_code in (404, 422), path
 
 

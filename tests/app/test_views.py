@@ -11,6 +11,7 @@ import pytest
 from copied_code import executed, json_of
 
 import photosite as ps
+from photosite.app.calibrate_results import ReportRequest, write_report
 from photosite.app.calibrate_view import (
     CalibrationRequest,
     FolderRequest,
@@ -132,7 +133,13 @@ def test_a_calibration_is_that_of_the_library(stack: Path, tmp_path: Path) -> No
     assert missing["reason"]
     transfer = next(curve for curve in part["curves"] if curve["kind"] == "photon_transfer")
     assert len(transfer["channels"]["M"]["residual"]) == len(transfer["channels"]["M"]["x"]) > 3
-    assert [file["name"] for file in found["files"]] == ["noise-profile.libcamera.json", "report.html"]
+    assert [file["name"] for file in found["files"]] == ["noise-profile.libcamera.json"]
+    report = write_report(ReportRequest(result=found["id"]), places)
+    assert report == {"name": "report.html", "address": f"/api/results/{found['id']}/report.html"}
+    text = (tmp_path / found["id"] / "report.html").read_text()
+    assert "System gain K" in text
+    with pytest.raises(InputError):
+        write_report(ReportRequest(result="0" * 16), places)
     known = CalibrationRequest(
         folder="stack", sensor=SensorState(source="vendor-2.2um", changes={"cfa": "mono", "bits": 12, **MONO})
     )

@@ -370,7 +370,7 @@ def test_a_folder_is_calibrated_with_a_changed_group(page, link, axe) -> None:
     view.get_by_label("Kind of group 5").select_option("omit")
     view.get_by_role("button", name="Calibrate", exact=True).click()
     view.get_by_role("heading", name="Parameters", exact=True).wait_for()
-    gain = view.locator("tr", has=page.get_by_role("rowheader", name="System gain K")).first
+    gain = view.locator("tr", has=page.get_by_role("rowheader", name="System gain K (DN/e⁻)")).first
     low, high = (float(text) for text in gain.locator("td").nth(1).inner_text().split(" to "))
     assert low < 0.5 < high
     assert view.locator("svg.plot").count() >= 4
@@ -380,8 +380,10 @@ def test_a_folder_is_calibrated_with_a_changed_group(page, link, axe) -> None:
     assert "groups[4]" not in page.inner_text("#code-text")
     page.click("#code-close")
     with page.expect_download() as download:
-        view.get_by_role("link", name="Download report.html").click()
+        view.get_by_role("button", name="Download report.html").click()
     assert download.value.suggested_filename == "report.html"
+    assert "System gain K" in download.value.path().read_text(encoding="utf-8")
+    view.get_by_text("report.html downloaded").wait_for()
     points = view.locator("svg.plot").first
     points.focus()
     page.keyboard.press("ArrowRight")
@@ -576,7 +578,7 @@ def test_tables_on_a_narrow_screen_are_whole_and_keep_their_roles(page, link) ->
     page.get_by_role("button", name="Calibrate", exact=True).click()
     page.get_by_role("heading", name="Parameters", exact=True).wait_for()
     row = page.get_by_role("row", name=re.compile("^System gain K")).first
-    assert row.get_by_role("rowheader").inner_text() == "System gain K"
+    assert row.get_by_role("rowheader").inner_text() == "System gain K (DN/e⁻)"
     assert 0.4 < float(row.get_by_role("cell").first.inner_text()) < 0.6
     inside = """view => [...document.querySelectorAll(`#view-${view} table`)].filter(each => each.checkVisibility())
         .map(each => Math.max(...[...each.querySelectorAll('td, tbody th, td *')].map(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import math
 import os
+import pickle
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,9 +15,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from photosite.app.places import Places
+from photosite.app.places import Part, Places
 from photosite.app.recorded_warnings import recorded_warnings
+from photosite.app.workers import Progress
 from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.captures.each_capture import CaptureCalibration
 from photosite.calibration.export.noise_profile import calibration_noise_profile
@@ -24,7 +27,7 @@ from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.result import Calibration
-from photosite.errors import PhotositeError
+from photosite.errors import InputError, PhotositeError
 from photosite.frames.io.darktable import write_darktable
 from photosite.frames.io.libcamera import write_libcamera
 from photosite.sensor.chip import DefectKind, MeasuredChip
@@ -52,6 +55,8 @@ class Result:
         Results of all parts together.
     files
         Names and addresses of the files for download.
+    id
+        Name of the result for `write_report`, empty where no files are kept.
     """
 
     method: str
@@ -62,6 +67,7 @@ class Result:
     warnings: tuple[str, ...] = ()
     rejected: tuple[str, ...] = ()
     files: tuple[dict[str, str], ...] = ()
+    id: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields, for JSON."""
@@ -76,10 +82,10 @@ def result_of(found: object, places: Places) -> Result:
 
 @result_of.register
 def _(found: Calibration, places: Places) -> Result:
-    writers: dict[str, Callable[[Path], object]] = {"report.html": found.report}
+    writers: dict[str, Callable[[Path], object]] = {}
     if found.base is not None:
         writers["mine.sensor.yaml"] = found.save
-    files, problems = _written(places, writers | _profile_writers([(found, found.gain_setting)]))
+    result_id, files, problems = _written(found, places, writers | _profile_writers([(found, found.gain_setting)]))
     return Result(
         "setting",
         f"{found.frame_count} frames of {found.rows} × {found.cols} pixels, {found.bits} bits",
@@ -87,17 +93,18 @@ def _(found: Calibration, places: Places) -> Result:
         warnings=(*found.warnings, *problems),
         rejected=found.rejected,
         files=files,
+        id=result_id,
     )
 
 
 @result_of.register
 def _(found: GainSeries, places: Places) -> Result:
     first = found.steps[0].calibration
-    writers: dict[str, Callable[[Path], object]] = {"report.html": found.report}
+    writers: dict[str, Callable[[Path], object]] = {}
     if first.base is not None:
         writers["mine.sensor.yaml"] = found.save
-    files, problems = _written(
-        places, writers | _profile_writers([(step.calibration, step.setting) for step in found.steps])
+    result_id, files, problems = _written(
+        found, places, writers | _profile_writers([(step.calibration, step.setting) for step in found.steps])
     )
     names = ("system_gain_dn_per_e", "read_noise_e", "read_noise_dn", "saturation_capacity_e", "dynamic_range_db")
     switch = found.switch
@@ -129,12 +136,13 @@ def _(found: GainSeries, places: Places) -> Result:
         warnings=(*found.warnings, *problems),
         rejected=tuple(text for step in found.steps for text in step.calibration.rejected),
         files=files,
+        id=result_id,
     )
 
 
 @result_of.register
 def _(found: CaptureCalibration, places: Places) -> Result:
-    files, problems = _written(places, {"report.html": found.report})
+    result_id, files, problems = _written(found, places, {})
     rows = [
         {"part": name, **_estimate(label, "", ratios[name])}
         for label, ratios in (
@@ -151,12 +159,13 @@ def _(found: CaptureCalibration, places: Places) -> Result:
         warnings=(*found.warnings, *problems),
         rejected=tuple(text for each in found.captures.values() for text in each.rejected),
         files=files,
+        id=result_id,
     )
 
 
 @result_of.register
 def _(found: CombinedCalibration, places: Places) -> Result:
-    files, problems = _written(places, {"report.html": found.report})
+    result_id, files, problems = _written(found, places, {})
     count = len(found.captures)
     named: list[tuple[str, Mapping[str, Estimate]]] = [
         *((f"capture {k}", each.estimates()) for k, each in enumerate(found.captures, start=1)),
@@ -191,6 +200,7 @@ def _(found: CombinedCalibration, places: Places) -> Result:
         curves=(transfer,),
         warnings=(*found.warnings, *problems),
         files=files,
+        id=result_id,
     )
 
 
@@ -391,12 +401,19 @@ def _profile_writers(steps: Sequence[Step]) -> dict[str, Callable[[Path], object
     return writers
 
 
+_KEPT = ".calibration.pickle"
+"""The result itself, in the folder of its files: no request can write there or read it."""
+
+
 def _written(
-    places: Places, writers: Mapping[str, Callable[[Path], object]]
-) -> tuple[tuple[dict[str, str], ...], list[str]]:
-    """Write files into a new folder of results; return names and addresses, why some are missing, and warnings."""
+    found: object, places: Places, writers: Mapping[str, Callable[[Path], object]]
+) -> tuple[str, tuple[dict[str, str], ...], list[str]]:
+    """Keep a result and write files into a new folder.
+
+    Returns the name of the folder, names and addresses of the files, and why some are missing, with warnings.
+    """
     if places.results is None:
-        return (), []
+        return "", (), []
     folder = places.results / secrets.token_hex(8)
     folder.mkdir(parents=True)
     problems = []
@@ -407,5 +424,35 @@ def _written(
         except PhotositeError as error:
             problems.append(f"{name} was not written: {error}")
         problems += [text.replace(f"{folder}{os.sep}", "") for text in texts]
-    files = sorted(path.name for path in folder.iterdir() if path.is_file())
-    return tuple({"name": name, "address": f"/api/results/{folder.name}/{name}"} for name in files), problems
+    names = sorted(path.name for path in folder.iterdir() if path.is_file())
+    (folder / _KEPT).write_bytes(pickle.dumps(found))
+    return folder.name, tuple(_file(folder, name) for name in names), problems
+
+
+def _file(folder: Path, name: str) -> dict[str, str]:
+    return {"name": name, "address": f"/api/results/{folder.name}/{name}"}
+
+
+class ReportRequest(Part):
+    """The report of a calibration."""
+
+    result: str = Field(pattern="^[0-9a-f]{16}$", description="The id in the result of a calibration.")
+
+
+def write_report(request: ReportRequest, places: Places, progress: Progress | None = None) -> dict[str, str]:
+    """Write the report of a calibration that is kept and return its name and address.
+
+    Raises
+    ------
+    InputError
+        If the result is not kept.
+    """
+    folder = None if places.results is None else places.results / request.result
+    if folder is None or not (folder / _KEPT).is_file():
+        raise InputError("result", value=request.result, expected="one that is kept", hint="Calibrate again")
+    report = folder / "report.html"
+    if not report.exists():
+        if progress is not None:
+            progress(0, 0, "drawing")
+        pickle.loads((folder / _KEPT).read_bytes()).report(report)
+    return _file(folder, report.name)

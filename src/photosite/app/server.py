@@ -412,7 +412,8 @@ def _add_files(app: FastAPI, workbench: Workbench) -> None:
     ) -> Response:
         """Return a file of a result."""
         folder = workbench.folder / "results" / result
-        found = next((path for path in folder.iterdir() if path.name == name), None) if folder.is_dir() else None
+        listed = [path for path in folder.iterdir() if not path.name.startswith(".")] if folder.is_dir() else []
+        found = next((path for path in listed if path.name == name), None)
         if found is None:
             raise InputError("file", value=name, expected="one of a result that is kept", hint="Compute it again")
         return FileResponse(found, media_type="application/octet-stream", filename=found.name)

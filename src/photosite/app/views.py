@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field
 
+from photosite.app.calibrate_results import ReportRequest, write_report
 from photosite.app.calibrate_view import (
     CalibrationRequest,
     FolderRequest,
@@ -263,7 +264,7 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
 
 
 def no_code(request: BaseModel, places: Places) -> tuple[str, str]:
-    """Return no code, for requests that only list something."""
+    """Return no code, for requests that list something or follow a result."""
     return "", ""
 
 
@@ -279,6 +280,7 @@ VIEWS = (
     JobView("plan", "Find the fewest frames that reach a precision.", PlanRequest, plan, plan_code),
     JobView("frames-of-folder", "List the frames of a folder, in groups.", FolderRequest, list_frames, no_code),
     JobView("calibration", "Calibrate a sensor.", CalibrationRequest, run_calibration, calibration_code),
+    JobView("report", "Write the report of a calibration.", ReportRequest, write_report, no_code),
     JobView("sweep", "Measure a camera over values of its fields.", SweepRequest, run_sweep, sweep_code),
 )
 """The views with a job; the server adds the requests of each."""

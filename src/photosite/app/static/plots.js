@@ -44,7 +44,8 @@ export function plot(parent, content) {
   const draw = () => {
     const width = fitting(parent);
     drawings.set(parent, { width, draw });
-    parent.replaceChildren(...drawn(content, width, Math.round(Math.min(Math.max(0.56 * width, 210), 300))));
+    const height = Math.max(Math.min(0.56 * width, 300), 210, 7 * content.y.label.length + 40); // the label stands upright
+    parent.replaceChildren(...drawn(content, width, Math.round(height)));
   };
   draw();
   widths.observe(parent);

@@ -1,5 +1,6 @@
 // The results of a calibration: files, tables with intervals, curves with residuals, and maps.
 
+import { finished, post, progressReporter, showError, tab } from "./api.js";
 import { state as camera } from "./camera.js";
 import { chipMap } from "./chipmap.js";
 import { element, short, table } from "./dom.js";
@@ -12,8 +13,8 @@ const interval = (each) => (each.interval_95 ? `${short(each.interval_95[0], 5)}
 
 function estimates(caption, first, rows) {
   const missing = rows.some((each) => each.value === null && each.reason);
-  const head = [...first, "Value", "95 % interval", "Unit", ...(missing ? ["Why it is missing"] : [])];
-  return table(caption, head, rows.map((each) => [each.label, ...(first.length > 1 ? [each.part] : []), short(each.value, 5), interval(each), each.unit || "1",
+  const head = [...first, "Value", "95 % interval", ...(missing ? ["Why it is missing"] : [])];
+  return table(caption, head, rows.map((each) => [each.unit ? `${each.label} (${each.unit})` : each.label, ...(first.length > 1 ? [each.part] : []), short(each.value, 5), interval(each),
     ...(missing ? [{ content: each.value === null ? each.reason : "", class: "reason" }] : [])]), { class: missing ? "stacked reasons" : "stacked" });
 }
 
@@ -34,7 +35,7 @@ function curveCard(curve) {
   card.append(element("h3", {}, title), above, below);
   plot(above, { title, lines, x: { label: curve.x_label, logarithmic: logX }, y: { label: curve.y_label, logarithmic: logY } });
   const left = channels.filter(([, part]) => part.residual.length).map(([name, part], k) => ({ name, x: part.x, y: part.residual.map((value, i) => (part.used[i] ? value ?? NaN : NaN)), marks: true, style: style(name, k) }));
-  if (left.length) plot(below, { title: `Residuals of ${title}`, lines: left, x: { label: curve.x_label, logarithmic: logX }, y: { label: "residual (standard uncertainties)" } });
+  if (left.length) plot(below, { title: `Residuals of ${title}`, lines: left, x: { label: curve.x_label, logarithmic: logX }, y: { label: "residual (std. uncertainties)" } });
   return card;
 }
 
@@ -49,6 +50,25 @@ function part(each, result) {
   return [element("details", { class: "card" }, element("summary", {}, name), parameters, plots, ...channels, maps)];
 }
 
+// A button that makes the report, which takes longer than most calibrations, and downloads it.
+function reportButton(result) {
+  const text = element("span", { class: "hint", role: "status" });
+  const button = element("button", { type: "button", onclick: async () => {
+    button.disabled = true;
+    try {
+      const progress = progressReporter();
+      const ended = await finished(await post(`/api/report?tab=${tab}`, { result: result.id }), (job) => { text.textContent = `Report: ${progress(job)}`; });
+      if (ended.status !== "done") throw new Error(ended.error || "cancelled");
+      const { name, address } = ended.result;
+      element("a", { href: address, download: name }).click();
+      text.textContent = `${name} downloaded`;
+      showError("");
+    } catch (error) { text.textContent = ""; showError(`The report was not written: ${error.message}`); }
+    button.disabled = false;
+  } }, "Download report.html");
+  return [button, text];
+}
+
 export function drawResults(root, result) {
   const files = result.files.map(({ name, address }) => element("a", { class: "button", href: address, download: name }, `Download ${name}`));
   const sensor = result.files.find(({ name }) => name.endsWith(".sensor.yaml"));
@@ -57,7 +77,7 @@ export function drawResults(root, result) {
     files.push(element("a", { class: "button", href: toHash("camera", { ...camera, sensor: { source, gain_setting: null, changes: {}, binning: null } }) }, "Open the sensor in the camera view"));
   }
   root.replaceChildren(
-    ...(files.length ? [element("div", { class: "toolbar" }, ...files)] : []),
+    element("div", { class: "toolbar" }, ...files, ...(result.id ? reportButton(result) : [])),
     ...list("Limits of the result", result.warnings), ...list("Frames left out", result.rejected),
     ...result.tables.map((each) => element("div", { class: "card" }, element("h3", {}, each.title), scrolled(each.title, estimates(result.title, ["Parameter", each.first], each.rows)))),
     ...(result.curves.length ? [element("div", { class: "plots" }, ...result.curves.map(curveCard))] : []),
