@@ -27,7 +27,6 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.point_spread import RadialPsf
 from photosite.scene.scene import Scene
 from photosite.sensor.effects.response_curve import ResponseCurve
-from photosite.sensor.model import Sensor
 from photosite.values.exposure import check_exposure
 from photosite.values.shown import Shown
 
@@ -327,7 +326,7 @@ class SignalModel(Shown):
             for name, kernels in (("optical", crosstalk.optical), ("electrical", crosstalk.electrical)):
                 if kernels is not None:
                     found[f"{name}_crosstalk"] = kernels_of_channels(kernels, sensor.channel_names)
-        if _grid_nm(sensor) is not None:
+        if len({sensor.channels[name].wavelength_nm for name in sensor.channel_names}) == 1:
             found[_EFFICIENCY] = [sensor.channels[name].quantum_efficiency for name in sensor.channel_names]
         if (effects := sensor.effects) is not None:
             if (curve := effects.response_curve) is not None and curve.polynomial_percent is not None:
@@ -544,12 +543,6 @@ class _State:
     def _fractions_of(self, name: str, kernels: Array) -> Array:
         """Return the gathering kernels with one of the two kernels replaced."""
         return combined_fractions(*(self._kernels | {name: kernels[self._site_channel]}).values())
-
-
-def _grid_nm(sensor: Sensor) -> tuple[float, ...] | None:
-    """Return the wavelengths of the quantum efficiencies, or None if they differ between channels."""
-    grids = {sensor.channels[name].wavelength_nm for name in sensor.channel_names}
-    return grids.pop() if len(grids) == 1 else None
 
 
 def _check_light(rate: Array) -> None:

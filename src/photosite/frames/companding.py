@@ -22,11 +22,8 @@ def companding_text(linear_dn: Sequence[float], companded_dn: Sequence[float]) -
     >>> companding_text((0, 1024, 65535), (0, 1024, 4095))
     '0:0 1024:1024 65535:4095'
     """
-    return " ".join(f"{linear}:{companded}" for linear, companded in _rounded(linear_dn, companded_dn))
-
-
-def _rounded(linear_dn: Sequence[float], companded_dn: Sequence[float]) -> list[tuple[int, int]]:
-    return [(round(linear), round(companded)) for linear, companded in zip(linear_dn, companded_dn, strict=True)]
+    knees = zip(linear_dn, companded_dn, strict=True)
+    return " ".join(f"{round(linear)}:{round(companded)}" for linear, companded in knees)
 
 
 def decompanded(raw: RawFrame) -> RawFrame:

@@ -148,11 +148,16 @@ def open_frames(
     if any(patterns.values()):
         raise InputError("patterns for dark and light frames apply to folders only", hint=f"{listing} states the kinds")
     if listing.suffix.lower() in (".yaml", ".yml"):
-        return _open_protocol(listing, given)
-    if looks_like_descriptor(listing):
-        return _open_descriptor(listing, given)
-    hint = "A descriptor's first command is 'v' or 'n'"
-    raise FileError(place, "the file is neither a YAML protocol nor an EMVA 1288 descriptor", hint=hint)
+        protocol = read_protocol(listing)
+        sensor = None if protocol.sensor is None else load_sensor(listing.parent / protocol.sensor)
+        stated = SetProperties(protocol.bits, protocol.cfa, black_level_dn=protocol.black_level_dn, sensor=sensor)
+        files, kind = protocol.frame_files(listing), "protocol"
+    elif looks_like_descriptor(listing):
+        (files, stated), kind = read_descriptor(listing), "descriptor"
+    else:
+        hint = "A descriptor's first command is 'v' or 'n'"
+        raise FileError(place, "the file is neither a YAML protocol nor an EMVA 1288 descriptor", hint=hint)
+    return frame_set_from_files(files, str(listing), _agreed(listing, stated, given, kind))
 
 
 def _texts(patterns: str | Sequence[str]) -> tuple[str, ...]:
@@ -164,18 +169,6 @@ def _stack(file: Path, patterns: KindPatterns) -> FrameFile:
         hint = "A measurement is a folder, an EMVA 1288 descriptor or a YAML protocol"
         raise FileError(file, "the file holds a single frame", hint=hint)
     return FrameFile(file, FrameSettings(kind=_kind_by_pattern(file, patterns)), names=(file.stem,))
-
-
-def _open_descriptor(path: Path, given: SetProperties) -> FrameSet:
-    files, stated = read_descriptor(path)
-    return frame_set_from_files(files, str(path), _agreed(path, stated, given, "descriptor"))
-
-
-def _open_protocol(path: Path, given: SetProperties) -> FrameSet:
-    protocol = read_protocol(path)
-    sensor = None if protocol.sensor is None else load_sensor(path.parent / protocol.sensor)
-    stated = SetProperties(protocol.bits, protocol.cfa, black_level_dn=protocol.black_level_dn, sensor=sensor)
-    return frame_set_from_files(protocol.frame_files(path), str(path), _agreed(path, stated, given, "protocol"))
 
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:

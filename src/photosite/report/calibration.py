@@ -94,9 +94,10 @@ def calibration_page(calibration: Calibration) -> Page:
     name = "an image sensor" if calibration.base is None else calibration.base.name
     correlations = correlation_table(calibration)
     channels: tuple[Block, ...] = (channel_table(calibration.channels),) if calibration.channels else ()
+    problems = *rejected_blocks(calibration), *warning_blocks(calibration), *explanations(calibration.diagnostics)
     sections = (
         Section("Data sheet", data_sheet_blocks(calibration)),
-        Section("Warnings and rejected frames", _problem_blocks(calibration)),
+        Section("Warnings and rejected frames", problems),
         *plot_sections(calibration),
         Section("2008 paper", paper_blocks(calibration)),
         Section("All parameters", (*parameter_tables(calibration), *([correlations] if correlations else []))),
@@ -112,11 +113,6 @@ def calibration_page(calibration: Calibration) -> Page:
         "those of EMVA 1288 release 4.0 and of Farrell, Okincha and Parmar (2008); a glossary follows at the end."
     )
     return Page(f"Calibration of {name}", lead, sections, FOOTER)
-
-
-def _problem_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    problems = (*rejected_blocks(calibration), *warning_blocks(calibration))
-    return *problems, *explanations(calibration.diagnostics)
 
 
 def warning_blocks(calibration: Calibration) -> tuple[Block, ...]:

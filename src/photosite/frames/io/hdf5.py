@@ -47,7 +47,8 @@ _DEFLATE, _SHUFFLE = 1, 2
 def write(frame: RawFrame, path: Path) -> None:
     """Write the frame as one dataset with attributes."""
     check_metadata(frame)
-    attributes: dict[str, Any] = {"bits": frame.bits, "cfa": _cfa_attribute(frame.cfa)}
+    cfa = tile_name(frame.cfa) if frame.cfa in NAMED.values() else np.char.encode(np.array(frame.cfa), "utf-8")
+    attributes: dict[str, Any] = {"bits": frame.bits, "cfa": cfa}
     for name in ("black_level_dn", "white_level_dn", "exposure_s", "color_matrix", "color_matrix_a", "noise_profile"):
         if (value := getattr(frame, name)) is not None:
             attributes[name] = value
@@ -60,10 +61,6 @@ def write(frame: RawFrame, path: Path) -> None:
         for name, value in attributes.items():
             # Text of fixed length is stored in the attribute itself, not in a heap of the file.
             data.attrs[name] = np.bytes_(value.encode("utf-8")) if isinstance(value, str) else value
-
-
-def _cfa_attribute(cfa: Cfa) -> Any:
-    return tile_name(cfa) if cfa in NAMED.values() else np.char.encode(np.array(cfa), "utf-8")
 
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:

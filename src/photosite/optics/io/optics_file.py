@@ -193,7 +193,7 @@ def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tabl
         "focal_length_mm": float(base.focal_length_mm),
         "transmittance": _table(passed, "transmittance") if isinstance(passed, Spectrum) else float(passed),
         "falloff": None if base.falloff == "none" else base.falloff,
-        "focus_distance_m": _float(whole.focus_distance_m),
+        "focus_distance_m": None if whole.focus_distance_m is None else float(whole.focus_distance_m),
         "blur": blur,
         "relative_illumination": light and _points(light.field) | {"relative": _list(light.relative)},
         "distortion": curve and _points(curve.field) | {"percent": _list(100 * (curve.ratio - 1))},
@@ -206,10 +206,6 @@ def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tabl
 
 def _given(fields: Fields) -> Fields:
     return {name: value for name, value in fields.items() if value is not None}
-
-
-def _float(value: float | None) -> float | None:
-    return None if value is None else float(value)
 
 
 def _list(values: ArrayLike) -> list[Any]:
