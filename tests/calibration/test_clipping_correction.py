@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.dark.censored_likelihood import CensoredDark, ClippedCounts, fit_censored
-from photosite.calibration.dark.clipped_darks import (
-    _moments,
-    _Pixels,
-    _temporal_covariance,
-    correct_clipping,
-)
+from photosite.calibration.dark.clipped_darks import _moments, _Pixels, _temporal_covariance, correct_clipping
 from photosite.calibration.reduction.groups import Level
 from photosite.engine.frame_sums import FrameSums
 from photosite.values.uncertain import Missing

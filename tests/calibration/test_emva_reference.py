@@ -30,10 +30,7 @@ REFERENCE_IMPLEMENTATION = {
     "PRNU1288_unfiltered_pixel": 0.26521,
 }
 
-PAIRS_ALONE = {
-    "LE_min": -0.6157976,
-    "LE_max": 0.4804483,
-}
+PAIRS_ALONE = {"LE_min": -0.6157976, "LE_max": 0.4804483}
 """The reference's results from two frames per level; it uses its 50 frames for the spatial parameters only."""
 
 

@@ -152,10 +152,7 @@ def test_gain_and_read_noise_are_correlated_by_shared_darks():
     dark = Uncertain.of(5.0, 0.2)
     curve = levels(RISING, [20.0, 40.0, 60.0, 80.0], shot_sigma=0.5)
     curve = replace(
-        curve,
-        dark_noise=(dark,),
-        dark_fraction=np.ones((4, 1)),
-        shot_covariance=np.diag(np.full(4, 0.5**2)) + 0.2**2,
+        curve, dark_noise=(dark,), dark_fraction=np.ones((4, 1)), shot_covariance=np.diag(np.full(4, 0.5**2)) + 0.2**2
     )
     fit = fit_gain([curve], [np.ones(4, bool)])
     gain = gain_value(fit)

@@ -102,12 +102,7 @@ def test_a_quantum_efficiency_above_100_percent_is_withheld():
 @pytest.mark.parametrize("off", [1e-6, 4e-8])
 def test_exposure_times_in_another_unit_give_no_dark_current(off):
     calibration = calibrate(measurement(time_factor=off))
-    for name in (
-        "dark_current_e_per_s",
-        "dark_current_from_variance_e_per_s",
-        "dark_voltage_mv_per_s",
-        "dcnu_percent",
-    ):
+    for name in ("dark_current_e_per_s", "dark_current_from_variance_e_per_s", "dark_voltage_mv_per_s", "dcnu_percent"):
         entry = getattr(calibration, name)
         assert (entry.value, entry.reason_id) == (None, "implausible"), name
     assert "implausible" in limits(calibration)

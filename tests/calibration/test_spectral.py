@@ -143,8 +143,7 @@ def test_band_matrix_matches_a_sum():
 
 
 @pytest.mark.parametrize(
-    ("bandwidth_nm", "method"),
-    [(0.0, "bandwidth"), (10.0, "bandwidth"), (25.0, "bandwidth with a smoothness prior")],
+    ("bandwidth_nm", "method"), [(0.0, "bandwidth"), (10.0, "bandwidth"), (25.0, "bandwidth with a smoothness prior")]
 )
 def test_intervals_cover_the_virtual_d200(bandwidth_nm, method):
     """Pointwise 95 % intervals over 6 runs, each with its own error of the photodiode's scale.

@@ -58,9 +58,7 @@ class ThinLens(DiffractionLimited):
             return np.asarray(disc * np.exp(-2 * (np.pi * FINEST_M * f) ** 2))
 
         return RadialPsf(
-            otf=otf,
-            cutoff_per_m=lambda _: 6.5 / (2 * np.pi * FINEST_M),
-            reach_m=lambda _: radius_m + 6 * FINEST_M,
+            otf=otf, cutoff_per_m=lambda _: 6.5 / (2 * np.pi * FINEST_M), reach_m=lambda _: radius_m + 6 * FINEST_M
         )
 
 
@@ -183,8 +181,7 @@ def test_errors_of_linear_layers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("near", "middle", "far", "limit"),
-    [(2.0, 2.0, 2.0, 2e-4), (1.999, 2.0, 2.001, 2e-3), (1.0, 1.002, 1.004, 2.5e-3)],
+    ("near", "middle", "far", "limit"), [(2.0, 2.0, 2.0, 2e-4), (1.999, 2.0, 2.001, 2e-3), (1.0, 1.002, 1.004, 2.5e-3)]
 )
 def test_planes_blurred_alike(near: float, middle: float, far: float, limit: float) -> None:
     """In focus, or defocused equally: structure behind structure, edges on edges."""

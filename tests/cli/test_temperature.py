@@ -11,12 +11,7 @@ import pytest
 import photosite as ps
 
 SENSOR = ps.load_sensor("nikon-d200").with_(
-    rows=30,
-    cols=40,
-    black_level_dn=64,
-    dark_current_e_per_s=40,
-    dark_current_temperature_c=25,
-    dark_doubling_c=6.5,
+    rows=30, cols=40, black_level_dn=64, dark_current_e_per_s=40, dark_current_temperature_c=25, dark_doubling_c=6.5
 )
 CAMERA = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), SENSOR)
 

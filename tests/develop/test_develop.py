@@ -81,12 +81,7 @@ def test_other_channels_than_red_green_blue():
     dn = np.rint(60000 * sum(v * channel_mask(cfa, c, (8, 8)) for c, v in zip("RWGB", signal, strict=True)))
     shot = ",".join(str(part) for part in neutral / neutral.max())
     frame = RawFrame(
-        dn.astype(np.uint16),
-        16,
-        cfa,
-        white_level_dn=60000.0,
-        color_matrix=from_xyz,
-        metadata={"as_shot_neutral": shot},
+        dn.astype(np.uint16), 16, cfa, white_level_dn=60000.0, color_matrix=from_xyz, metadata={"as_shot_neutral": shot}
     )
     wanted = colour_science().XYZ_to_sRGB(xyz)
     np.testing.assert_allclose(develop(frame, exposure=1), np.broadcast_to(wanted, (8, 8, 3)), atol=1e-3)

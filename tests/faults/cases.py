@@ -95,11 +95,7 @@ def cases(inputs: Path) -> list[Case]:
             overwrites=False,
         ),
         Case("spectral", f"spectral {{value}}/spectral.yaml --figure qe.png {to_sensor}", two("bands")),
-        Case(
-            "temperature",
-            f"temperature {{value}} --sensor nikon-d200 --report dark.html {to_sensor}",
-            two("darks"),
-        ),
+        Case("temperature", f"temperature {{value}} --sensor nikon-d200 --report dark.html {to_sensor}", two("darks")),
         Case(
             "polarizers",
             f"polarizers {{value}} --sensor {inputs}/polarized.sensor.yaml --figure p.png {to_sensor}",

@@ -252,11 +252,7 @@ INVALID: list[tuple[Any, dict[str, Any], str]] = [
     (NOISE + 30 * (np.mgrid[:100, :80][1] > 70), {}, ""),
     (BENT, {}, "deviation of the edge from a straight line"),
     (gaussian_edge(100, 80, 0.0, 0.7), {}, "displacement of the edge"),
-    (
-        gaussian_edge(100, 80, 0.012, 0.7),
-        {"cfa": (("A", "B"),), "channel": "A"},
-        "displacement of the edge",
-    ),
+    (gaussian_edge(100, 80, 0.012, 0.7), {"cfa": (("A", "B"),), "channel": "A"}, "displacement of the edge"),
     (gaussian_edge(100, 120, 0.5, 0.7), {}, "angle of the edge"),
     (gaussian_edge(100, 80, 0.1, 0.7, 12.0), {}, "distance of the edge from the sides of the region"),
     (gaussian_edge(10, 80, 0.1, 0.7), {"region": (0, 10, 10, 70)}, "lines of pixels across the edge"),

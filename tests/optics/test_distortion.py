@@ -140,12 +140,7 @@ def test_invalid_mappings(wavelength: list[float], ideal: list[float], real: lis
 
 @pytest.mark.parametrize(
     ("fraction", "spread", "what"),
-    [
-        (1.0, None, "fraction"),
-        (-0.1, None, "fraction"),
-        (math.nan, None, "fraction"),
-        (0.1, 0.0, "spread_m"),
-    ],
+    [(1.0, None, "fraction"), (-0.1, None, "fraction"), (math.nan, None, "fraction"), (0.1, 0.0, "spread_m")],
 )
 def test_invalid_glare(fraction: float, spread: float | None, what: str) -> None:
     with raises(InputError, what):

@@ -16,10 +16,7 @@ N = 200 * 300
 def test_spreads_are_those_of_the_file() -> None:
     """Chi-square of 60 000 normal deviates, each way outside 1e-4: false alarms 4e-4 in all."""
     chip = draw_chip(SENSOR)
-    for values, mean, spread in (
-        (chip.prnu.map(), 0.0, 0.01126),
-        (chip.offset_e.map(), 0.0, SENSOR.electrons(0.55)),
-    ):
+    for values, mean, spread in ((chip.prnu.map(), 0.0, 0.01126), (chip.offset_e.map(), 0.0, SENSOR.electrons(0.55))):
         square_sum = float(((values.astype(np.float64) - mean) ** 2).sum()) / spread**2
         assert stats.chi2.ppf(1e-4, N) < square_sum < stats.chi2.isf(1e-4, N)
         assert stats.kstest((values.ravel() - mean) / spread, "norm").pvalue > 1e-4

@@ -100,8 +100,7 @@ def test_rows_and_columns_fraction_a_part_of_the_read_noise() -> None:
         assert abs(np.corrcoef(values[0], values[1])[0, 1]) < 5.0 / np.sqrt(values.shape[1])
     # Without line noise, the frames are those of a sensor that does not state it.
     np.testing.assert_array_equal(
-        digital_numbers(sensor, dark, 0.1, seed=3),
-        digital_numbers(sensor.with_(row_noise_mv=0.0), dark, 0.1, seed=3),
+        digital_numbers(sensor, dark, 0.1, seed=3), digital_numbers(sensor.with_(row_noise_mv=0.0), dark, 0.1, seed=3)
     )
 
 

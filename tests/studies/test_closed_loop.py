@@ -30,11 +30,7 @@ from photosite.studies.closed_loop import (
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 
-NEED_PHOTONS = {
-    "quantum_efficiency_percent",
-    "sensitivity_threshold_photons",
-    "saturation_capacity_photons",
-}
+NEED_PHOTONS = {"quantum_efficiency_percent", "sensitivity_threshold_photons", "saturation_capacity_photons"}
 """Parameters that need metered light, which the paper's protocol does not have."""
 
 

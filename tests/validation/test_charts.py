@@ -72,11 +72,7 @@ def test_a_chart_is_found_where_it_is(view):
 
 
 @pytest.mark.parametrize(
-    "camera",
-    [
-        {"illuminant": "FL2", "cfa": "gbrg", "luminance": 4.0},
-        {"preset": "vendor-2.2um", "luminance": 400.0},
-    ],
+    "camera", [{"illuminant": "FL2", "cfa": "gbrg", "luminance": 4.0}, {"preset": "vendor-2.2um", "luminance": 400.0}]
 )
 def test_whatever_the_light_and_the_sensor(camera):
     view = VIEWS["from the side"]

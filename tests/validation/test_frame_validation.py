@@ -142,10 +142,7 @@ def test_another_cfa_is_reported():
 
 @pytest.mark.parametrize(
     ("turn", "orientation"),
-    [
-        ((3, 0, 1, 2), "turned by 90 degrees clockwise"),
-        ((1, 0, 3, 2), "mirrored, left for right"),
-    ],
+    [((3, 0, 1, 2), "turned by 90 degrees clockwise"), ((1, 0, 3, 2), "mirrored, left for right")],
 )
 def test_another_orientation_of_the_chart_is_reported(turn, orientation):
     corners = tuple(CORNERS[i] for i in turn)

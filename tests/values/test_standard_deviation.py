@@ -109,8 +109,7 @@ def test_interval_covers_true_values_of_any_size(true):
 
 
 @pytest.mark.parametrize(
-    ("freedom", "planes", "true", "most"),
-    [(47, 1, 0, 0.968), (47, 1, 3, 0.968), (25, 1, 0, 0.968), (35, 4, 1, 0.974)],
+    ("freedom", "planes", "true", "most"), [(47, 1, 0, 0.968), (47, 1, 3, 0.968), (25, 1, 0, 0.968), (35, 4, 1, 0.974)]
 )
 def test_interval_of_a_part_from_few_lines_covers(freedom, planes, true, most):
     """A row variance beside a pixel variance of 1, as in `channel_components`; the true value in uncertainties at zero.

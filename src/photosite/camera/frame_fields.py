@@ -34,12 +34,7 @@ def frame_fields(camera: CameraParts, exposure_s: float, shot: Shot, scene: AnyS
     else:
         profile, bits = None, several.combination.output_bits
         black_level_dn, white_level_dn = several.combination.output_black_level_dn, float((1 << bits) - 1)
-    metadata: dict[str, Any] = {
-        "camera": sensor.name,
-        "serial": sensor.serial,
-        "seed": shot.seed,
-        "frame": shot.frame,
-    }
+    metadata: dict[str, Any] = {"camera": sensor.name, "serial": sensor.serial, "seed": shot.seed, "frame": shot.frame}
     if several is not None and (table := several.combination.companding) is not None:
         metadata[COMPANDING] = companding_text(table.linear_dn, table.companded_dn)
     if sensor.gain_setting is not None:

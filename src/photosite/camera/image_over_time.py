@@ -17,12 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.mean_image import (
-    electron_rate,
-    fine_images,
-    finish_moving_mosaic,
-    planes_electron_rate,
-)
+from photosite.camera.mean_image import electron_rate, fine_images, finish_moving_mosaic, planes_electron_rate
 from photosite.camera.optical_stack import warn_of_transmittance_range
 from photosite.camera.parts import CameraParts
 from photosite.camera.sampled_otf import Progress
@@ -147,10 +142,7 @@ class MovingImage:
         row: Array = (np.arange(array.rows, dtype=np.float64) + (0.5 - middle_row))[:, None]
         first = self.motion.at_rest(row, 0.5 - middle_col, time_s)
         second = self.motion.at_rest(row, 1.5 - middle_col, time_s)
-        origin = (
-            self.cells.first_row + n * (middle_row - 0.5),
-            self.cells.first_col + n * (middle_col - 0.5),
-        )
+        origin = (self.cells.first_row + n * (middle_row - 0.5), self.cells.first_col + n * (middle_col - 0.5))
         start = [o + n * at for o, at in zip(origin, first, strict=True)]
         along = [n * (after - at) for at, after in zip(first, second, strict=True)]
         return np.stack([*start, *along], axis=-1)

@@ -299,10 +299,7 @@ def _view(
     if warp is not None and np.ptp(warp.scale) * reach_m <= _SAME_PLACE_PIXELS * min(pitch):
         # A magnification, as of lateral color without distortion: rows and columns are resampled separately.
         scale, warp = float(warp.scale[0]), None
-        start = (
-            start[0] + (1 - scale) * step[0] * array.rows / 2,
-            start[1] + (1 - scale) * step[1] * array.cols / 2,
-        )
+        start = (start[0] + (1 - scale) * step[0] * array.rows / 2, start[1] + (1 - scale) * step[1] * array.cols / 2)
         step = (scale * step[0], scale * step[1])
     return View(weights, start, step, warp, occluders)
 

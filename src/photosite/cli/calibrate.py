@@ -316,12 +316,7 @@ def _contribution(
 
 
 def _calibrate_cameras(
-    paths: tuple[Path, ...],
-    into: Path,
-    sensor_name: str | None,
-    maps: bool,
-    given: Mapping[str, Any],
-    as_json: bool,
+    paths: tuple[Path, ...], into: Path, sensor_name: str | None, maps: bool, given: Mapping[str, Any], as_json: bool
 ) -> int:
     """Calibrate several cameras, show a line for each, and return the exit status."""
     from photosite.calibration.export.cameras import ERROR, calibrate_cameras

@@ -104,12 +104,7 @@ def _isos(isos: tuple[float, ...]) -> str:
 @options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
 @options.json_option
 def show_camera(
-    name: str,
-    profiles: tuple[Path, ...],
-    sensor_name: str | None,
-    output: Path | None,
-    as_json: bool,
-    **stated: Any,
+    name: str, profiles: tuple[Path, ...], sensor_name: str | None, output: Path | None, as_json: bool, **stated: Any
 ) -> None:
     """Show what the files contain on a camera, and what is missing; with -o and --sensor, write a sensor file.
 

@@ -116,12 +116,7 @@ _number, _time = _range_of(options.above()), _range_of(options.exposure_time)
 @options.folder_option(options.shared_folder, "Folder to write; an interrupted dataset is resumed.")
 @options.json_option
 def command(
-    inputs: tuple[str, ...],
-    kind: str,
-    output: Path,
-    pairs_per_shard: int,
-    as_json: bool,
-    **given: Any,
+    inputs: tuple[str, ...], kind: str, output: Path, pairs_per_shard: int, as_json: bool, **given: Any
 ) -> None:
     """Write pairs of clean and noisy raw frames for training, in shards with a manifest and a data card.
 

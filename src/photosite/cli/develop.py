@@ -120,9 +120,7 @@ def command(
         frame = bin_frame(frame, factor)
     rows, cols = frame.shape
     warn_if_short(
-        f"a picture of {megapixels(rows, cols)}",
-        develop_bytes(rows * cols),
-        "Use --bin, or a machine with more memory",
+        f"a picture of {megapixels(rows, cols)}", develop_bytes(rows * cols), "Use --bin, or a machine with more memory"
     )
     if polarization is not None:
         seen = stokes(frame, color, options.sensor_or(None, sensor_name))

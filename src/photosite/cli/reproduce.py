@@ -239,12 +239,7 @@ def _answer(name: str, given: tuple[float, float] | str, truth: float) -> str:
 @options.workers_options(2)
 @options.json_option
 def coverage(
-    sensors: int | None,
-    conditions: tuple[str, ...],
-    quick: bool,
-    processes: int,
-    scheduler: str | None,
-    as_json: bool,
+    sensors: int | None, conditions: tuple[str, ...], quick: bool, processes: int, scheduler: str | None, as_json: bool
 ) -> None:
     """Count how often 95 % intervals contain the truth.
 

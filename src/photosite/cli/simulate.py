@@ -114,9 +114,7 @@ if TYPE_CHECKING:
     "--preview", suffixes=options.PICTURE_SUFFIXES, text="Also write a developed picture: .png or .jpg."
 )
 @options.file_option(
-    "--clean",
-    suffixes=DEEP_SUFFIXES,
-    text="Also write the noise-free mosaic in DN, 32-bit floats: .tif or .h5.",
+    "--clean", suffixes=DEEP_SUFFIXES, text="Also write the noise-free mosaic in DN, 32-bit floats: .tif or .h5."
 )
 @click.option(
     "--captures",
@@ -125,13 +123,7 @@ if TYPE_CHECKING:
 )
 @options.json_option
 def command(
-    camera_file: Path | None,
-    seed: int,
-    frames: int,
-    output: Path,
-    captures: bool,
-    as_json: bool,
-    **given: Any,
+    camera_file: Path | None, seed: int, frames: int, output: Path, captures: bool, as_json: bool, **given: Any
 ) -> None:
     """Simulate raw frames of a scene.
 
@@ -204,7 +196,7 @@ def command(
                 write_clean_mosaic(camera.clean_dn(mean), raw, clean)
         progress(number + 1, frames)
     facts = _facts(first, camera, paths) | {
-        "captures": {name: [str(_capture_path(path, name)) for path in paths] for name in parts},
+        "captures": {name: [str(_capture_path(path, name)) for path in paths] for name in parts}
     }
     facts |= {"preview": preview, "clean": clean, "scene": scene.name, "seed": seed}
     facts["suggested_exposure_s"] = suggested_s

@@ -124,9 +124,7 @@ def entries_below(places: Iterable[Path]) -> tuple[Path, ...]:
     return tuple(sorted(path.parent for place in folders for path in place.glob(f"*/{ENTRY_NAME}")))
 
 
-def find_cameras(
-    profiles: Profiles = None,
-) -> tuple[CameraSource, ...]:
+def find_cameras(profiles: Profiles = None) -> tuple[CameraSource, ...]:
     """Return the cameras of files and folders, by name.
 
     Parameters

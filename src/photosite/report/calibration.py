@@ -13,12 +13,7 @@ from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.files.writing import is_temporary
-from photosite.report.chip import (
-    defect_lists,
-    nonuniformity_blocks,
-    outlier_pixel_blocks,
-    temporal_blocks,
-)
+from photosite.report.chip import defect_lists, nonuniformity_blocks, outlier_pixel_blocks, temporal_blocks
 from photosite.report.data_sheet import data_sheet_blocks
 from photosite.report.diagnostics import explanations, notices
 from photosite.report.effect import effect_figures
@@ -47,12 +42,7 @@ from photosite.report.page import (
     reason_block,
 )
 from photosite.report.paper import paper_blocks
-from photosite.report.tables import (
-    channel_table,
-    correlation_table,
-    linear_range_table,
-    parameter_tables,
-)
+from photosite.report.tables import channel_table, correlation_table, linear_range_table, parameter_tables
 from photosite.values.uncertain import Missing
 
 FOOTER = (
@@ -104,8 +94,7 @@ def calibration_page(calibration: Calibration) -> Page:
         Section("Channels", channels),
         Section("Provenance", provenance_blocks(calibration)),
         Section(
-            "How to read this report",
-            (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS)),
+            "How to read this report", (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS))
         ),
     )
     lead = (

@@ -11,17 +11,7 @@ from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.captures.each_capture import CaptureCalibration
 from photosite.report.diagnostics import explanations, notices
 from photosite.report.figures.captures import draw_captures_snr, draw_combined_snr, draw_knees
-from photosite.report.page import (
-    Block,
-    Page,
-    Paragraph,
-    Section,
-    Table,
-    columns,
-    figure_block,
-    numeric,
-    sentence,
-)
+from photosite.report.page import Block, Page, Paragraph, Section, Table, columns, figure_block, numeric, sentence
 from photosite.report.style import legend_above, new_figure, styled
 from photosite.report.tables import format_estimate
 from photosite.values.diagnostic import Diagnostic

@@ -14,12 +14,7 @@ from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
 from photosite.report.effects.pixel_defects import DEFECT_LABELS
-from photosite.report.figures.chip import (
-    histogram_figure,
-    noise_histogram_figure,
-    profiles_figure,
-    spectrogram_figure,
-)
+from photosite.report.figures.chip import histogram_figure, noise_histogram_figure, profiles_figure, spectrogram_figure
 from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.report.page import (
     Block,
@@ -233,8 +228,7 @@ def _group_list(
     """Return columns, rows, clusters and single pixels as a table, with the numbers of the farthest pixel of each."""
     farthest = [int(group.index[np.argmax(np.abs(deviation[group.index]))]) for group in groups]
     order = sorted(
-        range(len(groups)),
-        key=lambda n: (SHAPES.index(groups[n].shape), -len(groups[n]), -abs(deviation[farthest[n]])),
+        range(len(groups)), key=lambda n: (SHAPES.index(groups[n].shape), -len(groups[n]), -abs(deviation[farthest[n]]))
     )
     rows = []
     for n in order[:_LISTED]:

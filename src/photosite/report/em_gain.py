@@ -9,17 +9,7 @@ from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.calibration.result import Calibration
 from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks
 from photosite.report.diagnostics import explanations, notices
-from photosite.report.page import (
-    Block,
-    Page,
-    Paragraph,
-    Section,
-    Subheading,
-    Table,
-    columns,
-    figure_block,
-    numeric,
-)
+from photosite.report.page import Block, Page, Paragraph, Section, Subheading, Table, columns, figure_block, numeric
 from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, label_log_ticks, styled
 from photosite.report.tables import format_estimate, interval_text
 from photosite.values.uncertain import COVERAGE_95

@@ -8,17 +8,7 @@ from photosite.report.calibration import provenance_blocks, rejected_blocks, war
 from photosite.report.diagnostics import explanations, notices
 from photosite.report.figures.gain_series import gain_series_figure
 from photosite.report.numbers import format_number
-from photosite.report.page import (
-    Block,
-    Page,
-    Paragraph,
-    Section,
-    Subheading,
-    Table,
-    columns,
-    figure_block,
-    numeric,
-)
+from photosite.report.page import Block, Page, Paragraph, Section, Subheading, Table, columns, figure_block, numeric
 from photosite.report.tables import format_estimate
 
 SERIES_PARAMETERS = {

@@ -16,11 +16,7 @@ from photosite.errors import InputError
 from photosite.scene.scene import Scene
 from photosite.scene.weights import principal_spectra
 
-__all__ = [
-    "gradient",
-    "mixed",
-    "spot",
-]
+__all__ = ["gradient", "mixed", "spot"]
 __dir__ = __all__.copy
 
 Array = NDArray[np.float64]

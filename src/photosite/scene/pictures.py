@@ -29,11 +29,7 @@ from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.sigmoid import raised
 from photosite.values.validated import Validated, check_choice
 
-__all__ = [
-    "from_hdr",
-    "from_rgb",
-    "srgb_reflectance",
-]
+__all__ = ["from_hdr", "from_rgb", "srgb_reflectance"]
 __dir__ = __all__.copy
 
 PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)

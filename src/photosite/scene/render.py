@@ -28,10 +28,7 @@ from photosite.scene.scene_cube import reduce_cube
 from photosite.scene.weights import Progress
 from photosite.values.validated import PositiveNumber, Validated
 
-__all__ = [
-    "example_scene",
-    "render_mitsuba",
-]
+__all__ = ["example_scene", "render_mitsuba"]
 __dir__ = __all__.copy
 
 SceneSource = str | PathLike[str] | Mapping[str, Any]

@@ -77,10 +77,7 @@ def draw_chip(sensor: Sensor, part: tuple[slice, slice] = (slice(None), slice(No
     (True, False)
     """
     noise, array = sensor.noise, sensor.array
-    spreads = (
-        noise.prnu_percent.value / 100,
-        sensor.electrons(noise.dsnu_mv.value),
-    )
+    spreads = (noise.prnu_percent.value / 100, sensor.electrons(noise.dsnu_mv.value))
     prnu, dsnu = (
         _deviates(sensor.serial, array.rows, array.cols, word)[part] if spread else np.zeros((1, 1), np.int16)
         for word, spread in enumerate(spreads)

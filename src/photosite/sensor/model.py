@@ -13,12 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import (
-    GetJsonSchemaHandler,
-    PrivateAttr,
-    ValidationError,
-    model_validator,
-)
+from pydantic import GetJsonSchemaHandler, PrivateAttr, ValidationError, model_validator
 from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
@@ -40,23 +35,8 @@ from photosite.sensor.file_units import (
     model_fields_of,
 )
 from photosite.sensor.optical_stack import OpticalStack
-from photosite.sensor.quantity import (
-    NO_UNIT,
-    Covariance,
-    about,
-    as_measured,
-)
-from photosite.sensor.sections import (
-    SECTIONS,
-    Array,
-    Channel,
-    GainSetting,
-    Maps,
-    Noise,
-    Pixel,
-    Provenance,
-    Readout,
-)
+from photosite.sensor.quantity import NO_UNIT, Covariance, about, as_measured
+from photosite.sensor.sections import SECTIONS, Array, Channel, GainSetting, Maps, Noise, Pixel, Provenance, Readout
 from photosite.sensor.shutter import Shutter
 from photosite.values.cfa import binned, channel_names, tile_text
 from photosite.values.limits import check_magnitude

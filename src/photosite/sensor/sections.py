@@ -295,9 +295,7 @@ class Maps(Section):
     """The measured chip's maps beside the sensor file, used in place of a drawn fixed pattern."""
 
     file: str = about(
-        "HDF5 file, relative to the sensor file's folder; an absolute path once loaded.",
-        NO_UNIT,
-        "mine.maps.h5",
+        "HDF5 file, relative to the sensor file's folder; an absolute path once loaded.", NO_UNIT, "mine.maps.h5"
     )
     sha256: str = about("Digest of the file, hexadecimal.", NO_UNIT, "0" * 64, pattern="^[0-9a-f]{64}$")
 

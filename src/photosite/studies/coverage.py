@@ -22,10 +22,7 @@ from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.studies.conditions import CONDITIONS, condition
 from photosite.studies.disturbed_lab import DisturbedLab
-from photosite.studies.effect_study import (
-    effect_outcomes,
-    stated_effects,
-)
+from photosite.studies.effect_study import effect_outcomes, stated_effects
 from photosite.studies.outcome import Outcome, Outcomes, compare_estimate, compare_estimates
 from photosite.studies.truth import measured_truth, true_parameters
 from photosite.studies.virtual_lab import VirtualLab

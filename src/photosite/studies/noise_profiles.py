@@ -17,13 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.frames.io.darktable_scale import (
-    BINS,
-    DEMOSAICING,
-    LARGEST_WELL_E,
-    PRNU_PERCENT,
-    slope_and_offset,
-)
+from photosite.frames.io.darktable_scale import BINS, DEMOSAICING, LARGEST_WELL_E, PRNU_PERCENT, slope_and_offset
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.shown import Shown

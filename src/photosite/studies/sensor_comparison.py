@@ -297,11 +297,7 @@ def comparison_page(found: SensorComparison) -> Page:
     rows = tuple(
         (title, *(_text(facts.to_dict()[name]) for facts in found.sensors.values())) for name, title in _TITLES.items()
     )
-    table = Table(
-        f"At {found.conditions}, without losses in the lens",
-        columns("", *map(numeric, found.sensors)),
-        rows,
-    )
+    table = Table(f"At {found.conditions}, without losses in the lens", columns("", *map(numeric, found.sensors)), rows)
     figure = figure_block(
         comparison_figure(found),
         "Signal-to-noise ratio of each sensor against the luminance of an even surface",

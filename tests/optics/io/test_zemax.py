@@ -227,11 +227,7 @@ def test_index_of_bare_grids(tmp_path: Path) -> None:
         ("photosite_lens_design: 1", "photosite_lens_design: 2", ("photosite_lens_design", 1)),
         ("program: grid", "program: oslo", ("program", 2)),
         ("axes:", "axis:", ("unknown field", 3)),
-        (
-            "spacing_um: 0.5}\n  - {file: b",
-            "}\n  - {file: b",
-            ("does not state its spacing_um", None),
-        ),
+        ("spacing_um: 0.5}\n  - {file: b", "}\n  - {file: b", ("does not state its spacing_um", None)),
         ("wavelength_nm: 550, field_mm: [4", "field_mm: [4", ("does not state its wavelength_nm", None)),
         ("field_mm: [4, 3]", "field_mm: 4", ("field_mm", 8)),
         ("field_mm: [4, 3]", "field_deg: [4, 3]", ("mixes fields in degrees and in", None)),

@@ -41,11 +41,7 @@ def figures(loop) -> dict[str, Figure]:
     curves = loop.calibration.curves
     figures = {
         kind: curve_figure({channel: found[kind] for channel, found in curves.items()}, residuals)
-        for kind, residuals in (
-            ("photon_transfer", "standard"),
-            ("response", "percent"),
-            ("dark_variance", "standard"),
-        )
+        for kind, residuals in (("photon_transfer", "standard"), ("response", "percent"), ("dark_variance", "standard"))
     }
     figures["noise budget"] = noise_budget_figure(loop.true_sensor, loop.calibration.sensor)
     figures["noise budget of a small pixel"] = noise_budget_figure(ps.load_sensor("vendor-2.2um"))

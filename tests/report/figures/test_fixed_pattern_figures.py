@@ -12,12 +12,7 @@ from matplotlib.collections import PolyCollection
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.spatial.line_noise import TemporalComponents
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes, OutlierThresholds, spatial_analysis, spectrogram
-from photosite.report.figures.chip import (
-    histogram_figure,
-    profiles_figure,
-    spectrogram_figure,
-    white_band,
-)
+from photosite.report.figures.chip import histogram_figure, profiles_figure, spectrogram_figure, white_band
 from photosite.report.figures.response import general_model_figure
 from photosite.report.style import label_log_ticks, new_figure, styled, thinned
 from photosite.values.uncertain import Missing, Uncertain

@@ -25,10 +25,7 @@ def test_light_of_the_scene() -> None:
 
 def test_dynamic_range_by_hand(hdr) -> None:
     # Saturation: the converter's range above black, 4063 and 959 DN. Threshold: S^2 (1 - p^2) - S - floor = 0.
-    by_hand = (
-        (4063 * 7.98, (520 / 30) ** 2 + (550 / 30) ** 2, 0.01126),
-        (959e4 / 1024, 45.8**2 + 60.0**2, 0.017),
-    )
+    by_hand = ((4063 * 7.98, (520 / 30) ** 2 + (550 / 30) ** 2, 0.01126), (959e4 / 1024, 45.8**2 + 60.0**2, 0.017))
     for shot, (range_e, floor_e2, prnu) in zip(hdr.shots, by_hand, strict=True):
         threshold = max(np.roots([1 - prnu**2, -1.0, -floor_e2]))
         assert shot.dynamic_range_db == pytest.approx(20 * math.log10(range_e / threshold), abs=1e-3)

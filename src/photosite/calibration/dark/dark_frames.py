@@ -23,18 +23,13 @@ from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.dark.dark_result import DarkResult, GroupMean, SlopeMap, dark_exposure
 from photosite.calibration.dark.single_frames import measure_single_darks, unknown_darks
 from photosite.calibration.measurements import Measurements, mean_for_sensor
-from photosite.calibration.photon_transfer.without_darks import (
-    NO_DARK_FRAMES,
-)
+from photosite.calibration.photon_transfer.without_darks import NO_DARK_FRAMES
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantization import with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
 from photosite.calibration.spatial.line_noise import TemporalComponents, pool_temporal
-from photosite.calibration.spatial.pixel_slopes import (
-    SlopeSpread,
-    excess_variance,
-)
+from photosite.calibration.spatial.pixel_slopes import SlopeSpread, excess_variance
 from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_terms import QUANTIZATION_DN2

@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.dark.black_level_change import STEADY, BlackLevelChange, Contradiction
-from photosite.calibration.dark.clipped_darks import (
-    ClippedDarks,
-)
+from photosite.calibration.dark.clipped_darks import ClippedDarks
 from photosite.calibration.dark.cut_tail import CutTail
 from photosite.calibration.dark.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.measurements import Measurements
@@ -24,12 +22,7 @@ from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.quantization import differing_fraction, with_rounding
 from photosite.calibration.spatial.line_noise import TemporalComponents, mean_frame_components
 from photosite.calibration.spatial.nonuniformity import MapPlanes, VarianceComponents, channel_components
-from photosite.calibration.spatial.pixel_slopes import (
-    PixelSlopes,
-    SlopeSpread,
-    mean_frame_noise,
-    slope_noise,
-)
+from photosite.calibration.spatial.pixel_slopes import PixelSlopes, SlopeSpread, mean_frame_noise, slope_noise
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.lazy_maps import Map, MovedMap, held

@@ -350,13 +350,7 @@ class _Joint:
         gain += Uncertain(0.0, dict(zip(keys, map(float, gain_loads), strict=True)))
         ends = np.append(0, np.cumsum([len(each) for each in self.signals]))
         curves = tuple(
-            ResponseCurve(
-                gain,
-                signal,
-                tuple(parts[start:end]),
-                tuple(parts[n + start : n + end]),
-                shape,
-            )
+            ResponseCurve(gain, signal, tuple(parts[start:end]), tuple(parts[n + start : n + end]), shape)
             for (start, end), shape, signal in zip(pairwise(ends), self.shapes, self.signals, strict=True)
         )
         return BentGain(gain_fit, gain, curves)

@@ -14,13 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.reduction.checkpoint import (
-    Checkpoint,
-    FirstPass,
-    FrameIdentity,
-    SavedSums,
-    identity,
-)
+from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, SavedSums, identity
 from photosite.calibration.reduction.codes import Counts
 from photosite.calibration.reduction.frame_screening import NEAR_COPY_FRAME, NO_MAJORITY, sample_grid
 from photosite.calibration.reduction.group_screening import Screening, screen_frames

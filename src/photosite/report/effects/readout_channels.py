@@ -50,10 +50,7 @@ def readout_channels_figure(channels: ReadoutChannels) -> Figure:
     """Draw gain and offset of each readout channel with 95 % intervals, less those of the mean channel."""
     rows, cols = channels.shape
     names = [f"{r + 1}, {c + 1}" if min(rows, cols) > 1 else str(r + c + 1) for r, c in np.ndindex(rows, cols)]
-    tables = {
-        "gain deviation (%)": (channels.relative_gain, 1.0, 100.0),
-        "offset (e⁻)": (channels.offset_e, 0.0, 1.0),
-    }
+    tables = {"gain deviation (%)": (channels.relative_gain, 1.0, 100.0), "offset (e⁻)": (channels.offset_e, 0.0, 1.0)}
     known = {label: entry for label, entry in tables.items() if entry[0] is not None}
     figure = Figure(figsize=(WIDTH_IN, 3.2))
     panels = figure.subplots(1, len(known), squeeze=False)[0]

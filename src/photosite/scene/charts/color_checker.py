@@ -38,10 +38,7 @@ _SHAPE, _CORNERS = patch_grid(_ROWS, _COLS)
 _FIELD = _CORNERS[-1][0] + PATCH - _CORNERS[0][0], _CORNERS[-1][1] + PATCH - _CORNERS[0][1]
 """132 x 196 samples, nearly 3 : 2."""
 
-_TABLES: dict[str, str] = {
-    "after 2014": "color_checker_sg_after_2014",
-    "before 2014": "color_checker_sg_before_2014",
-}
+_TABLES: dict[str, str] = {"after 2014": "color_checker_sg_after_2014", "before 2014": "color_checker_sg_before_2014"}
 _SG_WAVELENGTH_NM = np.arange(380.0, 781.0, 5.0)
 
 

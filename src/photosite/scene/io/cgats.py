@@ -14,14 +14,7 @@ import numpy as np
 
 from photosite.errors import FileError
 from photosite.files.writing import atomic_path
-from photosite.scene.io.patch_table import (
-    PatchTable,
-    checked_names,
-    number,
-    patch_table,
-    patches_across,
-    read_text,
-)
+from photosite.scene.io.patch_table import PatchTable, checked_names, number, patch_table, patches_across, read_text
 from photosite.scene.scene import Scene
 from photosite.scene.units import Units
 

@@ -134,12 +134,7 @@ FORMATS: tuple[Format, ...] = (
         writes=(".tif", ".tiff"),
     ),
     Format(
-        "ENVI",
-        (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"),
-        "envi",
-        (CUBE,),
-        (b"ENVI",),
-        writes=(".hdr",),
+        "ENVI", (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"), "envi", (CUBE,), (b"ENVI",), writes=(".hdr",)
     ),
     Format(
         "OpenEXR",

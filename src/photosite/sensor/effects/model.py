@@ -89,10 +89,7 @@ class Effects(Section):
         "Distribution of the read noise over the pixels.", NO_UNIT, {"log_spread": 0.2}, default=None
     )
     glow: Glow | None = about(
-        "Amplifier glow.",
-        NO_UNIT,
-        {"places": ["top_left"], "peak_e_per_s": 5, "decay_pixels": 100},
-        default=None,
+        "Amplifier glow.", NO_UNIT, {"places": ["top_left"], "peak_e_per_s": 5, "decay_pixels": 100}, default=None
     )
     black_level_drift: BlackLevelDrift | None = about(
         "1/f noise of the black level over frames.", NO_UNIT, {"standard_deviation_e": 2}, default=None

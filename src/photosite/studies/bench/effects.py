@@ -34,11 +34,7 @@ _CAPTURES = {
     "combination": {"dn_per_e": 4, "bits": 24, "black_level_dn": 16},
 }
 SENSORS: dict[Kind, dict[str, Any]] = {
-    "em": {
-        **_EVERY,
-        "em_gain": {"gain": 1.2, "stages": 500, "clock_induced_charge_e": 0.002},
-        "response_curve": None,
-    },
+    "em": {**_EVERY, "em_gain": {"gain": 1.2, "stages": 500, "clock_induced_charge_e": 0.002}, "response_curve": None},
     "curve": {**_EVERY, "em_gain": None},
     "captures": {"well_capacity_e": 60000, "captures": _CAPTURES},
 }
