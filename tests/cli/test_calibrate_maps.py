@@ -18,7 +18,13 @@ def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack
     """The offsets of the simulated dark frames are those of the chip that was shot: correlation of 0.7 and more."""
     done = photosite("calibrate", stack, "--maps", "--all", "-o", tmp_path / "mine.sensor.yaml")
     assert done.status == 0, done.err
-    for words in ("row noise", "excess kurtosis", "Tukey lambda (0.1356: normal)", "defective pixels", "blinking"):
+    for words in (
+        "row noise",
+        "Tukey lambda (0.1356: normal)",
+        "defective pixels",
+        "blinking",
+        "Fraction of hot pixels",
+    ):
         assert words in done.out
     assert done.out.endswith(f"wrote {tmp_path / 'mine.maps.h5'}\n")
     sensor = ps.load_sensor(tmp_path / "mine.sensor.yaml")

@@ -122,6 +122,7 @@ def test_round_trip(case: str) -> None:
     assert _far(compare(calibration, truth)) == {}
     for name in condition.effects:
         assert calibration.findings[name].present  # type: ignore[union-attr]
+        assert set(effects()[name].labels) <= set(calibration.findings[name].estimates)  # type: ignore[union-attr]
     measured = parse_sensor(dump_sensor(calibration.sensor.with_(maps=None)), "measured.sensor.yaml")
     assert _counted_twice(measured, true) == {}
     if case == "blooming":

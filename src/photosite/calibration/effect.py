@@ -34,6 +34,8 @@ class Effect:
         "figure" of the report, "study" with truth and coverage, page of the "docs".
     key, missing
         Name in `Calibration.to_dict`, by default that of the effect, and what stands there without a finding.
+    labels
+        Label and unit of those estimates, by name, that are no parameters of a calibration, for the terminal.
     """
 
     order: int
@@ -41,6 +43,7 @@ class Effect:
     key: str | None = ""
     missing: Literal["null", "reason", "absent"] = "null"
     exempt: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @cache

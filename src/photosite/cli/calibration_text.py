@@ -8,7 +8,8 @@ from photosite.calibration.calibrate import AnyCalibration
 from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
-from photosite.calibration.effects.hot_pixels import DARK_DISTRIBUTION
+from photosite.calibration.effect import effects
+from photosite.calibration.finding import Finding
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration
@@ -51,7 +52,7 @@ def calibration_text(result: AnyCalibration, *, every: bool) -> str:
 def _calibration(calibration: Calibration, every: bool) -> list[str]:
     heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
     if every:
-        return [heading, _parameters(calibration), *_transfer(calibration), *_chip(calibration)]
+        return [heading, _parameters(calibration), *_effects(calibration), *_chip(calibration)]
     rows = [("parameter", "value", "unit", "95 % interval")]
     for names in _FIGURES:
         name = next((name for name in names if getattr(calibration, name).value is not None), names[0])
@@ -73,14 +74,16 @@ def _parameters(calibration: Calibration) -> str:
     return table(rows, "<<<<<<")
 
 
-def _transfer(calibration: Calibration) -> list[str]:
-    """Return the table of the charge transfer inefficiency, where it was looked for."""
-    found = calibration.charge_transfer
-    if found is None:
-        return []
-    edges = (("parallel", found.parallel.inefficiency), ("serial", found.serial.inefficiency))
-    rows = [("charge transfer inefficiency", "value", "unit", "95 % interval", "method or reason")]
-    return [table([*rows, *(_row(name, "1", entry) for name, entry in edges)], "<<<<<")]
+def _effects(calibration: Calibration) -> list[str]:
+    """Return the table of what effects have beside the parameters, where they were looked for."""
+    rows = [
+        _row(label, unit, found.estimates[key])
+        for name, effect in effects().items()
+        if effect.labels and isinstance(found := calibration.findings.get(name), Finding)
+        for key, (label, unit) in effect.labels.items()
+    ]
+    head = "effect", "value", "unit", "95 % interval", "method or reason"
+    return [table([head, *rows], "<<<<<")] if rows else []
 
 
 def _row(label: str, unit: str, entry: Estimate) -> tuple[str, ...]:
@@ -88,22 +91,17 @@ def _row(label: str, unit: str, entry: Estimate) -> tuple[str, ...]:
 
 
 def _chip(calibration: Calibration) -> list[str]:
-    """Return the tables of noise, dark current, defects and bands, where maps were measured."""
+    """Return the tables of noise, defects and bands, where maps were measured."""
     chip, temporal = calibration.chip, calibration.temporal
     if chip is None or temporal is None:
         return []
-    dark: list[Sequence[str]] = [("dark current over the pixels", "value", "unit", "95 % interval", "method or reason")]
-    if (distribution := calibration.dark_distribution) is not None:
-        dark += [_row(*DARK_DISTRIBUTION[name], distribution.estimates[name]) for name in DARK_DISTRIBUTION]
-    if (bloom := calibration.blooming) is not None:
-        dark.append(_row("Share of the overflow that blooms", "1", bloom.kept))
     bands: list[Sequence[str]] = [("bands", "cycles per pixel", "amplitude, DN")]
     for name, found in temporal.bands.items():
         for band in found:
             amplitude = format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn)
             bands.append((name, f"{band.cycles_per_pixel:.4f}", amplitude))
     size = (calibration.rows, calibration.cols)
-    tables = ((_noise(temporal), "<<<<<"), (dark, "<<<<<"), (_defects(chip, size), "<><"), (bands, "<><"))
+    tables = ((_noise(temporal), "<<<<<"), (_defects(chip, size), "<><"), (bands, "<><"))
     return [table(rows, align) for rows, align in tables if len(rows) > 1]
 
 

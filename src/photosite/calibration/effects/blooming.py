@@ -179,4 +179,4 @@ def _ordinary(added: _Floats, row: NDArray[np.int64], col: NDArray[np.int64]) ->
     return np.array([_column_charge(added, r, c) for r, c in free[:_ORDINARY]])
 
 
-EFFECT = Effect(30, measure_blooming, missing="absent")
+EFFECT = Effect(30, measure_blooming, missing="absent", labels={"kept": ("Share of the overflow that blooms", "1")})

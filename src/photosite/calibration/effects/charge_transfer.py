@@ -168,7 +168,11 @@ def measure_charge_transfer(evidence: Evidence) -> TransferLoss | Missing:
     return TransferLoss(edges[0], edges[1])
 
 
-EFFECT = Effect(35, measure_charge_transfer)
+EFFECT = Effect(
+    35,
+    measure_charge_transfer,
+    labels={name: (f"Charge transfer inefficiency, {name}", "1") for name in ("parallel", "serial")},
+)
 
 
 def _missing(direction: Direction, stated: ChargeTransfer, reason: str) -> EdgeResponse:

@@ -153,7 +153,7 @@ def _measure(evidence: Evidence) -> DarkDistribution | Missing:
     )
 
 
-EFFECT = Effect(20, _measure, key="dark_distribution", missing="absent")
+EFFECT = Effect(20, _measure, key="dark_distribution", missing="absent", labels=DARK_DISTRIBUTION)
 
 
 LEAST_PIXELS = 20
