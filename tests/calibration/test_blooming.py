@@ -10,6 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.effects.blooming import BloomingResult, measure_blooming
+from photosite.calibration.reduction.reduce import TakenFrames
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.readout import digital_numbers
 from photosite.values.estimate import Estimate
@@ -42,7 +43,9 @@ def measured(seed: int, blooming: Any, well_dn: float = 2000.0, times: Any = (0.
     used = [SimpleNamespace(source=source) for group in listed.groups for source in group.frames]
     levels = {"saturation_dn": Estimate(min(well_dn + 100.0, 4095.0), 0.0), "black_level_dn": Estimate(100.0, 0.0)}
     evidence = SimpleNamespace(
-        reduction=SimpleNamespace(frames=listed, used=used), parameters=SimpleNamespace(**levels), chip=object()
+        reduction=SimpleNamespace(as_taken=TakenFrames(listed, used)),
+        parameters=SimpleNamespace(**levels),
+        chip=object(),
     )
     found = measure_blooming(evidence)  # type: ignore[arg-type]
     assert isinstance(found, BloomingResult)

@@ -55,7 +55,7 @@ def test_merged_lists_are_sorted() -> None:
 
 
 @pytest.mark.parametrize(("defects", "count"), [(None, None), ({"dead_columns": 1}, 96), ({"stuck_fraction": 1e-3}, 7)])
-def test_defects_that_make_most_of_the_fixed_pattern_are_named(defects, count) -> None:
+def test_defects_are_named_and_left_out(defects, count) -> None:
     sensor = ps.load_sensor("nikon-d200").with_(
         rows=96,
         cols=120,
@@ -70,5 +70,8 @@ def test_defects_that_make_most_of_the_fixed_pattern_are_named(defects, count) -
         for n, (kind, time_s, light) in enumerate(steps)
     ]
     calibration = ps.calibrate(FrameSet.from_arrays(frames, bits=12, sensor=sensor.with_(pixel_defects=None)))
-    assert ("far-pixels" in limits(calibration)) == (count is not None)
-    assert (calibration.prnu_percent.value > 2.0) == (count is not None)
+    assert ("defective-pixels" in limits(calibration)) == (count is not None)
+    assert "far-pixels" not in limits(calibration)
+    assert calibration.prnu_percent.value == pytest.approx(sensor.noise.prnu_percent.value, abs=0.05)
+    if count is not None:
+        assert limits(calibration)["defective-pixels"] * 96 * 120 == pytest.approx(count)

@@ -60,8 +60,9 @@ def test_blacks_clipped_too_far():
     assert (error.id, error.where) == ("darks-clipped-too-far", "memory: dark frames at 0.01 s")
 
 
-def test_a_few_zeros_widen_the_uncertainty(clean):
-    frames = measurement()
+def test_a_few_zeros_widen_the_uncertainty():
+    frames = measurement(dark=8.0)
+    clean = calibrate(frame_set(frames))
     frames[0][2][0, :2] = 0
     calibration = calibrate(frame_set(frames))
     assert calibration.read_noise_dn.standard_uncertainty > clean.read_noise_dn.standard_uncertainty

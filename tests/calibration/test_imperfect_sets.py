@@ -44,11 +44,13 @@ class Imperfect:
         rng = np.random.default_rng([self.seed, 61])
         rows, cols = np.mgrid[:ROWS, :COLS]
         offset = rng.normal(0.0, self.dsnu_e, (ROWS, COLS)) + self.sine_e * np.sin(2 * np.pi * cols / 50.0)
-        offset.ravel()[rng.choice(offset.size, self.outliers, replace=False)] += self.outlier_e
+        outliers = rng.choice(offset.size, self.outliers, replace=False)
+        offset.ravel()[outliers] += self.outlier_e
         radius = ((rows / (ROWS - 1) - 0.5) ** 2 + (cols / (COLS - 1) - 0.5) ** 2) / 0.5
         light = 1.0 - self.fall_off * radius
         for name, value in (
             ("offset", offset),
+            ("ordinary", np.delete(offset.ravel(), outliers)),
             ("light_on", light / light.mean() * (1.0 + rng.normal(0.0, self.prnu, (ROWS, COLS)))),
             ("rng", rng),
         ):
@@ -117,8 +119,8 @@ def photons_at_largest_variance(chip):
 
 
 def truth(chip):
-    """By the definitions of the parameters; spreads are those of this chip, with outliers and sinusoid."""
-    offset_e = chip.offset.std()
+    """By the definitions of the parameters; spreads are those of this chip, with the sinusoid and without outliers."""
+    offset_e = chip.ordinary.std()
     return {
         "system_gain_dn_per_e": chip.gain,
         "quantum_efficiency_percent": 100 * chip.efficiency,
@@ -129,7 +131,7 @@ def truth(chip):
         "prnu1288_percent": 100 * chip.prnu,
         "dark_current_e_per_s": chip.dark_e_per_s,
         "saturation_capacity_photons": photons_at_largest_variance(chip),
-        "black_level_dn": chip.black_dn + chip.gain * chip.offset.mean(),
+        "black_level_dn": chip.black_dn + chip.gain * chip.ordinary.mean(),
         "saturation_dn": float(chip.top),
     }
 

@@ -9,6 +9,7 @@ import pytest
 
 from photosite.studies import imperfect_stacks
 from photosite.studies.conditions import CONDITIONS
+from photosite.studies.defective_pixels import DefectCoverage
 from photosite.studies.farrell2008 import fill_factor
 
 
@@ -73,6 +74,16 @@ def test_imperfect_stacks(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> No
     done = photosite("reproduce", "imperfect-stacks")
     assert done.status == 0
     assert "clean  monochrome  1 of 1" in done.out
+
+
+@pytest.mark.smoke("reproduce defective-pixels")
+def test_defective_pixels(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = DefectCoverage("hot", 1e-3, 10, 0, 1, 79, 76, 2.75, 120, 3, 2)
+    monkeypatch.setattr("photosite.studies.defective_pixels.defect_coverage", lambda *arguments, **named: [row])
+    done = photosite("reproduce", "defective-pixels", "--sensors", 10)
+    assert done.status == 0
+    assert "96.2 %" in done.out
+    assert "3 of 120" in done.out
 
 
 @pytest.mark.smoke("reproduce detection")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.response_shape import TONE_CURVE
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.fixed_pattern import FixedPattern, FixedPatterns
+from photosite.calibration.spatial.left_out import LeftOut
 from photosite.calibration.withheld import NO_SENSOR_FILE
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
@@ -70,6 +72,12 @@ class Evidence:
     def channels(self) -> dict[str, Channel]:
         """The channels with their light levels, by name; empty without light frames."""
         return dict(zip(self.reduction.names, self.light.channels, strict=False))
+
+    @cached_property
+    def left_out(self) -> LeftOut | None:
+        """Defective pixels that all figures are without, and the figures with them; None without such pixels."""
+        defects = self.reduction.defects
+        return None if defects is None else LeftOut.of(defects, self.parameters)
 
     @property
     def linear_range(self) -> dict[str, LinearRange]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from os import PathLike
 from typing import Any
+
+import numpy as np
 
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
@@ -21,14 +23,16 @@ from photosite.calibration.photon_transfer.general_model import general_model
 from photosite.calibration.photon_transfer.noise_structure import measure_noise_structure
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.checkpoint import Checkpoint
+from photosite.calibration.reduction.defective_pixels import PixelSurvey
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
-from photosite.calibration.reduction.reduce import reduce_frames
+from photosite.calibration.reduction.reduce import Reduction, find_defective_pixels, reduce_frames, reduce_without
 from photosite.calibration.reduction.shared_sums import SharedSums
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
+from photosite.frames.repaired_frames import PixelReplacement, repaired
 from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
 from photosite.values.diagnostic import Diagnostic
@@ -51,8 +55,7 @@ def calibrate_setting(
     raised = [*run_checks("set", frames, sensor)]
     frames = without_covered_lines(frames, sensor)
     with _saved_sums(frames, checkpoint, processes, scheduler) as saved:
-        with FrameReader(frames, progress, saved) as reader:
-            reduction = reduce_frames(reader)
+        with _reduced(frames, progress, saved) as (reader, reduction):
             raised += run_checks("levels", reduction)
             dark = measure_dark_frames(reduction, reader)
             noise = measure_noise_structure(reduction, reader)
@@ -69,6 +72,27 @@ def calibrate_setting(
         if isinstance(saved, Checkpoint):
             saved.remove()
     return calibration
+
+
+@contextmanager
+def _reduced(
+    frames: FrameSet, progress: Progress | None, saved: Checkpoint | SharedSums | None
+) -> Iterator[tuple[FrameReader, Reduction]]:
+    """Yield the reduced frames, without defective pixels, and their reader."""
+    with FrameReader(frames, progress, saved) as reader:
+        shape = frames.rows, frames.cols
+        survey = PixelSurvey(frames, reader.tile)
+        reduction = reduce_frames(reader, survey)
+        defective = find_defective_pixels(reader, reduction, survey)
+        if defective is None:
+            yield reader, reduction
+            return
+        tile = reader.tile.shape
+    del reader, survey
+    bad = np.zeros(shape, np.bool_)
+    bad.flat[defective] = True
+    with FrameReader(repaired(frames, PixelReplacement.of(bad, tile)), progress) as reader:
+        yield reader, reduce_without(reader, defective, reduction)
 
 
 def _saved_sums(
@@ -126,7 +150,7 @@ def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagno
         model="linear" if photons_known else "general",
         general={name: general_model(channel) for name, channel in channels.items()},
         diagnostics=collected(raised, reduction.rejected, evidence.parameters),
-        frames_used=reduction.used,
+        frames_used=reduction.as_taken.used,
         source=frames.source,
         rows=frames.rows,
         cols=frames.cols,

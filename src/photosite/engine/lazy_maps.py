@@ -91,6 +91,38 @@ class MovedMap(LazyMap):
 
 
 @dataclass(frozen=True, eq=False)
+class PatchedMap(LazyMap):
+    """A map with other values of some pixels.
+
+    Examples
+    --------
+    >>> PatchedMap(np.zeros((2, 3)), np.array([1]), np.array([2]), np.array([5.0]))[1:, 1:].tolist()
+    [[0.0, 5.0]]
+    """
+
+    values: Map
+    row: NDArray[np.int64]
+    col: NDArray[np.int64]
+    own: F64
+
+    @property
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Number of rows and columns."""
+        return self.values.shape
+
+    def __getitem__(self, part: Any, /) -> F64:
+        found = np.array(self.values[part], np.float64)
+        slices = part if isinstance(part, tuple) else (part, slice(None))
+        at, inside = [], np.ones(len(self.row), np.bool_)
+        for each, place, length in zip(slices, (self.row, self.col), self.shape, strict=True):
+            first, last, stride = each.indices(length)
+            inside &= (place >= first) & (place < last) & ((place - first) % stride == 0)
+            at.append((place - first) // stride)
+        found[at[0][inside], at[1][inside]] = self.own[inside]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
 class SitePlane(LazyMap):
     """The plane of a site of a mosaic: every n-th row and column of a map.
 

@@ -252,7 +252,7 @@ CONDITIONS: dict[str, Condition] = {
         ),
         Condition("lines-cfa-12", "the same", **_CFA, effects={"line_noise": (0.05, 0.6)}),
         Condition(
-            "hot-mono-12", "0.3 to 1 % hot pixels with 100 to 500 e-/s", shape=_LARGE, disturbed="hot_pixels"
+            "hot-mono-12", "0.3 to 1 % hot pixels with 2000 to 6000 e-/s", shape=_LARGE, disturbed="hot_pixels"
         ),
         Condition("shaded-mono-12", "corners 2 to 20 % darker than the center", disturbed="shading"),
         Condition("level-mono-12", "light of one level 1 to 10 % off the stated one", disturbed="wrong_level"),

@@ -28,6 +28,10 @@ AT_SATURATION = (
 )
 """Parameters at saturation."""
 DARK_CURRENT = "dark_voltage_mv_per_s", "dark_current_dn_per_s", "dark_current_e_per_s"
+READ_NOISE = (
+    *("read_noise_mv", "read_noise_dn", "read_noise_e", "temporal_dark_noise_e"),
+    "sensitivity_threshold_photons",
+)
 DSNU1288 = "dsnu1288_e", "dsnu1288_row_e", "dsnu1288_column_e", "dsnu1288_pixel_e"
 RESPONSE = "responsivity_dn_per_photon", "quantum_efficiency_percent", "sensitivity_threshold_photons"
 PRNU = (

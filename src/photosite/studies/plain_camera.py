@@ -39,6 +39,8 @@ class Disturbance:
         Share of the charge that the next frame receives; share of the saved frame that is blended into the next one.
     hot
         Fraction of the pixels that are hot, and their dark current in e-/s.
+    hot_e_per_s
+        (rows, cols) dark current that is added to that of the pixels.
     wrong_level
         Number of the protocol's step, from 0, that gets more light than stated, and the factor.
     """
@@ -49,6 +51,7 @@ class Disturbance:
     lag: float = 0.0
     blend: float = 0.0
     hot: tuple[float, float] = (0.0, 0.0)
+    hot_e_per_s: Frame | float = 0.0
     wrong_level: tuple[int, float] = (0, 1.0)
 
 
@@ -91,7 +94,7 @@ class PlainCamera:
         rng = np.random.default_rng(seed)
         response = 1.0 + self.prnu * rng.normal(size=self.shape)
         offset = self.black_dn + self.dsnu_dn * rng.normal(size=self.shape)
-        dark_rate = self._dark_rate(disturbance, rng)
+        dark_rate = self._dark_rate(disturbance, rng) + disturbance.hot_e_per_s
         left, last = np.zeros(self.shape), offset
         white = (1 << self.bits) - 1
         groups = []

@@ -186,7 +186,7 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
     FileError
         If a frame cannot be read.
     """
-    frames = evidence.reduction.frames
+    frames = evidence.reduction.as_taken.frames
     lights, darks = light_groups_in_range(frames, evidence.linear_range), frames.of_kind("dark")
     counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
     with FrameReader(replace(frames, groups=(*darks, *lights)), counted) as reader:

@@ -97,14 +97,14 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
     """
     if evidence.chip is None:
         return NO_MAPS.missing(evidence.no_maps)
-    frames, parameters = evidence.reduction.frames, evidence.parameters
+    (frames, taken), parameters = evidence.reduction.as_taken, evidence.parameters
     top, black = parameters.saturation_dn.value, parameters.black_level_dn.value
     darks = sorted(frames.of_kind("dark"), key=lambda group: group.exposure_s)
     if top is None or black is None or len(darks) < 2:
         return EFFECT_NOT_MEASURED.missing(
             "blooming needs black level, saturation and dark frames at two exposure times"
         )
-    used = {id(entry.source) for entry in evidence.reduction.used}
+    used = {id(entry.source) for entry in taken}
     well, longest = top - black, darks[-1]
     first, full = _mean(darks[0], used), _mean(longest, used)
     row, col = np.nonzero(full - first > _UNSATURATED * well)

@@ -8,6 +8,7 @@ from typing import Any
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding, SensorChanges
+from photosite.calibration.reduction.defective_pixels import BadPixel
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
@@ -27,12 +28,15 @@ class BlinkingPixels(Finding, Shown):
         Fraction of the pixels, mean distance of their levels, and read noise of the other pixels.
     gain
         System gain in DN/e-; missing where the read noise is.
+    left_out
+        Number of noisy pixels that the read noise is without.
     """
 
     fraction: Estimate
     amplitude_dn: Estimate
     steady_noise_dn: Estimate
     gain: Value
+    left_out: int = 0
 
     @property
     def present(self) -> bool:
@@ -63,6 +67,8 @@ class BlinkingPixels(Finding, Shown):
         if read_noise is None or isinstance(self.gain, Missing):
             return {}
         lines_mv2 = sum(changes.fields[name].value ** 2 for name in _LINES if name in changes.fields)
+        if self.left_out and not self.present:
+            return {}
         if "telegraph_noise" in changes.fields:
             fraction, amplitude, steady = map(_positive, (self.fraction, self.amplitude_dn, self.steady_noise_dn))
             assert fraction is not None
@@ -98,13 +104,16 @@ def _positive(estimate: Estimate) -> Uncertain | None:
 
 def _measure(evidence: Evidence) -> BlinkingPixels:
     temporal, parameters = evidence.temporal, evidence.parameters
+    left_out = 0 if evidence.left_out is None else int(evidence.left_out.pixels.of(BadPixel.NOISY).sum())
     gain = parameters.system_gain_dn_per_e.uncertain
     if parameters.read_noise_mv.value is None:
         gain = parameters.read_noise_mv.uncertain
     if temporal is None:
         missing = Estimate(reason=evidence.no_maps)
-        return BlinkingPixels(missing, missing, missing, gain)
-    return BlinkingPixels(temporal.blinking_fraction, temporal.blinking_amplitude_dn, temporal.steady_noise_dn, gain)
+        return BlinkingPixels(missing, missing, missing, gain, left_out)
+    return BlinkingPixels(
+        temporal.blinking_fraction, temporal.blinking_amplitude_dn, temporal.steady_noise_dn, gain, left_out
+    )
 
 
 EFFECT = Effect(80, _measure, key=None)

@@ -27,6 +27,32 @@ class Screening(NamedTuple):
     """`count_codes` of the frames that are left."""
 
 
+MOST_JUMPING = 0.03
+"""Fraction of the pixels beyond which frames, not pixels, differ."""
+
+JUMP_RATIO = 8.0
+"""Standard deviation over frames, relative to the median of all pixels, of pixels that jump."""
+
+
+def without_jumps(samples: Sequence[NDArray[np.uint16]]) -> list[NDArray[np.uint16]]:
+    """Return the samples of frames, with the median over the frames in the few pixels that jump from frame to frame.
+
+    Examples
+    --------
+    >>> frames = np.random.default_rng(1).normal(500.0, 3.0, (8, 64, 64)).astype(np.uint16)
+    >>> frames[::2, 5, 7] = 4000
+    >>> len({int(frame[5, 7]) for frame in without_jumps(frames)})
+    1
+    """
+    stack = np.stack(samples)
+    spread = stack.std(axis=0)
+    jumps = spread > JUMP_RATIO * max(float(np.median(spread)), 0.5)
+    if jumps.mean() > MOST_JUMPING:
+        return list(samples)
+    stack[:, jumps] = np.median(stack[:, jumps], axis=0)
+    return list(stack)
+
+
 def screen_frames(
     samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64], dark_dn: float | None, *, dark: bool
 ) -> Screening:
@@ -57,7 +83,11 @@ def screen_frames(
     if not dark and len(copies) >= len(samples) - 1:
         copies = {}
     left = [sample for place, sample in enumerate(samples) if place not in copies]
-    outliers = {place: OUTLIER_FRAME(reason) for place, reason in find_outlier_frames(left, dark_dn).items()}
+    found = find_outlier_frames(left, dark_dn)
+    if 2 * len(found) >= len(left) > 2:  # frames do not differ by themselves, but by a few pixels that jump
+        left = without_jumps(left)
+        found = find_outlier_frames(left, dark_dn)
+    outliers = {place: OUTLIER_FRAME(reason) for place, reason in found.items()}
     rest = [place for place in range(len(left)) if place not in outliers]
     foreign = find_foreign_frames([left[place] for place in rest], labels)
     outliers |= {rest[place]: FOREIGN_FRAMES(reason) for place, reason in foreign.items()}

@@ -19,6 +19,7 @@ from photosite.calibration.reduction.codes import (
     fraction_above,
 )
 from photosite.calibration.reduction.dark_exposures import WRONG_DARK_EXPOSURE, find_wrong_exposure
+from photosite.calibration.reduction.defective_pixels import DefectivePixels, PixelSurvey, classified
 from photosite.calibration.reduction.foreign_frames import FOREIGN_FRAMES, GroupSample, find_foreign_groups
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, sample_grid
@@ -28,11 +29,19 @@ from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coeffi
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.frames.repaired_frames import as_taken, groups_as_taken, replaced_numbers
 from photosite.values.cfa import channel_names
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
 UNSATURATED = 0.7
 """Level, as a fraction of that of the largest variance, up to which all pixels have the noise of the mean."""
+
+
+class TakenFrames(NamedTuple):
+    """The frames of a set, and those that were used."""
+
+    frames: FrameSet
+    used: tuple[UsedFrame, ...]
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,14 @@ class Reduction:
     bits_used: int  # bits that occur in the sampled numbers
     rejected: tuple[Diagnostic, ...]  # frames left out
     used: tuple[UsedFrame, ...]
+    # Pixels that `frames` and `used` are without, and both as they were taken; None without such pixels
+    defects: DefectivePixels | None = None
+    taken: TakenFrames | None = None
+
+    @property
+    def as_taken(self) -> TakenFrames:
+        """The frames with all pixels."""
+        return self.taken or TakenFrames(self.frames, self.used)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -96,8 +113,8 @@ SEVERAL_CHIPS = DiagnosticKind(
 )
 
 
-def reduce_frames(reader: FrameReader) -> Reduction:
-    """Read every frame once and return the statistics of each group.
+def reduce_frames(reader: FrameReader, survey: PixelSurvey | None = None) -> Reduction:
+    """Read every frame once and return the statistics of each group; `survey` searches them for defective pixels.
 
     Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. A few groups of another chip, and
     dark frames whose exposure time is wrong, are left out, and the remaining frames are read again.
@@ -107,15 +124,47 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     CalibrationError
         If the groups belong to several chips, and none has the majority.
     """
-    reduction, samples = _reduce(reader)
+    reduction, samples = _reduce(reader, survey)
     if foreign := _foreign_groups(reader, reduction, samples):
         reason = "its fixed pattern is not that of the other groups: another chip, or another readout"
         reader.leave_out_groups(foreign, FOREIGN_FRAMES, reason)
-        reduction, _ = _reduce(reader)
+        reduction, _ = _reduce(reader, survey)
     if (wrong := find_wrong_exposure(reduction.darks)) is not None:
         reader.leave_out_groups([reduction.darks[wrong.group].group], WRONG_DARK_EXPOSURE, str(wrong))
-        reduction, _ = _reduce(reader)
+        reduction, _ = _reduce(reader, survey)
     return reduction
+
+
+def find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: PixelSurvey) -> NDArray[np.int64] | None:
+    """Return the few pixels that must not decide a figure, as numbers in the order of the rows; None without such.
+
+    Dark frames whose pixels differ in noise are read again for the variance of each pixel.
+    """
+    for index, entry in enumerate(reduction.darks):
+        if survey.noise_differs(entry, reference=index == reduction.reference):
+            reader.expect(entry.frames)
+            survey.add_noise(reader.sums(entry.group, variance=True))
+    reader.release()
+    return survey.found()
+
+
+def reduce_without(reader: FrameReader, index: NDArray[np.int64], before: Reduction) -> Reduction:
+    """Return the statistics of frames whose defective pixels are replaced; `before` is that of the frames as taken."""
+    reduction = reduce_frames(reader)
+    known = {id(entry.source): entry for entry in before.used}
+    used = []
+    for entry in reduction.used:
+        source = as_taken(entry.source)
+        used.append(known.get(id(source)) or UsedFrame(source, int(source.read().sum(dtype=np.uint64))))
+    groups = (*reduction.darks, *reduction.lights)
+    numbers = [np.stack([replaced_numbers(source) for source in reader.used_sources(entry.group)]) for entry in groups]
+    shape = reader.frames.rows, reader.frames.cols
+    taken = replace(reduction.frames, groups=groups_as_taken(reduction.frames.groups))
+    return replace(
+        reduction,
+        defects=classified(index, shape, reader.tile, groups, numbers),
+        taken=TakenFrames(taken, tuple(used)),
+    )
 
 
 def _foreign_groups(
@@ -146,15 +195,19 @@ def _foreign_groups(
     return foreign
 
 
-def _reduce(reader: FrameReader) -> tuple[Reduction, dict[int, NDArray[np.float64]]]:
+def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction, dict[int, NDArray[np.float64]]]:
     """Return the reduction, and a sample of the mean frame of each group by the `id` of the group."""
     shape = reader.frames.rows, reader.frames.cols
     rows, cols = sample_grid(shape, 1)
     samples: dict[int, NDArray[np.float64]] = {}
+    if survey is not None:
+        survey.clear()
 
     def read(group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
         statistics, sums = read_group(reader, group)
         samples[id(group)] = sums.sum[rows, cols] / sums.count
+        if survey is not None:
+            survey.add(statistics, sums)
         return statistics, sums
 
     planned = reader.frames.of_kind("dark")

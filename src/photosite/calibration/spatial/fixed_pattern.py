@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,6 +232,16 @@ class _Inputs:
         """Weights of the light groups in each channel's map of slopes; empty without a plan."""
         return [{} if isinstance(plan, Missing) else plan.coefficients for plan in self.plans]
 
+    def all_pixels(self, planes: MeanPlanes, kind: Literal["dark", "light"]) -> MeanPlanes:
+        """Return planes of a mean frame with the defective pixels, which the standard's histograms show."""
+        defects = self.reduction.defects
+        if defects is None:
+            return planes
+        groups = (*self.reduction.darks, *self.reduction.lights)
+        alike = [i for i, entry in enumerate(groups) if entry.group.kind == kind]
+        nearest = min(alike, key=lambda i: abs(groups[i].group.exposure_s - planes.exposure_s))
+        return planes.with_pixels(*defects.place, defects.mean_dn[nearest])
+
     def line_count(self, channel: int) -> tuple[int, int]:
         """Return the numbers of rows and columns that the channel's pixels are in."""
         inside = self.reader.tile == channel
@@ -385,7 +395,8 @@ def _measure_half_saturated(
                 else without_neighbors(parts, inputs.shape, shared.neighbors, filtered=high_passed)
                 for parts, high_passed in ((plain, False), (filtered, True))
             )
-        flats.prnu[k], flats.spatial[k] = (filtered, plain), dark.spatial(flat.planes(k, own=True), inputs.outliers)
+        planes = inputs.all_pixels(flat.planes(k, own=True), "light")
+        flats.prnu[k], flats.spatial[k] = (filtered, plain), dark.spatial(planes, inputs.outliers)
         flats.gains[k] = filtered
         if readout is not None:
             alike = replace(flat, mean=held(without_channels(flat.mean, readout, inputs.dark_mean)))
@@ -482,7 +493,7 @@ def _dark_patterns(inputs: _Inputs, readout: ReadoutChannels | None) -> list[_Da
         stated = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
         why = UNKNOWN_DARK_NOISE.missing(dark.noise_unknown)
         return [
-            _DarkPattern(parts, parts[1], why if dark.mean is None else dark.mean.planes(k))
+            _DarkPattern(parts, parts[1], why if dark.mean is None else inputs.all_pixels(dark.mean.planes(k), "dark"))
             for k, parts in enumerate(stated)
         ]
     exposures = [
@@ -508,7 +519,7 @@ def _dark_patterns(inputs: _Inputs, readout: ReadoutChannels | None) -> list[_Da
         parts = lines = means[t].both_components(k)
         if readout is not None:
             lines = replace(means[t], mean=held(without_channels(means[t].mean, readout))).both_components(k)
-        result.append(_DarkPattern(parts, lines[1], means[t].planes(k)))
+        result.append(_DarkPattern(parts, lines[1], inputs.all_pixels(means[t].planes(k), "dark")))
     return result
 
 

@@ -23,7 +23,7 @@ from photosite.calibration.spatial.nonuniformity import (
 )
 from photosite.calibration.withheld import SMALL_FRAMES
 from photosite.engine.frame_sums import MeanFrame
-from photosite.engine.lazy_maps import Map, SitePlane
+from photosite.engine.lazy_maps import Map, PatchedMap, SitePlane
 from photosite.engine.site_planes import MARGIN, plane_shape
 from photosite.engine.threads import thread_count
 from photosite.values.shown import Shown, short_repr
@@ -455,6 +455,15 @@ class MeanPlanes(Shown):
             else plane
             for plane in self.planes
         ]
+        return replace(self, planes=planes)
+
+    def with_pixels(self, row: NDArray[np.int64], col: NDArray[np.int64], values: Array) -> MeanPlanes:
+        """Return the planes with other values of some pixels of the sensor."""
+        planes: list[Map] = []
+        for plane, (first_row, first_col) in zip(self.planes, self.origins, strict=True):
+            r, c = row - first_row, col - first_col
+            own = (r >= 0) & (r % self.tile[0] == 0) & (c >= 0) & (c % self.tile[1] == 0)
+            planes.append(PatchedMap(plane, r[own] // self.tile[0], c[own] // self.tile[1], values[own]))
         return replace(self, planes=planes)
 
     def places(self, site: int, border: int) -> Places:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.model import Sensor
-from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms, log_uniform
+from photosite.studies.effect_study import DARK_CURRENT, Drawing, EffectStudy, Range, TrueTerms, log_uniform
 from photosite.studies.plain_camera import Disturbance
 
 
@@ -20,9 +19,8 @@ def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
 
 
 def _terms(hot: HotPixels, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
-    fraction, median, width = hot.fraction.value, hot.median_e_per_s.value, hot.log_spread.value
-    first, second = (fraction * median**k * math.exp(0.5 * (k * width) ** 2) for k in (1, 2))
-    return TrueTerms(dark_e_per_s=first, dark_variance=second - first**2)
+    """Return that mean and spread are neither those of all pixels nor those without any hot one: a part is left out."""
+    return TrueTerms(undefined=(*DARK_CURRENT, "dcnu_percent"))
 
 
 def _truth(hot: HotPixels, sensor: Sensor) -> Mapping[str, float]:
@@ -39,16 +37,8 @@ def _truth(hot: HotPixels, sensor: Sensor) -> Mapping[str, float]:
 
 
 def _disturb(sensor: Sensor, rng: np.random.Generator) -> tuple[Disturbance, dict[str, float]]:
-    """Draw 0.3 to 1 % hot pixels with 100 to 500 e-/s."""
-    fraction, hot = log_uniform(rng, 0.003, 0.01), log_uniform(rng, 100.0, 500.0)
-    usual, spread = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value), sensor.noise.dcnu_percent.value / 100.0
-    mean = (1.0 - fraction) * usual + fraction * hot
-    variance = (1.0 - fraction) * ((spread * usual) ** 2 + (usual - mean) ** 2) + fraction * (hot - mean) ** 2
-    names = "dark_current_e_per_s", "dark_current_dn_per_s", "dark_voltage_mv_per_s"
-    return Disturbance(hot=(fraction, hot)), {
-        **dict.fromkeys(names, mean / usual),
-        "dcnu_percent": math.sqrt(variance) / mean / spread,
-    }
+    """Draw 0.3 to 1 % hot pixels with 2000 to 6000 e-/s, which are left out of all figures."""
+    return Disturbance(hot=(log_uniform(rng, 0.003, 0.01), log_uniform(rng, 2000.0, 6000.0))), {}
 
 
 STUDY = EffectStudy(draw=_draw, terms=_terms, truth=_truth, disturb=_disturb)

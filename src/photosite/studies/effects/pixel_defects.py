@@ -12,7 +12,7 @@ from photosite.sensor.chip import DefectKind
 from photosite.sensor.chip_effects import dead_pixels
 from photosite.sensor.effects.pixel_defects import PixelDefects
 from photosite.sensor.model import Sensor
-from photosite.studies.effect_study import AT_SATURATION, PRNU, RESPONSE, Drawing, EffectStudy, Range, TrueTerms
+from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms
 from photosite.studies.outcome import Outcome, Outcomes
 
 
@@ -21,12 +21,13 @@ def _draw(drawing: Drawing, fraction: Range) -> dict[str, Any]:
 
 
 def _terms(defects: PixelDefects, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
-    """Return that means and spreads over all pixels are not those of the pixels that respond."""
-    return TrueTerms(undefined=(*RESPONSE, *PRNU, *AT_SATURATION))
+    """Return nothing: the figures are those of the other pixels."""
+    return TrueTerms()
 
 
 def _compare(found: FoundDefects, defects: PixelDefects, sensor: Sensor) -> Outcomes:
     """Compare the list of dead pixels, whose number is exact, with those of the chip."""
+    assert found.defects is not None
     drawn = np.unique(dead_pixels(defects, sensor))
     dead = found.defects.kind == DefectKind.DEAD
     listed = found.defects.row[dead].astype(np.int64) * sensor.array.cols + found.defects.col[dead]

@@ -7,7 +7,7 @@ from typing import Any
 
 from photosite.sensor.effects.telegraph_noise import TelegraphNoise
 from photosite.sensor.model import Sensor
-from photosite.studies.effect_study import Drawing, EffectStudy, Range, TrueTerms
+from photosite.studies.effect_study import AT_SATURATION, READ_NOISE, Drawing, EffectStudy, Range, TrueTerms
 
 
 def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
@@ -16,7 +16,8 @@ def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
 
 
 def _terms(noise: TelegraphNoise, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
-    return TrueTerms(read_variance_e2=noise.variance_e2)
+    """Return that the read noise is neither that of all pixels nor that without blinking: a part is left out."""
+    return TrueTerms(read_variance_e2=noise.variance_e2, undefined=(*READ_NOISE, *AT_SATURATION))
 
 
 def _truth(noise: TelegraphNoise, sensor: Sensor) -> Mapping[str, float]:

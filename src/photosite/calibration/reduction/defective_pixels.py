@@ -1,0 +1,525 @@
+"""Defective pixels, found before anything is estimated: hot, stuck, dead and noisy ones, columns and clusters.
+
+A pixel is defective where its mean over a group of frames lies far from those of its color around it, or its temporal
+variance in dark frames far above that of the others. The limits follow the quantiles 10 to 90 % of each color, so that
+a skewed distribution, as that of the dark current, has no defects. Every figure is then that of the other pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
+from photosite.engine.frame_sums import FrameSums
+from photosite.engine.outlying_pixels import Surface, outside
+from photosite.frames.frame_set import FrameSet
+
+MOST_DEFECTIVE = 0.03
+"""Fraction of the pixels beyond which they are no few bad ones, but a part of the distribution: none is left out."""
+
+FAR_SIGMA, REACH = 8.0, 1.5
+"""Least distance in standard deviations by the quartiles, and in units of the distance that the farthest of all pixels
+has where the distribution is normal or log-normal."""
+
+LEVEL_RATIO = 1.9
+"""Ratio of the levels of flat fields that are searched."""
+
+NEAR, NEAR_NOISE = 0.75, 0.5
+"""Distance and variance, relative to the limit, from which pixels show that the distribution goes on to the limit."""
+
+LEAST_DN, LEAST_DN2 = 2.0, 2.0
+"""Added to the limits: rounding alone makes the means, and the variances, of pixels differ by less."""
+
+UNSATURATED = 0.7
+"""Mean of flat fields over that of the largest variance, up to which full wells do not shape the distribution."""
+
+DEAD_RESPONSE = 0.5
+"""Relative response below which a pixel is dead."""
+
+JUMPS = 4.0
+"""Variance over that of read noise and shot noise from which numbers jump."""
+
+NOISE_SPREAD = 2.0
+"""Squared relative spread of the pixels' variances from which dark frames beside the reference are searched."""
+
+LEAST_SIDE = 4
+"""Least rows and columns of a color."""
+
+_BLOCK, _MOST_BLOCKS, _SAMPLES = 16, 16, 64
+_WINDOW, _NEIGHBORS, _CHUNK = 8, 96, 1 << 14
+_NOISE_P_VALUE = 1e-4
+_TENTH, _QUARTILES = 1.2815515655446004, 1.3489795003921634
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+
+class BadPixel(IntEnum):
+    """Kinds of defective pixels."""
+
+    HOT = 0
+    """Dark signal that grows with the exposure time, far beyond that of the others."""
+    STUCK = 1
+    """The same number in all frames."""
+    OFFSET = 2
+    """Dark level far from that of the others at all exposure times."""
+    DEAD = 3
+    """Less than half of the others' response to light."""
+    RESPONSE = 4
+    """Another response far from that of the others."""
+    NOISY = 5
+    """Noise far above that of the others, as of a pixel that blinks."""
+
+
+@dataclass(frozen=True, eq=False)
+class DefectivePixels:
+    """Defective pixels, which are left out of all figures, with their own numbers.
+
+    Parameters
+    ----------
+    index, kind
+        (n,) number of the pixel in the order of the rows, and its `BadPixel`.
+    shape
+        Rows and columns of the frames.
+    offset_dn, noise_dn2, offset_noise_dn2
+        (n,) in the dark frames of the read noise: mean less that of the other pixels of the color, temporal variance,
+        and the variance that it leaves in the mean. NaN where there are none.
+    rate_dn_per_s
+        (n,) growth of the dark signal with the exposure time, beyond that of the other pixels.
+    response
+        (n,) response to light, relative to that of the other pixels; NaN without flat fields.
+    mean_dn
+        (groups, n) mean in each group, of dark frames first.
+    """
+
+    index: _Ints
+    kind: NDArray[np.uint8]
+    shape: tuple[int, int]
+    offset_dn: _Floats = field(repr=False)
+    noise_dn2: _Floats = field(repr=False)
+    offset_noise_dn2: _Floats = field(repr=False)
+    rate_dn_per_s: _Floats = field(repr=False)
+    response: _Floats = field(repr=False)
+    mean_dn: _Floats = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @property
+    def place(self) -> tuple[_Ints, _Ints]:
+        """(n,) row and column."""
+        row, col = np.divmod(self.index, self.shape[1])
+        return row, col
+
+    @property
+    def fraction(self) -> float:
+        """Fraction of the pixels."""
+        return len(self) / (self.shape[0] * self.shape[1])
+
+    def counts(self) -> Mapping[str, int]:
+        """Return the number of pixels of each kind that occurs, by its name in lower case."""
+        return {kind.name.lower(): n for kind in BadPixel if (n := int(np.count_nonzero(self.kind == kind)))}
+
+    def of(self, kind: BadPixel) -> NDArray[np.bool_]:
+        """Return (n,) whether a pixel is of a kind."""
+        return np.asarray(self.kind == kind)
+
+
+def classified(
+    index: _Ints,
+    shape: tuple[int, int],
+    tile: _Ints,
+    groups: Sequence[GroupStatistics],
+    numbers: Sequence[NDArray[np.uint16]],
+) -> DefectivePixels:
+    """Return defective pixels with their kinds.
+
+    Parameters
+    ----------
+    index, shape, tile
+        Numbers of the pixels in the order of the rows; rows and columns of the frames; channels of the color filter
+        array's tile.
+    groups
+        Statistics of the other pixels.
+    numbers
+        (frames, n) the numbers of these pixels in each group.
+    """
+    row, col = np.divmod(index, shape[1])
+    channel = tile[row % tile.shape[0], col % tile.shape[1]]
+    own = _OwnSeries(
+        np.array([entry.group.exposure_s for entry in groups]),
+        np.array([entry.frames for entry in groups]),
+        np.array([entry.group.kind == "dark" for entry in groups]),
+        np.array([values.mean(axis=0) for values in numbers]),
+        np.array([_variance(values) for values in numbers]),
+        *(
+            np.array([[getattr(level, name) for level in entry.levels] for entry in groups])[:, channel]
+            for name in ("mean", "variance", "spatial_variance")
+        ),
+    )
+    offset, noise, reference = own.excess[own.reference], own.variance[own.reference], own.reference
+    known = bool(own.dark[reference])
+    return DefectivePixels(
+        index,
+        own.kinds(),
+        shape,
+        offset if known else np.full(len(index), np.nan),
+        noise if known else np.full(len(index), np.nan),
+        noise / own.frames[reference],
+        own.rate,
+        own.response,
+        own.mean,
+    )
+
+
+@dataclass(frozen=True)
+class _OwnSeries:
+    """Means and variances of defective pixels in each group, and those of the other pixels: (groups, n) each."""
+
+    time_s: _Floats
+    frames: _Ints
+    dark: NDArray[np.bool_]
+    mean: _Floats
+    variance: _Floats
+    usual: _Floats
+    usual_variance: _Floats
+    spread: _Floats
+
+    @cached_property
+    def reference(self) -> int:
+        """The dark group with the most frames, else the group of flat fields."""
+        return max(range(len(self.frames)), key=lambda i: (self.dark[i], self.frames[i], -self.time_s[i]))
+
+    @cached_property
+    def darks(self) -> _Ints:
+        """The dark groups by exposure time."""
+        at = np.flatnonzero(self.dark)
+        return at[np.argsort(self.time_s[at], kind="stable")]
+
+    @cached_property
+    def excess(self) -> _Floats:
+        """Mean less that of the other pixels."""
+        return self.mean - self.usual
+
+    @cached_property
+    def far(self) -> _Floats:
+        """Excess that only defective pixels have."""
+        return FAR_SIGMA * np.sqrt(self.spread) + LEAST_DN
+
+    @cached_property
+    def brightest(self) -> int | None:
+        """The brightest flat fields well below saturation."""
+        lit = np.flatnonzero(~self.dark)
+        if not len(lit):
+            return None
+        known = np.where(np.isnan(self.usual_variance), -1.0, self.usual_variance).mean(axis=1)
+        limit = UNSATURATED * self.usual[max(lit, key=lambda i: known[i])].mean()
+        clear = [int(i) for i in lit if self.usual[i].mean() <= limit] or [int(min(lit, key=lambda i: self.time_s[i]))]
+        return max(clear, key=lambda i: float(self.usual[i].mean()))
+
+    @cached_property
+    def response(self) -> _Floats:
+        """Response relative to the other pixels."""
+        if self.brightest is None:
+            return np.full(self.mean.shape[1], np.nan)
+        own, usual = (part[self.brightest] for part in (self.mean, self.usual))
+        if len(self.darks):
+            own, usual = own - self.mean[self.darks[0]], usual - self.usual[self.darks[0]]
+        return np.asarray(own / np.maximum(usual, 1e-9))
+
+    @cached_property
+    def rate(self) -> _Floats:
+        """Growth of the dark signal beyond that of the others: the largest, because pixels may saturate."""
+        if len(self.darks) < 2:
+            return np.full(self.mean.shape[1], np.nan)
+        first, *longer = self.darks
+        seconds = np.maximum(self.time_s[longer] - self.time_s[first], 1e-12)[:, None]
+        rates = (self.excess[longer] - self.excess[first]) / seconds
+        hot = np.where(self.excess[longer] > self.far[longer], rates, -np.inf).max(axis=0)
+        return np.asarray(np.where(np.isfinite(hot), hot, rates[-1]))
+
+    def kinds(self) -> NDArray[np.uint8]:
+        """Return the kind of each pixel."""
+        kind = np.full(self.mean.shape[1], BadPixel.NOISY, np.uint8)
+        if self.brightest is not None:
+            other = np.abs(self.excess[self.brightest]) > self.far[self.brightest]
+            kind[other] = BadPixel.RESPONSE
+            kind[other & (self.response < DEAD_RESPONSE)] = BadPixel.DEAD
+        off, first = np.abs(self.excess[self.darks]), np.zeros(len(kind))
+        beyond = (off > self.far[self.darks]).any(axis=0)
+        if len(self.darks):
+            kind[beyond] = BadPixel.OFFSET
+            first = off[0]
+            kind[beyond & (off.max(axis=0) > 2.0 * first + self.far[self.darks[0]])] = BadPixel.HOT
+        kind[self._jumps()] = BadPixel.NOISY
+        still = np.ptp(self.mean, axis=0) <= LEAST_DN
+        still &= ~(np.nan_to_num(self.variance).max(axis=0) > LEAST_DN2)
+        kind[still & (beyond if len(self.darks) else True)] = BadPixel.STUCK
+        return kind
+
+    def _jumps(self) -> NDArray[np.bool_]:
+        """Return whether dark numbers vary far more than by read noise, and by shot noise of the excess."""
+        r = self.reference
+        signal = np.maximum(self.usual - self.usual[r], 1.0)
+        gain = max(float(np.nan_to_num((self.usual_variance - self.usual_variance[r]) / signal).max()), 0.0)
+        explained = self.usual_variance[r] + gain * np.maximum(self.excess[r], 0.0)
+        return np.asarray(self.variance[r] > JUMPS * explained + LEAST_DN2)
+
+
+def _variance(values: NDArray[np.uint16]) -> _Floats:
+    n = len(values)
+    if n < 2:
+        return np.full(values.shape[1], np.nan)
+    return np.asarray(values.var(axis=0, ddof=1, dtype=np.float64))
+
+
+class _Limits(NamedTuple):
+    """Largest distances below and above the middle, and the distance of the quartiles."""
+
+    below: float
+    above: float
+    quartiles: float
+
+
+class PixelSurvey:
+    """Search of the groups for defective pixels, while each is reduced.
+
+    Searched are the dark frames of the read noise, the longest ones, and flat fields whose levels differ by a factor.
+    """
+
+    def __init__(self, frames: FrameSet, tile: _Ints) -> None:
+        self.shape, self.tile = (frames.rows, frames.cols), tile
+        darks = frames.of_kind("dark")
+        self._darks = {id(darks[reference_dark(darks)]), id(darks[-1])} if darks else set()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the groups."""
+        self._suspects: list[tuple[GroupStatistics, _Ints]] = []
+        self._noisy: list[_Ints] = []
+        self._groups: list[GroupStatistics] = []
+        self._black, self._last = math.inf, 0.0
+
+    def add(self, statistics: GroupStatistics, sums: FrameSums) -> None:
+        """Search the mean of a group, where it shows more than those before."""
+        self._groups.append(statistics)
+        level = statistics.levels[0].mean
+        if statistics.group.kind == "dark":
+            self._black = min(self._black, level)
+            chosen = id(statistics.group) in self._darks
+        else:
+            signal = level - self._black if math.isfinite(self._black) else level
+            chosen = not self._last / LEVEL_RATIO < signal < self._last * LEVEL_RATIO
+            self._last = signal if chosen else self._last
+        if chosen:
+            self._suspects.append((statistics, _outliers(sums, self.tile)))
+
+    def add_noise(self, sums: FrameSums) -> None:
+        """Search the temporal variances of a group of dark frames, whose sums have the squares."""
+        self._noisy += _noisy(sums, self.tile)
+
+    @staticmethod
+    def noise_differs(statistics: GroupStatistics, *, reference: bool) -> bool:
+        """Return whether some pixels of dark frames may be far noisier than the others."""
+        for level in statistics.levels:
+            if level.repeated and level.variance > 0.0:
+                spread = level.variance_spread**2 * level.pixels / level.variance**2
+                if spread > (0.0 if reference else NOISE_SPREAD):
+                    return True
+        return False
+
+    def found(self) -> _Ints | None:
+        """Return the defective pixels, as numbers in the order of the rows; None without any, or with too many."""
+        chosen = [found for entry, found in self._suspects if entry.group.kind == "dark" or self._clear(entry)]
+        index = np.unique(np.concatenate([*chosen, *self._noisy, np.zeros(0, np.int64)]))
+        return index if 0 < len(index) <= MOST_DEFECTIVE * self.shape[0] * self.shape[1] else None
+
+    def _clear(self, entry: GroupStatistics) -> bool:
+        """Return whether flat fields are well below saturation, in all channels."""
+        lights = [other for other in self._groups if other.group.kind == "light"]
+        for k, level in enumerate(entry.levels):
+            others = [other.levels[k] for other in lights]
+            noisiest = max(others, key=lambda each: -math.inf if math.isnan(each.variance) else each.variance)
+            if level.mean > UNSATURATED * noisiest.mean:
+                return False
+        return True
+
+
+def _sites(tile: _Ints) -> Iterator[tuple[int, int]]:
+    return iter(np.ndindex(tile.shape[0], tile.shape[1]))
+
+
+def _blocks(length: int) -> _Ints:
+    """Return the limits of the blocks of a line."""
+    count = min(max(length // _BLOCK, 1), _MOST_BLOCKS)
+    return np.arange(count + 1) * length // count
+
+
+def _block_samples(plane: NDArray[np.generic], rows: _Ints, cols: _Ints) -> _Floats:
+    """Return (block rows, block columns, n) values at random places of each block."""
+    u, v = np.random.default_rng(1).random((2, _SAMPLES))
+    r = (rows[:-1, None] + np.floor(u * np.diff(rows)[:, None])).astype(np.int64)
+    c = (cols[:-1, None] + np.floor(v * np.diff(cols)[:, None])).astype(np.int64)
+    return np.asarray(plane[r[:, None], c[None]], np.float64)
+
+
+def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
+    """Return the numbers of the pixels whose sum lies far from those around them; none if these are too many."""
+    total = sums.sum
+    if min(length // period for length, period in zip(total.shape, tile.shape, strict=True)) < LEAST_SIDE:
+        return np.zeros(0, np.int64)
+    limits, parts = {}, []
+    for site in _sites(tile):
+        plane = total[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
+        rows, cols = _blocks(plane.shape[0]), _blocks(plane.shape[1])
+        samples = _block_samples(plane, rows, cols)
+        middle = np.median(samples, axis=2)
+        limits[site] = _limits((samples - middle[..., None]).ravel(), plane.size, LEAST_DN * sums.count)
+        centers = [np.asarray(0.5 * (ends[1:] + ends[:-1] - 1), np.float64) for ends in (rows, cols)]
+        parts.append((site, middle, centers[0], centers[1]))
+    row, col = outside(total, _surface(parts, limits, total.shape[1], tile))
+    if len(row) > MOST_DEFECTIVE * total.size:
+        return np.zeros(0, np.int64)
+    found = [np.zeros(0, np.int64)]
+    for site in _sites(tile):
+        own = (row % tile.shape[0] == site[0]) & (col % tile.shape[1] == site[1])
+        if own.any():
+            plane = total[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
+            suspects = row[own] // tile.shape[0], col[own] // tile.shape[1]
+            found.append(_numbers(*_far_from_neighbors(plane, suspects, limits[site]), site, total.shape, tile))
+    return np.concatenate(found)
+
+
+def _surface(
+    parts: Sequence[tuple[tuple[int, int], _Floats, _Floats, _Floats]],
+    limits: Mapping[tuple[int, int], _Limits],
+    cols: int,
+    tile: _Ints,
+) -> Surface:
+    """Return the surface through the middles of the blocks of each site, which are near or outside `NEAR` limits."""
+    rows = len(parts[0][2])
+    nodes = np.empty((tile.shape[0], rows, cols), np.float32)
+    below, above = np.empty((2, tile.shape[0], cols), np.float32)
+    place = np.empty((tile.shape[0], rows))
+    for site, middle, of_rows, of_cols in parts:
+        own = np.arange(len(range(site[1], cols, tile.shape[1])))
+        for k, line in enumerate(middle):
+            nodes[site[0], k, site[1] :: tile.shape[1]] = np.interp(own, of_cols, line)
+        place[site[0]] = of_rows
+        below[site[0], site[1] :: tile.shape[1]] = NEAR * limits[site].below
+        above[site[0], site[1] :: tile.shape[1]] = NEAR * limits[site].above
+    return Surface(nodes, place, below, above)
+
+
+def _numbers(r: _Ints, c: _Ints, site: tuple[int, int], shape: tuple[int, ...], tile: _Ints) -> _Ints:
+    """Return the numbers of pixels of a plane in the order of the rows of the frame."""
+    return np.asarray((site[0] + tile.shape[0] * r) * shape[1] + site[1] + tile.shape[1] * c)
+
+
+def _limits(residual: _Floats, pixels: int, least: float) -> _Limits:
+    """Return the distances that only defective pixels reach."""
+    from scipy.special import ndtri
+
+    q10, q25, q50, q75, q90 = np.quantile(residual, [0.1, 0.25, 0.5, 0.75, 0.9])
+    last = float(-ndtri(0.1 / pixels))
+
+    def reach(side: float, other: float) -> float:
+        skewed = 0.0
+        if side > other > 0.0:
+            growth = math.log(side / other) / _TENTH  # of the logarithm, per standard deviation
+            skewed = side * math.expm1(growth * last) / math.expm1(growth * _TENTH)
+        return max(FAR_SIGMA * float(q75 - q25) / _QUARTILES, REACH * max(side * last / _TENTH, skewed)) + least
+
+    below, above = float(q50 - q10), float(q90 - q50)
+    return _Limits(reach(below, above) - float(q50), reach(above, below) + float(q50), float(q75 - q25))
+
+
+def _windows(plane: NDArray[np.generic], r: _Ints, c: _Ints) -> _Floats:
+    """Return (n, neighbors) values at random places of the window about each pixel, which stays inside."""
+    u, v = np.random.default_rng(2).random((2, _NEIGHBORS))
+    places = []
+    for at, fractions, length in ((r, u, plane.shape[0]), (c, v, plane.shape[1])):
+        size = min(2 * _WINDOW + 1, length)
+        start = np.clip(at - size // 2, 0, length - size)
+        places.append(start[:, None] + np.floor(fractions * size).astype(np.int64))
+    return np.asarray(plane[places[0], places[1]], np.float64)
+
+
+def _far_from_neighbors(
+    plane: NDArray[np.unsignedinteger], suspects: tuple[_Ints, _Ints], limits: _Limits
+) -> tuple[_Ints, _Ints]:
+    """Return those of the pixels that are far from the median of their neighbors.
+
+    Where the neighbors differ more than elsewhere, as in a glow or the border of a shadow, the limits are wider.
+    """
+    distance = [np.zeros(0)]
+    for first in range(0, len(suspects[0]), _CHUNK):
+        r, c = (part[first : first + _CHUNK] for part in suspects)
+        q25, q50, q75 = np.quantile(_windows(plane, r, c), [0.25, 0.5, 0.75], axis=1)
+        off = plane[r, c] - q50
+        # The spread on the other side, which a cluster of defective pixels does not widen.
+        spread = 2.0 * np.where(off > 0.0, q50 - q25, q75 - q50)
+        wider = np.maximum(spread / limits.quartiles, 1.0) if limits.quartiles > 0.0 else 1.0
+        distance.append(np.where(off > 0.0, off / limits.above, off / limits.below) / wider)
+    found = np.concatenate(distance)
+    far = _apart(found, NEAR) | _apart(-found, NEAR)
+    return suspects[0][far], suspects[1][far]
+
+
+def _apart(distance: _Floats, near: float) -> NDArray[np.bool_]:
+    """Return which pixels are beyond the limit, at a distance of 1, and apart from those before it.
+
+    Where the pixels between `near` times the limit and the limit outnumber those beyond, the distribution goes on
+    beyond the limit, which is then moved outwards.
+    """
+    limit = 1.0
+    while np.count_nonzero((distance > near * limit) & (distance <= limit)) > np.count_nonzero(distance > limit):
+        limit /= near
+    return np.asarray(distance > limit)
+
+
+def _noisy(sums: FrameSums, tile: _Ints) -> Iterator[_Ints]:
+    """Yield the numbers of the pixels whose temporal variance is far above the others', by site."""
+    from scipy.special import chdtri, ndtri
+
+    variance, freedom = sums.variance(), sums.count - 1
+    for site in _sites(tile):
+        plane = variance[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
+        if min(plane.shape) < LEAST_SIDE:
+            continue
+        samples = _block_samples(plane, _blocks(plane.shape[0]), _blocks(plane.shape[1])).ravel()
+        q50, q90 = np.quantile(samples, [0.5, 0.9])
+        # The quantiles of equal pixels, in units of the median: chi-square over the degrees of freedom
+        middle, tenth, last = (float(chdtri(freedom, p)) for p in (0.5, 0.1, _NOISE_P_VALUE / plane.size))
+        spread = max(math.log(q90 / q50 * middle / tenth), 0.0) / _TENTH if q50 > 0.0 else 0.0
+        usual = float(samples[samples <= q90].mean())
+        factor = REACH * last / middle * math.exp(spread * float(-ndtri(0.1 / plane.size)))
+        limit = max(float(q50), usual) * factor + LEAST_DN2
+        r, c = np.nonzero(plane > NEAR_NOISE * limit)
+        if len(r) > MOST_DEFECTIVE * plane.size:
+            continue
+        parts = [slice(first, first + _CHUNK) for first in range(0, len(r), _CHUNK)]
+        near = np.concatenate([np.zeros(0), *(np.median(_windows(plane, r[p], c[p]), axis=1) for p in parts)])
+        wider = np.maximum(near / q50, 1.0) if q50 > 0.0 else 1.0
+        far = _apart(plane[r, c] / (wider * limit), NEAR_NOISE)
+        yield _numbers(r[far], c[far], site, sums.shape, tile)
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """Return the numbers of each kind as text.
+
+    Examples
+    --------
+    >>> in_words({"hot": 60, "dead": 1})
+    '60 hot, 1 dead'
+    """
+    names = {"offset": "with another offset", "response": "with another response"}
+    return ", ".join(f"{n} {names.get(kind, kind)}" for kind, n in counts.items())

@@ -1,0 +1,196 @@
+"""Frames in which the numbers of some pixels are replaced by those of other pixels of the same frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.raw_frame import Numbers
+from photosite.frames.stored_rows import StoredRows
+
+NEAREST, FARTHEST = 8, 40
+"""Distances in pixels of one color, between which the pixel is taken that replaces another.
+
+Nearer ones would correlate the noise of neighbors; a fixed distance would show as a period."""
+
+_Places = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PixelReplacement:
+    """The pixels that are replaced, and those that replace them.
+
+    A pixel of the same row and color replaces another, so that the noise of rows and columns stays; where most of a row
+    is replaced, another row does.
+
+    Parameters
+    ----------
+    bad_row, bad_col
+        (n,) all bad pixels, in the order of their rows.
+    row, col, source_col
+        (n,) pixels that others of their row replace, in this order, and the columns that their numbers are taken from.
+    lines
+        Rows that are replaced as a whole, with the row that replaces each.
+    """
+
+    bad_row: _Places
+    bad_col: _Places
+    row: _Places
+    col: _Places
+    source_col: _Places
+    lines: tuple[tuple[int, int], ...] = ()
+
+    @classmethod
+    def of(cls, bad: NDArray[np.bool_], tile: tuple[int, ...]) -> PixelReplacement:
+        """Choose the pixels that replace the bad ones of a (rows, cols) chip with a color filter array's tile.
+
+        Examples
+        --------
+        >>> bad = np.zeros((4, 40), bool)
+        >>> bad[2, 30] = bad[3] = True
+        >>> chosen = PixelReplacement.of(bad, (1, 1))
+        >>> chosen.row.tolist(), abs(int(chosen.source_col[0]) - 30) >= NEAREST, chosen.lines[0][0]
+        ([2], True, 3)
+        """
+        cols = bad.shape[1]
+        height, width = tile
+        good_rows = ~np.any([bad[:, c::width].mean(axis=1) > 0.5 for c in range(min(width, cols))], axis=0)
+        lines = tuple((r, _nearest_line(r, good_rows, height)) for r in np.flatnonzero(~good_rows).tolist())
+        row, col = np.nonzero(bad & good_rows[:, None])
+        source = np.full(len(col), -1)
+        for distance in _distances(col // width, cols // width):
+            left = source < 0
+            if not left.any():
+                break
+            at = col + distance * width
+            inside = left & (at >= 0) & (at < cols)
+            inside[inside] = ~bad[row[inside], at[inside]]
+            source[inside] = at[inside]
+        known = source >= 0
+        all_rows, all_cols = np.nonzero(bad)
+        return cls(all_rows, all_cols, row[known], col[known], source[known], lines)
+
+    def record(self, dn: Numbers, into: NDArray[np.uint16], first: int = 0) -> None:
+        """Copy the numbers of the bad pixels in successive rows of a frame to their places in (n,) `into`."""
+        start, stop = np.searchsorted(self.bad_row, [first, first + len(dn)])
+        part = slice(int(start), int(stop))
+        into[part] = dn[self.bad_row[part] - first, self.bad_col[part]]
+
+    def apply(self, dn: Numbers, first: int = 0, read_row: Callable[[int], Numbers] | None = None) -> None:
+        """Replace the pixels of successive rows of a frame in place, the first of which has this number."""
+        start, stop = np.searchsorted(self.row, [first, first + len(dn)])
+        part = slice(int(start), int(stop))
+        at = self.row[part] - first
+        dn[at, self.col[part]] = dn[at, self.source_col[part]]
+        for line, source in self.lines:
+            if first <= line < first + len(dn):
+                if read_row is None:
+                    dn[line - first] = dn[source - first]
+                else:
+                    other = read_row(source)[None].copy()
+                    replace(self, lines=()).apply(other, source)
+                    dn[line - first] = other[0]
+
+
+def _nearest_line(row: int, good: NDArray[np.bool_], step: int) -> int:
+    others = np.arange(row % step, len(good), step)
+    others = others[good[others]]
+    if not len(others):
+        return row
+    far = np.abs(others - row) >= NEAREST * step
+    others = others[far] if far.any() else others
+    return int(others[np.argmin(np.abs(others - row))])
+
+
+def _distances(col: _Places, count: int) -> Iterable[_Places]:
+    """Yield distances to try, in pixels of one color; they depend on the column, so that columns stay columns."""
+    sign = np.where(col % 2 == 0, 1, -1)
+    span = FARTHEST - NEAREST
+    for turn in range(span):
+        distance = NEAREST + (7 * col + turn) % span
+        yield sign * distance
+        yield -sign * distance
+    for near in range(NEAREST - 1, 0, -1):
+        yield sign * near
+        yield -sign * near
+    for far in range(FARTHEST, count):
+        yield sign * far
+        yield -sign * far
+
+
+class RepairedRows(StoredRows):
+    """Rows of a stored frame with replaced pixels, whose own numbers are recorded."""
+
+    def __init__(self, stored: StoredRows, replacement: PixelReplacement, own: NDArray[np.uint16]) -> None:
+        self.path, self.shape = stored.path, stored.shape
+        self._stored, self._replacement, self._own = stored, replacement, own
+
+    @property
+    def place(self) -> None:  # type: ignore[override]
+        """None: the numbers in the file are not those of the frame."""
+        return None
+
+    def read_rows(self, first: int, out: NDArray[np.uint16]) -> None:
+        """Read successive rows into a C-contiguous array (n, cols), or one row (cols,)."""
+        self._stored.read_rows(first, out)
+        lines = out if out.ndim == 2 else out[None]
+        self._replacement.record(lines, self._own, first)
+        self._replacement.apply(lines, first, lambda row: self._stored.take_rows([row])[0])
+
+    def take_rows(self, rows: Iterable[int]) -> NDArray[np.uint16]:
+        """Return some rows (n, cols), which need not be adjacent."""
+        wanted = np.fromiter(rows, np.int64)
+        out = np.empty((len(wanted), self.shape[1]), np.uint16)
+        for row, line in zip(wanted.tolist(), out, strict=True):
+            self.read_rows(row, line)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _RepairedRead:
+    """`FrameSource.read` of a frame with replaced pixels; `own` are (n,) the numbers of the bad ones as last read."""
+
+    source: FrameSource
+    replacement: PixelReplacement
+    own: NDArray[np.uint16]
+
+    def __call__(self) -> Numbers:
+        dn = self.source.read().copy()
+        self.replacement.record(dn, self.own)
+        self.replacement.apply(dn)
+        return dn
+
+    def open_rows(self) -> StoredRows | None:
+        stored = self.source.open_rows()
+        return None if stored is None else RepairedRows(stored, self.replacement, self.own)
+
+
+def repaired(frames: FrameSet, replacement: PixelReplacement) -> FrameSet:
+    """Return the frames with replaced pixels."""
+
+    def without(source: FrameSource) -> FrameSource:
+        own = np.zeros(len(replacement.bad_row), np.uint16)
+        return replace(source, read=_RepairedRead(source, replacement, own))
+
+    groups = tuple(replace(group, frames=tuple(map(without, group.frames))) for group in frames.groups)
+    return replace(frames, groups=groups)
+
+
+def replaced_numbers(source: FrameSource) -> NDArray[np.uint16]:
+    """Return the numbers (n,) of the bad pixels of a frame with replaced pixels, once it was read."""
+    assert isinstance(source.read, _RepairedRead)
+    return source.read.own
+
+
+def as_taken(source: FrameSource) -> FrameSource:
+    """Return a frame as it was taken, without replaced pixels."""
+    return source.read.source if isinstance(source.read, _RepairedRead) else source
+
+
+def groups_as_taken(groups: Iterable[FrameGroup]) -> tuple[FrameGroup, ...]:
+    """Return groups of frames as they were taken."""
+    return tuple(replace(group, frames=tuple(map(as_taken, group.frames))) for group in groups)
