@@ -610,3 +610,35 @@ def test_plots_cover_what_they_show_with_text_of_one_size(page, link) -> None:
         assert found["part"] > 0.7
         assert 0.85 < found["scale"] < 1.35
         assert found["cut"] == 0
+
+
+def test_an_invalid_field_is_named_and_nothing_is_computed(page, link) -> None:
+    opened(page, link, "plan")
+    asked: list = []
+    page.on("request", lambda request: request.url.split("?")[0].endswith("/api/plan") and asked.append(request))
+    view, alert = page.locator("#view-plan"), page.locator("#alert")
+    gain = view.get_by_label("System gain K (DN/e⁻)", exact=True)
+    for label, wrong in (
+        ("Longest dark frame (s)", "0"),
+        ("Longest flat field (s)", ""),
+        ("System gain K (DN/e⁻)", "often"),
+        ("System gain K (DN/e⁻)", "0%"),
+    ):
+        box = view.get_by_label(label, exact=True)
+        before = box.input_value()
+        box.fill(wrong)
+        view.get_by_role("button", name="Compute").click()
+        assert alert.inner_text().startswith(f"{label}: ")
+        assert page.evaluate("document.activeElement.value") == wrong
+        box.fill(before)
+    for name in ("Remove System gain K", "Remove PRNU"):
+        view.get_by_role("button", name=name).click()
+    view.get_by_role("button", name="Compute").click()
+    assert alert.inner_text().startswith("Add a parameter: ")
+    view.get_by_label("Add a parameter").select_option(label="System gain K (DN/e⁻)")
+    assert not asked
+    gain.fill("1 %")
+    view.get_by_role("button", name="Compute").click()
+    wait(page, "document.querySelector('#view-plan .key, #view-plan svg.plot .mark-text') !== null")
+    assert len(asked) == 1
+    assert alert.is_hidden()

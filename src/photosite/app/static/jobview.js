@@ -4,6 +4,15 @@ import { finished, post, progressReporter, remove, showError, tab } from "./api.
 import { copied, element } from "./dom.js";
 import { toHash } from "./state.js";
 
+// What is wrong with the first invalid field of a view, which gets the focus; nothing is computed with an older value.
+function problem(root) {
+  const box = [...root.querySelectorAll(":is(input, select):invalid")].find((each) => each.checkVisibility());
+  if (!box) return "";
+  box.focus();
+  const label = box.getAttribute("aria-label") ?? box.closest("label").firstChild.textContent;
+  return `${label.trim()}: ${box.title || box.validationMessage}`;
+}
+
 // `content` is what the link restores; by default the request.
 export function jobBar(name, view, request, shown, label = "Compute", content = request) {
   let job = null;
@@ -18,7 +27,9 @@ export function jobBar(name, view, request, shown, label = "Compute", content = 
     } catch (error) { showError(error.message); }
   };
   async function start() {
-    showError("");
+    const wrong = problem(document.getElementById(`view-${view}`));
+    showError(wrong);
+    if (wrong) return;
     history.replaceState(null, "", toHash(view, content()));
     let mine;
     try {
@@ -46,7 +57,7 @@ export function jobBar(name, view, request, shown, label = "Compute", content = 
 }
 
 export function field(label, unit, attributes, value, changed) {
-  const box = element("input", { step: "any", ...attributes });
+  const box = element("input", { step: "any", required: true, ...attributes });
   box.value = value;
   box.addEventListener("change", () => {
     if (box.validity.valid && box.value !== "") changed(box.type === "number" ? Number(box.value) : box.value.trim());

@@ -8,6 +8,7 @@ import { plot } from "./plots.js";
 import { sensorPick } from "./sensors.js";
 
 let request = { sensor: { source: "nikon-d200" }, wants: { system_gain_dn_per_e: "0.5%", prnu_percent: "2%" }, longest_dark_s: 5, longest_flat_s: 0.05, illuminant: "D65", seconds_per_frame: 1 };
+const PRECISION = "\\s*(?=[\\d.]*[1-9])(\\d+\\.?\\d*|\\.\\d+)(e[+\\-]?\\d+)?\\s*%?\\s*", MOST_WANTS = 12;
 let built = false;
 
 export async function show(content) {
@@ -23,12 +24,13 @@ export async function show(content) {
     const rows = Object.entries(request.wants).map(([name, text]) => {
       const label = parameters.find((each) => each.name === name);
       return element("div", { class: "fields" },
-        field(label?.label ?? name, label?.unit || "%", { type: "text", required: true }, text, (value) => { request.wants[name] = value; }),
+        field(label?.label ?? name, label?.unit || "%", { type: "text", pattern: PRECISION, title: "Enter a percentage such as 2%, or a number above 0 in the parameter's unit." }, text, (value) => { request.wants[name] = value; }),
         element("button", { type: "button", "aria-label": `Remove ${label?.label ?? name}`, onclick: () => { delete request.wants[name]; drawWants(); } }, "Remove"));
     });
     const left = parameters.filter((each) => !(each.name in request.wants));
-    const more = element("select", { "aria-label": "Add a parameter", onchange: () => { request.wants[more.value] = "2%"; drawWants(); } },
-      element("option", { value: "" }, "Add a parameter …"), ...left.map((each) => element("option", { value: each.name }, `${each.label}${each.unit ? ` (${each.unit})` : ""}`)));
+    const full = rows.length >= MOST_WANTS;
+    const more = element("select", { "aria-label": "Add a parameter", required: !rows.length, title: rows.length ? null : "Choose the parameter whose precision is wanted.", disabled: full, onchange: () => { request.wants[more.value] = "2%"; drawWants(); } },
+      element("option", { value: "" }, full ? `${MOST_WANTS} parameters are the most` : "Add a parameter …"), ...left.map((each) => element("option", { value: each.name }, `${each.label}${each.unit ? ` (${each.unit})` : ""}`)));
     wants.replaceChildren(...rows, element("p", {}, more));
   };
   drawWants();
@@ -38,10 +40,10 @@ export async function show(content) {
     element("div", { class: "card" },
       element("div", { class: "fields" },
         pick,
-        field("Longest dark frame", "s", { type: "number", min: 1e-6 }, request.longest_dark_s, (value) => { request.longest_dark_s = value; }),
-        field("Longest flat field", "s", { type: "number", min: 1e-6 }, request.longest_flat_s, (value) => { request.longest_flat_s = value; }),
+        field("Longest dark frame", "s", { type: "number", min: 1e-6, max: 1e5 }, request.longest_dark_s, (value) => { request.longest_dark_s = value; }),
+        field("Longest flat field", "s", { type: "number", min: 1e-6, max: 1e5 }, request.longest_flat_s, (value) => { request.longest_flat_s = value; }),
         ...lightField("Illuminant of the flat fields", known, request.illuminant, (value) => { request.illuminant = value; }),
-        field("Time to save a frame", "s", { type: "number", min: 0 }, request.seconds_per_frame, (value) => { request.seconds_per_frame = value; })),
+        field("Time to save a frame", "s", { type: "number", min: 0, max: 3600 }, request.seconds_per_frame, (value) => { request.seconds_per_frame = value; })),
       element("h3", {}, "Wanted standard uncertainty"),
       element("p", { class: "hint" }, "Percent of the value, such as 2%, or a number in the parameter's unit."), wants),
     bar, results);

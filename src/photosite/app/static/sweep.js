@@ -33,7 +33,7 @@ export async function show(content) {
   const box = element("div"), measure = element("select", { onchange: () => { request.measure = measure.value; luminance.hidden = measure.value !== "snr"; } },
     element("option", { value: "snr" }, "signal, noise and SNR of a surface"), element("option", { value: "sensor_figures" }, "dynamic range, SNR10 and saturation"));
   measure.value = request.measure;
-  const luminance = field("Luminance", "cd/m²", { type: "number", min: 1e-9 }, request.luminance_cd_m2, (value) => { request.luminance_cd_m2 = value; });
+  const luminance = field("Luminance", "cd/m²", { type: "number", min: 1e-9, max: 1e9 }, request.luminance_cd_m2, (value) => { request.luminance_cd_m2 = value; });
   luminance.hidden = request.measure !== "snr";
   async function ranges() {
     let form;
@@ -65,7 +65,7 @@ export async function show(content) {
       field("f-number", "", { type: "number", min: 0.5 }, request.lens.f_number, (value) => { request.lens = { ...request.lens, f_number: value }; }),
       field("Focal length", "mm", { type: "number", min: 0.2 }, request.lens.focal_length_mm, (value) => { request.lens = { ...request.lens, focal_length_mm: value }; }),
       element("label", {}, "Measure", measure), luminance,
-      field("Exposure time", "s", { type: "number", min: 1e-6 }, Number(request.exposure_s.toPrecision(6)), (value) => { request.exposure_s = value; }),
+      field("Exposure time", "s", { type: "number", min: 1e-6, max: 1e5 }, Number(request.exposure_s.toPrecision(6)), (value) => { request.exposure_s = value; }),
       ...lightField("Illuminant", known, request.illuminant, (value) => { request.illuminant = value; })), box),
     bar, element("div", { id: "sweep-results", "aria-live": "polite" }));
   start();
