@@ -17,6 +17,7 @@ from photosite.app.form import parameters_of
 from photosite.app.kept_scenes import scene_of
 from photosite.app.places import Places
 from photosite.app.preview_light import approximate_rate
+from photosite.app.preview_sensor import of_size
 from photosite.app.state import CameraState, prepared
 from photosite.app.view import view_bytes
 from photosite.app.view_pixels import View, view_pixels
@@ -338,3 +339,13 @@ def test_jobs_and_views_over_the_api(client) -> None:
     raw = client.post("/api/save", json={"state": state, "suffix": ".dng"})
     assert raw.headers["content-disposition"] == 'attachment; filename="shot.dng"'
     assert raw.content[:2] == b"II"
+
+
+def test_previews_are_without_effects_of_places() -> None:
+    effects = {"glow": {"places": ["top"], "peak_e_per_s": 5, "decay_pixels": 20}, "optical_black": {"top": 8}}
+    sensor = ps.load_sensor("nikon-d200").with_(**effects, telegraph_noise=BLINKING)
+    notes: list[str] = []
+    small = of_size(sensor, 2, 2, notes)
+    assert notes == ["the preview is without glow, optical black"]
+    assert small.effects is not None
+    assert list(small.effects.stated) == ["telegraph_noise"]
