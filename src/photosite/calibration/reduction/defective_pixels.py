@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
 from photosite.engine.frame_sums import FrameSums
-from photosite.engine.outlying_pixels import Surface, outside
+from photosite.engine.outlying_pixels import Limits, outside
+from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
 
 MOST_DEFECTIVE = 0.03
@@ -29,7 +30,7 @@ FAR_SIGMA, REACH = 8.0, 1.5
 """Least distance in standard deviations by the quartiles, and in units of the distance that the farthest of all pixels
 has where the distribution is normal or log-normal."""
 
-LEVEL_RATIO = 1.9
+LEVEL_RATIO = 2.5
 """Ratio of the levels of flat fields that are searched."""
 
 NEAR, NEAR_NOISE = 0.75, 0.5
@@ -53,7 +54,8 @@ NOISE_SPREAD = 2.0
 LEAST_SIDE = 4
 """Least rows and columns of a color."""
 
-_BLOCK, _MOST_BLOCKS, _SAMPLES = 16, 16, 64
+_BLOCK, _MOST_BLOCKS, _SAMPLES, _STEPS = 16, 16, 64, 4
+_LARGEST = (1 << 32) - 1
 _WINDOW, _NEIGHBORS, _CHUNK = 8, 96, 1 << 14
 _NOISE_P_VALUE = 1e-4
 _TENTH, _QUARTILES = 1.2815515655446004, 1.3489795003921634
@@ -385,7 +387,7 @@ def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
         limits[site] = _limits((samples - middle[..., None]).ravel(), plane.size, LEAST_DN * sums.count)
         centers = [np.asarray(0.5 * (ends[1:] + ends[:-1] - 1), np.float64) for ends in (rows, cols)]
         parts.append((site, middle, centers[0], centers[1]))
-    row, col = outside(total, _surface(parts, limits, total.shape[1], tile))
+    row, col = outside(total, _pixel_limits(parts, limits, total.shape, tile))
     if len(row) > MOST_DEFECTIVE * total.size:
         return np.zeros(0, np.int64)
     found = [np.zeros(0, np.int64)]
@@ -398,25 +400,27 @@ def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
     return np.concatenate(found)
 
 
-def _surface(
+def _pixel_limits(
     parts: Sequence[tuple[tuple[int, int], _Floats, _Floats, _Floats]],
     limits: Mapping[tuple[int, int], _Limits],
-    cols: int,
+    shape: tuple[int, ...],
     tile: _Ints,
-) -> Surface:
-    """Return the surface through the middles of the blocks of each site, which are near or outside `NEAR` limits."""
-    rows = len(parts[0][2])
-    nodes = np.empty((tile.shape[0], rows, cols), np.float32)
-    below, above = np.empty((2, tile.shape[0], cols), np.float32)
-    place = np.empty((tile.shape[0], rows))
+) -> Limits:
+    """Return the `NEAR` limits of each pixel, about the surface through the middles of the blocks of its site."""
+    steps = _STEPS * len(parts[0][2])
+    lowest, width = np.empty((2, tile.shape[0], steps, shape[1]), np.uint32)
     for site, middle, of_rows, of_cols in parts:
-        own = np.arange(len(range(site[1], cols, tile.shape[1])))
-        for k, line in enumerate(middle):
-            nodes[site[0], k, site[1] :: tile.shape[1]] = np.interp(own, of_cols, line)
-        place[site[0]] = of_rows
-        below[site[0], site[1] :: tile.shape[1]] = NEAR * limits[site].below
-        above[site[0], site[1] :: tile.shape[1]] = NEAR * limits[site].above
-    return Surface(nodes, place, below, above)
+        rows, cols = plane_shape(shape, site, tile.shape)
+        across = np.array([np.interp(np.arange(cols), of_cols, line) for line in middle])
+        at = np.interp((np.arange(steps) + 0.5) * rows / steps - 0.5, of_rows, np.arange(len(of_rows)))
+        first = np.minimum(at.astype(np.int64), len(of_rows) - 1)
+        second = np.minimum(first + 1, len(of_rows) - 1)
+        center = across[first] + (at - first)[:, None] * (across[second] - across[first])
+        low = np.clip(np.ceil(center - NEAR * limits[site].below), 0, _LARGEST)
+        high = np.clip(np.floor(center + NEAR * limits[site].above), low, _LARGEST)
+        lowest[site[0], :, site[1] :: tile.shape[1]] = low
+        width[site[0], :, site[1] :: tile.shape[1]] = high - low
+    return Limits(lowest, width)
 
 
 def _numbers(r: _Ints, c: _Ints, site: tuple[int, int], shape: tuple[int, ...], tile: _Ints) -> _Ints:
