@@ -30,6 +30,7 @@ _OVERFLOWING = 1.2
 _REACH, _ORDINARY = 12, 2000
 """Pixels of a column to each side that may take the overflow; pixels without it that show the noise of the sums."""
 _SEEN_P_VALUE = 0.005
+"""Probability of so much charge beside hot pixels without blooming, below which it is taken for seen."""
 _METHOD = (
     "charge in the columns beside {} hot pixels that overflow in dark frames of {:.3g} s, against the charge that they "
     "cannot hold"

@@ -69,6 +69,7 @@ class SmoothDensity(NamedTuple):
 LEAST_FRACTION = 0.8
 """Fraction of the codes between the dimmest and the brightest flat field that a sensor file's table must cover."""
 _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 4, 9, 4
+"""Smooth parts and frequencies over which scatter and powers are averaged, and passes of the table's correction."""
 
 
 @dataclass(frozen=True, eq=False)

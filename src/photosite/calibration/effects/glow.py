@@ -136,6 +136,7 @@ AMBIGUOUS = 12.0
 CLIPPED = 4.0
 """Standard deviations about the median of a block beyond which pixels, such as hot ones, are left out of its mean."""
 _DECAYS, _ITERATIONS = 24, 30
+"""Lengths of the decay that are searched, and steps of the fit from the best of them."""
 
 
 def find_glow(rate_dn_per_s: Array, gain: Value) -> GlowMap | None:

@@ -159,6 +159,7 @@ EFFECT = Effect(20, _measure, key="dark_distribution", missing="absent", labels=
 LEAST_PIXELS = 20
 """Smallest number of hot pixels from which their distribution is estimated."""
 _CELLS, _NODES, _BINS = 240, 25, 100
+"""Cells of the tail in its likelihood, quantiles of the other pixels that are added to it, bins of the histogram."""
 _MOSTLY_SEEN = 0.3
 """Smallest fraction of the hot pixels above the limit, for which the distribution below it is known."""
 _MISFIT_P_VALUE = 0.01

@@ -220,7 +220,7 @@ def _design(cycles_per_row: float, rows: int, harmonics: int) -> Array:
 
 LEAST_CYCLES = 0.6
 """Cycles over the frame below which bands cannot be distinguished from drift of the light."""
-_MOST_HARMONICS = 16
+_MOST_HARMONICS = 16  # that are tried
 _MISSING_HARMONICS = 3
 """Harmonics that are tried beyond the last one found."""
 

@@ -212,8 +212,8 @@ def _better(more: Fit, less: Fit, by_chance: float) -> bool:
 
 SENSOR_FRACTION = (0.5, 0.6)
 """Mean and standard deviation of the sensor's fraction of the bend before the variances are seen."""
-_ROUNDS = 12
-_SMALL = 1e-8
+_ROUNDS, _SMALL = 12, 1e-8
+"""Rounds of the joint fit at most, and relative change of the gain that ends it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,8 @@ class FarPixels:
 _FAR_SIGMA = 8.0
 """Distance from the median in standard deviations by the quartiles: 1 of 10^15 pixels of a normal distribution."""
 _FRACTION = 0.2
-_QUARTILE = 0.6745
+"""Fraction of the variance over pixels from which far pixels are reported: the others have a tenth less spread."""
+_QUARTILE = 0.6745  # of a normal distribution, in standard deviations
 _SAMPLES = 1 << 16
 """Pixels of a site from which the quartiles are computed, at least, where it has as many: the limit is known to 1 %."""
 

@@ -35,7 +35,8 @@ MISFITS = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Relative errors of the light on the grid: errors of reflectances and spectra beyond their stated uncertainty."""
 
 _BURN_IN = 20
-_PROBABILITY = 0.95
+"""Draws of each chain that are left out, because they depend on its start."""
+_PROBABILITY = 0.95  # of the intervals
 _JITTER = 1e-9
 """Fraction of the prior's variance added to the diagonal, so that the Cholesky factor exists."""
 
