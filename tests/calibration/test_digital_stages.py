@@ -14,7 +14,6 @@ from photosite.errors import CalibrationError
 @pytest.mark.parametrize(
     ("output", "id"),
     [
-        ({"subtract_black_level": True}, "darks-clipped-too-far"),
         ({"dropped_bits": 2, "rescaled": True}, "shifted-numbers"),
         ({"dropped_bits": 2}, "wrong-bit-depth"),
     ],
@@ -23,6 +22,13 @@ def test_lossy_stages_are_refused(output: dict[str, Any], id: str) -> None:
     with pytest.raises(CalibrationError) as caught:
         measured(SENSOR.with_(output=output), level=1.2)
     assert caught.value.id == id
+
+
+def test_a_subtracted_black_level_is_named() -> None:
+    found = measured(SENSOR.with_(output={"subtract_black_level": True}), level=1.2)
+    low, high = found.system_gain_dn_per_e.interval_95 or (0.0, 0.0)
+    assert low < SENSOR.system_gain_dn_per_e < high
+    assert "clipped-darks" in limits(found)
 
 
 def test_square_root_companding_is_named() -> None:

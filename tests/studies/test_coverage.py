@@ -20,11 +20,12 @@ import numpy as np
 import pytest
 
 from photosite.calibration.photon_transfer import fit
-from photosite.errors import InputError
+from photosite.calibration.setting import calibrate_setting
+from photosite.errors import CalibrationError, InputError
+from photosite.frames.frame_set import FrameSet
 from photosite.studies import coverage
 from photosite.studies.conditions import CONDITIONS, condition
 from photosite.studies.coverage import Coverage, CoverageStudy, _row, coverage_study, measure_sensor
-from photosite.studies.coverage import _measure_batch as measure_batch
 from photosite.studies.outcome import Outcome
 
 LIMITS = {64: (0.82, 0.55, 1.35), 160: (0.875, 0.35, 1.25)}
@@ -102,12 +103,18 @@ def test_standard_error_of_the_mean_error() -> None:
 
 
 def test_failed_calibrations_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sensors 4 and 5 of a condition; frames of the second cannot be calibrated."""
-    monkeypatch.setattr(coverage, "_measure_batch", lambda task: measure_batch((task[0], [4 + n for n in task[1]])))
+    """The frames of the second sensor have no light."""
+
+    def calibrate(frames: FrameSet, **options: Any) -> Any:
+        if "sensor 1" in frames.source:
+            raise CalibrationError("all frames are 0", where=frames.source)
+        return calibrate_setting(frames, **options)
+
+    monkeypatch.setattr(coverage, "calibrate_setting", calibrate)
     study = coverage_study(["clipped-mono-12"], sensors=2, processes=1)
     (entry,) = study.refused["clipped-mono-12"]
     assert entry.sensors == 1
-    assert "virtual frames of clipped-mono-12, sensor 5: dark frames at" in entry.example
+    assert "virtual frames of clipped-mono-12, sensor 1: all frames are 0" in entry.example
     content = study.to_dict()["conditions"]["clipped-mono-12"]
     assert (content["refused"], content["why_refused"]) == (1, [{"sensors": 1, "example": entry.example}])
 

@@ -43,6 +43,8 @@ ANSWERS: dict[str, tuple[tuple[float, float] | None, str, str, str]] = {
     "uneven light": ((1.5, 3.0), "prnu_percent", GIVEN, GIVEN),
     "wrong level": ((0.95, 0.97), "responsivity_dn_per_photon", GIVEN, GIVEN),
     "alternating black level": ((1.0, 1.2), "black_level_dn", GIVEN, GIVEN),
+    "mirrored dark frames": ((-0.3, 0.3), "dsnu_dn", GIVEN, GIVEN),
+    "covered columns": ((0.033, 0.034), "prnu_percent", GIVEN, WITHHELD),
     "frames of another chip": (None, "", GIVEN, GIVEN),
 }  # fmt: skip
 

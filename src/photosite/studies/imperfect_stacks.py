@@ -30,6 +30,7 @@ from photosite.values.diagnostic import Diagnostic, texts
 # The virtual camera: pixels, frames of each level, exposure times, light, and its true figures.
 SHAPE = (192, 240)
 FRAMES = 8
+DARK_FRAMES = 3 * FRAMES
 LIGHT_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
 PROTOCOL = ShootingProtocol(
     "eight levels",
@@ -111,6 +112,10 @@ def _mosaic(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
     rows, cols = (length // 2 for length in values.shape)
     filtered: Frame = values * np.tile([[0.55, 1.0], [1.0, 0.7]], (rows, cols))
     return filtered
+
+
+def _covered(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
+    return np.where(np.arange(values.shape[1]) < values.shape[1] - 8, values, 0.0)
 
 
 def _digital_gain(gain: float | Frame) -> Change:
@@ -223,6 +228,11 @@ KINDS = (
         "alternating black level", "2 DN more in every second frame", "black-level-shifts",
         numbers=lambda v, rng, frame: v + 2.0 * (frame % 2),
     ),
+    StackKind(
+        "mirrored dark frames", "left and right exchanged", "other-offsets",
+        numbers=lambda v, rng, frame: v[:, ::-1] if frame < DARK_FRAMES else v,
+    ),
+    StackKind("covered columns", "8 of 240", "unlit-lines", light=_covered),
     StackKind("frames of another chip", "3 % of the frames", "foreign-frames", light=_another_chip),
 )  # fmt: skip
 """The kinds of stacks."""

@@ -34,6 +34,7 @@ from photosite.calibration.spatial.nonuniformity import (
     shading_variance,
     without_neighbors,
 )
+from photosite.calibration.spatial.pattern_agreement import NOT_COMPARED, Agreements, PixelLines
 from photosite.calibration.spatial.periodic_structure import (
     UNSTATED_MOSAIC,
     PeriodicStructure,
@@ -55,6 +56,7 @@ from photosite.calibration.spatial.spatial_analysis import (
     SpatialAnalysis,
     spatial_analysis,
 )
+from photosite.calibration.spatial.unlit_lines import UNLIT_LINES, UnlitLines, find_unlit_lines
 from photosite.calibration.withheld import (
     FEW_LEVELS,
     NO_HALF_SATURATION,
@@ -132,13 +134,15 @@ class FixedPattern:
 @dataclass(frozen=True)
 class FixedPatterns:
     """The fixed pattern of each channel; the periodic structure of flat fields and of dark frames, steps between taps,
-    and pixels far from the others, if any."""
+    pixels far from the others and lines without light, if any; whether dark frames and flat fields agree."""
 
     channels: tuple[FixedPattern, ...]
     structure: PeriodicStructure | None = None
     dark_structure: PeriodicStructure | None = None
     taps: tuple[Taps, ...] = ()
     far: tuple[FarPixels, ...] = ()
+    agreements: Agreements = NOT_COMPARED
+    unlit: UnlitLines | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,7 @@ class SlopePlan:
     """How a channel's map of slopes is made."""
 
     coefficients: dict[int, float]  # weight of each light group's mean frame, by the index of the group
+    offsets: dict[int, float]  # those of the value at no light in place of the slope
     noise: Uncertain  # variance of the slopes from temporal noise
     seconds_per_unit: float  # exposure time per unit of the light levels' axis
 
@@ -179,9 +184,12 @@ def plan_slopes(
     if charge is not None:
         more = charge.mean_factors(frames.astype(np.float64))
         variance, uncertainty = more * variance, more * uncertainty
-    coefficients = slope_coefficients(levels.x[used], frames / variance)
+    x, weights = levels.x[used], frames / variance
+    coefficients = slope_coefficients(x, weights)
+    offsets = weights / weights.sum() - float(x @ weights / weights.sum()) * coefficients
     return SlopePlan(
         dict(zip(groups.tolist(), coefficients.tolist(), strict=True)),
+        dict(zip(groups.tolist(), offsets.tolist(), strict=True)),
         slope_noise(coefficients, frames, variance, uncertainty),
         float(coefficients @ levels.exposure_s[used]),
     )
@@ -279,6 +287,7 @@ class _FlatPattern:
     """Periods and taps of the brightest flat fields, and by channel the pattern of those near half saturation."""
 
     slopes: PixelSlopes
+    lines: PixelLines
     structure: PeriodicStructure | None = None
     taps: tuple[Taps, ...] = ()
     prnu: dict[int, ComponentsPair] = field(default_factory=dict)  # high-passed, and plain
@@ -310,7 +319,10 @@ def measure_fixed_pattern(
     if structure is not None and structure.is_mosaic():
         result = [entry.withheld(UNSTATED_MOSAIC.missing(f"{structure}; state it")) for entry in result]
     far += _found([find_far_pixels("PRNU", flats.slopes.slopes, reader.tile.shape)])
-    return FixedPatterns(tuple(result), structure, offsets, taps + flats.taps, far)
+    agreements = flats.lines.agreements(dark, light.channels, reduction.lights)
+    if (unlit := find_unlit_lines(flats.slopes.slopes, reader.tile.shape)) is not None:
+        result = [entry.withheld(UNLIT_LINES.missing(str(unlit))) for entry in result]
+    return FixedPatterns(tuple(result), structure, offsets, taps + flats.taps, far, agreements, unlit)
 
 
 def _without_light(inputs: _Inputs, channel: int, dark: _DarkPattern) -> FixedPattern:
@@ -334,7 +346,9 @@ def _read_flats(
     lights, weights, reader = inputs.reduction.lights, inputs.weights, inputs.reader
     groups = [i for i in range(len(lights)) if i in inputs.half or any(i in each for each in weights)]
     reader.expect(sum(len(lights[i].group) for i in groups if not reader.kept(lights[i].group)))
-    flats = _FlatPattern(PixelSlopes(inputs.shape, reader.tile))
+    offsets_of = [{} if isinstance(plan, Missing) else plan.offsets for plan in inputs.plans]
+    lines = PixelLines(reader.tile, inputs.shape, offsets_of, weights)
+    flats = _FlatPattern(PixelSlopes(inputs.shape, reader.tile), lines)
     # A level beyond the linear range of a channel hides differences within it.
     clear = [i for i in groups if all(i in each for each in weights if each)]
     brightest = max(clear or groups, key=lambda i: lights[i].levels[0].mean, default=None)
@@ -357,6 +371,7 @@ def _read_flats(
             )
             del flat
         flats.slopes.add(mean, [each.get(i, 0.0) for each in weights])
+        flats.lines.add(i, mean)
         del mean, values  # releases them before the next group is read
     return flats
 

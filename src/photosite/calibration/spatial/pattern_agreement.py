@@ -1,0 +1,186 @@
+"""Whether the pattern of the dark frames is in the flat fields: offsets with factor 1, dark current with the exposure.
+
+The flat fields of each pixel lie on a line over the amount of light. Its value at no light is the pixel's dark signal
+at the exposure time there, and its slope contains the dark current if the exposure time grows with the light. The
+regression of both on the pattern of the dark frames has the coefficient 1 where all frames are of one chip in one
+state. Shading and the patterns of whole rows and columns are removed before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from photosite.calibration.dark.dark_result import DarkResult
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.engine.jit import F64
+from photosite.engine.lazy_maps import Map
+
+P_VALUE = 1e-4
+"""Fraction of sets of one chip in one state that are reported."""
+
+LEAST_DIFFERENCE = 0.3
+"""Difference of the coefficient from 1 that matters: what is added or missing has 0 or 2, or a few degrees' 1.4."""
+
+MOST_PIXELS = 1 << 18
+"""Pixels of the rows in the middle that are compared: enough for any pattern that matters."""
+
+MOST_NOISE = 3.0
+"""Variance of the noise over that of the pattern from which they are not compared."""
+
+_BOX = 9
+"""Side of the square whose mean is subtracted, in pixels of a channel."""
+
+_MIRRORED: dict[str, Any] = {
+    "left and right": np.s_[:, ::-1],
+    "top and bottom": np.s_[::-1],
+    "left and right, and top and bottom": np.s_[::-1, ::-1],
+}
+"""Frames that may be mirrored among the others: how, and the index that undoes it."""
+
+_FAR = 6.0
+"""Pixels farther than this, in standard deviations, do not count: a few hot pixels must not decide."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Regression coefficient of the flat fields on the pattern of the dark frames, and its standard uncertainty."""
+
+    ratio: float
+    uncertainty: float
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the coefficient differs from 1 beyond chance, and by enough to matter."""
+        away = abs(self.ratio - 1.0)
+        return away > max(LEAST_DIFFERENCE, -float(ndtri(0.5 * P_VALUE)) * self.uncertainty)
+
+
+@dataclass(frozen=True)
+class Agreements:
+    """The agreement of offsets and of dark currents, None where the frames do not show it.
+
+    `mirrored` tells which sides of the dark frames are exchanged, if they agree with the flat fields then.
+    """
+
+    offsets: Agreement | None = None
+    rates: Agreement | None = None
+    mirrored: str = ""
+
+
+NOT_COMPARED = Agreements()
+
+
+class PixelLines:
+    """The line of each pixel over the light levels of its channel, for the rows in the middle of the frame."""
+
+    def __init__(
+        self,
+        tile: NDArray[np.int64],
+        shape: tuple[int, int],
+        offsets: Sequence[Mapping[int, float]],
+        slopes: Sequence[Mapping[int, float]],
+    ) -> None:
+        """Prepare for mean frames; `offsets` and `slopes` are the weights of the light groups, by channel."""
+        height = tile.shape[0]
+        rows = min(shape[0], max(MOST_PIXELS // shape[1], 2 * _BOX * height)) // height * height
+        first = (shape[0] - rows) // 2 // height * height
+        self._tile, self._weights = tile, (offsets, slopes)
+        self._rows = slice(first, first + rows)
+        self._sums = np.zeros((2, rows, shape[1]))
+
+    def add(self, group: int, mean: Map) -> None:
+        """Add the mean frame of a light group."""
+        values = mean[self._rows]
+        for total, weights in zip(self._sums, self._weights, strict=True):
+            for k, of_channel in enumerate(weights):
+                if weight := of_channel.get(group, 0.0):
+                    for r, c in np.argwhere(self._tile == k):
+                        site = np.s_[r :: self._tile.shape[0], c :: self._tile.shape[1]]
+                        total[site] += weight * values[site]
+
+    def agreements(
+        self, dark: DarkResult, channels: Sequence[Channel], lights: Sequence[GroupStatistics]
+    ) -> Agreements:
+        """Compare the lines with the dark frames."""
+        if dark.mean is None or dark.clipped is not None or dark.noise_unknown:
+            return NOT_COMPARED
+        offsets: list[_Moments] = []
+        mirrored: dict[str, list[_Moments]] = {name: [] for name in _MIRRORED}
+        rates: list[_Moments] = []
+        for channel in channels:
+            seconds = [
+                sum(weight * lights[group].group.exposure_s for group, weight in weights[channel.index].items())
+                for weights in self._weights
+            ]
+            if not self._weights[1][channel.index]:
+                continue
+            known = dark.at(seconds[0])
+            assert known is not None
+            pattern = known.mean[self._rows]
+            for site in np.argwhere(self._tile == channel.index):
+                flat, noise = self._plane(self._sums[0], site), known.noise[channel.index].pixel.value
+                own = self._plane(pattern, site)
+                offsets.append(_Moments.of(flat, own, 1.0, noise))
+                if self._tile.size == 1:
+                    for name, turn in _MIRRORED.items():
+                        mirrored[name].append(_Moments.of(flat, own[turn], 1.0, noise))
+                if dark.slope_map is not None and seconds[1] != 0.0:
+                    parts = dark.mean.noise[channel.index]
+                    whole = dark.slope_map.noise(dark.slope_map.coefficients, channel.index).value
+                    noise = whole * parts.pixel.value / parts.total.value if parts.total.value > 0.0 else whole
+                    rate = self._plane(dark.slope_map.slopes.slopes[self._rows], site)
+                    rates.append(_Moments.of(self._plane(self._sums[1], site), rate, seconds[1], noise))
+        found = Agreements(_agreement(offsets), _agreement(rates))
+        if found.offsets is not None and found.offsets.refuted:
+            for name, moments in mirrored.items():
+                other = _agreement(moments)
+                if other is not None and not other.refuted and other.ratio > 1.0 - LEAST_DIFFERENCE:
+                    return replace(found, mirrored=name)
+        return found
+
+    def _plane(self, values: F64, site: NDArray[np.int64]) -> F64:
+        """Return the pattern of a site of the tile, without shading and without that of whole rows and columns."""
+        from scipy.ndimage import uniform_filter
+
+        plane = values[site[0] :: self._tile.shape[0], site[1] :: self._tile.shape[1]]
+        plane = plane - uniform_filter(plane, _BOX, mode="nearest")
+        plane -= plane.mean(axis=1, keepdims=True)
+        return np.asarray(plane - plane.mean(axis=0))
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """Sums over pixels for the regression of flat fields on a noisy pattern: the coefficient is 1 + rest / true."""
+
+    pixels: int
+    true: float  # square of the pattern without its noise, times the factor
+    noise: float  # square of the noise, times the factor
+    rest: float  # product of what the pattern does not explain with the pattern
+    square: float  # square of this product
+
+    @classmethod
+    def of(cls, flat: F64, pattern: F64, factor: float, noise: float) -> _Moments:
+        spread = 1.4826 * float(np.median(np.abs(pattern)))
+        near = np.abs(pattern) <= _FAR * spread
+        own = pattern[near]
+        left = noise * (1.0 - 1.0 / _BOX**2) * own.size * factor
+        product = (flat[near] - factor * own) * own
+        rest, square = float(product.sum()) + left, float((product * product).sum())
+        return cls(own.size, factor * float(own @ own) - left, left, rest, square)
+
+
+def _agreement(moments: Sequence[_Moments]) -> Agreement | None:
+    """Return the coefficient over all planes, or None where the pattern is far below its noise."""
+    true, noise = (math.fsum(getattr(entry, name) for entry in moments) for name in ("true", "noise"))
+    if sum(entry.pixels for entry in moments) < 1000 or MOST_NOISE * abs(true) < abs(noise) or true == 0.0:
+        return None
+    rest, square = (math.fsum(getattr(entry, name) for entry in moments) for name in ("rest", "square"))
+    return Agreement(1.0 + rest / true, math.sqrt(square) / abs(true))

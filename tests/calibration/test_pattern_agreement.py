@@ -1,0 +1,95 @@
+"""Dark frames and flat fields of different states, from frames of plain NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tests.helpers.diagnosed import limits
+
+from photosite.calibration.calibrate import calibrate
+from photosite.frames.frame_set import FrameSet
+from photosite.values.cfa import MONOCHROME, Cfa
+
+BAYER: Cfa = (("R", "G"), ("G", "B"))
+GAIN, BLACK, READ_E, DSNU_E, LIGHT_E_PER_S, DARK_E_PER_S = 0.4, 64.0, 4.0, 4.0, 10_000.0, 100.0
+LIGHT_S = tuple(0.1 * k for k in range(1, 10))
+DARK_S = (0.01, 0.3, 1.0)
+
+Change = Callable[[str, np.ndarray], np.ndarray]
+
+
+def stack(
+    seed: int,
+    *,
+    warmer: float = 1.0,
+    covered: int = 0,
+    change: Change = lambda kind, numbers: numbers,
+    cfa: Cfa = MONOCHROME,
+    shape: tuple[int, int] = (96, 128),
+    frames: int = 6,
+) -> FrameSet:
+    """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs."""
+    rng = np.random.default_rng([seed, 77])
+    response = 1.0 + rng.normal(0.0, 0.01, shape)
+    offset = rng.normal(0.0, DSNU_E, shape)
+    rate = DARK_E_PER_S * rng.lognormal(-0.125, 0.5, shape)
+    response[:, shape[1] - covered :] = 0.0
+
+    def frame(kind: str, exposure_s: float) -> np.ndarray:
+        mean = rate * exposure_s * (warmer if kind == "light" else 1.0)
+        if kind == "light":
+            mean = mean + LIGHT_E_PER_S * exposure_s * response
+        electrons = rng.poisson(mean) + offset + rng.normal(0.0, READ_E, shape)
+        return np.clip(np.rint(change(kind, GAIN * electrons + BLACK)), 0, 4095).astype(np.uint16)
+
+    taken = [("dark", t, frame("dark", t)) for t in DARK_S for _ in range(10)]
+    taken += [("light", t, frame("light", t)) for t in LIGHT_S for _ in range(frames)]
+    return FrameSet.from_arrays(taken, bits=12, cfa=cfa)
+
+
+def sizes(frames: FrameSet) -> dict[str, float | None]:
+    return {entry.id: entry.size for entry in calibrate(frames).diagnostics if entry.severity == "warning"}
+
+
+@pytest.mark.parametrize("cfa", [MONOCHROME, BAYER], ids=["mono", "bayer"])
+@pytest.mark.parametrize("warmer", [2.0, 0.0])
+def test_flat_fields_at_another_temperature_are_named(warmer: float, cfa: Cfa) -> None:
+    """The size is the dark current of the flat fields over that of the dark frames, to four standard errors."""
+    found = sizes(stack(1, warmer=warmer, cfa=cfa))
+    assert found["other-dark-current"] == pytest.approx(warmer, abs=0.12)
+    assert "other-offsets" not in found
+
+
+def mirrored(kind: str, numbers: np.ndarray) -> np.ndarray:
+    return numbers[:, ::-1] if kind == "dark" else numbers
+
+
+def without_pattern(kind: str, numbers: np.ndarray) -> np.ndarray:
+    """Remove the fixed pattern of dark frames by that of a master bias of 8 frames, drawn with the same seed."""
+    if kind == "light":
+        return numbers
+    rng = np.random.default_rng([1, 77])
+    rng.normal(0.0, 0.01, numbers.shape)
+    offset = rng.normal(0.0, DSNU_E, numbers.shape)
+    return numbers - GAIN * (offset + np.random.default_rng(5).normal(0.0, READ_E / np.sqrt(8), numbers.shape))
+
+
+@pytest.mark.parametrize("change", [mirrored, without_pattern])
+def test_dark_frames_with_another_pattern_are_named(change: Change) -> None:
+    found = sizes(stack(1, change=change))
+    assert abs(found["other-offsets"] or 0.0) < 0.5
+
+
+def test_columns_without_light_are_counted() -> None:
+    found = sizes(stack(2, covered=6))
+    assert found["unlit-lines"] == pytest.approx(6 / 128)
+
+
+@pytest.mark.parametrize("cfa", [MONOCHROME, BAYER], ids=["mono", "bayer"])
+def test_frames_of_one_state_agree(cfa: Cfa) -> None:
+    """Eight stacks: by chance, one of 300 runs of this test raises one of the two diagnostics."""
+    for seed in range(8):
+        found = limits(calibrate(stack(10 + seed, cfa=cfa, shape=(64, 80))))
+        assert not {"other-offsets", "other-dark-current", "unlit-lines"} & set(found), seed
