@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib import pyplot
 
 import photosite as ps
 from photosite.errors import InputError
+from photosite.studies.sensor_comparison import sensor_figures
 
 NAMES = ("nikon-d200", "vendor-2.2um")
 
@@ -149,3 +151,73 @@ def test_report_is_a_page(found: Any, tmp_path: Path, read_page: Any) -> None:
     assert all(name in text for name in NAMES)
     assert len(page.images("image/svg+xml")) == 1
     assert [row[0] for row in page.rows][-1] == "Saturates at (cd/m²)"
+
+
+@pytest.fixture(scope="module")
+def automotive() -> Any:
+    return ps.studies.compare_sensors({"automotive": ps.load_sensor("split-pixel-automotive")})
+
+
+@pytest.mark.parametrize("luminance_cd_m2", [0.5, 29.0, 100.0, 115.0, 200.0, 4000.0])
+def test_several_captures_are_judged_by_their_combined_frame(automotive: Any, luminance_cd_m2: float) -> None:
+    """The ratio of green pixels of one frame, at a false-alarm rate of 1e-4 for each luminance."""
+    facts = automotive.sensors["automotive"]
+    sensor = facts.sensor.with_(rows=200, cols=200)
+    mean = np.full((200, 200), luminance_cd_m2 * facts.electrons_per_cd_m2, np.float32)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=2.8, focal_length_mm=50), sensor)
+    rule = sensor.captures.combination
+    dn = camera.expose(mean, facts.exposure_s, seed=3).dn
+    light = (rule.companding.decompand(dn) - rule.black_level_dn.value) / rule.dn_per_e.value
+    squares = (light - light.mean()) ** 2
+    # Of the variance, as a fraction; the ratio has half of it.
+    uncertainty_db = 10.0 / math.log(10.0) * float(squares.std() / squares.mean()) / light.size**0.5
+    measured_db = 10.0 * math.log10(float(mean[0, 0]) ** 2 / float(squares.mean()))
+    assert abs(float(facts.snr_db(np.array([luminance_cd_m2]))[0]) - measured_db) < 3.9 * uncertainty_db
+
+
+def test_figures_of_several_captures(automotive: Any) -> None:
+    """The automotive sensor has 790 000 electrons of light and 0.83 electrons of read noise."""
+    facts = automotive.sensors["automotive"]
+    sensor = facts.sensor
+    assert facts.to_dict()["saturation_capacity_e"] == pytest.approx(790000.0)
+    small_dark_e = sensor.captures["small"].dark_current_e_per_s.value * facts.exposure_s
+    capacity_e = 790000.0 - 100.0 * small_dark_e
+    assert facts.saturation_cd_m2 * facts.electrons_per_cd_m2 == pytest.approx(capacity_e)
+    dark_e = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * facts.exposure_s
+    # Output steps of 1/16 electron.
+    dark_e2 = 0.83**2 + dark_e + 1 / 12 / sensor.system_gain_dn_per_e**2 + 1 / 12 / 16**2
+    threshold_e = 0.5 + math.sqrt(0.25 + dark_e2)
+    assert facts.dynamic_range_db == pytest.approx(20 * math.log10(capacity_e / threshold_e), abs=0.01)
+    assert float(facts.snr_db(np.array([facts.snr10_cd_m2]))[0]) == pytest.approx(20.0, abs=1e-6)
+    switches = [step["luminance_cd_m2"] for step in automotive.to_dict()["transitions"]["automotive"]]
+    assert switches == pytest.approx(facts.switches_cd_m2)
+    # At the switch to the small photodiode, its shot noise is 20 dB more.
+    before, after = (float(facts.snr_db(np.array([switches[1] * x]))[0]) for x in (0.9, 1.1))
+    assert before == pytest.approx(facts.snr_max_db, abs=0.3)
+    assert after < before - 15
+    assert facts.to_dict()["captures_switch_cd_m2"] == "29.38, 119.9"
+    above, below = facts.snr_db(facts.saturation_cd_m2 * np.array([1.01, 0.99]))
+    assert np.isnan(above)
+    assert np.isfinite(below)
+
+
+def test_report_states_the_switches(automotive: Any, tmp_path: Path, read_page: Any) -> None:
+    automotive.report(tmp_path / "a.html")
+    rows = read_page((tmp_path / "a.html").read_text(encoding="utf-8")).rows
+    assert ["Captures switch at (cd/m²)", "29.38, 119.9"] in [list(row) for row in rows]
+
+
+def test_snr_and_sweeps_use_the_combined_frame() -> None:
+    sensor = ps.load_sensor("split-pixel-automotive")
+    camera = ps.Camera(ps.DiffractionLimited(f_number=2.8, focal_length_mm=50), sensor)
+    light = {"exposure_s": 1 / 15, "illuminant": "3200K"}
+    facts = ps.studies.compare_sensors({"a": sensor}).sensors["a"]
+    found = ps.studies.snr(camera, luminance_cd_m2=100.0, **light)
+    assert found["snr_db"] == pytest.approx(float(facts.snr_db(np.array([100.0]))[0]), abs=1e-9)
+    assert found["snr_db"] > 30
+    assert [found["switch_1_e"], found["switch_2_e"]] == [each.light_e for each in facts.transitions]
+    table = ps.studies.sweep(camera, {"f_number": [2.8, 5.6]}, partial(sensor_figures, **light))
+    assert table["dynamic_range_db"] == pytest.approx([facts.dynamic_range_db] * 2, abs=1e-6)
+    assert table["switch_2_cd_m2"][1] == pytest.approx(
+        (1 + 4 * 5.6**2) / (1 + 4 * 2.8**2) * table["switch_2_cd_m2"][0], rel=1e-3
+    )

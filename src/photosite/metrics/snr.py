@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.sensor.combined_noise import NOISE_SOURCES, CombinedNoise, Transition
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import NoiseTerms
 from photosite.values.shown import ResultTable, Tabular, drawn
@@ -33,9 +34,12 @@ class NoiseBudget(Tabular):
         With all four noise sources, and with one alone; +inf if the sensor has none of it.
     dark_limited_below_volts
         Signal below which read noise and DSNU together exceed shot noise and PRNU together; 0 if the sensor has
-        neither.
+        neither. Of several captures, the lowest such signal.
     prnu_limited_above_volts
-        Signal above which PRNU exceeds the other sources together; +inf if the sensor has none.
+        Signal above which PRNU exceeds the other sources together; +inf if the sensor has none. Of several captures,
+        the highest such signal.
+    transitions
+        The transitions between captures, from the dark to the bright; none for a single capture.
     """
 
     volts: NDArray[np.float64]
@@ -47,21 +51,25 @@ class NoiseBudget(Tabular):
     prnu_db: NDArray[np.float64]
     dark_limited_below_volts: float
     prnu_limited_above_volts: float
+    transitions: tuple[Transition, ...] = ()
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the curves on Matplotlib axes, new ones by default, and return them."""
         return drawn(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the curves as lists, and the two limits."""
+        """Return the curves as lists, the two limits, and the transitions between captures."""
         limits = ("dark_limited_below_volts", "prnu_limited_above_volts")
-        return {**self._table().to_dict(), **{name: getattr(self, name) for name in limits}}
+        found = {**self._table().to_dict(), **{name: getattr(self, name) for name in limits}}
+        return found | {"transitions": [each._asdict() for each in self.transitions]}
 
     def _table(self) -> ResultTable:
         title = (
             f"Noise budget: dark noise dominates below {self.dark_limited_below_volts:.3g} V, "
             f"PRNU above {self.prnu_limited_above_volts:.3g} V"
         )
+        if self.transitions:
+            title += f"; captures switch from {', from '.join(map(str, self.transitions))}"
         names = ("volts", "signal_e", "total_db", "shot_db", "read_db", "dsnu_db", "prnu_db")
         columns = (np.ravel(getattr(self, name)).tolist() for name in names)
         return ResultTable(title, names, list(zip(*columns, strict=True)))
@@ -74,7 +82,8 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Effects of the sensor count as
     `photosite.sensor.noise_terms` describes it. Saturation is ignored: levels above the voltage swing extrapolate. The
     total is that of one frame of a uniform surface, where the fixed pattern counts as noise; for a single pixel over
-    many frames it does not. Sensors with several captures have `capture_budget`.
+    many frames it does not. Of several captures it is the budget of the combined frame, S in electrons of a photodiode
+    of relative sensitivity and exposure 1; `capture_budget` has each capture too.
 
     Parameters
     ----------
@@ -84,7 +93,7 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     Raises
     ------
     InputError
-        If a voltage is not above 0, or the sensor has several captures.
+        If a voltage is not above 0.
 
     References
     ----------
@@ -97,21 +106,19 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     >>> budget.total_db.round(2), round(budget.dark_limited_below_volts * 1e3, 1)
     (array([20.53, 38.1 ]), 17.8)
     """
-    if sensor.captures is not None:
-        hint = "Use capture_budget, which has all captures and their combination"
-        raise InputError("captures", where=f"sensor '{sensor.name}'", expected="one capture", hint=hint)
     signal_v = np.asarray(volts, dtype=np.float64)
     if not (np.isfinite(signal_v) & (signal_v > 0)).all():
         raise InputError("volts", value=signal_v.tolist(), expected="above 0")
     v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+    if sensor.captures is not None:
+        return _combined_budget(sensor, signal_v, v_per_e)
     signal_e, terms = signal_v / v_per_e, NoiseTerms(sensor)
     steep = terms.slope(signal_e) ** 2
     read_e2, dsnu_e2 = terms.read_e2 / steep + terms.induced_e2, terms.dsnu_e2 / steep
     prnu2 = terms.prnu2
 
     def snr_db(variance_e2: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        with np.errstate(divide="ignore"):
-            return np.asarray(10.0 * np.log10(signal_e**2 / np.asarray(variance_e2)))
+        return _db(signal_e, variance_e2)
 
     dark_limited_e, prnu_limited_e = 0.0, math.inf
     # The floor depends on the signal by the slope of the response curve alone, and little.
@@ -135,6 +142,41 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     )
 
 
+_BUDGET_SOURCES = NOISE_SOURCES - {"rounding", "dcnu"}
+_LIMIT_POINTS = 2000
+
+
+def _combined_budget(sensor: Sensor, signal_v: NDArray[np.float64], v_per_e: float) -> NoiseBudget:
+    """Return the budget of combined frames; each curve is that of the combination with these noise sources alone."""
+    signal_e = signal_v / v_per_e
+
+    def variance_e2(light_e: NDArray[np.float64], *sources: str) -> NDArray[np.float64]:
+        return CombinedNoise(sensor, sources=frozenset(sources)).variance_e2(light_e)
+
+    whole = CombinedNoise(sensor, sources=_BUDGET_SOURCES)
+    grid = np.geomspace(1e-6, 1.0, _LIMIT_POINTS) * whole.light_capacity_e
+    dark, prnu = variance_e2(grid, "read", "dsnu"), variance_e2(grid, "prnu")
+    light_limited = np.flatnonzero(dark <= variance_e2(grid, "shot", "prnu"))
+    others = np.flatnonzero(prnu <= variance_e2(grid, "shot", "read", "dsnu"))
+    return NoiseBudget(
+        volts=signal_v,
+        signal_e=signal_e,
+        total_db=_db(signal_e, whole.variance_e2(signal_e)),
+        shot_db=_db(signal_e, variance_e2(signal_e, "shot")),
+        read_db=_db(signal_e, variance_e2(signal_e, "read")),
+        dsnu_db=_db(signal_e, variance_e2(signal_e, "dsnu")),
+        prnu_db=_db(signal_e, variance_e2(signal_e, "prnu")),
+        dark_limited_below_volts=v_per_e * float(grid[light_limited[0]]) if dark.any() else 0.0,
+        prnu_limited_above_volts=v_per_e * float(grid[others[-1]]) if others[-1] < grid.size - 1 else math.inf,
+        transitions=whole.transitions,
+    )
+
+
+def _db(signal_e: NDArray[np.float64], variance_e2: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.asarray(10.0 * np.log10(signal_e**2 / np.asarray(variance_e2)))
+
+
 def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
     """Return the signal in electrons at which the total signal-to-noise ratio has a given value.
 
@@ -146,7 +188,7 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
     Raises
     ------
     InputError
-        If PRNU limits the ratio to less at any signal.
+        If PRNU limits the ratio to less at any signal, or the combined frame of several captures saturates before.
 
     Notes
     -----
@@ -161,6 +203,11 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
     >>> round(signal_e, 1), float(noise_budget(sensor, signal_e * 30e-6).total_db.round(9))
     (309.6, 20.0)
     """
+    if sensor.captures is not None:
+        combined = CombinedNoise(sensor, sources=_BUDGET_SOURCES)
+        if (light_e := combined.signal_at_snr_e(snr_db)) is None:
+            raise InputError("snr_db", value=snr_db, expected=f"at most {combined.snr_max_db:.4g}, the highest ratio")
+        return light_e
     terms = NoiseTerms(sensor)
     signal_e = terms.signal_at_snr_e(snr_db)
     if signal_e is None:

@@ -20,7 +20,15 @@ from photosite.optics.distortion import image_height
 from photosite.optics.point_spread import otf_at
 from photosite.scene import charts
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.studies.sensor_comparison import SensorFacts, draw_snr, luminance_grid, sensor_facts
+from photosite.studies.gray_surface import light_capacity_e
+from photosite.studies.sensor_comparison import (
+    SWITCHES,
+    SensorFacts,
+    draw_snr,
+    luminance_grid,
+    sensor_facts,
+    transitions_to_dict,
+)
 from photosite.validation.charts import chart_regions, chart_xyz_d65
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, ResultTable, Shown, Tabular
@@ -190,16 +198,15 @@ class CameraComparison(Tabular):
         )
 
     def noise_budgets(self) -> dict[str, dict[str, list[float]]]:
-        """Return volts at the pixel and total SNR in dB by label, without sensors of several captures or no noise."""
+        """Return volts at the pixel and total SNR in dB by label, without sensors of no noise."""
         found: dict[str, dict[str, list[float]]] = {}
         for label, facts in self.cameras.items():
             sensor = facts.camera.sensor
-            if sensor.captures is None:
-                top = sensor.saturation_capacity_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
-                volts = np.geomspace(top * _LOWEST_SHARE, top, _VOLTS)
-                total_db = noise_budget(sensor, volts).total_db
-                if np.isfinite(total_db).all():
-                    found[label] = {"volts": volts.tolist(), "snr_db": total_db.tolist()}
+            top = light_capacity_e(sensor, 0.0) * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+            volts = np.geomspace(top * _LOWEST_SHARE, top, _VOLTS)
+            total_db = noise_budget(sensor, volts).total_db
+            if np.isfinite(total_db).all():
+                found[label] = {"volts": volts.tolist(), "snr_db": total_db.tolist()}
         return found
 
     def to_dict(self) -> dict[str, Any]:
@@ -209,6 +216,7 @@ class CameraComparison(Tabular):
         return {
             **{name: getattr(self, name) for name in names},
             "cameras": {label: facts.to_dict() for label, facts in self.cameras.items()},
+            "transitions": transitions_to_dict({label: facts.light for label, facts in self.cameras.items()}),
             "luminance_cd_m2": grid.tolist(),
             "snr_db": {
                 label: np.ma.masked_invalid(facts.light.snr_db(grid)).tolist() for label, facts in self.cameras.items()
@@ -233,7 +241,9 @@ class CameraComparison(Tabular):
         return ResultTable(f"Cameras at {self.conditions}", ("camera", *names), rows)
 
     def _brief_table(self) -> ResultTable:
-        brief = ("dynamic_range_db", "snr10_cd_m2", "mtf50_per_height", "mean_delta_e_2000")
+        brief = ["dynamic_range_db", "snr10_cd_m2", "mtf50_per_height", "mean_delta_e_2000"]
+        if any(facts.light.transitions for facts in self.cameras.values()):
+            brief.insert(2, SWITCHES)
         return self._table().only(("camera", *brief))
 
 

@@ -13,6 +13,7 @@ from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM
 from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.scene import Scene
+from photosite.sensor.combined_noise import TEMPORAL_SOURCES, CombinedNoise, Transition
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import NoiseTerms
 from photosite.values.cfa import channel_sites
@@ -35,7 +36,8 @@ def snr(
     """Return the signal-to-noise ratio of one pixel that sees an even surface, for `sweep`.
 
     The pixel is of the channel with the largest signal, on the optical axis. The noise is that of one frame: photons,
-    dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU.
+    dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU. Of several captures, it is that of
+    the combined frame.
 
     Parameters
     ----------
@@ -51,7 +53,8 @@ def snr(
     Returns
     -------
     dict
-        `signal_e` and `noise_e` in electrons; `snr_db`, 20 log10 of their ratio, NaN for a saturated pixel.
+        `signal_e` and `noise_e` in electrons; `snr_db`, 20 log10 of their ratio, NaN for a saturated pixel. For each
+        transition between captures, `switch_1_e` and so on: the signal at its middle.
 
     Raises
     ------
@@ -77,7 +80,9 @@ def snr(
     noise_e = math.sqrt(float(total_variance_e2(camera.sensor, signal_e, time_s)))
     saturated = signal_e > light_capacity_e(camera.sensor, time_s)
     ratio_db = math.nan if saturated or signal_e == 0 else 20.0 * math.log10(signal_e / noise_e)
-    return {"signal_e": signal_e, "noise_e": noise_e, "snr_db": ratio_db}
+    found = {"signal_e": signal_e, "noise_e": noise_e, "snr_db": ratio_db}
+    switches = transitions(camera.sensor, time_s)
+    return found | {f"switch_{number}_e": each.light_e for number, each in enumerate(switches, start=1)}
 
 
 def electron_rates(camera: Camera, illuminant: str | float = "D65") -> Array:
@@ -111,7 +116,8 @@ def _rates(camera: Camera, field: Scene) -> Array:
 def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) -> Array:
     """Return the variance over the pixels of one frame of an even surface, in electrons squared.
 
-    Photons, dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU (`sensor.noise_terms`).
+    Photons, dark current, read noise, rounding, DSNU, dark current nonuniformity and PRNU (`sensor.noise_terms`); of
+    several captures, that of the combined frame (`sensor.combined_noise`).
 
     Examples
     --------
@@ -120,6 +126,8 @@ def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) ->
     >>> (total_variance_e2(sensor, [0.0, 1e4], 0.0) ** 0.5).round(1)
     array([ 25.3, 152.7])
     """
+    if sensor.captures is not None:
+        return CombinedNoise(sensor, exposure_s).variance_e2(signal_e)
     signal, terms = np.asarray(signal_e, np.float64), NoiseTerms(sensor)
     dark_e = dark_signal_e(sensor, exposure_s)
     uneven = (sensor.noise.dcnu_percent.value / 100.0 * dark_e) ** 2 * terms.independent_fraction
@@ -127,19 +135,38 @@ def total_variance_e2(sensor: Sensor, signal_e: ArrayLike, exposure_s: float) ->
     return np.asarray(charge + terms.floor_e2(signal + dark_e) + terms.rounding_e2(signal + dark_e))
 
 
-def temporal_dark_variance_e2(sensor: Sensor, exposure_s: float) -> float:
-    """Return the variance of a pixel without light from frame to frame, in electrons squared."""
+def sensitivity_threshold_e(sensor: Sensor, exposure_s: float) -> float:
+    """Return the electrons from light at which a pixel's ratio over time is 1 (EMVA 1288 R4.0).
+
+    Raises
+    ------
+    InputError
+        If the combined frame of several captures does not reach that ratio.
+    """
+    if sensor.captures is not None:
+        threshold_e = CombinedNoise(sensor, exposure_s, TEMPORAL_SOURCES).signal_at_snr_e(0.0)
+        if threshold_e is None:
+            raise InputError("captures", where=f"sensor '{sensor.name}'", expected="a ratio of signal to noise above 1")
+        return threshold_e
     terms, dark_e = NoiseTerms(sensor), dark_signal_e(sensor, exposure_s)
-    return terms.shot * dark_e + terms.read_e2 + terms.induced_e2 + float(terms.rounding_e2(dark_e))
+    variance_e2 = terms.shot * dark_e + terms.read_e2 + terms.induced_e2 + float(terms.rounding_e2(dark_e))
+    return math.sqrt(variance_e2 + 0.25) + 0.5
+
+
+def transitions(sensor: Sensor, exposure_s: float) -> tuple[Transition, ...]:
+    """Return the transitions between captures, from the dark to the bright; none for a single capture."""
+    return () if sensor.captures is None else CombinedNoise(sensor, exposure_s).transitions
 
 
 def dark_signal_e(sensor: Sensor, exposure_s: float) -> float:
-    """Return the mean electrons of the dark current in an exposure."""
+    """Return the mean electrons of the dark current in an exposure, of a sensor with one capture."""
     return sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * exposure_s
 
 
 def light_capacity_e(sensor: Sensor, exposure_s: float) -> float:
     """Return the electrons from light at which a pixel saturates: saturation capacity less the dark signal.
+
+    Of several captures, it is the light at which the combined frame saturates.
 
     Examples
     --------
@@ -148,4 +175,6 @@ def light_capacity_e(sensor: Sensor, exposure_s: float) -> float:
     >>> round(light_capacity_e(warm, 0.0) - light_capacity_e(warm, 10.0), 6)
     1000.0
     """
+    if sensor.captures is not None:
+        return CombinedNoise(sensor, exposure_s).light_capacity_e
     return sensor.saturation_capacity_e - dark_signal_e(sensor, exposure_s)

@@ -17,13 +17,15 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.page import Page, Paragraph, Section, Table, columns, figure_block, numeric
 from photosite.report.pages import page
 from photosite.report.style import BLACK, GRAY, line_style, new_figure, styled
+from photosite.sensor.combined_noise import CombinedNoise, Transition
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import NoiseTerms
 from photosite.studies.gray_surface import (
     electron_rates,
     light_capacity_e,
-    temporal_dark_variance_e2,
+    sensitivity_threshold_e,
     total_variance_e2,
+    transitions,
 )
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, Reported, ResultTable, Tabular, cell_text
@@ -36,6 +38,8 @@ Array = NDArray[np.float64]
 SNR10_DB = 20.0
 GRAY_REFLECTANCE = 0.18
 """Of the gray chart whose illuminance SNR10 is."""
+SWITCHES = "captures_switch_cd_m2"
+"""Column of the luminances at which a combined frame changes to the next capture."""
 _POINTS = 200
 _LOWEST_DB = -10.0
 _FOCAL_LENGTH_MM = 50.0  # of no effect: the surface is far away
@@ -75,10 +79,13 @@ class SensorFacts(Tabular):
 
     @property
     def snr10_cd_m2(self) -> float | None:
-        """Luminance at which the ratio is 10; None if the pixel saturates or PRNU limits the ratio before."""
-        dark_e2 = float(total_variance_e2(self.sensor, 0.0, self.exposure_s))
-        terms = NoiseTerms(self.sensor)
-        signal = terms.signal_at_snr_e(SNR10_DB, other_e2=dark_e2 - float(terms.floor_e2()))
+        """Lowest luminance at which the ratio is 10; None if the pixel saturates or PRNU limits the ratio before."""
+        if self.sensor.captures is not None:
+            signal = CombinedNoise(self.sensor, self.exposure_s).signal_at_snr_e(SNR10_DB)
+        else:
+            dark_e2 = float(total_variance_e2(self.sensor, 0.0, self.exposure_s))
+            terms = NoiseTerms(self.sensor)
+            signal = terms.signal_at_snr_e(SNR10_DB, other_e2=dark_e2 - float(terms.floor_e2()))
         if signal is None:
             return None
         luminance = signal / self.electrons_per_cd_m2
@@ -91,18 +98,31 @@ class SensorFacts(Tabular):
 
     @property
     def snr_max_db(self) -> float:
-        """The ratio at saturation."""
+        """The ratio at saturation; of several captures, the highest ratio of the combined frame."""
+        if self.sensor.captures is not None:
+            return CombinedNoise(self.sensor, self.exposure_s).snr_max_db
         return float(self.snr_db(np.array([self.saturation_cd_m2]))[0])
 
     @property
     def dynamic_range_db(self) -> float:
         """Signal at saturation over that at which a pixel's ratio over time is 1 (EMVA 1288 R4.0), in dB."""
-        threshold_e = math.sqrt(temporal_dark_variance_e2(self.sensor, self.exposure_s) + 0.25) + 0.5
+        threshold_e = sensitivity_threshold_e(self.sensor, self.exposure_s)
         return 20.0 * math.log10(light_capacity_e(self.sensor, self.exposure_s) / threshold_e)
+
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """The transitions between captures, from the dark to the bright; none for a single capture."""
+        return transitions(self.sensor, self.exposure_s)
+
+    @property
+    def switches_cd_m2(self) -> tuple[float, ...]:
+        """Luminances at the middle of the transitions between captures."""
+        return tuple(each.light_e / self.electrons_per_cd_m2 for each in self.transitions)
 
     def to_dict(self) -> dict[str, Cell]:
         """Return the numbers of the table."""
         sensor = self.sensor
+        capacity_e = sensor.saturation_capacity_e if sensor.captures is None else light_capacity_e(sensor, 0.0)
         peak = max(float(sensor.response(name)[1].max()) for name in sensor.channel_names)
         return {
             "name": sensor.name,
@@ -110,13 +130,14 @@ class SensorFacts(Tabular):
             "pixel_width_um": sensor.pixel.width_um.value,
             "quantum_efficiency_peak_percent": 100.0 * peak,
             "electrons_per_cd_m2": self.electrons_per_cd_m2,
-            "saturation_capacity_e": sensor.saturation_capacity_e,
+            "saturation_capacity_e": capacity_e,
             "read_noise_e": sensor.electrons(sensor.noise.read_noise_mv.value),
             "dynamic_range_db": self.dynamic_range_db,
             "snr_max_db": self.snr_max_db,
             "snr10_cd_m2": self.snr10_cd_m2,
             "snr10_lux": self.snr10_lux,
             "saturation_cd_m2": self.saturation_cd_m2,
+            SWITCHES: ", ".join(f"{each:.4g}" for each in self.switches_cd_m2) or "one capture",
         }
 
     def _table(self) -> ResultTable:
@@ -160,6 +181,7 @@ class SensorComparison(Reported, Tabular):
             "exposure_s": self.exposure_s,
             "illuminant": self.illuminant,
             "sensors": {label: facts.to_dict() for label, facts in self.sensors.items()},
+            "transitions": transitions_to_dict(self.sensors),
             "luminance_cd_m2": self.luminance_cd_m2.tolist(),
             "snr_db": curves,
         }
@@ -178,8 +200,21 @@ class SensorComparison(Reported, Tabular):
         return ResultTable(f"Sensors at {self.conditions}", ("sensor", *names), rows)
 
     def _brief_table(self) -> ResultTable:
-        brief = ("pixel_width_um", "saturation_capacity_e", "read_noise_e", "dynamic_range_db", "snr10_lux")
+        brief = ["pixel_width_um", "saturation_capacity_e", "read_noise_e", "dynamic_range_db", "snr10_lux"]
+        if any(facts.transitions for facts in self.sensors.values()):
+            brief.append(SWITCHES)
         return self._table().only(("sensor", *brief))
+
+
+def transitions_to_dict(sensors: Mapping[str, SensorFacts]) -> dict[str, list[dict[str, Any]]]:
+    """Return the transitions between captures by label, with their luminance."""
+    return {
+        label: [
+            each._asdict() | {"luminance_cd_m2": at}
+            for each, at in zip(facts.transitions, facts.switches_cd_m2, strict=True)
+        ]
+        for label, facts in sensors.items()
+    }
 
 
 def compare_sensors(
@@ -207,7 +242,8 @@ def compare_sensors(
     -----
     The ratio is that of one pixel of the raw frame, before demosaicing and color correction, with the whole noise of a
     frame: photons, dark current, read noise, rounding, DSNU and PRNU. Values that makers call SNR10 often include a
-    color correction, which lowers the ratio.
+    color correction, which lowers the ratio. Sensors with several captures are judged by their combined frame, in
+    electrons of a photodiode of relative sensitivity and exposure 1; read noise is that of the first capture.
 
     Examples
     --------
@@ -260,8 +296,10 @@ def sensor_figures(
     >>> round(figures["snr10_lux"], 1), round(figures["dynamic_range_db"], 1)
     (310.9, 46.1)
     """
-    found: dict[str, Any] = sensor_facts(camera, check_exposure(exposure_s), illuminant, "the sensor").to_dict()
-    return {name: math.nan if (value := found[name]) is None else value for name in _FIGURES}
+    facts = sensor_facts(camera, check_exposure(exposure_s), illuminant, "the sensor")
+    found: dict[str, Any] = facts.to_dict()
+    switches = {f"switch_{number}_cd_m2": at for number, at in enumerate(facts.switches_cd_m2, start=1)}
+    return {name: math.nan if (value := found[name]) is None else value for name in _FIGURES} | switches
 
 
 _FIGURES = (
@@ -273,7 +311,7 @@ _FIGURES = (
     "snr10_lux",
     "saturation_cd_m2",
 )
-"""Those of the figures that are no fields of the sensor."""
+"""Those of the figures that are numbers and no fields of the sensor."""
 
 
 _TITLES = {
@@ -288,14 +326,18 @@ _TITLES = {
     "snr10_cd_m2": "SNR10 (cd/m²)",
     "snr10_lux": "SNR10 (lux)",
     "saturation_cd_m2": "Saturates at (cd/m²)",
+    SWITCHES: "Captures switch at (cd/m²)",
 }
 
 
 @page.register(SensorComparison)
 def comparison_page(found: SensorComparison) -> Page:
     """Return the comparison as a page."""
+    several = any(facts.transitions for facts in found.sensors.values())
     rows = tuple(
-        (title, *(_text(facts.to_dict()[name]) for facts in found.sensors.values())) for name, title in _TITLES.items()
+        (title, *(_text(facts.to_dict()[name]) for facts in found.sensors.values()))
+        for name, title in _TITLES.items()
+        if several or name != SWITCHES
     )
     table = Table(f"At {found.conditions}, without losses in the lens", columns("", *map(numeric, found.sensors)), rows)
     figure = figure_block(
@@ -321,6 +363,9 @@ _WORDS = (
     "of that luminance, E = π L / 0.18. Makers who include a color correction report larger values.",
     "The dynamic range is that of EMVA 1288 R4.0: the signal at saturation over the signal at which the temporal ratio "
     "is 1. The dark current takes its share of the saturation capacity. Signals assume a lens without losses.",
+    "Several captures of one exposure are judged by the frame that they combine to, in electrons of a photodiode of "
+    "relative sensitivity and exposure 1. It dips where the frame changes to a capture with fewer electrons or more "
+    "read noise; dotted lines mark the switches. SNR10 is the lowest luminance with that ratio.",
     "A sensor without an infrared-cut filter also collects near-infrared light, which luminance does not count: under "
     "tungsten light it has more signal at the same luminance.",
     "Pixels of different sizes see different areas of the picture. Over the same area of the chip, the ratio of a "
@@ -349,9 +394,11 @@ def draw_snr(axes: Axes, sensors: Mapping[str, SensorFacts], luminance_cd_m2: Ar
         color, marker, line = line_style(position)
         inside = luminance_cd_m2 < facts.saturation_cd_m2
         x = np.append(luminance_cd_m2[inside], facts.saturation_cd_m2)
-        axes.plot(x, np.append(facts.snr_db(luminance_cd_m2[inside]), facts.snr_max_db), line, color=color, label=label)
+        axes.plot(x, facts.snr_db(x), line, color=color, label=label)
         if facts.snr10_cd_m2 is not None:
             axes.plot([facts.snr10_cd_m2], [SNR10_DB], marker, color=color)
+        for at in facts.switches_cd_m2:
+            axes.axvline(at, color=color, linewidth=0.8, linestyle=":")
     axes.axhline(SNR10_DB, color=GRAY, linewidth=0.8, linestyle=":")
     axes.axhline(0.0, color=BLACK, linewidth=0.8)
     axes.set(xscale="log", xlabel="luminance (cd/m²)", ylabel="signal-to-noise ratio (dB)")

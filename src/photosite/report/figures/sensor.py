@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from photosite.calibration.spectral.result import SpectralCalibration
 from photosite.metrics.snr import NoiseBudget, noise_budget
 from photosite.report.style import BLACK, BLUE, GRAY, GREEN, ORANGE, VERMILION, channel_style, new_figure, styled
+from photosite.sensor.combined_noise import CombinedNoise
 from photosite.sensor.model import Sensor
 from photosite.values.uncertain import COVERAGE_95
 
@@ -29,18 +30,18 @@ _ROOM_FOR_TEXT = 6.0  # factor of the signal that a short text covers on the log
 def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None) -> Figure:
     """Draw the SNR against the signal from 0.05 to 100 % of the voltage swing, in total and for each noise source.
 
-    Of several captures it is the first one. Noise sources that the sensor does not have are omitted. The same sensor as
-    calibrated is drawn as points.
+    Of several captures it is the combined frame up to its saturation; dotted lines mark where the captures switch.
+    Noise sources that the sensor does not have are omitted. The same sensor as calibrated is drawn as points.
 
     References
     ----------
     Farrell, Okincha and Parmar (2008), Figure 6.
     """
     figure, axes = new_figure(height_in=4.8)
-    if sensor.captures is not None:
-        sensor = sensor.with_(captures=None)
     swing = sensor.pixel.voltage_swing_v.value
     lowest = 5e-4 * swing
+    if sensor.captures is not None:
+        swing = CombinedNoise(sensor).light_capacity_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
     budget = noise_budget(sensor, np.geomspace(lowest, swing, 300))
     draw_noise_budget(axes, budget)
     _mark_turns(axes, budget, lowest, swing, axes.get_ylim()[0])
@@ -57,6 +58,12 @@ def draw_noise_budget(axes: Axes, budget: NoiseBudget) -> None:
         level, width = getattr(budget, attribute), 2.2 if name == "total" else 1.5
         if np.isfinite(level).all():
             axes.plot(budget.volts, level, linestyle=line, color=color, label=name, linewidth=width)
+    for step in budget.transitions:
+        volts = step.light_e * lowest / float(budget.signal_e[0])
+        axes.axvline(volts, color=GRAY, linewidth=0.8, linestyle=":")
+        if lowest < volts < highest:
+            text = f" {step.below}"
+            axes.annotate(text, (volts, step.after_db), color=GRAY, fontsize=9)
     axes.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
     axes.set_xlim(0.9 * lowest, 1.1 * highest)
     axes.set_ylim(bottom=min(0.0, float(budget.total_db.min()) - 3.0))
