@@ -307,6 +307,26 @@ def test_every_kind_of_sensor_has_a_preview(sensor: str, tmp_path: Path) -> None
     assert np.diff(header["snr"]["signal_e"]).min() > 0
 
 
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("sensor", ["split-pixel-automotive", "vendor-1.4um"])
+def test_full_wells_are_saturated_on_the_page(sensor: str, noise: bool, exact: bool, tmp_path: Path) -> None:
+    changes = {"rows": 96, "cols": 128}
+    state = CameraState.model_validate(
+        {
+            "sensor": {"source": sensor, "changes": changes},
+            "scene": {"source": "uniform", "mean_luminance_cd_m2": 1e6},
+            "capture": {"noise": noise},
+        }
+    )
+    if exact:
+        assert exact_frame(state, Places(), tmp_path)["saturated_fraction"] > 0.99
+    header, dn, *_ = decoded(view_bytes(state, Places(), View(height=96, width=128), tmp_path))
+    assert header["exact"] == exact
+    assert header["saturated_fraction"] > 0.99
+    assert (dn >= header["white_level_dn"]).mean() > 0.99  # what the page marks
+
+
 def test_every_number_field_of_the_form_has_a_description_and_every_quantity_a_unit(client) -> None:
     form = client.post("/api/form", json={}).json()
     fields = [f for part in ("scene", "lens", "sensor", "capture") for group in form[part] for f in group["fields"]]

@@ -256,3 +256,17 @@ def test_existing_files_are_overwritten_with_force_only(photosite: Any, tmp_path
     assert not (tmp_path / "shot-1.tif").exists()
     assert photosite(*call, "--force").status == 0
     assert ps.read_raw(tmp_path / "shot-2.tif").shape == (66, 98)
+
+
+def test_full_wells_are_counted_and_the_suggested_exposure_avoids_them(photosite: Any, tmp_path: Path) -> None:
+    sensor = tmp_path / "full.sensor.yaml"
+    changes = {"well_capacity_e": 8000, "system_gain_dn_per_e": 0.4, "black_level_dn": 100}
+    ps.load_sensor("nikon-d200").with_(rows=66, cols=98, **changes).save(sensor)
+    words = ("simulate", "--sensor", sensor, "--luminance", 400, "--json")
+    bright = photosite(*words, "--exposure", "1/2", "-o", tmp_path / "bright.dng")
+    auto = photosite(*words, "--exposure", "auto", "-o", tmp_path / "auto.dng")
+    assert bright.json["saturated_fraction"] > 0.3
+    assert "are saturated" in bright.err
+    assert bright.json["white_level_dn"] < 3300
+    assert auto.json["saturated_fraction"] < 0.005
+    assert "hint" not in auto.err

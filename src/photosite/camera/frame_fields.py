@@ -19,6 +19,7 @@ from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
+from photosite.sensor.saturation_level import saturation_level_dn
 from photosite.sensor.shot import Shot
 from photosite.values.cfa import plane_names
 
@@ -29,11 +30,15 @@ def frame_fields(camera: CameraParts, exposure_s: float, shot: Shot, scene: AnyS
     at = sensor if celsius is None else sensor.at_temperature(celsius)
     several, cfa = sensor.captures, sensor.array.cfa
     if several is None:
-        bits, (black_level_dn, white_level_dn) = sensor.readout.bits, sensor.output_levels_dn
-        profile = None if at.effects is not None and at.effects.companded else noise_profile(at, exposure_s)
+        bits, (black_level_dn, highest_dn) = sensor.readout.bits, sensor.output_levels_dn
+        white_level_dn = saturation_level_dn(sensor)
+        profile = None
+        if at.effects is None or not at.effects.companded:
+            ratio = (highest_dn - black_level_dn) / (white_level_dn - black_level_dn)
+            profile = noise_profile(at, exposure_s) * (ratio, ratio**2)
     else:
         profile, bits = None, several.combination.output_bits
-        black_level_dn, white_level_dn = several.combination.output_black_level_dn, float((1 << bits) - 1)
+        black_level_dn, white_level_dn = several.combination.output_black_level_dn, saturation_level_dn(sensor)
     metadata: dict[str, Any] = {"camera": sensor.name, "serial": sensor.serial, "seed": shot.seed, "frame": shot.frame}
     if several is not None and (table := several.combination.companding) is not None:
         metadata[COMPANDING] = companding_text(table.linear_dn, table.companded_dn)
@@ -95,7 +100,7 @@ def flat_scenes(scene: AnyScene) -> list[Scene]:
 
 
 def noise_profile(sensor: Sensor, exposure_s: float) -> NDArray[np.float64]:
-    """Return (channels, 2) scale and offset: a signal s from 0 (black) to 1 (white) has the variance scale s + offset.
+    """Return (channels, 2) scale and offset: a signal s from 0 (black) to 1 (highest) has variance scale s + offset.
 
     The scale is photon shot noise. The offset is read noise, DSNU, dark current shot noise and quantization. The model
     has no PRNU, whose variance grows with the square of the signal. It is NoiseProfile of DNG 1.7.

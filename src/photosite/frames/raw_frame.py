@@ -230,12 +230,14 @@ class RawFrame(Shown):
         """
         if name not in self.captures:
             raise InputError("capture", value=name, expected=f"one of {', '.join(self.captures) or 'none'}")
+        from photosite.sensor.saturation_level import capture_level_dn
+
         return replace(
             self,
             dn=self.captures[name],
             bits=sensor.readout.bits,
             black_level_dn=sensor.readout.black_level_dn.value,
-            white_level_dn=sensor.white_level_dn,
+            white_level_dn=capture_level_dn(sensor, name),
             noise_profile=None,
             metadata={**self.metadata, "capture": name},
             captures={},
