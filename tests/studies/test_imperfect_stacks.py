@@ -38,6 +38,7 @@ ANSWERS: dict[str, tuple[tuple[float, float] | None, str, str, str]] = {
     "gamma": ((0.5, 0.7), "prnu_percent", WITHHELD, WITHHELD),
     "square-root companding": ((0.55, 0.7), "prnu_percent", WITHHELD, WITHHELD),
     "clipping below full scale": (None, "", GIVEN, GIVEN),
+    "partly full wells": ((0.1, 0.3), "prnu_percent", GIVEN, GIVEN),
     "readout channels": ((0.009, 0.011), "prnu_percent", GIVEN, GIVEN),
     "taps": ((0.009, 0.013), "prnu_percent", GIVEN, GIVEN),
     "uneven light": ((1.5, 3.0), "prnu_percent", GIVEN, GIVEN),

@@ -214,6 +214,10 @@ KINDS = (
     StackKind("gamma", "1 / 2.2", "tone-curve", numbers=_tone_curve(lambda x: x ** (1 / 2.2))),
     StackKind("square-root companding", "12 bits", "tone-curve", numbers=_tone_curve(np.sqrt)),
     StackKind("clipping below full scale", "at 2800 DN", numbers=lambda v, *_: np.minimum(np.rint(v), 2800.0)),
+    StackKind(
+        "partly full wells", "1 % above the mean of the brightest level", "partly-full-wells",
+        light=lambda v, *_: 0.85 * v, charge=lambda e, *_: np.minimum(e, 1.01 * 0.85 * ELECTRONS_PER_S * LIGHT_S[-1]),
+    ),
     _sized("readout channels", "even columns {} brighter", "periodic-gain", 0.01, _channels),
     _sized("taps", "right half {} brighter", "steps-between-taps", 0.01, _taps),
     _sized(

@@ -11,6 +11,7 @@ from photosite.calibration.diagnostics import Check
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_noise_ratio import PROCESSED_FRAMES
+from photosite.calibration.photon_transfer.full_well import FULL_WELLS
 from photosite.calibration.photon_transfer.level_outliers import LIGHT_OUTLIERS, outlier_warning
 from photosite.calibration.photon_transfer.noise_covariance import CORRELATION_P_VALUE, SHARED_NOISE
 from photosite.calibration.photon_transfer.response_shape import BEND_P_VALUE, TONE_CURVE
@@ -221,7 +222,25 @@ def _away(percent: float) -> str:
     return f"{abs(percent):.2g} % {'below' if percent < 0.0 else 'above'}"
 
 
+def partly_full_wells(evidence: Evidence) -> Iterator[Diagnostic]:
+    """Levels at which some pixels are full below the full scale of the converter."""
+    found = {name: channel for name, channel in evidence.channels.items() if channel.full}
+    if found:
+        name, channel = max(found.items(), key=lambda item: item[1].fall)
+        top = channel.full[-1]
+        one = len(channel.full) == 1
+        count = "level lies" if one else f"{len(channel.full)} levels lie"
+        yield FULL_WELLS(
+            f"the brightest {count} in the full well of some pixels: at {channel.levels.signal[top]:.4g} DN"
+            f"{evidence.reduction.channel_label(name, ' in channel {}')}, the temporal variance is "
+            f"{100 * channel.fall:.2g} % below that of the other levels relative to the signal; "
+            f"{'it was' if one else 'they were'} left out",
+            channel.fall,
+        )
+
+
 CHECKS = (
+    Check("result", 125, partly_full_wells, linear=True),
     Check("result", 130, light_outliers),
     Check("result", 140, tone_curve),
     Check("result", 150, processed_frames, linear=True),

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.dark.dark_lines import DarkLines, same_exposure
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
+from photosite.calibration.photon_transfer.full_well import full_wells
 from photosite.calibration.photon_transfer.photon_transfer import (
     LINEAR_FRACTION,
     LightLevels,
@@ -62,6 +63,8 @@ class Channel:
         System gain of this channel alone, DN/e-: at small signal, and the slope of the standard's line.
     curve
         The response curve; None where the response is straight within the noise.
+    full, fall
+        The levels at which some pixels are full, which count as clipped, and the fall of the variance there.
     """
 
     index: int
@@ -72,15 +75,19 @@ class Channel:
     gain: Value
     line_gain: Value
     curve: ResponseCurve | None = None
+    full: tuple[int, ...] = ()
+    fall: float = 0.0
 
     @classmethod
     def of(cls, index: int, lights: Sequence[GroupStatistics], dark: DarkLines, white: int) -> Channel:
         """Analyze the light levels of a channel by straight lines; `white` is the full scale of the converter, DN."""
         levels = light_levels(lights, index, dark)
         saturation = find_saturation(levels, white)
+        full, fall = (np.array([], np.intp), 0.0) if saturation.signal is not None else full_wells(levels)
+        levels = replace(levels, clipped=levels.clipped | np.isin(np.arange(len(levels.x)), full))
         used = linear_levels(levels, saturation)
         gain = gain_value(fit_gain([levels], [used]))
-        return cls(index, dark, levels, saturation, used, gain, gain)
+        return cls(index, dark, levels, saturation, used, gain, gain, full=tuple(full.tolist()), fall=fall)
 
     @property
     def unsaturated(self) -> NDArray[np.bool_]:
