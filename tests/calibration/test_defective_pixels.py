@@ -15,7 +15,10 @@ from tests.helpers.diagnosed import limits
 
 import photosite as ps
 from photosite.calibration.reduction.defective_pixels import PixelSurvey
+from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level
+from photosite.calibration.reduction.reduce import reduce_frames
+from photosite.calibration.setting import reduced
 from photosite.engine.frame_sums import FrameSums
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.repaired_frames import PixelReplacement, as_taken, repaired
@@ -180,6 +183,38 @@ def test_a_mosaic_and_its_files(tmp_path) -> None:
         one, other = getattr(in_memory, name), getattr(stored, name)
         assert one.value == pytest.approx(other.value, rel=1e-12), name
         assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=1e-9), name
+
+
+def test_corrected_sums_are_those_of_frames_with_replaced_pixels() -> None:
+    """The frames are reduced again; a line and 1 % of the pixels of a Bayer sensor are replaced."""
+    sensor = Defective(6, (("R", "G"), ("G", "B")))
+    stuck(sensor)
+    sensor.stuck_dn[17] = 3000
+    many_blinking(sensor)
+    with reduced(sensor.frames(), None, None) as (corrected, found):
+        assert found.defects is not None
+        with FrameReader(found.frames) as reader:
+            again = reduce_frames(reader)
+            for own, other in zip((*found.darks, *found.lights), (*again.darks, *again.lights), strict=True):
+                assert own.frame_means == pytest.approx(other.frame_means, rel=1e-12)
+                for level, expected in zip(own.levels, other.levels, strict=True):
+                    for name in (
+                        "mean",
+                        "variance",
+                        "spatial_variance",
+                        "frame_shift",
+                        "low_fraction",
+                        "high_fraction",
+                    ):
+                        assert getattr(level, name) == getattr(expected, name), name
+                    # The squared variances of pixels that jump, 10^5 times as large as the others', were subtracted.
+                    assert level.variance_uncertainty == pytest.approx(expected.variance_uncertainty, rel=5e-5)
+                assert np.array_equal(corrected.counts[id(own.group)], reader.counts[id(other.group)])
+                assert np.array_equal(corrected.mean(own.group).sum, reader.mean(other.group).sum)
+            assert np.array_equal(found.reference_mean.sum, again.reference_mean.sum)
+            assert np.allclose(found.dark_slopes.slopes, again.dark_slopes.slopes, rtol=0, atol=1e-12)
+            totals = [entry.total for entry in found.used]
+            assert totals == [entry.total for entry in again.used]
 
 
 def test_figures_of_all_pixels_are_stated() -> None:

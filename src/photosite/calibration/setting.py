@@ -8,8 +8,6 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any
 
-import numpy as np
-
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
 from photosite.calibration.diagnostics import collected, run_checks
@@ -25,14 +23,13 @@ from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.defective_pixels import PixelSurvey
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
-from photosite.calibration.reduction.reduce import Reduction, find_defective_pixels, reduce_frames, reduce_without
+from photosite.calibration.reduction.reduce import Reduction, find_defective_pixels, reduce_frames, without_pixels
 from photosite.calibration.reduction.shared_sums import SharedSums
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
-from photosite.frames.repaired_frames import PixelReplacement, repaired
 from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
 from photosite.values.diagnostic import Diagnostic
@@ -55,7 +52,7 @@ def calibrate_setting(
     raised = [*run_checks("set", frames, sensor)]
     frames = without_covered_lines(frames, sensor)
     with _saved_sums(frames, checkpoint, processes, scheduler) as saved:
-        with _reduced(frames, progress, saved) as (reader, reduction):
+        with reduced(frames, progress, saved) as (reader, reduction):
             raised += run_checks("levels", reduction)
             dark = measure_dark_frames(reduction, reader)
             noise = measure_noise_structure(reduction, reader)
@@ -75,24 +72,16 @@ def calibrate_setting(
 
 
 @contextmanager
-def _reduced(
+def reduced(
     frames: FrameSet, progress: Progress | None, saved: Checkpoint | SharedSums | None
 ) -> Iterator[tuple[FrameReader, Reduction]]:
     """Yield the reduced frames, without defective pixels, and their reader."""
     with FrameReader(frames, progress, saved) as reader:
-        shape = frames.rows, frames.cols
         survey = PixelSurvey(frames, reader.tile)
         reduction = reduce_frames(reader, survey)
-        defective = find_defective_pixels(reader, reduction, survey)
-        if defective is None:
-            yield reader, reduction
-            return
-        tile = reader.tile.shape
-    del reader, survey
-    bad = np.zeros(shape, np.bool_)
-    bad.flat[defective] = True
-    with FrameReader(repaired(frames, PixelReplacement.of(bad, tile)), progress) as reader:
-        yield reader, reduce_without(reader, defective, reduction)
+        if (defective := find_defective_pixels(reader, reduction, survey)) is not None:
+            reduction = without_pixels(reader, reduction, survey, defective)
+        yield reader, reduction
 
 
 def _saved_sums(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, islice
 from typing import Any, NamedTuple, Protocol
 
@@ -77,6 +77,44 @@ class LabelTotals:
     # Variance over pixels of the per-pixel temporal variance, in floating point, for uncertainties; 0 for one frame or
     # one pixel
     variance_spread: float
+
+    def with_replaced(
+        self, frame_totals: Sequence[int], old: I64, new: I64, black: int, white: int
+    ) -> tuple[LabelTotals, list[int]]:
+        """Return the totals after the numbers (frames, n) of some pixels are replaced, and those of each frame.
+
+        `frame_totals` are those of the label in each frame; `black` and `white` the clips.
+
+        Examples
+        --------
+        >>> stack = np.array([[[1, 7, 4]], [[3, 7, 6]]], np.uint16)
+        >>> sums = FrameSums((1, 3), white=7).add(stack)
+        >>> (totals,), frames = sums.label_totals(), sums.label_frame_totals()[:, 0].tolist()
+        >>> found, _ = totals.with_replaced(frames, np.array([[7], [7]]), np.array([[1], [3]]), 0, 7)
+        >>> stack[:, :, 1] = stack[:, :, 0]
+        >>> found == FrameSums((1, 3), white=7).add(stack).label_totals()[0]
+        True
+        """
+        n, pixels = self.frames, self.pixels
+        sums, sums_new = old.sum(axis=0), new.sum(axis=0)
+        squares, squares_new = (old**2).sum(axis=0), (new**2).sum(axis=0)
+        moved = [total + int(more) for total, more in zip(frame_totals, (new - old).sum(axis=1), strict=True)]
+        found = replace(
+            self,
+            total=sum(moved),
+            squares=self.squares + _exact_sum(squares_new - squares),
+            pixel_squares=self.pixel_squares + _exact_sum((sums_new - sums) * (sums_new + sums)),
+            frame_squares=sum(total**2 for total in moved),
+            low=self.low + int((new <= black).sum()) - int((old <= black).sum()),
+            high=self.high + int((new >= white).sum()) - int((old >= white).sum()),
+        )
+        if n < 2 or pixels < 2:
+            return found, moved
+        before, after = ((n * q - s * s) / (n * (n - 1.0)) for q, s in ((squares, sums), (squares_new, sums_new)))
+        of_squares = self.variance_spread * (pixels - 1) + pixels * self.temporal_variance**2
+        of_squares += float((after**2).sum() - (before**2).sum())
+        spread = (of_squares - pixels * found.temporal_variance**2) / (pixels - 1)
+        return replace(found, variance_spread=max(spread, 0.0)), moved
 
     @property
     def mean(self) -> float:
@@ -439,6 +477,10 @@ class FrameSums:
         """Return (frames, labels) the means of each frame, in the order of addition."""
         return np.array(self._frame_totals, dtype=np.float64) / label_pixels(self.shape, self.labels)
 
+    def label_frame_totals(self) -> NDArray[np.uint64]:
+        """Return (frames, labels) the exact sum of each frame and label, in the order of addition."""
+        return np.array(self._frame_totals, np.uint64).reshape(-1, len(self._clipped))
+
     def frame_totals(self) -> list[int]:
         """Return the exact sum of each frame, in the order of addition."""
         return [int(labels.sum()) for labels in self._frame_totals]
@@ -475,6 +517,14 @@ class FrameSums:
                 )
             )
         return tuple(result)
+
+
+def _exact_sum(values: I64) -> int:
+    """Return the sum of integers below 2^63, which may exceed them."""
+    if not values.size:
+        return 0
+    step = max((1 << 62) // max(int(np.abs(values).max()), 1), 1)
+    return sum(map(int, np.add.reduceat(values, np.arange(0, values.size, step))))
 
 
 def _by_kind(frames: Iterable[Frame]) -> list[list[Frame]]:

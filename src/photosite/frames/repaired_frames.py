@@ -17,6 +17,12 @@ NEAREST, FARTHEST = 8, 40
 
 Nearer ones would correlate the noise of neighbors; a fixed distance would show as a period."""
 
+_LONGEST = 1 << 17
+"""More than the columns of a frame."""
+
+_LINES = 512
+"""Rows of a stored frame that are read at a time."""
+
 _Places = NDArray[np.int64]
 
 
@@ -58,9 +64,14 @@ class PixelReplacement:
         """
         cols = bad.shape[1]
         height, width = tile
-        good_rows = ~np.any([bad[:, c::width].mean(axis=1) > 0.5 for c in range(min(width, cols))], axis=0)
+        bad_row, bad_col = np.divmod(np.flatnonzero(bad), cols)
+        counts = np.zeros((len(bad), width), np.int64)
+        np.add.at(counts, (bad_row, bad_col % width), 1)
+        most = np.array([len(range(c, cols, width)) for c in range(width)])
+        good_rows = np.logical_not((2 * counts > most).any(axis=1))
         lines = tuple((r, _nearest_line(r, good_rows, height)) for r in np.flatnonzero(~good_rows).tolist())
-        row, col = np.nonzero(bad & good_rows[:, None])
+        in_row = good_rows[bad_row]
+        row, col = bad_row[in_row], bad_col[in_row]
         source = np.full(len(col), -1)
         for distance in _distances(col // width, cols // width):
             left = source < 0
@@ -71,14 +82,21 @@ class PixelReplacement:
             inside[inside] = ~bad[row[inside], at[inside]]
             source[inside] = at[inside]
         known = source >= 0
-        all_rows, all_cols = np.nonzero(bad)
-        return cls(all_rows, all_cols, row[known], col[known], source[known], lines)
+        return cls(bad_row, bad_col, row[known], col[known], source[known], lines)
 
-    def record(self, dn: Numbers, into: NDArray[np.uint16], first: int = 0) -> None:
-        """Copy the numbers of the bad pixels in successive rows of a frame to their places in (n,) `into`."""
-        start, stop = np.searchsorted(self.bad_row, [first, first + len(dn)])
-        part = slice(int(start), int(stop))
-        into[part] = dn[self.bad_row[part] - first, self.bad_col[part]]
+    @property
+    def sources(self) -> tuple[_Places, _Places]:
+        """(n,) row and column that the number of each bad pixel is taken from."""
+        line_of = np.arange(int(self.bad_row.max(initial=0)) + 1)
+        for line, source in self.lines:
+            line_of[line] = source
+        row = line_of[self.bad_row]
+        known, wanted = self.row * _LONGEST + self.col, row * _LONGEST + self.bad_col
+        at = np.minimum(np.searchsorted(known, wanted), max(len(known) - 1, 0))
+        found = known[at] == wanted if len(known) else np.zeros(len(wanted), np.bool_)
+        col = self.bad_col.copy()
+        col[found] = self.source_col[at[found]]
+        return row, col
 
     def apply(self, dn: Numbers, first: int = 0, read_row: Callable[[int], Numbers] | None = None) -> None:
         """Replace the pixels of successive rows of a frame in place, the first of which has this number."""
@@ -88,12 +106,14 @@ class PixelReplacement:
         dn[at, self.col[part]] = dn[at, self.source_col[part]]
         for line, source in self.lines:
             if first <= line < first + len(dn):
+                start, stop = np.searchsorted(self.bad_row, [line, line + 1])
+                cols = self.bad_col[int(start) : int(stop)]
                 if read_row is None:
-                    dn[line - first] = dn[source - first]
+                    dn[line - first, cols] = dn[source - first, cols]
                 else:
                     other = read_row(source)[None].copy()
                     replace(self, lines=()).apply(other, source)
-                    dn[line - first] = other[0]
+                    dn[line - first, cols] = other[0, cols]
 
 
 def _nearest_line(row: int, good: NDArray[np.bool_], step: int) -> int:
@@ -123,11 +143,11 @@ def _distances(col: _Places, count: int) -> Iterable[_Places]:
 
 
 class RepairedRows(StoredRows):
-    """Rows of a stored frame with replaced pixels, whose own numbers are recorded."""
+    """Rows of a stored frame with replaced pixels."""
 
-    def __init__(self, stored: StoredRows, replacement: PixelReplacement, own: NDArray[np.uint16]) -> None:
+    def __init__(self, stored: StoredRows, replacement: PixelReplacement) -> None:
         self.path, self.shape = stored.path, stored.shape
-        self._stored, self._replacement, self._own = stored, replacement, own
+        self._stored, self._replacement = stored, replacement
 
     @property
     def place(self) -> None:  # type: ignore[override]
@@ -138,7 +158,6 @@ class RepairedRows(StoredRows):
         """Read successive rows into a C-contiguous array (n, cols), or one row (cols,)."""
         self._stored.read_rows(first, out)
         lines = out if out.ndim == 2 else out[None]
-        self._replacement.record(lines, self._own, first)
         self._replacement.apply(lines, first, lambda row: self._stored.take_rows([row])[0])
 
     def take_rows(self, rows: Iterable[int]) -> NDArray[np.uint16]:
@@ -152,38 +171,42 @@ class RepairedRows(StoredRows):
 
 @dataclass(frozen=True, eq=False)
 class _RepairedRead:
-    """`FrameSource.read` of a frame with replaced pixels; `own` are (n,) the numbers of the bad ones as last read."""
+    """`FrameSource.read` of a frame with replaced pixels."""
 
     source: FrameSource
     replacement: PixelReplacement
-    own: NDArray[np.uint16]
 
     def __call__(self) -> Numbers:
         dn = self.source.read().copy()
-        self.replacement.record(dn, self.own)
         self.replacement.apply(dn)
         return dn
 
     def open_rows(self) -> StoredRows | None:
         stored = self.source.open_rows()
-        return None if stored is None else RepairedRows(stored, self.replacement, self.own)
+        return None if stored is None else RepairedRows(stored, self.replacement)
 
 
 def repaired(frames: FrameSet, replacement: PixelReplacement) -> FrameSet:
     """Return the frames with replaced pixels."""
 
     def without(source: FrameSource) -> FrameSource:
-        own = np.zeros(len(replacement.bad_row), np.uint16)
-        return replace(source, read=_RepairedRead(source, replacement, own))
+        return replace(source, read=_RepairedRead(source, replacement))
 
     groups = tuple(replace(group, frames=tuple(map(without, group.frames))) for group in frames.groups)
     return replace(frames, groups=groups)
 
 
-def replaced_numbers(source: FrameSource) -> NDArray[np.uint16]:
-    """Return the numbers (n,) of the bad pixels of a frame with replaced pixels, once it was read."""
-    assert isinstance(source.read, _RepairedRead)
-    return source.read.own
+def numbers_at(source: FrameSource, row: _Places, col: _Places) -> NDArray[np.uint16]:
+    """Return the numbers (n,) of some pixels of a frame; of a stored frame, only their rows are read."""
+    stored = source.open_rows()
+    if stored is None:
+        return source.read()[row, col].astype(np.uint16)
+    lines, at = np.unique(row, return_inverse=True)
+    out = np.empty(len(row), np.uint16)
+    for first in range(0, len(lines), _LINES):
+        part = (at >= first) & (at < first + _LINES)
+        out[part] = stored.take_rows(lines[first : first + _LINES])[at[part] - first, col[part]]
+    return out
 
 
 def as_taken(source: FrameSource) -> FrameSource:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
-from photosite.engine.frame_sums import FrameSums
+from photosite.engine.frame_sums import FrameSums, LabelTotals
 from photosite.engine.outlying_pixels import Limits, outside
 from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
@@ -140,7 +140,7 @@ def classified(
     shape: tuple[int, int],
     tile: _Ints,
     groups: Sequence[GroupStatistics],
-    numbers: Sequence[NDArray[np.uint16]],
+    numbers: Sequence[_Ints],
 ) -> DefectivePixels:
     """Return defective pixels with their kinds.
 
@@ -276,7 +276,7 @@ class _OwnSeries:
         return np.asarray(self.variance[r] > JUMPS * explained + LEAST_DN2)
 
 
-def _variance(values: NDArray[np.uint16]) -> _Floats:
+def _variance(values: _Ints) -> _Floats:
     n = len(values)
     if n < 2:
         return np.full(values.shape[1], np.nan)
@@ -289,6 +289,13 @@ class _Limits(NamedTuple):
     below: float
     above: float
     quartiles: float
+
+
+class GroupTotals(NamedTuple):
+    """Exact totals of a group: of each channel, and (frames, channels) of each frame."""
+
+    labels: tuple[LabelTotals, ...]
+    frames: NDArray[np.uint64]
 
 
 class PixelSurvey:
@@ -308,11 +315,13 @@ class PixelSurvey:
         self._suspects: list[tuple[GroupStatistics, _Ints]] = []
         self._noisy: list[_Ints] = []
         self._groups: list[GroupStatistics] = []
+        self.totals: dict[int, GroupTotals] = {}
         self._black, self._last = math.inf, 0.0
 
     def add(self, statistics: GroupStatistics, sums: FrameSums) -> None:
         """Search the mean of a group, where it shows more than those before."""
         self._groups.append(statistics)
+        self.totals[id(statistics.group)] = GroupTotals(sums.label_totals(), sums.label_frame_totals())
         level = statistics.levels[0].mean
         if statistics.group.kind == "dark":
             self._black = min(self._black, level)

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from itertools import chain, islice
 from types import TracebackType
 from typing import NamedTuple, TypeVar
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, SavedSums, identity
-from photosite.calibration.reduction.codes import Counts
+from photosite.calibration.reduction.codes import Counts, channel_counts
 from photosite.calibration.reduction.frame_screening import NEAR_COPY_FRAME, NO_MAJORITY, sample_grid
 from photosite.calibration.reduction.group_screening import Screening, screen_frames
 from photosite.calibration.reduction.groups import group_label, label_tile
@@ -27,6 +28,7 @@ from photosite.engine.threads import computed_beside, thread_count
 from photosite.errors import FileError
 from photosite.files.small_files import file_stamp
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.repaired_frames import PixelReplacement, numbers_at, repaired
 from photosite.frames.stored_rows import StoredRows
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
@@ -52,6 +54,23 @@ class _Read(NamedTuple):
     def dn_values(self) -> NDArray[np.unsignedinteger]:
         """Return the (rows, cols) digital numbers."""
         return self.dn.read() if isinstance(self.dn, StoredRows) else self.dn
+
+
+class ReplacedNumbers(NamedTuple):
+    """Numbers (frames, n) of replaced pixels, and of those that replace them."""
+
+    own: NDArray[np.int64]
+    other: NDArray[np.int64]
+
+
+_Places = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Rows and columns of some pixels."""
+
+
+def _numbers_of(source: FrameSource, own: _Places, other: _Places) -> NDArray[np.uint16]:
+    """Return the numbers (2, n) of some pixels of a frame, and of those that replace them."""
+    row, col = (np.concatenate(part) for part in zip(own, other, strict=True))
+    return numbers_at(source, row, col).reshape(2, -1)
 
 
 _BATCH_FRAMES, _BATCH_BYTES = 12, 240 << 20
@@ -108,6 +127,8 @@ class FrameReader:
         self.rejected: list[Diagnostic] = []
         self.counts: dict[int, Counts] = {}
         """`count_codes` of each group's samples, by the `id` of the group."""
+        self.replaced: dict[int, ReplacedNumbers] = {}
+        """Numbers of the pixels of each group that `replace_pixels` replaced, by the `id` of the group."""
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
@@ -231,6 +252,45 @@ class FrameReader:
         self.used_frames = [entry for entry in self.used_frames if id(entry.source) not in sources]
         self.frames = replace(self.frames, groups=left)
         self.expect(self.frames.frame_count)
+
+    def replace_pixels(self, replacement: PixelReplacement) -> None:
+        """Replace pixels in all frames that were read; their sums, counts and mean frames become those without them."""
+        before, self.frames = self.frames, repaired(self.frames, replacement)
+        own, other = (replacement.bad_row, replacement.bad_col), replacement.sources
+        totals = {id(entry.source): entry.total for entry in self.used_frames}
+        self.used_frames = []
+        for old, new in zip(before.groups, self.frames.groups, strict=True):
+            used = self._used[id(new)] = self._used.pop(id(old))
+            sources = [old.frames[i] for i in used]
+            numbers = np.array(self._in_threads(sources, partial(_numbers_of, own=own, other=other)), np.int64)
+            self.replaced[id(new)] = ReplacedNumbers(numbers[:, 0], numbers[:, 1])
+            self.counts[id(new)] = self._moved_counts(self.counts.pop(id(old)), len(old), own, numbers)
+            if (mean := self._means.pop(id(old), None)) is not None:
+                mean.sum[own] = mean.sum[other]
+                self._means[id(new)] = mean
+            more = (numbers[:, 1] - numbers[:, 0]).sum(axis=1)
+            self.used_frames += [
+                UsedFrame(new.frames[i], totals[id(old.frames[i])] + int(n)) for i, n in zip(used, more, strict=True)
+            ]
+
+    def _moved_counts(self, counts: Counts, frames: int, own: _Places, numbers: NDArray[np.int64]) -> Counts:
+        """Return the counts of the sampled pixels after some are replaced: (used frames, 2, n) `numbers`."""
+        rows, cols = sample_grid(self._shape, frames)
+        times = np.bincount(rows.ravel(), minlength=self._shape[0])[own[0]]
+        times = times * np.bincount(cols.ravel(), minlength=self._shape[1])[own[1]]
+        labels = self.tile[own[0] % self.tile.shape[0], own[1] % self.tile.shape[1]]
+        parts = []
+        for label in range(int(self.tile.max()) + 1):
+            chosen = np.flatnonzero((labels == label) & (times > 0))
+            codes, found = channel_counts(counts, label)
+            full = np.zeros(1 << 16, np.int64)
+            full[codes] = found
+            weight = np.broadcast_to(times[chosen], (len(numbers), len(chosen)))
+            np.add.at(full, numbers[:, 0, chosen], -weight)
+            np.add.at(full, numbers[:, 1, chosen], weight)
+            left = np.flatnonzero(full > 0)
+            parts.append(np.column_stack([np.full(len(left), label), left, full[left]]))
+        return np.concatenate(parts)
 
     def used_sources(self, group: FrameGroup) -> list[FrameSource]:
         """Return the frames of a group that entered its sums, in their order."""

@@ -19,9 +19,9 @@ from photosite.calibration.reduction.codes import (
     fraction_above,
 )
 from photosite.calibration.reduction.dark_exposures import WRONG_DARK_EXPOSURE, find_wrong_exposure
-from photosite.calibration.reduction.defective_pixels import DefectivePixels, PixelSurvey, classified
+from photosite.calibration.reduction.defective_pixels import DefectivePixels, GroupTotals, PixelSurvey, classified
 from photosite.calibration.reduction.foreign_frames import FOREIGN_FRAMES, GroupSample, find_foreign_groups
-from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.frame_reader import FrameReader, ReplacedNumbers
 from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
@@ -29,7 +29,7 @@ from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coeffi
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet
-from photosite.frames.repaired_frames import as_taken, groups_as_taken, replaced_numbers
+from photosite.frames.repaired_frames import PixelReplacement
 from photosite.values.cfa import channel_names
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
@@ -148,23 +148,63 @@ def find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: Pix
     return survey.found()
 
 
-def reduce_without(reader: FrameReader, index: NDArray[np.int64], before: Reduction) -> Reduction:
-    """Return the statistics of frames whose defective pixels are replaced; `before` is that of the frames as taken."""
-    reduction = reduce_frames(reader)
-    known = {id(entry.source): entry for entry in before.used}
-    used = []
-    for entry in reduction.used:
-        source = as_taken(entry.source)
-        used.append(known.get(id(source)) or UsedFrame(source, int(source.read().sum(dtype=np.uint64))))
-    groups = (*reduction.darks, *reduction.lights)
-    numbers = [np.stack([replaced_numbers(source) for source in reader.used_sources(entry.group)]) for entry in groups]
-    shape = reader.frames.rows, reader.frames.cols
-    taken = replace(reduction.frames, groups=groups_as_taken(reduction.frames.groups))
+def without_pixels(reader: FrameReader, before: Reduction, survey: PixelSurvey, index: NDArray[np.int64]) -> Reduction:
+    """Return a reduction after its defective pixels are replaced in all frames, and in those that are read later.
+
+    `index` are numbers in the order of the rows, and `survey` has the totals of the groups. The sums are exact; of the
+    frames, only the numbers of these pixels and of those that replace them are read.
+    """
+    bad = np.zeros((reader.frames.rows, reader.frames.cols), np.bool_)
+    bad.flat[index] = True
+    replacement = PixelReplacement.of(bad, reader.tile.shape)
+    own, other = (replacement.bad_row, replacement.bad_col), replacement.sources
+    taken = TakenFrames(before.frames, before.used)
+    totals = [survey.totals[id(entry.group)] for entry in (*before.darks, *before.lights)]
+    reader.replace_pixels(replacement)
+    listed = (*reader.frames.of_kind("dark"), *reader.frames.of_kind("light"))
+    labels = reader.tile[own[0] % reader.tile.shape[0], own[1] % reader.tile.shape[1]]
+    groups = [
+        _with_replaced(group, exact, reader.replaced[id(group)], labels, reader.white)
+        for group, exact in zip(listed, totals, strict=True)
+    ]
+    darks, lights = groups[: len(before.darks)], groups[len(before.darks) :]
+    if before.dark_slopes is not None:
+        before.dark_slopes.slopes[own] = before.dark_slopes.slopes[other]
+    if before.reference_mean is not None:
+        before.reference_mean.sum[own] = before.reference_mean.sum[other]
+    codes = _find_codes(reader, darks, lights)
+    numbers = [reader.replaced[id(group)].own for group in listed]
     return replace(
-        reduction,
-        defects=classified(index, shape, reader.tile, groups, numbers),
-        taken=TakenFrames(taken, tuple(used)),
+        before,
+        frames=reader.frames,
+        darks=codes.groups[: len(darks)],
+        lights=codes.groups[len(darks) :],
+        whites=codes.whites,
+        steps=codes.steps,
+        sums=codes.sums,
+        bits_used=_bits_used(reader),
+        used=tuple(reader.used_frames),
+        defects=classified(index, bad.shape, reader.tile, groups, numbers),
+        taken=taken,
     )
+
+
+def _with_replaced(
+    group: FrameGroup, exact: GroupTotals, numbers: ReplacedNumbers, labels: NDArray[np.int64], white: int
+) -> GroupStatistics:
+    """Return the statistics of a group after the numbers of some pixels, of these channels, are replaced."""
+    levels, of_frames = [], np.zeros(len(exact.frames), object)
+    for k, totals in enumerate(exact.labels):
+        own, other = (part[:, labels == k] for part in numbers)
+        found, frames = totals.with_replaced(exact.frames[:, k].tolist(), own, other, 0, white)
+        levels.append(Level.of(found))
+        of_frames += np.array(frames, object)
+    pixels = sum(totals.pixels for totals in exact.labels)
+    return GroupStatistics(group, tuple(levels), frame_means=tuple(float(total / pixels) for total in of_frames))
+
+
+def _bits_used(reader: FrameReader) -> int:
+    return int(np.bitwise_or.reduce(np.concatenate([found[:, 1] for found in reader.counts.values()])))
 
 
 def _foreign_groups(
@@ -246,7 +286,7 @@ def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction,
         whites=codes.whites,
         steps=codes.steps,
         sums=codes.sums,
-        bits_used=int(np.bitwise_or.reduce(np.concatenate([found[:, 1] for found in reader.counts.values()]))),
+        bits_used=_bits_used(reader),
         rejected=tuple(reader.rejected),
         used=tuple(reader.used_frames),
     )
