@@ -82,7 +82,7 @@ def screen_frames(
     # Clipped flat fields with a pattern of their own, such as that of a black level, are all alike.
     if not dark and len(copies) >= len(samples) - 1:
         copies = {}
-    left = [sample for place, sample in enumerate(samples) if place not in copies]
+    left = taken = [sample for place, sample in enumerate(samples) if place not in copies]
     found = find_outlier_frames(left, dark_dn)
     if 2 * len(found) >= len(left) > 2:  # frames do not differ by themselves, but by a few pixels that jump
         left = without_jumps(left)
@@ -91,5 +91,5 @@ def screen_frames(
     rest = [place for place in range(len(left)) if place not in outliers]
     foreign = find_foreign_frames([left[place] for place in rest], labels)
     outliers |= {rest[place]: FOREIGN_FRAMES(reason) for place, reason in foreign.items()}
-    used = [left[place] for place in rest if place not in outliers]
+    used = [taken[place] for place in rest if place not in outliers]
     return Screening(copies, outliers, count_codes(used, labels))
