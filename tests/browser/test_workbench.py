@@ -255,6 +255,28 @@ def test_a_wrong_value_is_explained_and_the_page_goes_on(page, link) -> None:
 
 
 @pytest.mark.refused
+def test_errors_of_uploads_and_regions_stay_until_the_next_try(page, link, folder: Path, tmp_path: Path) -> None:
+    opened(page, link)
+    damaged = tmp_path / "damaged.png"
+    damaged.write_bytes(b"no picture")
+    page.set_input_files("#upload-scene", str(damaged))
+    page.wait_for_selector("#alert:not([hidden])")
+    assert page.inner_text("#alert").startswith("damaged.png: ")
+    set_number(page, "Exposure", 0.31)
+    page.wait_for_selector("#badge.preview")
+    page.wait_for_selector("#badge.exact")
+    assert page.inner_text("#alert").startswith("damaged.png: ")
+    for name, value in (("r0", 9000), ("r1", 9001), ("c0", 0), ("c1", 8)):
+        page.fill(f"#region-{name}", str(value))
+    page.get_by_role("button", name="Add region").click()
+    assert "2592 rows and 3872 columns" in page.inner_text("#alert")
+    assert page.locator("#regions table").count() == 0
+    page.set_input_files("#upload-scene", str(shutil.copy(folder / "picture.png", tmp_path / "second.png")))
+    wait(page, "document.getElementById('pick-scene').value.startsWith('upload:')")
+    assert page.is_hidden("#alert")
+
+
+@pytest.mark.refused
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="finds the processes of the server in /proc")
 def test_the_page_goes_on_after_all_worker_processes_died(page, link, folder: Path) -> None:
     opened(page, link)

@@ -5,8 +5,11 @@ export const UPLOADED = "photosite-uploaded", DELETED = "photosite-deleted"; // 
 
 const alertBox = document.getElementById("alert");
 
-export function showError(text) {
+// A text with `of` is removed by another one only, or by an empty one that names the same or nothing.
+export function showError(text, of = "") {
+  if (!text && of && alertBox.dataset.of !== of) return;
   alertBox.textContent = text || "";
+  alertBox.dataset.of = of;
   alertBox.hidden = !text;
 }
 

@@ -54,6 +54,9 @@ export async function start(content) {
     event.preventDefault();
     const [r0, r1, c0, c1] = ["r0", "r1", "c0", "c1"].map((name) => Number(at(`region-${name}`).value));
     if (!(r1 > r0 && c1 > c0)) { showError("The last row and column of a region must be greater than the first."); return; }
+    const [rows, cols] = picture.size;
+    if (r0 >= rows || c0 >= cols) { showError(`The region is outside the frame, which has ${rows} rows and ${cols} columns.`); return; }
+    showError("");
     addRegion([r0, r1, c0, c1]);
   });
   window.addEventListener("pagehide", () => { if (job) fetch(`/api/jobs/${job.id}`, { method: "DELETE", keepalive: true }); });
@@ -196,14 +199,14 @@ async function request(when = null) {
     view.mean = begun === null || ["mean", "snr"].includes(picture.layer);
     view.dn = begun === null || picture.layer === "raw" || picture.overlay;
     const data = decode(await postForBytes("/api/view", { state, view, tab }));
-    showError("");
+    showError("", "picture");
     picture.setFrame(data.header.frame_rows, data.header.frame_cols);
     picture.show(data);
     if (begun !== null) performance.measure("slider-to-picture", { start: begun, end: performance.now() });
     const spent = begun === null ? null : performance.now() - begun;
     requestAnimationFrame(() => describeView(data.header, spent));
   } catch (error) {
-    showError(error.message);
+    showError(error.message, "picture");
     badge("", "no picture", error.status === 422 ? "The settings above cannot be simulated." : "");
   }
   inFlight = false;
@@ -298,7 +301,7 @@ async function exact() {
   job = null;
   at("working").hidden = true;
   exactWanted = false;
-  if (ended.status === "failed") showError(`The exact frame could not be computed: ${ended.error}`);
+  if (ended.status === "failed") showError(`The exact frame could not be computed: ${ended.error}`, "picture");
   if (ended.status === "done") {
     suggest(ended.result.suggested_exposure_s);
     request();
