@@ -16,6 +16,7 @@ from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.calibration.reduction import frame_reader
 from photosite.calibration.spatial.line_noise import LINE_FRAMES
 from photosite.errors import CalibrationError
+from photosite.files.yaml import read_yaml
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor
 from photosite.sensor.new_sensor import new_sensor_file
@@ -362,3 +363,29 @@ def test_a_measured_sensor_keeps_units_and_comments_of_its_file(calibration):
     names = ["read_noise_mv", "conversion_gain_uv_per_e"]
     assert [again.measured(n).value for n in names] == pytest.approx([getattr(found, n).value for n in names])
     np.testing.assert_allclose(again.covariance_of(names), found.sensor.covariance_of(names), rtol=1e-4)
+
+
+def test_sources_hold_in_the_unit_of_their_field(tmp_path):
+    """Limits are multiples of the uncertainty: a file in electrons states them with the same text as one in mV."""
+    rng = np.random.default_rng(4)
+    levels = [("dark", 0.01, 0.0)] + [("light", 0.01 * k, 900.0 * k) for k in range(1, 6)]
+    taken = [
+        (kind, t, np.uint16(64.5 + 0.5 * (rng.poisson(mean, (48, 64)) + rng.normal(0, 4, (48, 64)))))
+        for kind, t, mean in levels
+        for _ in range(8)
+    ]
+    frames = FrameSet.from_arrays(taken, bits=12)
+    stated = {"pitch_um": 3.0, "full_well_e": 8000.0, "read_noise_e": 4.0, "system_gain_dn_per_e": 0.5}
+    text = new_sensor_file("a", rows=48, cols=64, bits=12, qe_peak=0.6, cfa="mono", values=stated, source=None)
+    calibration = calibrate(frames, parse_sensor(text, tmp_path / "a.sensor.yaml"))
+    calibration.sensor.save(tmp_path / "b.sensor.yaml")
+    noise = read_yaml(tmp_path / "b.sensor.yaml", "a sensor file")["noise"]
+    sensor, seen = calibration.sensor, 0
+    for name in ("row_noise", "column_noise", "dsnu"):
+        entry, estimate = noise[f"{name}_e"], getattr(calibration, f"{name}_mv")
+        if entry["value"] == 0.0 and estimate.upper_limit_95 is not None:
+            (factor,) = re.findall(r"95 % upper limit (\S+) times the standard uncertainty", entry["source"])
+            limit_e = sensor.electrons(estimate.upper_limit_95)
+            assert float(factor) * entry["standard_uncertainty"] == pytest.approx(limit_e, rel=0.01)
+            seen += 1
+    assert seen

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 from raising import raises
@@ -195,3 +198,13 @@ def test_what_cannot_move() -> None:
         )
     with raises(InputError, "cols_per_s"):
         ps.scenes.Motion(cols_per_s=np.inf)
+
+
+@pytest.mark.parametrize("wrong", [(0, 600), [1.0], None, "fast", True, 1j, np.zeros(2), math.nan])
+def test_rates_are_single_numbers(wrong: Any) -> None:
+    with raises(InputError, "rows_per_s"):
+        ps.scenes.Motion(wrong)
+
+
+def test_rates_of_any_real_type() -> None:
+    assert ps.scenes.Motion(np.float32(2), np.int64(600)).is_translation

@@ -76,9 +76,15 @@ class Finding:
 
 
 def why_zero(estimate: Estimate) -> str:
-    """Return why a sensor file states 0 for a noise or nonuniformity."""
-    if (limit := estimate.upper_limit_95) is not None:
-        return f"not distinguishable from 0, 95 % upper limit {limit:.3g}"
+    """Return why a sensor file states 0 for a noise or nonuniformity, without a unit.
+
+    Files may state the value in another unit than the estimate, so that limits are multiples of its uncertainty.
+    """
+    if (limit := estimate.upper_limit_95) is not None and (unit := estimate.standard_uncertainty):
+        return f"not distinguishable from 0, 95 % upper limit {limit / unit:.3g} times the standard uncertainty"
     if (estimate.value or 0.0) < 0.0:
         return "the variance is negative"
-    return f"the estimate, {estimate.value:.3g}, is within chance of 0"
+    if not estimate.value or not estimate.standard_uncertainty:
+        return "the estimate is 0"
+    ratio = estimate.value / estimate.standard_uncertainty
+    return f"the estimate, {ratio:.3g} times the standard uncertainty, is within chance of 0"

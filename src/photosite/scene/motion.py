@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,9 @@ class Motion(Shown):
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if isinstance(value, bool | str) or not math.isfinite(value):
-                raise InputError(entry.name, value=value, expected="a finite number")
+            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+                hint = "Give each rate alone: Motion(rows_per_s, cols_per_s)" if np.ndim(value) else None
+                raise InputError(entry.name, where="Motion", value=value, expected="a finite number", hint=hint)
             check_magnitude(entry.name, float(value))
 
     @property

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
-from photosite.calibration.photon_transfer.knees import Piece, find_pieces, line_through, linear_end
+from photosite.calibration.photon_transfer.knees import Piece, find_noise_step, find_pieces, line_through, linear_end
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION
 from photosite.calibration.withheld import (
     CLIPPED_TOO_FAR,
@@ -252,7 +252,13 @@ def calibrate_combined(
     if not pieces:
         raise NO_PHOTON_TRANSFER.error("the temporal variance does not rise with the signal", where=frames.source)
     _check_companding(frames, signal, pieces)
-    pieces = [line_through(signal, variance, uncertainty, *ends)[0] for piece in pieces for ends in _split(used, piece)]
+    parts = [
+        ends
+        for piece in pieces
+        for by_codes in _split(used, piece)
+        for ends in _split_by_noise(used, signal, variance, uncertainty, *by_codes)
+    ]
+    pieces = [line_through(signal, variance, uncertainty, *ends)[0] for ends in parts]
     index = np.full(len(used), -1, np.intp)
     for number, piece in enumerate(pieces):
         index[piece.first : piece.last + 1] = number
@@ -366,6 +372,20 @@ def _split(levels: Sequence[_Level], piece: Piece) -> Iterator[tuple[int, int]]:
             first = k
         own, last = codes, k
     yield first, piece.last
+
+
+def _split_by_noise(
+    levels: Sequence[_Level], signal: _Array, variance: _Array, uncertainty: _Array, first: int, last: int
+) -> tuple[tuple[int, int], ...]:
+    """Return the first and last level of two captures that read one charge with different read noise, or of one."""
+    part = slice(first, last + 1)
+    darks = max((k + 1 for k, level in enumerate(levels[part]) if level.kind == "dark"), default=0)
+    codes = [level.codes for level in levels[part] if level.codes is not None]
+    other_codes = bool(codes) and max(codes) > (1.0 + _OTHER_CODES) * min(codes)
+    place = find_noise_step(signal[part], variance[part], uncertainty[part], max(darks, 1), 1, other_codes)
+    if place is None:
+        return ((first, last),)
+    return (first, first + place - 1), (first + place, last)
 
 
 def _black_level(darks: Sequence[_Level]) -> Uncertain:

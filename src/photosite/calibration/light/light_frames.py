@@ -101,7 +101,8 @@ def measure_light_frames(
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
     if not dark.level_unknown:
-        check_knees(channels, reduction.frames.source)
+        other_codes = any(steps is not None and not steps.uniform for steps in reduction.steps)
+        check_knees(channels, reduction.frames.source, other_codes=other_codes)
     if noise.shared is not None:
         channels = [replace(each, levels=noise.shared.means(each.levels, each.index)) for each in channels]
         if noise.shared.neighbors is not None:
