@@ -28,9 +28,13 @@ def stack(
     change: Change = lambda kind, numbers: numbers,
     cfa: Cfa = MONOCHROME,
     shape: tuple[int, int] = (96, 128),
-    frames: int = 6,
+    light_s: tuple[float, ...] = LIGHT_S,
+    of: Callable[[list[np.ndarray]], np.ndarray] | None = None,
 ) -> FrameSet:
-    """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs."""
+    """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs.
+
+    `of` makes one flat field of three.
+    """
     rng = np.random.default_rng([seed, 77])
     response = 1.0 + rng.normal(0.0, 0.01, shape)
     offset = rng.normal(0.0, DSNU_E, shape)
@@ -45,7 +49,8 @@ def stack(
         return np.clip(np.rint(change(kind, GAIN * electrons + BLACK)), 0, 4095).astype(np.uint16)
 
     taken = [("dark", t, frame("dark", t)) for t in DARK_S for _ in range(10)]
-    taken += [("light", t, frame("light", t)) for t in LIGHT_S for _ in range(frames)]
+    for t in (t for t in light_s for _ in range(6)):
+        taken.append(("light", t, frame("light", t) if of is None else of([frame("light", t) for _ in range(3)])))
     return FrameSet.from_arrays(taken, bits=12, cfa=cfa)
 
 
@@ -93,3 +98,23 @@ def test_frames_of_one_state_agree(cfa: Cfa) -> None:
     for seed in range(8):
         found = limits(calibrate(stack(10 + seed, cfa=cfa, shape=(64, 80))))
         assert not {"other-offsets", "other-dark-current", "unlit-lines"} & set(found), seed
+
+
+def test_flat_fields_that_were_divided_are_named_by_their_saturated_pixels() -> None:
+    """The master has the true response, to 0.1 %."""
+    rng = np.random.default_rng([3, 77])
+    master = 1.0 + rng.normal(0.0, 0.01, (96, 128)) + np.random.default_rng(4).normal(0.0, 0.001, (96, 128))
+
+    def divided(kind: str, numbers: np.ndarray) -> np.ndarray:
+        numbers = np.minimum(np.rint(numbers), 4095.0)
+        return BLACK + (numbers - BLACK) / master if kind == "light" else numbers
+
+    found = sizes(stack(3, change=divided, light_s=(*LIGHT_S, 1.2)))
+    # Normal numbers around the full scale, clipped there: their variance is 1/2 - 1 / 2 pi.
+    assert found["corrected-flats"] == pytest.approx(0.01 * 4031 * np.sqrt(0.5 - 0.5 / np.pi), rel=0.1)
+
+
+def test_medians_of_flat_fields_concern_the_gain() -> None:
+    found = calibrate(stack(4, of=lambda taken: np.median(taken, axis=0).astype(np.uint16)))
+    assert found.system_gain_dn_per_e.value == pytest.approx(GAIN * 0.45, rel=0.05)
+    assert any(entry.id == "implausible" and "system_gain_dn_per_e" in entry.parameters for entry in found.diagnostics)

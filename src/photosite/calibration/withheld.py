@@ -87,7 +87,7 @@ IMPLAUSIBLE = DiagnosticKind(
     "A dark current is negative, or a quantum efficiency above 100 %, beyond chance.",
     "The value cannot be true, and is withheld with the likely cause.",
     "Correct exposure times or photons in the protocol; switch the camera's black level clamp off.",
-    (*DARK_CURRENT, *RESPONSE, "*_photons"),
+    (*DARK_CURRENT, *RESPONSE, "*_photons", "system_gain_dn_per_e"),
     false_alarms="below 1 of 10 000 sets",
 )
 HIDDEN_NOISE = DiagnosticKind(

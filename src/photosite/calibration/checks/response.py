@@ -239,7 +239,40 @@ def partly_full_wells(evidence: Evidence) -> Iterator[Diagnostic]:
         )
 
 
+CORRECTED_FLATS = DiagnosticKind(
+    "corrected-flats",
+    "warning",
+    "Saturated pixels have no noise, but differ from each other.",
+    "The flat fields were divided by a flat field, or corrected pixel by pixel: PRNU is what the correction left, and "
+    "the saturation is a mean.",
+    "Use flat fields as the camera reads them.",
+    ("prnu*", "saturation_*", "shading_percent"),
+    "standard deviation of the saturated pixels, DN",
+    "none: no camera clips at many numbers without noise",
+)
+
+
+def corrected_flats(evidence: Evidence) -> Iterator[Diagnostic]:
+    """Saturated pixels whose numbers differ, because they were corrected behind the converter."""
+    for name, channel in evidence.channels.items():
+        levels = channel.levels
+        noise, top = levels.noise, len(levels.x) - 1
+        if not levels.repeated.all() or top < 1 or levels.white_fraction[top] > 0.9:
+            continue
+        spread = math.sqrt(max(float(levels.spread[top]) ** 2 - float(noise[top]), 0.0))
+        if noise[top] < 0.1 * noise[:top].min() and noise[top] < 0.05 * spread**2 and spread > 1.0:
+            yield CORRECTED_FLATS(
+                f"saturated pixels have no noise, but differ by {spread:.3g} DN"
+                f"{evidence.reduction.channel_label(name, ' in channel {}')}: the flat fields were divided by a flat "
+                f"field, or corrected pixel by pixel. PRNU is what the correction left; use flat fields as the camera "
+                f"reads them",
+                spread,
+            )
+            return
+
+
 CHECKS = (
+    Check("result", 122, corrected_flats, linear=True),
     Check("result", 125, partly_full_wells, linear=True),
     Check("result", 130, light_outliers),
     Check("result", 140, tone_curve),

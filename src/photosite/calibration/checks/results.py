@@ -34,7 +34,7 @@ def implausible(evidence: Evidence) -> Iterator[Diagnostic]:
     """Values that were computed and cannot be true."""
     pooled = evidence.pooled
     for name, value, parameters in (
-        ("dark current", pooled.dark_slope, DARK_CURRENT),
+        ("dark current", pooled.dark_slope, (*DARK_CURRENT, "system_gain_dn_per_e")),
         ("quantum efficiency", pooled.responsivity, (*RESPONSE, "*_photons")),
     ):
         if isinstance(value, Implausible):

@@ -157,9 +157,15 @@ class Contradiction:
 
     def __str__(self) -> str:
         if self.moved_dn < 0.0:
-            cause = "the camera clamps its black level or subtracts a dark frame, or its black level falls"
+            cause = (
+                "the camera clamps its black level or subtracts a dark frame, its black level falls, or each flat "
+                "field is a mean or median of frames and the system gain too small"
+            )
         else:
-            cause = "the black level rises, or the camera filters the noise of long exposures"
+            cause = (
+                "the black level rises, the camera filters the noise of long exposures, or each dark frame is a mean "
+                "or median of frames"
+            )
         return (
             f"the dark current from the mean, {self.from_mean.value:.3g} e-/s, and from the variance, "
             f"{self.from_variance.value:.3g} e-/s, differ by {self.apart:.2g} standard uncertainties, as if the black "
