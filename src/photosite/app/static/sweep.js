@@ -110,7 +110,7 @@ function draw(y = result.measured[result.measured.length - 1], shape = result.fi
 
 function heatMap(root, [across, down], columns, y) {
   const xs = [...new Set(columns[across])], ys = [...new Set(columns[down])], values = columns[y].filter((value) => value !== null);
-  const low = Math.min(...values), high = Math.max(...values), W = 560, H = 320, L = 70, T = 12, B = 48, R = 110;
+  const low = Math.min(...values), high = Math.max(...values), W = window.innerWidth < 480 ? 360 : 560, H = 320, L = 62, T = 12, B = 48, R = 96;
   const [w, h] = [(W - L - R) / xs.length, (H - T - B) / ys.length];
   const drawn = svg("svg", { class: "plot", viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": `Heat map of ${named(y)} over ${named(across)} and ${named(down)}` });
   const value = element("p", { class: "plot-value" }, "Point at a field of the map to read it.");
@@ -123,7 +123,7 @@ function heatMap(root, [across, down], columns, y) {
   });
   const label = (x, yy, text, anchor = "middle", extra = {}) => { const made = svg("text", { x, y: yy, "text-anchor": anchor, ...extra }); made.textContent = text; drawn.append(made); };
   const every = (list, most) => Math.ceil(list.length / most);
-  xs.forEach((x, i) => { if (i % every(xs, 8) === 0) label(L + (i + 0.5) * w, H - B + 16, short(x, 3)); });
+  xs.forEach((x, i) => { if (i % every(xs, W / 70) === 0) label(L + (i + 0.5) * w, H - B + 16, short(x, 3)); });
   ys.forEach((v, j) => { if (j % every(ys, 8) === 0) label(L - 6, H - B - (j + 0.5) * h + 4, short(v, 3), "end"); });
   label((L + W - R) / 2, H - 10, named(across));
   label(16, (T + H - B) / 2, named(down), "middle", { transform: `rotate(-90 16 ${(T + H - B) / 2})` });
