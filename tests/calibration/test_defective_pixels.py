@@ -21,7 +21,8 @@ from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.calibration.setting import reduced
 from photosite.engine.frame_sums import FrameSums
 from photosite.frames.frame_set import FrameSet
-from photosite.frames.repaired_frames import PixelReplacement, as_taken, repaired
+from photosite.frames.repaired_frames import PixelReplacement, repaired
+from photosite.report.effect import effect_figures
 
 GAIN, READ_E, DSNU_E, PRNU, DARK_E_PER_S, BLACK_DN, TOP = 0.4, 4.0, 3.0, 0.01, 5.0, 64.0, 4095
 SHAPE, RATE = (96, 160), 1e5
@@ -223,7 +224,8 @@ def test_figures_of_all_pixels_are_stated() -> None:
     hot(sensor)
     dead(sensor)
     frames = sensor.frames()
-    left_out = ps.calibrate(frames).findings["pixel_defects"].left_out
+    calibration = ps.calibrate(frames)
+    left_out = calibration.findings["pixel_defects"].left_out
     darks, bright = frames.of_kind("dark"), frames.of_kind("light")[4]
     reference, longer = (np.stack([source.read() for source in group.frames]) for group in darks[:2])
     lit = np.stack([source.read() for source in bright.frames])
@@ -236,6 +238,9 @@ def test_figures_of_all_pixels_are_stated() -> None:
     rate = ((longer.mean(axis=0) - mean) / (darks[1].exposure_s - darks[0].exposure_s)).mean()
     assert stated["dark_current_dn_per_s"] == pytest.approx(rate, rel=0.02)
     assert left_out.without["dark_current_dn_per_s"] < 0.3 * rate
+    (table,) = effect_figures()["pixel_defects"].blocks(calibration)
+    assert [row[0] for row in table.rows] == ["Read noise", "DSNU", "PRNU", "Black level", "Dark current"]
+    assert float(table.rows[1][2]) == pytest.approx(stated["dsnu_dn"], rel=1e-3)
 
 
 def test_maps_and_histograms_have_all_pixels() -> None:
@@ -335,4 +340,4 @@ def test_replaced_pixels_are_of_their_color_and_row() -> None:
     assert np.array_equal(found[~bad], dn[~bad])
     assert np.array_equal(found[10], found[26])
     assert not (found[bad] == dn[bad]).mean() > 0.01
-    assert as_taken(source).read() is dn
+    assert not np.shares_memory(found, dn)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_set import FrameSet, FrameSource
 from photosite.frames.raw_frame import Numbers
 from photosite.frames.stored_rows import StoredRows
 
@@ -207,13 +207,3 @@ def numbers_at(source: FrameSource, row: _Places, col: _Places) -> NDArray[np.ui
         part = (at >= first) & (at < first + _LINES)
         out[part] = stored.take_rows(lines[first : first + _LINES])[at[part] - first, col[part]]
     return out
-
-
-def as_taken(source: FrameSource) -> FrameSource:
-    """Return a frame as it was taken, without replaced pixels."""
-    return source.read.source if isinstance(source.read, _RepairedRead) else source
-
-
-def groups_as_taken(groups: Iterable[FrameGroup]) -> tuple[FrameGroup, ...]:
-    """Return groups of frames as they were taken."""
-    return tuple(replace(group, frames=tuple(map(as_taken, group.frames))) for group in groups)

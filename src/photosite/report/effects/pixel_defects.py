@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from photosite.calibration.effects.pixel_defects import FoundDefects
+from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.calibration.reduction.defective_pixels import in_words
 from photosite.calibration.result import Calibration
 from photosite.report.effect import EffectFigure
 from photosite.report.numbers import format_number
@@ -38,9 +41,10 @@ _MOST = 4000  # largest number of pixels drawn of a kind, in order of deviation
 
 
 def _blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return the defects of the chip by kind, and their map, if the chip was mapped."""
+    """Return the figures with the pixels that are left out; the defects by kind and their map, if it was mapped."""
+    left_out = _left_out(calibration)
     if (chip := calibration.chip) is None:
-        return ()
+        return left_out
     defects = chip.defects
     rows = []
     for kind in DefectKind:
@@ -49,13 +53,28 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
     titles = columns("Kind", numeric("Pixels"), numeric("Percentage (%)"))
     counts = Table("Defective pixels by kind; a pixel may have several kinds", titles, tuple(rows))
     if not len(defects):
-        return counts, Paragraph("No pixel is defective.")
+        return *left_out, counts, Paragraph("No pixel is defective.")
     figure = figure_block(
         defect_map_figure(defects, chip.shape),
         "Map of the chip with a marker for each defective pixel, by kind",
         "Positions of the defective pixels, row 0 at the top. Markers are much larger than pixels.",
     )
-    return counts, figure
+    return *left_out, counts, figure
+
+
+def _left_out(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the figures without and with the defective pixels that are left out of them."""
+    found = calibration.findings["pixel_defects"]
+    if not isinstance(found, FoundDefects) or found.left_out is None:
+        return ()
+    left_out, rows = found.left_out, []
+    for name, without in left_out.without.items():
+        shown = PARAMETER_LABELS[name]
+        with_them = format_number(left_out.all_pixels[name], 4)
+        rows.append((shown.label, format_number(without, 4), with_them, shown.unit))
+    kinds = in_words(left_out.pixels.counts())
+    titles = columns("Quantity", numeric("Without them"), numeric("All pixels"), "Unit")
+    return (Table(f"Figures without and with {len(left_out.pixels)} defective pixels: {kinds}", titles, tuple(rows)),)
 
 
 @styled()
