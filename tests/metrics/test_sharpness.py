@@ -156,6 +156,41 @@ def test_the_uncertainty_is_the_spread_over_frames() -> None:
     assert np.sqrt(np.mean((spread[apart] / stated[apart]) ** 2)) == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.parametrize(
+    ("full_e", "sigma", "size", "options"),
+    [
+        (5000.0, 0.6, (80, 64), {}),
+        (300.0, 0.6, (80, 64), {}),  # the uncertainty is 8 % of the value
+        (1000.0, 1.2, (120, 100), {"window": "hamming"}),
+        (2000.0, 0.8, (80, 64), {"cfa": (("R", "G"), ("G", "B")), "channel": "G"}),
+    ],
+)
+def test_intervals_of_mtf50_hold_the_truth(
+    full_e: float, sigma: float, size: tuple[int, int], options: dict[str, Any]
+) -> None:
+    """A fraction of 0.91 to 0.99 of 250 intervals of 95 %; others have a chance of 1 % if 95 to 97 % hold it."""
+    edge = full_e * (gaussian_edge(*size, 0.1, sigma) - 50) / 350
+    truth = slanted_edge_mtf(edge, **options).mtf50
+    rng, inside = np.random.default_rng(7), []
+    for _ in range(250):
+        found = slanted_edge_mtf(rng.poisson(edge) + rng.normal(0, 4, size), **options)
+        assert found.mtf50 is not None
+        assert found.mtf50_standard_uncertainty is not None
+        inside.append(abs(found.mtf50 - truth) < 1.96 * found.mtf50_standard_uncertainty)
+    assert 0.91 <= np.mean(inside) <= 0.99
+
+
+def test_the_uncertainty_of_mtf50_follows_the_noise() -> None:
+    edge, rng = gaussian_edge(80, 64, 0.1, 0.6), np.random.default_rng(1)
+    noise = rng.normal(0, 1, edge.shape)
+    little, much = (slanted_edge_mtf(edge + spread * noise).mtf50_standard_uncertainty for spread in (0.5, 2.0))
+    assert much == pytest.approx(4 * little, rel=0.2)
+    # An edge of a tenth of a pixel's blur: its MTF is above 0.5 up to the sampling frequency.
+    sharp = slanted_edge_mtf(gaussian_edge(80, 64, 0.1, 0.1))
+    assert sharp.mtf50 is None
+    assert sharp.mtf50_standard_uncertainty is None
+
+
 def gaussian_edge(rows: int, cols: int, slope: float, sigma: float, position: float | None = None) -> Any:
     """Point values of an edge with Gaussian blur: its MTF is exp(-2 (pi f sigma)^2)."""
     y, x = np.mgrid[:rows, :cols] + 0.5

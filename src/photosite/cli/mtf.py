@@ -93,6 +93,7 @@ def _facts(edge: SlantedEdge) -> dict[str, Any]:
         "angle_deg": edge.angle_deg,
         "mtf50_cycles_per_pixel": edge.mtf50,
         "mtf50_cycles_per_mm": None if edge.mtf50 is None or per_mm is None else edge.mtf50 * per_mm,
+        "mtf50_standard_uncertainty_cycles_per_pixel": edge.mtf50_standard_uncertainty,
         "frequency_cycles_per_pixel": edge.frequency_cycles_per_pixel.tolist(),
         "frequency_cycles_per_mm": None if per_mm is None else edge.frequency_cycles_per_mm.tolist(),
         "mtf": edge.mtf.tolist(),
@@ -107,14 +108,14 @@ def _text(edge: SlantedEdge) -> str:
 
     per_mm = None if edge.pitch_um is None else 1e3 / edge.pitch_um
     mtf50 = "MTF50 is above 1 cycle/pixel"
-    if edge.mtf50 is not None:
-        mtf50 = f"MTF50 {edge.mtf50:.4g} cycles/pixel"
-        mtf50 += "" if per_mm is None else f", {edge.mtf50 * per_mm:.4g} cycles/mm"
+    if edge.mtf50 is not None and (spread := edge.mtf50_standard_uncertainty) is not None:
+        mtf50 = f"MTF50 {format_uncertain(edge.mtf50, spread)} cycles/pixel"
+        mtf50 += "" if per_mm is None else f", {format_uncertain(edge.mtf50 * per_mm, spread * per_mm)} cycles/mm"
     rows = [("cycles/pixel", *(() if per_mm is None else ("cycles/mm",)), "MTF")]
     frequencies = np.array(_SHOWN_CYCLES_PER_PIXEL)
-    uncertainty = np.interp(frequencies, edge.frequency_cycles_per_pixel, edge.standard_uncertainty)
-    for frequency, value, spread in zip(frequencies, edge.at(frequencies), uncertainty, strict=True):
-        shown = "1" if frequency == 0 else format_uncertain(float(value), float(spread))
+    uncertainties = np.interp(frequencies, edge.frequency_cycles_per_pixel, edge.standard_uncertainty)
+    for frequency, value, uncertainty in zip(frequencies, edge.at(frequencies), uncertainties, strict=True):
+        shown = "1" if frequency == 0 else format_uncertain(float(value), float(uncertainty))
         rows.append((f"{frequency:g}", *(() if per_mm is None else (f"{frequency * per_mm:.4g}",)), shown))
     heading = f"channel {edge.channel}, edge {abs(edge.angle_deg):.2f} degrees off the {edge.direction}; {mtf50}"
     return f"{heading}\n\n{table(rows, '>' * len(rows[0]))}"

@@ -49,6 +49,8 @@ class SlantedEdge(Shown):
         Distance from the edge in pixels, negative on the dark side, and the profile there: 0 dark, 1 bright.
     pitch_um
         Pixel pitch; None if it was not given.
+    mtf50_standard_uncertainty
+        Of `mtf50`, in cycles/pixel, from the same scatter; None where there is no `mtf50`.
     """
 
     frequency_cycles_per_pixel: Array
@@ -62,6 +64,7 @@ class SlantedEdge(Shown):
     distance: Array
     profile: Array
     pitch_um: float | None = None
+    mtf50_standard_uncertainty: float | None = None
 
     @property
     def frequency_cycles_per_mm(self) -> Array:
@@ -79,10 +82,8 @@ class SlantedEdge(Shown):
     @property
     def mtf50(self) -> float | None:
         """Frequency in cycles/pixel at which the MTF first falls to 0.5; None if it stays above up to 1."""
-        below = np.flatnonzero(self.mtf < 0.5)
-        if below.size == 0:
+        if (high := _first_below_half(self.mtf)) is None:
             return None
-        high = int(below[0])
         upper, lower = self.mtf[high - 1], self.mtf[high]
         step = self.frequency_cycles_per_pixel[1]
         return float(self.frequency_cycles_per_pixel[high - 1] + step * (upper - 0.5) / (upper - lower))
@@ -157,14 +158,14 @@ def slanted_edge_mtf(
     edge = first_edge(values, mask)
     edge, profile = refined(whole_cycles(pixels, edge), edge, oversampling)
     frequency = np.linspace(0.0, 1.0, _FREQUENCIES)
-    mtf, uncertainty = _transfer(profile, frequency, window)
+    mtf, sensitivity = _transfer(profile, frequency, window)
     line = np.arange(values.shape[0], dtype=np.int64)
     left, right = profile.ends()
     from_dark = slice(None) if right > left else slice(None, None, -1)
     return SlantedEdge(
         frequency,
         mtf,
-        uncertainty,
+        np.sqrt(sensitivity**2 @ profile.variance),
         name,
         math.degrees(math.atan(edge.slope)) * (-1.0 if direction == "vertical" else 1.0),
         direction,
@@ -173,7 +174,30 @@ def slanted_edge_mtf(
         profile.distance,
         ((profile.mean - min(left, right)) / abs(right - left))[from_dark],
         pitch_um,
+        _mtf50_uncertainty(frequency, mtf, sensitivity, profile.variance),
     )
+
+
+def _first_below_half(mtf: Array) -> int | None:
+    below = np.flatnonzero(mtf < 0.5)
+    return int(below[0]) if below.size else None
+
+
+_SLOPE_POINTS = 8
+"""Most frequencies on either side of `mtf50` through which the slope of the MTF is fitted."""
+
+
+def _mtf50_uncertainty(frequency: Array, mtf: Array, sensitivity: Array, variance: Array) -> float | None:
+    """Return the standard uncertainty of the frequency where the MTF is 0.5: that of the MTF over its slope.
+
+    The slope is that of a line over many frequencies: noise changes that between neighbors by its own amount.
+    """
+    if (high := _first_below_half(mtf)) is None:
+        return None
+    reach = min(max(round(0.4 * high), 2), _SLOPE_POINTS)
+    near = slice(max(high - reach, 0), high + reach)
+    slope = float(np.polyfit(frequency[near], mtf[near], 1)[0])
+    return math.sqrt(float(sensitivity[high] ** 2 @ variance)) / abs(slope) if slope else math.inf
 
 
 def _check_options(oversampling: int, window: str, pitch_um: float | None) -> None:
@@ -229,7 +253,7 @@ def _is_horizontal(values: Array, mask: NDArray[np.bool_]) -> bool:
 
 
 def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array, Array]:
-    """Return the MTF at frequencies in cycles/pixel, and its standard uncertainty."""
+    """Return the MTF at frequencies in cycles/pixel, and (frequencies, bins) its derivatives by the bins' means."""
     distance = profile.distance[1:] - profile.width / 2  # of the differences, symmetric about 0
     weight = _window(np.abs(distance) / (profile.distance[-1] + profile.width / 2), window)
     # The transform is linear in the means of the bins: each enters two differences.
@@ -242,8 +266,7 @@ def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array
     # Derivative of |spectrum| / whole by the mean of each bin.
     turned = (bins * np.exp(-1j * np.angle(spectrum))[:, None]).real / abs(whole)
     sensitivity = turned - mtf[:, None] * bins[0].real / whole
-    uncertainty = np.sqrt(sensitivity**2 @ profile.variance)
-    return mtf / lost, uncertainty / lost
+    return mtf / lost, sensitivity / lost[:, None]
 
 
 def _window(part: Array, window: Window) -> Array:
