@@ -14,6 +14,7 @@ from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding, SensorChanges
 from photosite.calibration.withheld import EFFECT_NOT_MEASURED, NO_MAPS
+from photosite.engine.large_statistics import mean, mean_and_deviation, median, pieces, quantiles
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
@@ -196,24 +197,27 @@ def dark_distribution(
     >>> [round(entry.value, 2) for entry in (found.fraction, found.log_spread)], round(found.dcnu_percent.value)
     ([0.01, 1.06], 20)
     """
-    values = np.asarray(rate, np.float64).ravel()
-    noise = np.asarray(uncertainty, np.float64).ravel()
-    center = float(np.median(values))
-    limit = center + _reach(values, noise)
-    above = values > limit
-    excess, body = values[above] - center, values[~above]
+    # Maps stay in single precision: of 100 megapixels, each copy in doubles would take 800 MB.
+    values, noise = (np.asarray(one).ravel() for one in (rate, uncertainty))
+    center, usual_noise = median(values), median(noise)
+    limit = center + _reach(values, usual_noise)
+    above = values > np.float64(limit)
+    excess = values[above].astype(np.float64) - center
     count = int(above.sum())
     method = _METHOD.format(limit)
     top = float(values.max()) - center
     edges = np.geomspace(0.05 * (limit - center), max(1.01 * top, limit - center), _BINS + 1)
-    histogram = np.histogram(values - center, edges)[0]
+    counts = (np.histogram(values[piece].astype(np.float64) - center, edges)[0] for piece in pieces(values.size))
+    histogram = np.sum(list(counts), axis=0)
+    noise_square = _mean_square(noise[~above])
+    body = values[~above]
 
     def result(
-        fraction: Estimate, median: Estimate, spread: Estimate, below: tuple[Uncertain, Uncertain]
+        fraction: Estimate, median_rate: Estimate, spread: Estimate, below: tuple[Uncertain, Uncertain]
     ) -> DarkDistribution:
-        mean, dcnu = _body(body, noise[~above], *below)
-        details = limit, count, values.size, center, float(np.median(noise)), edges, histogram
-        return DarkDistribution(fraction, median, spread, mean, dcnu, *details)
+        mean_rate, dcnu = _body(body, noise_square, *below)
+        details = limit, count, values.size, center, usual_noise, edges, histogram
+        return DarkDistribution(fraction, median_rate, spread, mean_rate, dcnu, *details)
 
     def without(reason: str) -> DarkDistribution:
         missing = Estimate(
@@ -223,7 +227,7 @@ def dark_distribution(
 
     if count < LEAST_PIXELS:
         return without(f"the distribution of hot pixels needs {LEAST_PIXELS}")
-    nodes = np.quantile(body, (np.arange(_NODES) + 0.5) / _NODES) - center
+    nodes = quantiles(body, (np.arange(_NODES) + 0.5) / _NODES) - center
     fit = _Tail(excess, limit - center, highest - center, values.size, nodes)
     best, covariance = fit.solve()
     if covariance is None or fit.seen(best) < _MOSTLY_SEEN or covariance[0, 0] > _WIDEST**2:
@@ -245,11 +249,11 @@ _LIMIT_RATIO = 1.5
 """Distance of the limit of hot pixels from the median, in units of the distance that no other pixel reaches."""
 
 
-def _reach(values: _Floats, noise: _Floats) -> float:
+def _reach(values: NDArray[np.floating], usual_noise: float) -> float:
     """Return the distance above the median that only hot pixels reach."""
     from scipy.special import ndtri
 
-    low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
+    low, middle, high = quantiles(values, [0.1, 0.5, 0.9])
     below, over = middle - low, high - middle
     tenth, last = float(-ndtri(0.1)), float(-ndtri(0.1 / values.size))
     normal = over * last / tenth
@@ -257,21 +261,28 @@ def _reach(values: _Floats, noise: _Floats) -> float:
     if over > below > 0.0:
         growth = math.log(over / below) / tenth  # of the logarithm, per standard deviation
         skewed = over * math.expm1(growth * last) / math.expm1(tenth * growth)
-    return _LIMIT_RATIO * float(max(normal, skewed, float(middle - values.min()), 5.0 * float(np.median(noise))))
+    return _LIMIT_RATIO * float(max(normal, skewed, float(middle - values.min()), 5.0 * usual_noise))
 
 
-def _body(body: _Floats, noise: _Floats, hot_mean: Uncertain, hot_variance: Uncertain) -> tuple[Estimate, Estimate]:
+def _mean_square(values: NDArray[np.floating]) -> float:
+    return mean(lambda piece: values[piece].astype(np.float64) ** 2, values.size)
+
+
+def _body(
+    body: NDArray[np.floating], noise_square: float, hot_mean: Uncertain, hot_variance: Uncertain
+) -> tuple[Estimate, Estimate]:
     """Return mean and relative spread of the pixels below the limit, less what the hot ones among them add."""
     n = body.size
-    mean = Uncertain.of(float(body.mean()), float(body.std()) / math.sqrt(n)) - hot_mean
-    square = (body - body.mean()) ** 2
-    sampling = Uncertain.of_variance(float(square.mean()), float(square.std()) / math.sqrt(n))
-    variance = sampling - float((noise**2).mean()) - hot_variance
-    mean_estimate = Estimate.of(mean, "mean of the pixels without hot ones")
+    center, spread = mean_and_deviation(lambda piece: body[piece], n)
+    mean_rate = Uncertain.of(center, spread / math.sqrt(n)) - hot_mean
+    of_squares = mean_and_deviation(lambda piece: (body[piece].astype(np.float64) - center) ** 2, n)
+    sampling = Uncertain.of_variance(of_squares[0], of_squares[1] / math.sqrt(n))
+    variance = sampling - noise_square - hot_variance
+    mean_estimate = Estimate.of(mean_rate, "mean of the pixels without hot ones")
     what = "spread of the pixels' dark currents without hot ones, less their noise, over the mean"
-    if mean.value < 3.0 * mean.standard_uncertainty:
+    if mean_rate.value < 3.0 * mean_rate.standard_uncertainty:
         return mean_estimate, Estimate(reason="the dark current is not distinguishable from zero", method=what)
-    return mean_estimate, Estimate.of_variance(variance * (100.0 / mean.value) ** 2, what)
+    return mean_estimate, Estimate.of_variance(variance * (100.0 / mean_rate.value) ** 2, what)
 
 
 class _Tail:
