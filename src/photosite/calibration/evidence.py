@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +24,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.spatial.left_out import LeftOut
 from photosite.calibration.withheld import NO_SENSOR_FILE
+from photosite.engine.lazy_maps import ConstantMap
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
 from photosite.values.uncertain import Missing, Uncertain, Value
@@ -67,6 +69,17 @@ class Evidence:
     dark_rate_dn_per_s: NDArray[np.float32] | None = None
     no_maps: str = "the chip was not mapped; calibrate with maps (--maps)"
     maps_failed: bool = False
+
+    def without_dark_maps(self) -> Evidence:
+        """Return the evidence without mean frame and slopes of the dark frames, up to 12 bytes per pixel.
+
+        Only the fixed pattern and the glow need them.
+        """
+        reduction, dark = replace(self.reduction, reference_mean=None, dark_slopes=None), self.dark
+        if dark.mean is not None:
+            unknown = ConstantMap(dark.mean.mean.shape, math.nan)
+            dark = replace(dark, mean=replace(dark.mean, mean=unknown), slope_map=None)
+        return replace(self, reduction=reduction, dark=dark)
 
     @property
     def channels(self) -> dict[str, Channel]:

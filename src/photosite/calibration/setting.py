@@ -12,7 +12,7 @@ from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
 from photosite.calibration.diagnostics import collected, run_checks
 from photosite.calibration.effect import Findings, Found
-from photosite.calibration.effects.glow import deferred_glow
+from photosite.calibration.effects.glow import GlowMap, deferred_glow
 from photosite.calibration.effects.optical_black import without_covered_lines
 from photosite.calibration.evidence import Evidence, collect_evidence
 from photosite.calibration.light.light_frames import measure_light_frames
@@ -64,7 +64,9 @@ def calibrate_setting(
         del reduction, dark, noise, light, patterns
         findings: dict[str, Found] = {}
         if maps:
-            evidence, findings = _with_maps(evidence, progress)
+            glow = _glow(evidence)
+            evidence, findings = evidence.without_dark_maps(), {"glow": glow}
+            evidence = _with_maps(evidence, glow, progress)
         calibration = _calibration(evidence, Findings.measure(evidence, findings), raised)
         if isinstance(saved, Checkpoint):
             saved.remove()
@@ -96,22 +98,26 @@ def _saved_sums(
     return Checkpoint(checkpoint, frames)
 
 
-def _with_maps(evidence: Evidence, progress: Progress | None) -> tuple[Evidence, dict[str, Found]]:
-    """Return the evidence with the chip's maps, or with the reason why they are missing, and the glow in the maps."""
+def _glow(evidence: Evidence) -> GlowMap | Missing:
+    """Return the glow in the map of the dark current, after all else that needs the maps of the dark frames."""
     for pattern in evidence.patterns.channels:
         if isinstance(pattern.spatial, SpatialAnalysis):
-            pattern.spatial.compute()  # releases the mean frames
+            pattern.spatial.compute()
     glow = deferred_glow(evidence)
-    known = glow.value if isinstance(glow, Deferred) else glow
+    return glow.value if isinstance(glow, Deferred) else glow
+
+
+def _with_maps(evidence: Evidence, glow: GlowMap | Missing, progress: Progress | None) -> Evidence:
+    """Return the evidence with the chip's maps, or with the reason why they are missing."""
     reason = evidence.dark.noise_unknown
     try:
         if not reason:
-            evidence = measure_chip(evidence, None if isinstance(known, Missing) else known, progress)
+            evidence = measure_chip(evidence, None if isinstance(glow, Missing) else glow, progress)
     except ClippedChipError as error:
         reason = str(error)
     if reason:
         evidence = replace(evidence, no_maps=reason, maps_failed=True)
-    return evidence, {"glow": known}
+    return evidence
 
 
 def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagnostic]) -> Calibration:

@@ -466,12 +466,13 @@ class FrameSums:
         self._taken = True
         return MeanFrame(self.sum, self.count, self.labels)
 
-    def variance(self, out: F64 | None = None) -> F64:
-        """Return (rows, cols) the unbiased temporal variance, in `out` if given.
+    def variance(self, out: F64 | None = None, rows: slice = slice(None)) -> F64:
+        """Return (rows, cols) the unbiased temporal variance, of a slice of the rows, in `out` if given.
 
         It is the integer n sum(y^2) - sum(y)^2, divided by n (n - 1).
         """
-        return _filled(out, self.shape, variance_map, self.sum, self.sum_of_squares, self.count)
+        sums, squares = self.sum[rows], self.sum_of_squares[rows]
+        return _filled(out, sums.shape, variance_map, sums, squares, self.count)
 
     def frame_means(self) -> F64:
         """Return (frames, labels) the means of each frame, in the order of addition."""

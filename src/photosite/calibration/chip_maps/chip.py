@@ -15,7 +15,6 @@ from photosite.calibration.chip_maps.noise_distribution import blinking_distribu
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
 from photosite.calibration.chip_maps.temporal_noise import (
-    StackResiduals,
     TemporalNoise,
     Trace,
     measure_temporal_noise,
@@ -29,6 +28,7 @@ from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import dark_slope_coefficients, read_group
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.engine.lazy_maps import row_strips
 from photosite.errors import CalibrationError, FileError
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
@@ -92,6 +92,11 @@ class _DarkMaps:
     def tile(self) -> NDArray[np.int64]:
         return self.mean.labels
 
+    @property
+    def strips(self) -> Iterator[slice]:
+        """Rows of the chip that are computed at once."""
+        return (slice(*strip) for strip in row_strips(self.variance, self.tile.shape[0]))
+
     def noisier(self, probability: float) -> tuple[_Place, NDArray[np.float64]]:
         """Return the pixels noisier than an ordinary one is with a given probability, and their relative variance."""
         chosen = np.zeros(self.variance.shape, np.bool_)
@@ -108,12 +113,20 @@ class _DarkMaps:
         keep = np.sort(np.argsort(-ratio, kind="stable")[:MOST_SUSPECTS])
         return row[keep], col[keep]
 
-    def moderated_variance(self) -> FloatMap:
+    def mean_level(self) -> FloatMap:
+        """Return the mean reference dark."""
+        level = np.empty(self.variance.shape, np.float32)
+        for rows in self.strips:
+            level[rows] = self.mean[rows]
+        return level
+
+    def moderated_variance(self, rows: slice) -> FloatMap:
         """Return each pixel's temporal variance, moderated by those of its channel."""
-        out = np.empty_like(self.variance)
+        variance = self.variance[rows]
+        out = np.empty_like(variance)
         for k, spread in enumerate(self.spreads):
             for part in defects.sites(self.tile, k):
-                out[part] = moderated(self.variance[part], self.freedom, spread)
+                out[part] = moderated(variance[part], self.freedom, spread)
         return out
 
     def uncertainty(self, weights: NDArray[np.float64], noise: FloatMap, shot: FloatMap | None) -> FloatMap:
@@ -136,26 +149,29 @@ class _DarkMaps:
         return replace(self, variance=variance, spreads=_spreads(variance, self.tile, self.stack))
 
     def maps(self, level: FloatMap, shot: FloatMap | None) -> dict[str, FloatMap]:
-        """Return offset, read noise and dark rate; `level`, the mean reference dark above black, becomes the offset."""
-        noise = self.moderated_variance()
+        """Return offset, read noise and dark rate.
+
+        `level`, the mean reference dark above black, becomes the offset, and the variance becomes the read noise, which
+        saves memory.
+        """
         offset_weights = np.zeros(len(self.groups))
         offset_weights[self.reference] = 1.0
-        read = self.variance - np.float32(QUANTIZATION_DN2)
+        maps = {"offset_dn": level, "offset_uncertainty_dn": np.empty_like(level), "read_noise_dn": self.variance}
         if self.rate is not None:
-            level -= np.float32(self.exposure_s) * self.rate
             offset_weights -= self.exposure_s * self.coefficients
-        if shot is not None:
-            read -= np.float32(self.exposure_s) * shot
-        size = np.abs(read)
-        np.sqrt(size, out=size)
-        maps = {
-            "offset_dn": level,
-            "offset_uncertainty_dn": self.uncertainty(offset_weights, noise, shot),
-            "read_noise_dn": np.copysign(size, read, out=read),
-        }
-        if self.rate is not None:
-            maps["dark_rate_dn_per_s"] = self.rate
-            maps["dark_rate_uncertainty_dn_per_s"] = self.uncertainty(self.coefficients, noise, shot)
+            maps |= {"dark_rate_dn_per_s": self.rate, "dark_rate_uncertainty_dn_per_s": np.empty_like(level)}
+        for rows in self.strips:
+            noise, shot_rows = self.moderated_variance(rows), None if shot is None else shot[rows]
+            maps["offset_uncertainty_dn"][rows] = self.uncertainty(offset_weights, noise, shot_rows)
+            if self.rate is not None:
+                level[rows] -= np.float32(self.exposure_s) * self.rate[rows]
+                uncertainty = self.uncertainty(self.coefficients, noise, shot_rows)
+                maps["dark_rate_uncertainty_dn_per_s"][rows] = uncertainty
+            read = self.variance[rows]
+            read -= np.float32(QUANTIZATION_DN2)
+            if shot_rows is not None:
+                read -= np.float32(self.exposure_s) * shot_rows
+            np.copysign(np.sqrt(np.abs(read)), read, out=read)
         return maps
 
 
@@ -194,11 +210,12 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
         response = read_response_map(reader, evidence, pooled_level(dark.stack.levels).variance) if lights else None
         sigma = float(np.sqrt(np.median([spread.variance for spread in dark.spreads])))
         suspects = dark.suspects()
+        reader.release()  # its sums need as much memory as a map
         residuals = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
-    del reader  # its sums need as much memory as three maps
     dark = dark.with_variance(residuals.variance)
-    temporal = measure_temporal_noise(dark.stack, residuals, dark.mean, dark.tile)
-    chip, temporal = _chip(evidence.parameters, dark, response, suspects, residuals, temporal, glow)
+    temporal, series = measure_temporal_noise(dark.stack, residuals, dark.mean, dark.tile), residuals.series
+    del residuals
+    chip, temporal = _chip(evidence.parameters, dark, response, suspects, series, temporal, glow)
     rate = chip.dark_rate_dn_per_s
     flat = rate if rate is None or glow is None else glow.without(rate)
     return replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)
@@ -227,6 +244,9 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
             stack = _mean_and_variance(sums)
         if slopes is not None and coefficients is not None:
             slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(statistics.levels))
+        del sums
+        if index == wanted:
+            reader.release()  # the squares need as much memory as two maps
     reference = reference_dark(groups)
     if stack is None or reference != wanted:
         reader.expect(len(planned[reference]))
@@ -246,7 +266,9 @@ def _spreads(variance: FloatMap, tile: NDArray[np.int64], stack: GroupStatistics
 
 
 def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
-    variance = sums.variance().astype(np.float32)
+    variance = np.empty(sums.shape, np.float32)
+    for first, last in row_strips(variance):
+        variance[first:last] = sums.variance(rows=slice(first, last))
     return sums.mean_frame(), variance
 
 
@@ -287,12 +309,12 @@ def _chip(
     dark: _DarkMaps,
     response: ResponseMap | None,
     suspects: _Place,
-    residuals: StackResiduals,
+    series: NDArray[np.float32],
     temporal: TemporalNoise,
     glow: GlowMap | None,
 ) -> tuple[MeasuredChip, TemporalNoise]:
     gain, black = parameters.system_gain_dn_per_e.value, parameters.black_level_dn.value
-    level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
+    level = dark.mean_level()
     black = float(level.mean(dtype=np.float64)) if black is None else black
     level -= np.float32(black)
     withheld = parameters.dark_current_dn_per_s.value is None  # the mean rate is wrong by what all pixels share
@@ -302,37 +324,41 @@ def _chip(
         shared = 0.0 if from_variance is None else from_variance * gain - float(dark.rate.mean(dtype=np.float64))
         # Shot noise of the dark current, DN^2 per second; none for a negative rate.
         shot = np.maximum(dark.rate + np.float32(shared), 0.0) * np.float32(gain)
+    blinking, distance, traces = _blinking(dark, series, suspects, shot)
+    row_noise_dn, column_noise_dn = temporal.row_noise_dn.value or 0.0, temporal.column_noise_dn.value or 0.0
+    shared_dn2 = QUANTIZATION_DN2 + signed_square(row_noise_dn) + signed_square(column_noise_dn)
+    shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
+    temporal = _with_distribution(replace(temporal, traces=traces), dark, series.shape[1], blinking, shared_dn2)
+    unsteady = _unsteady(dark, blinking, distance)
     maps = dark.maps(level, shot)
+    del shot
     rate_names = ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s")
     if response is not None:
         unknown = np.zeros((1, 1), np.float32)
         rate, uncertainty = (maps.get(name, unknown) for name in rate_names)
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, uncertainty, dark.tile)
-    blinking, distance, traces = _blinking(dark, residuals, suspects, shot)
     short = too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None
     known = {name: values for name, values in maps.items() if name not in rate_names}
     # The response above uses the same times and levels, and stays valid; so do hot pixels, relative to the others.
-    found = _defects(dark, blinking, distance, known if short else maps, glow)
+    found = defects.merged([*_defects(dark, known if short else maps, glow), *unsteady])
     if withheld:
         maps = known
     chip = MeasuredChip(
         **maps,
         read_noise_freedom=dark.freedom,
-        row_noise_dn=temporal.row_noise_dn.value or 0.0,
-        column_noise_dn=temporal.column_noise_dn.value or 0.0,
+        row_noise_dn=row_noise_dn,
+        column_noise_dn=column_noise_dn,
         black_level_dn=black,
         system_gain_dn_per_e=gain,
         reference_exposure_s=dark.exposure_s,
         defects=found,
         blinking=blinking,
     )
-    shared_dn2 = QUANTIZATION_DN2 + signed_square(chip.row_noise_dn) + signed_square(chip.column_noise_dn)
-    shared_dn2 += 0.0 if shot is None else dark.exposure_s * float(shot.mean(dtype=np.float64))
-    return chip, _with_distribution(replace(temporal, traces=traces), dark, residuals, blinking, shared_dn2)
+    return chip, temporal
 
 
 def _with_distribution(
-    temporal: TemporalNoise, dark: _DarkMaps, residuals: StackResiduals, blinking: Blinking, shared_dn2: float
+    temporal: TemporalNoise, dark: _DarkMaps, frames: int, blinking: Blinking, shared_dn2: float
 ) -> TemporalNoise:
     steady = np.ones(dark.variance.shape, np.bool_)
     steady[blinking.row, blinking.col] = False
@@ -341,8 +367,8 @@ def _with_distribution(
     noise_dn = math.sqrt(median) * math.exp(_NOISY_PIXEL * (spread.value or 0.0))
     _, ratio = dark.noisier(_SUSPECT_P_VALUE)
     least = float(np.sort(ratio)[-MOST_SUSPECTS]) if len(ratio) > MOST_SUSPECTS else 1.0
-    frames = min(residuals.series.shape[1], pixel_noise.MOST_FRAMES)
-    fraction, amplitude = blinking_distribution(blinking, dark.variance.size, frames, noise_dn, least)
+    used = min(frames, pixel_noise.MOST_FRAMES)
+    fraction, amplitude = blinking_distribution(blinking, dark.variance.size, used, noise_dn, least)
     if fraction.value is not None and fraction.interval_95 is not None:
         ordinary = float(steady.mean())
         unfound, most = (
@@ -362,43 +388,49 @@ def _with_distribution(
     )
 
 
-def _defects(
-    dark: _DarkMaps,
-    blinking: Blinking,
-    distance: NDArray[np.float64],
-    maps: dict[str, FloatMap],
-    glow: GlowMap | None,
-) -> Defects:
-    """Return the defects of all kinds; `distance` is that of the blinking pixels' levels in units of their noise."""
-    far, shape = defects.FAR_SIGMA, dark.variance.shape
-    off = defects.deviations(maps["offset_dn"], maps["offset_uncertainty_dn"], dark.tile)
-    found = [defects.listed(DefectKind.OFFSET, np.abs(off) > far, maps["offset_dn"], off)]
+def _defects(dark: _DarkMaps, maps: dict[str, FloatMap], glow: GlowMap | None) -> Iterator[Defects]:
+    """Yield the pixels whose offset, dark current or response is far from that of their channel."""
+    far = defects.FAR_SIGMA
+    offset = maps["offset_dn"]
+    off = defects.deviations(offset, maps["offset_uncertainty_dn"], dark.tile)
+    for rows in dark.strips:
+        own = off[rows]
+        yield defects.listed(DefectKind.OFFSET, np.abs(own) > far, offset[rows], own, rows.start)
     if "dark_rate_dn_per_s" in maps:
         rate = maps["dark_rate_dn_per_s"]
         flat = rate if glow is None else glow.without(rate)
         off = defects.deviations(flat, maps["dark_rate_uncertainty_dn_per_s"], dark.tile)
-        found.append(defects.listed(DefectKind.HOT, off > far, rate, off))
+        for rows in dark.strips:
+            own = off[rows]
+            yield defects.listed(DefectKind.HOT, own > far, rate[rows], own, rows.start)
+        del flat, off
     if "prnu" in maps:
-        relative = 1.0 + maps["prnu"]
         off = defects.deviations(maps["prnu"], maps["prnu_uncertainty"], dark.tile)
-        dead = relative < defects.DEAD_RESPONSE
-        found.append(defects.listed(DefectKind.DEAD, dead, relative, off))
-        found.append(defects.listed(DefectKind.RESPONSE, (np.abs(off) > far) & ~dead, relative, off))
-    jumping = blinking.row, blinking.col
-    found.append(defects.of_kind(DefectKind.BLINKING, jumping, blinking.amplitude_dn, distance))
+        for rows in dark.strips:
+            own, relative = off[rows], 1.0 + maps["prnu"][rows]
+            dead = relative < defects.DEAD_RESPONSE
+            yield defects.listed(DefectKind.DEAD, dead, relative, own, rows.start)
+            odd = (np.abs(own) > far) & ~dead
+            yield defects.listed(DefectKind.RESPONSE, odd, relative, own, rows.start)
+
+
+def _unsteady(dark: _DarkMaps, blinking: Blinking, distance: NDArray[np.float64]) -> tuple[Defects, Defects]:
+    """Return blinking and noisy pixels; `distance` is that of the blinking ones' levels in units of their noise."""
+    jumping, shape = (blinking.row, blinking.col), dark.variance.shape
+    found = defects.of_kind(DefectKind.BLINKING, jumping, blinking.amplitude_dn, distance)
     place, ratio = dark.noisier(defects.NOISY_P_VALUE)
     noisy = defects.of_kind(DefectKind.NOISY, place, np.sqrt(dark.variance[place]), ratio**0.5)
     steady = ~np.isin(np.ravel_multi_index(place, shape), np.ravel_multi_index(jumping, shape))
-    return defects.merged([*found, noisy.where(steady)])
+    return found, noisy.where(steady)
 
 
 def _blinking(
-    dark: _DarkMaps, residuals: StackResiduals, place: _Place, shot: FloatMap | None
+    dark: _DarkMaps, series: NDArray[np.float32], place: _Place, shot: FloatMap | None
 ) -> tuple[Blinking, NDArray[np.float64], tuple[Trace, ...]]:
     """Return the blinking suspects, the distance of their levels in units of their noise, and some of their traces."""
-    if residuals.series.shape[1] < pixel_noise.LEAST_FRAMES or not len(residuals.series):
+    if series.shape[1] < pixel_noise.LEAST_FRAMES or not len(series):
         return no_blinking(), np.zeros(0), ()
-    jumps, levels = pixel_noise.find_blinking(residuals.series)
+    jumps, levels = pixel_noise.find_blinking(series)
     row, col = place[0][jumps], place[1][jumps]
     within = levels.within[jumps] - QUANTIZATION_DN2
     if shot is not None:
@@ -407,7 +439,7 @@ def _blinking(
     distance = levels.distance[jumps]
     clearest = np.flatnonzero(jumps)[np.argsort(-distance, kind="stable")[:TRACES]]
     traces = tuple(
-        Trace(int(place[0][i]), int(place[1][i]), residuals.series[i], float(levels.lower[i]), float(levels.upper[i]))
+        Trace(int(place[0][i]), int(place[1][i]), series[i], float(levels.lower[i]), float(levels.upper[i]))
         for i in clearest
     )
     amplitude = (levels.upper - levels.lower)[jumps]

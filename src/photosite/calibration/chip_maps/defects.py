@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,50 @@ def sites(tile: NDArray[np.int64], label: int) -> Iterator[tuple[slice, slice]]:
 
 
 def channel_values(values: NDArray[np.float32], tile: NDArray[np.int64], label: int) -> NDArray[np.float32]:
-    """Return the values (n,) of one channel of a map."""
+    """Return the values (n,) of one channel of a map, a copy."""
     return np.concatenate([values[part].ravel() for part in sites(tile, label)])
 
 
-def deviations(
-    values: NDArray[np.float32], uncertainty: NDArray[np.float32], tile: NDArray[np.int64]
-) -> NDArray[np.float32]:
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """A map of each pixel's distance from the median of its channel, computed for the rows that are read.
+
+    Parameters
+    ----------
+    values, uncertainty, tile
+        The map, its uncertainty, and the channels.
+    middle, variance, usual
+        (channels,) median, variance of the channel's map, and square of the usual uncertainty.
+    """
+
+    values: NDArray[np.float32]
+    uncertainty: NDArray[np.float32]
+    tile: NDArray[np.int64]
+    middle: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    usual: NDArray[np.float32]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of rows and columns."""
+        return self.values.shape
+
+    def __getitem__(self, rows: slice) -> NDArray[np.float32]:
+        """Return the deviations of a slice of successive rows."""
+        values, uncertainty = self.values[rows], self.uncertainty[rows]
+        tile = np.roll(self.tile, -rows.indices(self.shape[0])[0], axis=0)
+        out = np.empty_like(values)
+        for label, (middle, variance, usual) in enumerate(zip(self.middle, self.variance, self.usual, strict=True)):
+            for part in sites(tile, label):
+                scale = np.sqrt(variance + np.maximum(uncertainty[part] ** 2 - usual, 0.0))
+                off = values[part] - middle
+                # In a map of equal values, any other value is infinitely far off.
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    out[part] = np.where(off == 0.0, 0.0, off / scale)
+        return out
+
+
+def deviations(values: NDArray[np.float32], uncertainty: NDArray[np.float32], tile: NDArray[np.int64]) -> Deviations:
     """Return each pixel's distance from the median of its channel, in standard deviations of the channel's map.
 
     The standard deviation is the interquartile range divided by 1.35, which far pixels do not widen. It includes the
@@ -50,29 +87,30 @@ def deviations(
     Examples
     --------
     >>> values = np.array([[-900.0, -1, 0, 1, 900]], np.float32)
-    >>> deviations(values, np.zeros_like(values), np.zeros((1, 1), np.int64))[0, 1:].round().tolist()
+    >>> deviations(values, np.zeros_like(values), np.zeros((1, 1), np.int64))[:][0, 1:].round().tolist()
     [-1.0, 0.0, 1.0, 607.0]
     """
-    out = np.empty_like(values)
+    found = []
     for label in range(int(tile.max()) + 1):
-        low, middle, high = np.quantile(channel_values(values, tile, label), [0.25, 0.5, 0.75])
-        variance = ((high - low) / (2 * _NORMAL_QUARTILE)) ** 2
-        usual = np.median(channel_values(uncertainty, tile, label)) ** 2
-        for part in sites(tile, label):
-            scale = np.sqrt(variance + np.maximum(uncertainty[part] ** 2 - usual, 0.0))
-            off = values[part] - middle
-            # In a map of equal values, any other value is infinitely far off.
-            with np.errstate(divide="ignore", invalid="ignore"):
-                out[part] = np.where(off == 0.0, 0.0, off / scale)
-    return out
+        own = channel_values(values, tile, label)
+        low, middle, high = np.quantile(own, [0.25, 0.5, 0.75], overwrite_input=True)
+        del own
+        usual = np.median(channel_values(uncertainty, tile, label), overwrite_input=True)
+        found.append((middle, ((high - low) / (2 * _NORMAL_QUARTILE)) ** 2, usual**2))
+    middles, variances, usuals = zip(*found, strict=True)
+    return Deviations(values, uncertainty, tile, np.array(middles), np.array(variances), np.array(usuals))
 
 
 def listed(
-    kind: DefectKind, chosen: NDArray[np.bool_], value: NDArray[np.floating], deviation: NDArray[np.floating]
+    kind: DefectKind,
+    chosen: NDArray[np.bool_],
+    value: NDArray[np.floating],
+    deviation: NDArray[np.floating],
+    first_row: int = 0,
 ) -> Defects:
-    """Return the selected pixels of a map as defects."""
-    place = np.nonzero(chosen)
-    return of_kind(kind, place, value[place], deviation[place])
+    """Return the selected pixels of a map, or of its rows from `first_row`, as defects."""
+    row, col = np.nonzero(chosen)
+    return of_kind(kind, (row + first_row, col), value[row, col], deviation[row, col])
 
 
 def of_kind(

@@ -14,6 +14,7 @@ from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
+from photosite.engine.lazy_maps import row_strips
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
 
@@ -39,18 +40,23 @@ class ResponseMap:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return each pixel's relative deviation from its channel's mean response, and its standard uncertainty.
 
-        The dark rate and its uncertainty are (rows, cols) in DN/s, or (1, 1) zeros if unknown.
+        The dark rate and its uncertainty are (rows, cols) in DN/s, or (1, 1) zeros if unknown. The deviations take over
+        the memory of the slopes, which are lost.
         """
-        value, uncertainty = (np.empty(self.slopes.shape, np.float32) for _ in range(2))
+        value, uncertainty = self.slopes, np.empty(self.slopes.shape, np.float32)
+        strips = [slice(*strip) for strip in row_strips(value, tile.shape[0])]
         for k, (variance, seconds) in enumerate(zip(self.variance, self.seconds, strict=True)):
-            for part in defects.sites(tile, k):
-                rate, rate_uncertainty = (m if m.shape == (1, 1) else m[part] for m in (dark_rate, dark_uncertainty))
-                value[part] = self.slopes[part] - seconds * rate
-                uncertainty[part] = np.sqrt(variance + (seconds * rate_uncertainty) ** 2)
+            parts = [(rows, part) for rows in strips for part in defects.sites(tile, k)]
+            for rows, part in parts:
+                rate, rate_uncertainty = (
+                    m if m.shape == (1, 1) else m[rows][part] for m in (dark_rate, dark_uncertainty)
+                )
+                value[rows][part] -= seconds * rate
+                uncertainty[rows][part] = np.sqrt(variance + (seconds * rate_uncertainty) ** 2)
             mean = float(np.mean(defects.channel_values(value, tile, k), dtype=np.float64))
-            for part in defects.sites(tile, k):
-                value[part] = value[part] / np.float32(mean) - np.float32(1.0)
-                uncertainty[part] /= np.float32(mean)
+            for rows, part in parts:
+                value[rows][part] = value[rows][part] / np.float32(mean) - np.float32(1.0)
+                uncertainty[rows][part] /= np.float32(mean)
         return value, uncertainty
 
 
