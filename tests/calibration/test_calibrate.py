@@ -241,7 +241,8 @@ def test_the_method_names_the_channels_of_a_partial_mean(green_saturates):
         assert pooled.value == pytest.approx(green.value)
         assert pooled.method == f"{green.method}; channel G only, not R, B"
     for name in ("saturation_capacity_photons", "saturation_capacity_e", "snr_max_db", "dynamic_range_db"):
-        assert getattr(calibration, name).method.endswith("; channel G, the first to saturate")
+        assert getattr(calibration.by_line, name).method.endswith("; channel G, the first to saturate")
+        assert getattr(calibration, name).method.endswith("; channel G only, not R, B")
     others = {name for name, entry in calibration.estimates().items() if "channel" not in entry.method}
     assert {"prnu_percent", "dsnu_dn", "dsnu1288_e", "responsivity_dn_per_photon", "black_level_dn"} <= others
     assert not any("channel" in entry.method for entry in calibration.channels["G"].estimates().values())

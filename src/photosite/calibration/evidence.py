@@ -116,11 +116,9 @@ def collect_evidence(
     dark = without_mean_slope(dark, _contradiction(dark, light.gain))
     scale, mv_per_dn = _electrical_scale(sensor)
     measured, pooled = _measurements(reduction, dark, light, patterns.channels, by_line=False)
-    parameters = by_line = estimate_parameters(pooled, mv_per_dn)
+    lines = pooled
     if any(channel.gain is not channel.line_gain for channel in light.channels) or light.gain is not light.line_gain:
-        by_line = estimate_parameters(
-            _measurements(reduction, dark, light, patterns.channels, by_line=True)[1], mv_per_dn
-        )
+        lines = _measurements(reduction, dark, light, patterns.channels, by_line=True)[1]
     return Evidence(
         reduction=reduction,
         dark=dark,
@@ -129,8 +127,8 @@ def collect_evidence(
         base=sensor,
         measured=measured,
         pooled=pooled,
-        parameters=parameters,
-        by_line=by_line,
+        parameters=estimate_parameters(pooled, mv_per_dn),
+        by_line=estimate_parameters(lines, mv_per_dn, standard=True),
         channel_parameters={
             name: estimate_parameters(m, mv_per_dn) for name, m in zip(reduction.names, measured, strict=True)
         },

@@ -167,8 +167,12 @@ def least_dark_variance(m: Measurements) -> float:
     return (LEAST_DARK_VARIANCE - QUANTIZATION_DN2) * m.step**2 + QUANTIZATION_DN2
 
 
-def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
-    """Return all parameters with their uncertainties, in every unit that is known."""
+def estimate_parameters(m: Measurements, mv_per_dn: Value, *, standard: bool = False) -> Parameters:
+    """Return all parameters with their uncertainties, in every unit that is known.
+
+    The saturation capacity is that of fully clipped pixels; with `standard`, it is EMVA 1288's at the largest temporal
+    variance where the exposures locate it.
+    """
     per_e = derive(lambda k: 1.0 / k, m.gain)
     gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
     if m.curved:
@@ -178,7 +182,7 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
     volts = derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn)
     return Parameters(
         **_noise_and_pattern(m, mv_per_dn, per_e),
-        **_emva(m, per_e),
+        **_emva(m, per_e, standard=standard),
         **_emva_pattern(m, per_e),
         **linearity_estimates(m.linearity),
         system_gain_dn_per_e=Estimate.of(m.gain, gain_method),
@@ -308,26 +312,28 @@ def _clipping_note(m: Measurements) -> str:
     return ", corrected for clipping" if m.dark_method else ""
 
 
-def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tuple[Value, str], str]:
-    """Return saturation in electrons and in photons, each with its method, and the measurement that both are based on.
+_Capacity = tuple[tuple[Value, str], tuple[Value, str], str]
+"""Saturation in electrons and in photons, each with its method, and the measurement that both are based on."""
 
-    It is EMVA's variance maximum where the exposures locate it, else that of clipped pixels.
-    """
-    peak = m.saturation_photons
-    known = isinstance(peak, Uncertain) and isinstance(efficiency, Uncertain)
-    fine = isinstance(peak, Uncertain) and peak.standard_uncertainty <= COARSEST_STEP * peak.value
-    if known and (fine or isinstance(m.saturation_dn, Missing)):
-        text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
-        electrons = derive(lambda q, photons: q * photons, efficiency, peak)
-        return (electrons, f"quantum efficiency times {text}"), (peak, text), "saturation_photons"
+
+def _capacity(m: Measurements, efficiency: Value) -> _Capacity:
+    """Return the saturation of fully clipped pixels."""
     electrons = saturated_electrons(m)
     text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
-    if not known:
-        return (electrons, text), (peak, text), "saturation_dn"
     photons = derive(lambda e, q: e / q, electrons, efficiency)
-    coarse = "the exposures are too far apart for EMVA's largest variance"
-    by_efficiency = f"saturation in electrons / quantum efficiency; {coarse}"
-    return (electrons, f"{text}; {coarse}"), (photons, by_efficiency), "saturation_dn"
+    return (electrons, text), (photons, "saturation in electrons / quantum efficiency"), "saturation_dn"
+
+
+def _standard_capacity(m: Measurements, efficiency: Value) -> _Capacity:
+    """Return the saturation at EMVA's variance maximum where the exposures locate it, else that of clipped pixels."""
+    peak = m.saturation_photons
+    if isinstance(peak, Missing) or isinstance(efficiency, Missing):
+        return _capacity(m, efficiency)
+    if peak.standard_uncertainty > COARSEST_STEP * peak.value and isinstance(m.saturation_dn, Uncertain):
+        return _capacity(m, efficiency)
+    text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
+    electrons = efficiency * peak
+    return (electrons, f"quantum efficiency times {text}"), (peak, text), "saturation_photons"
 
 
 def saturated_electrons(m: Measurements) -> Value:
@@ -345,10 +351,11 @@ def _threshold_e(dark_variance: Value, gain: Value) -> Value:
     return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)
 
 
-def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+def _emva(m: Measurements, per_e: Value, *, standard: bool) -> dict[str, Estimate]:
     threshold_e = _threshold_e(m.dark_variance, m.gain)
     efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
-    electrons, photons, measurement = _capacity(m, derive(lambda r, k: r / k, m.saturation_responsivity, m.gain))
+    at_saturation = derive(lambda r, k: r / k, m.saturation_responsivity, m.gain)
+    electrons, photons, measurement = (_standard_capacity if standard else _capacity)(m, at_saturation)
     range_db = derive(lambda top, low: (top / low).decibel(20.0), electrons[0], threshold_e)
     by_response = {
         "responsivity_dn_per_photon": (

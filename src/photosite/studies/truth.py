@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photosite.calibration.result import Calibration
 from photosite.camera.optical_stack import channel_mixing
@@ -169,54 +168,6 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
     return efficiencies
 
 
-def variance_peak_e(sensor: Sensor) -> float:
-    """Return the mean electrons from light at which the temporal variance of a flat field is largest (EMVA's
-    saturation).
-
-    The variance rises with the light until pixels clip. PRNU and DSNU make the pixels clip at different light levels,
-    so that the largest mean variance lies a few percent below saturation. Each pixel's noise is taken as normal; its
-    clipped variance has a closed form.
-
-    Examples
-    --------
-    >>> import photosite as ps
-    >>> d200 = ps.load_sensor("nikon-d200")
-    >>> round(variance_peak_e(d200) / d200.saturation_capacity_e, 3)
-    0.966
-    """
-    from scipy.special import ndtr
-
-    noise, terms = sensor.noise, true_terms(sensor)
-    read_e = sensor.electrons(noise.read_noise_mv.value)
-    dsnu_e = math.hypot(sensor.electrons(noise.dsnu_mv.value), _offset_e(terms))
-    limit_e = sensor.saturation_capacity_e
-    by_well = sensor.pixel.well_capacity_e.value <= limit_e
-    # The well clips electrons before read noise and offset are added; the converter clips their sum.
-    inside, outside = (0.0, read_e**2) if by_well else (read_e**2, 0.0)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(21)
-    (gains,) = [each.gains for each in terms if each.gains.size > 1] or [np.ones(1)]
-    at_random = sum(each.gain_variance for each in terms) - float(gains.var())
-    response = math.hypot(noise.prnu_percent.value / 100, math.sqrt(max(at_random, 0.0)))
-
-    def variance(electrons: NDArray[np.float64], limit_e: float) -> NDArray[np.float64]:
-        mean = electrons + nodes * np.hypot(response * electrons, 0.0 if by_well else dsnu_e)
-        sigma = np.sqrt(electrons + inside)
-        a = (limit_e - mean) / sigma
-        density = np.exp(-0.5 * a**2) / math.sqrt(2 * math.pi)
-        first = ndtr(a) * mean - sigma * density + limit_e * ndtr(-a)
-        second = ndtr(a) * (mean**2 + sigma**2) - sigma * density * (mean + limit_e) + limit_e**2 * ndtr(-a)
-        return np.asarray((second - first**2 + outside) @ (weights / weights.sum()))
-
-    def largest(low: float, high: float) -> float:
-        electrons = np.linspace(low, high, 201)[:, None]
-        # The converter clips a readout channel of larger gain at fewer electrons.
-        parts = [g**2 * variance(electrons, limit_e if by_well else limit_e / g) for g in gains]
-        return float(electrons[np.argmax(np.sum(parts, axis=0)), 0])
-
-    near = largest(0.7 * limit_e, 1.1 * limit_e)
-    return largest(near - 0.002 * limit_e, near + 0.002 * limit_e)
-
-
 def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float]:
     """Return `true_parameters` of a laboratory, with the definitions that a calibration of it used."""
     sensor = lab.camera.sensor
@@ -226,7 +177,6 @@ def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float
 def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibration) -> dict[str, float]:
     """Return true parameters with the definitions that a calibration used.
 
-    Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip.
     DSNU1288 includes the nonuniformity of the dark current in the exposure time of its dark frames. Parameters that
     have no true value with an effect of the sensor are left out.
     """
@@ -247,17 +197,7 @@ def as_defined(truth: Mapping[str, float], sensor: Sensor, calibration: Calibrat
         "prnu1288_unfiltered_percent": truth["prnu_percent"],
     }
     undefined = {name for each in terms for name in each.undefined}
-    truth = {name: value for name, value in defined.items() if name not in undefined}
-    if "saturation_capacity_e" not in truth:
-        return truth
-    if "largest temporal variance" in calibration.saturation_capacity_e.method:
-        old, new = truth["saturation_capacity_e"], variance_peak_e(sensor)
-        truth["saturation_capacity_e"] = new
-        if "saturation_capacity_photons" in truth:
-            truth["saturation_capacity_photons"] *= new / old
-        truth["snr_max_db"] += 10 * math.log10(new / old)
-        truth["dynamic_range_db"] += 20 * math.log10(new / old)
-    return truth
+    return {name: value for name, value in defined.items() if name not in undefined}
 
 
 def _less(whole: float, *parts: float) -> float:

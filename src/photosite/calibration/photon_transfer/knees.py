@@ -271,6 +271,8 @@ def check_knees(channels: Sequence[Channel], source: str, *, other_codes: bool =
 
 def _check_noise_step(channels: Sequence[Channel], below: _Array, source: str, other_codes: bool) -> None:
     """Raise `SeveralCapturesError` if the read noise steps, at signals up to the last one given."""
+    if not below.size:
+        return
     points = []
     for channel in channels:
         levels, dark = channel.levels, channel.dark.variance
