@@ -216,6 +216,8 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
     temporal, series = measure_temporal_noise(dark.stack, residuals, dark.mean, dark.tile), residuals.series
     del residuals
     chip, temporal = _chip(evidence.parameters, dark, response, suspects, series, temporal, glow)
+    del dark, response
+    reader.release()
     rate = chip.dark_rate_dn_per_s
     flat = rate if rate is None or glow is None else glow.without(rate)
     return replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
 from photosite.calibration.withheld import EFFECT_NOT_MEASURED, EFFECT_NOT_SEEN, NO_MAPS
+from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.lazy_maps import LazyMap, Map, row_strips
 from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.blooming import Blooming
 from photosite.sensor.model import Sensor
@@ -107,15 +109,16 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
         )
     used = {id(entry.source) for entry in taken}
     well, longest = top - black, darks[-1]
-    first, full = _mean(darks[0], used), _mean(longest, used)
-    row, col = np.nonzero(full - first > _UNSATURATED * well)
+    first = _mean(darks[0], used, frames.bits)
+    added = _Added(_mean(longest, used, frames.bits), first)
+    row, col = _places_above(added, _UNSATURATED * well)
     if not len(row):
         return EFFECT_NOT_SEEN.missing("no pixel overflows by its dark current")
     if top > (1 << frames.bits) - 1.5:
         return _without("the converter saturates before the well, so that the frames do not show a full well")
     signal = np.full(len(row), np.nan)
     for group in darks[1:-1]:
-        shown = (_mean(group, used) - first)[row, col]
+        shown = _values_at(_mean(group, used, frames.bits), row, col) - _values_at(first, row, col)
         longer = longest.exposure_s / (group.exposure_s - darks[0].exposure_s)
         signal = np.where(shown < _UNSATURATED * well, shown * longer, signal)
     near = np.array([_hot_pixels_near(int(r), int(c), row, col) for r, c in zip(row, col, strict=True)])
@@ -124,7 +127,7 @@ def measure_blooming(evidence: Evidence) -> BloomingResult | Missing:
         return _without("no shorter dark exposure shows the dark current of the saturated pixels; take one in between")
     if chosen.sum() < LEAST_PIXELS:
         return _without(f"{chosen.sum()} hot pixels overflow; {LEAST_PIXELS} are needed")
-    added = full - first - np.median(full - first)
+    added = replace(added, usual=float(np.median(added[:], overwrite_input=True)))
     column = np.array([_column_charge(added, r, c) for r, c in zip(row[chosen], col[chosen], strict=True)])
     ordinary = _ordinary(added, row, col)
     column -= float(np.mean(ordinary))
@@ -154,24 +157,54 @@ def _fraction_kept(overflow: _Floats, column: _Floats, ordinary: _Floats, exposu
     return BloomingResult(Estimate.of(kept, method, limit), overflow, column, float(ordinary.std()), seen)
 
 
-def _mean(group: FrameGroup, used: set[int]) -> _Floats:
+@dataclass(frozen=True, eq=False)
+class _Added(LazyMap):
+    """What a longer exposure time adds to the mean dark frame, less the usual value."""
+
+    longer: MeanFrame
+    shorter: MeanFrame
+    usual: float = 0.0
+
+    @property
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Number of rows and columns."""
+        return self.longer.shape
+
+    def __getitem__(self, part: Any, /) -> _Floats:
+        found: _Floats = self.longer[part] - self.shorter[part]
+        found -= self.usual
+        return found
+
+
+def _mean(group: FrameGroup, used: set[int], bits: int) -> MeanFrame:
     sources = [source for source in group.frames if id(source) in used]
-    total = sources[0].read().astype(np.float64)
+    dtype = np.uint16 if len(sources) << bits <= 1 << 16 else np.uint32
+    total: NDArray[np.unsignedinteger] = sources[0].read().astype(dtype)
     for source in sources[1:]:
-        total += source.read()
-    total /= len(sources)
-    return total
+        np.add(total, source.read(), out=total)
+    return MeanFrame(total, len(sources), np.zeros((1, 1), np.int64))
+
+
+def _places_above(values: Map, limit: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    found = [np.argwhere(values[r:end] > limit) + np.array([r, 0]) for r, end in row_strips(values)]
+    row, col = np.concatenate(found).T
+    return row, col
+
+
+def _values_at(mean: MeanFrame, row: NDArray[np.int64], col: NDArray[np.int64]) -> _Floats:
+    return np.asarray(mean.sum[row, col] / mean.count, np.float64)
 
 
 def _hot_pixels_near(r: int, c: int, row: NDArray[np.int64], col: NDArray[np.int64]) -> int:
     return int(((col == c) & (np.abs(row - r) <= 2 * _REACH)).sum())
 
 
-def _column_charge(added: _Floats, r: int, c: int) -> float:
-    return float(added[max(r - _REACH, 0) : r, c].sum() + added[r + 1 : r + 1 + _REACH, c].sum())
+def _column_charge(added: Map, r: int, c: int) -> float:
+    above, below = slice(max(r - _REACH, 0), r), slice(r + 1, r + 1 + _REACH)
+    return float(sum(added[part, c : c + 1].sum() for part in (above, below)))
 
 
-def _ordinary(added: _Floats, row: NDArray[np.int64], col: NDArray[np.int64]) -> _Floats:
+def _ordinary(added: Map, row: NDArray[np.int64], col: NDArray[np.int64]) -> _Floats:
     """Return the same sums beside pixels whose columns have no hot pixel within reach."""
     rng = np.random.default_rng(0)
     rows, cols = added.shape
