@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 import photosite as ps
-from photosite.engine import lazy_maps
+from photosite.engine import large_statistics, lazy_maps
+from photosite.sensor.chip import MAP_UNITS
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 from photosite.values.uncertain import Missing
@@ -51,3 +53,35 @@ def test_strips_give_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert (one.horizontal.power == other.horizontal.power).all()
         assert (one.vertical_filtered.power == other.vertical_filtered.power).all()
         assert (one.histogram.count == other.histogram.count).all()
+
+
+HOT_PIXELS = {"hot_pixels": {"fraction": 0.002, "median_e_per_s": 3000, "log_spread": 0.5}}
+WITH_GLOW = {
+    "dark_current_e_per_s": 30,
+    "effects": {"glow": {"places": ["left"], "peak_e_per_s": 60, "decay_pixels": 60}, **HOT_PIXELS},
+}
+WITH_BLOOMING = {"blooming": {"drained": 0.5}, **HOT_PIXELS}
+
+
+@pytest.mark.filterwarnings("ignore:.*response lies outside:photosite.errors.PhotositeWarning")
+@pytest.mark.parametrize(("sensor", "changes"), [("nikon-d200", WITH_GLOW), ("sony-imx174", WITH_BLOOMING)])
+def test_strips_give_the_same_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensor: str, changes: dict) -> None:
+    chip = with_pedestal(ps.load_sensor(sensor).with_(rows=245, cols=310, **changes))
+    virtual_lab(chip, PROTOCOL, seed=3, level=2.0).write(tmp_path / "stack")
+    frames = ps.open_frames(tmp_path / "stack")
+    held = ps.calibrate(frames, maps=True)
+    monkeypatch.setattr(lazy_maps, "HELD_PIXELS", 0)
+    monkeypatch.setattr(lazy_maps, "STRIP_VALUES", 3000)
+    monkeypatch.setattr(large_statistics, "_PIECE", 3000)
+    strips = ps.calibrate(frames, maps=True)
+    assert strips.to_dict() == held.to_dict()
+    assert held.chip is not None
+    assert strips.chip is not None
+    assert list(held.chip.maps()) == list(MAP_UNITS)
+    for name, values in held.chip.maps().items():
+        assert (getattr(strips.chip, name) == values).all(), name
+    assert len(held.chip.defects) > 50
+    for entry in fields(held.chip.defects):
+        assert (getattr(strips.chip.defects, entry.name) == getattr(held.chip.defects, entry.name)).all()
+    found = held.findings["glow" if "effects" in changes else "blooming"]
+    assert found.present

@@ -64,13 +64,13 @@ class ClippedChipError(CalibrationError):
 class _DarkMaps:
     """Per-pixel results of the dark frames, in DN and seconds.
 
-    `mean` and `variance` are those of the reference group, `spreads` the distribution of `variance` in each channel,
-    and `coefficients` the weights of the groups' means in `rate`.
+    `variance` is that of the reference group, `spreads` its distribution in each channel of the `tile`, and
+    `coefficients` the weights of the groups' means in `rate`.
     """
 
     groups: Sequence[GroupStatistics]
     reference: int
-    mean: MeanFrame
+    tile: NDArray[np.int64]
     variance: FloatMap
     spreads: Sequence[NoiseSpread]
     rate: FloatMap | None
@@ -87,10 +87,6 @@ class _DarkMaps:
     @property
     def exposure_s(self) -> float:
         return self.stack.group.exposure_s
-
-    @property
-    def tile(self) -> NDArray[np.int64]:
-        return self.mean.labels
 
     @property
     def strips(self) -> Iterator[slice]:
@@ -112,13 +108,6 @@ class _DarkMaps:
         (row, col), ratio = self.noisier(_SUSPECT_P_VALUE)
         keep = np.sort(np.argsort(-ratio, kind="stable")[:MOST_SUSPECTS])
         return row[keep], col[keep]
-
-    def mean_level(self) -> FloatMap:
-        """Return the mean reference dark."""
-        level = np.empty(self.variance.shape, np.float32)
-        for rows in self.strips:
-            level[rows] = self.mean[rows]
-        return level
 
     def moderated_variance(self, rows: slice) -> FloatMap:
         """Return each pixel's temporal variance, moderated by those of its channel."""
@@ -206,24 +195,32 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
     lights, darks = light_groups_in_range(frames, evidence.linear_range), frames.of_kind("dark")
     counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
     with FrameReader(replace(frames, groups=(*darks, *lights)), counted) as reader:
-        dark = _read_darks(reader)
+        dark, mean = _read_darks(reader)
         response = read_response_map(reader, evidence, pooled_level(dark.stack.levels).variance) if lights else None
         sigma = float(np.sqrt(np.median([spread.variance for spread in dark.spreads])))
         suspects = dark.suspects()
         reader.release()  # its sums need as much memory as a map
-        residuals = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
+        residuals = read_residuals(_used_again(reader, dark.stack, counted), mean, sigma, suspects)
     dark = dark.with_variance(residuals.variance)
-    temporal, series = measure_temporal_noise(dark.stack, residuals, dark.mean, dark.tile), residuals.series
-    del residuals
-    chip, temporal = _chip(evidence.parameters, dark, response, suspects, series, temporal, glow)
-    del dark, response
+    temporal, series = measure_temporal_noise(dark.stack, residuals, mean, dark.tile), residuals.series
+    level = _level(mean)
+    del residuals, mean
+    chip, temporal = _chip(evidence.parameters, dark, level, response, suspects, series, temporal, glow)
     reader.release()
     rate = chip.dark_rate_dn_per_s
     flat = rate if rate is None or glow is None else glow.without(rate)
     return replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)
 
 
-def _read_darks(reader: FrameReader) -> _DarkMaps:
+def _level(mean: MeanFrame) -> FloatMap:
+    level = np.empty(mean.shape, np.float32)
+    for first, last in row_strips(level):
+        level[first:last] = mean[first:last]
+    return level
+
+
+def _read_darks(reader: FrameReader) -> tuple[_DarkMaps, MeanFrame]:
+    """Return the results of the dark frames, and the mean of the reference group."""
     planned = reader.frames.of_kind("dark")
     coefficients, shape = dark_slope_coefficients(planned), (reader.frames.rows, reader.frames.cols)
     slopes = None if coefficients is None else PixelSlopes(shape, reader.tile)
@@ -258,7 +255,7 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
     spreads = _spreads(variance, reader.tile, chosen)
     rate = None if slopes is None else slopes.slopes.astype(np.float32)
     weights = np.zeros(len(planned)) if coefficients is None else coefficients
-    return _DarkMaps(groups, reference, mean, variance, spreads, rate, weights)
+    return _DarkMaps(groups, reference, reader.tile, variance, spreads, rate, weights), mean
 
 
 def _spreads(variance: FloatMap, tile: NDArray[np.int64], stack: GroupStatistics) -> list[NoiseSpread]:
@@ -309,6 +306,7 @@ def _used_again(
 def _chip(
     parameters: Parameters,
     dark: _DarkMaps,
+    level: FloatMap,
     response: ResponseMap | None,
     suspects: _Place,
     series: NDArray[np.float32],
@@ -316,7 +314,6 @@ def _chip(
     glow: GlowMap | None,
 ) -> tuple[MeasuredChip, TemporalNoise]:
     gain, black = parameters.system_gain_dn_per_e.value, parameters.black_level_dn.value
-    level = dark.mean_level()
     black = float(level.mean(dtype=np.float64)) if black is None else black
     level -= np.float32(black)
     withheld = parameters.dark_current_dn_per_s.value is None  # the mean rate is wrong by what all pixels share

@@ -13,7 +13,7 @@ from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding
 from photosite.calibration.withheld import EFFECT_NOT_MEASURED, EFFECT_NOT_SEEN, NO_MAPS
-from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.lazy_maps import LazyMap, Map, row_strips
 from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.blooming import Blooming
@@ -178,6 +178,9 @@ class _Added(LazyMap):
 
 def _mean(group: FrameGroup, used: set[int], bits: int) -> MeanFrame:
     sources = [source for source in group.frames if id(source) in used]
+    stored = [rows for source in sources if (rows := source.open_rows()) is not None]
+    if len(stored) == len(sources):
+        return FrameSums(stored[0].shape, white=(1 << bits) - 1).add_last(stored).mean_frame()
     dtype = np.uint16 if len(sources) << bits <= 1 << 16 else np.uint32
     total: NDArray[np.unsignedinteger] = sources[0].read().astype(dtype)
     for source in sources[1:]:

@@ -97,7 +97,8 @@ class GlowMap(Finding, Shown):
         if not self.places or self.peak_dn_per_s.value is None or self.decay_pixels.value is None:
             return rate_dn_per_s
         glow = Glow(places=self.places, peak_e_per_s=self.peak_dn_per_s.value, decay_pixels=self.decay_pixels.value)
-        return rate_dn_per_s - glow.map(*rate_dn_per_s.shape).astype(np.float32)
+        flat = glow.map(*rate_dn_per_s.shape)
+        return np.subtract(rate_dn_per_s, flat, out=flat)
 
     def to_dict(self) -> dict[str, Any]:
         """Return places and estimates."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from photosite.engine.lazy_maps import row_strips
 from photosite.sensor.effects.section import EffectSection
 from photosite.sensor.quantity import NO_UNIT, about
 
@@ -35,10 +36,14 @@ class Glow(EffectSection):
         """Return the glow of a whole chip, (rows, cols) electrons per second."""
         r, c = np.arange(rows, dtype=np.float64)[:, None], np.arange(cols, dtype=np.float64)[None]
         from_line = {"top": r, "bottom": rows - 1.0 - r, "left": c, "right": cols - 1.0 - c}
-        total = np.zeros((rows, cols))
-        for place in self.places:
-            distance = np.hypot(0.0, 0.0)
-            for line in place.split("_"):
-                distance = np.hypot(distance, from_line[line])
-            total += self.peak_e_per_s * np.exp(-distance / self.decay_pixels)
-        return total.astype(np.float32)
+        glow = np.empty((rows, cols), np.float32)
+        for first, last in row_strips(glow):
+            total = np.zeros((last - first, cols))
+            for place in self.places:
+                distance = np.hypot(0.0, 0.0)
+                for line in place.split("_"):
+                    own = from_line[line]
+                    distance = np.hypot(distance, own[first:last] if line in ("top", "bottom") else own)
+                total += self.peak_e_per_s * np.exp(-distance / self.decay_pixels)
+            glow[first:last] = total
+        return glow
