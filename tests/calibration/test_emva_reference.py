@@ -52,6 +52,12 @@ def test_agrees_with_the_reference_implementation(calibration):
         assert low < value < high, name
 
 
+def test_photon_transfer_is_the_standards_arithmetic(calibration):
+    """The covariances of this camera's noise, 0.5 %, count in the best estimates only."""
+    for name in ("K", "eta", "sigma_d"):
+        assert calibration.emva1288[name].value == pytest.approx(REFERENCE_IMPLEMENTATION[name], rel=1e-3), name
+
+
 @pytest.fixture(scope="module")
 def pairs_alone(emva_frames):
     frames = open_frames(emva_frames)

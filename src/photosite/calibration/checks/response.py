@@ -159,7 +159,7 @@ def response(evidence: Evidence) -> Iterator[Diagnostic]:
     found = [
         (gain.value / line.value - 1.0, gain.relative, line.relative, name, channel, curve)
         for name, channel in evidence.channels.items()
-        for curve, gain, line in [(channel.curve, channel.gain, channel.line_gain)]
+        for curve, gain, line in [(channel.curve, channel.gain, channel.straight_gain)]
         if curve is not None and isinstance(gain, Uncertain) and isinstance(line, Uncertain)
     ]
     if not found:

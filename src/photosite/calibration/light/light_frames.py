@@ -56,7 +56,8 @@ class LightResult:
     gain_fit
         Photon transfer of all channels pooled, with the response curve where there is one.
     gain, line_gain
-        System gain of all channels pooled, DN/e-: at small signal, and the slope of the standard's line.
+        System gain of all channels pooled, DN/e-: at small signal, and the slope of the standard's line, which does not
+        know noise that pixels or frames share.
     noise
         Structure of the noise, which the gain takes into account.
     tone
@@ -67,6 +68,8 @@ class LightResult:
         The levels whose stated light contradicts the others; only their noise is used.
     bend
         Without dark frames, the factor of the gain for a bend of the means (`straightening`), if they bend.
+    straight_gain
+        System gain of a straight response with shared noise, DN/e-.
     """
 
     channels: tuple[Channel, ...]
@@ -78,6 +81,7 @@ class LightResult:
     processed: DarkNoiseRatio | None = None
     outliers: tuple[LightOutlier, ...] = ()
     bend: Uncertain | None = None
+    straight_gain: Value = NO_LIGHT
 
 
 def measure_light_frames(
@@ -112,7 +116,13 @@ def measure_light_frames(
     pooled = _photon_transfer(channels, noise.shared)
     single = [pooled] if len(channels) == 1 else [_photon_transfer([channel], noise.shared) for channel in channels]
     measured = tuple(
-        replace(channel, gain=own.gain, line_gain=own.line_gain, curve=own.channels[0].curve)
+        replace(
+            channel,
+            gain=own.gain,
+            line_gain=own.line_gain,
+            straight_gain=own.straight_gain,
+            curve=own.channels[0].curve,
+        )
         for channel, own in zip(channels, single, strict=True)
     )
     if not dark.noise_unknown and (ratio := find_dark_noise_ratio(measured)) is not None:
@@ -145,7 +155,7 @@ def _withheld(
 ) -> LightResult:
     """Return the channels without gain, because of a tone curve or of another mode of the dark frames."""
     why = PROCESSED_FRAMES.missing(str(ratio)) if tone is None else TONE_CURVE.missing(str(tone))
-    without = tuple(replace(channel, gain=why, line_gain=why) for channel in channels)
+    without = tuple(replace(channel, gain=why, line_gain=why, straight_gain=why) for channel in channels)
     return LightResult(without, None, why, why, noise, tone, ratio)
 
 
@@ -165,8 +175,7 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
             factor = derive(lambda a, b: a * b, factor, bend)
         else:
             bend = None
-    line = fit_gain(levels, used)
-    line_value, bent = gain_value(line), None
+    line, bent = fit_gain(levels, used), None
     if not isinstance(factor, Missing) and bend is None:
         bent = fit_bent_gain(levels, used, [c.saturation_signal for c in channels])
     if isinstance(bent, Missing):
@@ -174,22 +183,31 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     if bent is None and channels[0].dark.mean.reason:
         shared_by_charge = brighter_fatter(levels, used)
         factor = derive(lambda a: a * shared_by_charge, factor)
-    line_value, gain = (
-        factor if isinstance(factor, Missing) else derive(lambda k: k * factor, value) if factor.parts else value
-        for value in (line_value, line_value if bent is None else gain_value(bent.fit, bent.gain))
-    )
+
+    def times_factor(gain: Value) -> Value:
+        if isinstance(factor, Missing):
+            return factor
+        return derive(lambda k: k * factor, gain) if factor.parts else gain
+
+    gain = straight = times_factor(gain_value(line))
+    if bent is not None:
+        gain = times_factor(gain_value(bent.fit, bent.gain))
+    line_gain = straight
+    if shared is not None:  # the standard's variances are those of single pixels
+        line_gain = times_factor(gain_value(fit_gain([channel.levels for channel in channels], used)))
     if bent is None or isinstance(gain, Missing):
         return LightResult(
             tuple(channels),
             line,
-            line_value,
-            line_value,
+            gain,
+            line_gain,
             NoiseStructure(),
             bend=None if isinstance(bend, Missing) else bend,
+            straight_gain=straight,
         )
     curves = (replace(curve, gain=gain) for curve in bent.curves)
     curved = tuple(replace(channel, curve=curve) for channel, curve in zip(channels, curves, strict=True))
-    return LightResult(curved, bent.fit, gain, line_value, NoiseStructure())
+    return LightResult(curved, bent.fit, gain, line_gain, NoiseStructure(), straight_gain=straight)
 
 
 def _no_photon_transfer(channels: Sequence[Channel]) -> Missing | None:

@@ -59,8 +59,9 @@ class Channel:
         Index of the channel in `channel_names`, and its dark signal and dark variance against exposure time.
     levels, saturation, used
         Its light levels, dark subtracted; where it saturates; (levels,) whether a level lies in the linear range.
-    gain, line_gain
-        System gain of this channel alone, DN/e-: at small signal, and the slope of the standard's line.
+    gain, line_gain, straight_gain
+        System gain of this channel alone, DN/e-: at small signal, the slope of the standard's line, and that of a
+        straight response with noise that pixels or frames share.
     curve
         The response curve; None where the response is straight within the noise.
     full, fall
@@ -74,6 +75,7 @@ class Channel:
     used: NDArray[np.bool_]
     gain: Value
     line_gain: Value
+    straight_gain: Value
     curve: ResponseCurve | None = None
     full: tuple[int, ...] = ()
     fall: float = 0.0
@@ -87,7 +89,7 @@ class Channel:
         levels = replace(levels, clipped=levels.clipped | np.isin(np.arange(len(levels.x)), full))
         used = linear_levels(levels, saturation)
         gain = gain_value(fit_gain([levels], [used]))
-        return cls(index, dark, levels, saturation, used, gain, gain, full=tuple(full.tolist()), fall=fall)
+        return cls(index, dark, levels, saturation, used, gain, gain, gain, full=tuple(full.tolist()), fall=fall)
 
     @property
     def unsaturated(self) -> NDArray[np.bool_]:
