@@ -101,9 +101,8 @@ def pack(mosaic: NDArray[Any], cfa: Cfa) -> NDArray[Any]:
 
 def _stack_tensors(frames: list[NDArray[Any]]) -> Any:
     """Return a tensor of all frames: in a worker of a `DataLoader`, in memory that the program's process shares."""
-    import torch.utils.data
-
-    return torch.utils.data.default_collate([torch.from_numpy(np.require(frame, None, "W")) for frame in frames])
+    torch, data = importlib.import_module("torch"), importlib.import_module("torch.utils.data")
+    return data.default_collate([torch.from_numpy(np.require(frame, None, "W")) for frame in frames])
 
 
 def _array_maker(library: Library) -> Callable[[NDArray[Any]], Any]:
