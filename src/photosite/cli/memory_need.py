@@ -73,8 +73,8 @@ def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps
     from photosite.engine.lazy_maps import HELD_PIXELS
 
     pixels = max(frames.rows * frames.cols for frames in sets)
-    of_held, of_large = (135, 105) if maps else (68, 28)
-    each = max(of_held * min(pixels, HELD_PIXELS), of_large * pixels)
+    of_held, of_large = (92, 44) if maps else (68, 28)
+    each = (of_held if pixels <= HELD_PIXELS else of_large) * pixels
     first = sets[0].groups[0].frames[0]
     if first.open_rows() is None:  # whole frames are read ahead, and added in batches
         each += 10 * pixels
