@@ -58,6 +58,7 @@ def test_needs_grow_with_what_is_asked_for() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*response lies outside:photosite.errors.PhotositeWarning")
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_estimates_against_measured_peaks(sensor: str) -> None:
     uses = {use.command: use for use in measure_memory((), (20.0,), lambda what: None, (sensor,))}
