@@ -45,7 +45,7 @@ def concentration(frame: NDArray[np.unsignedinteger]) -> tuple[float, int]:
     --------
     >>> frame = np.random.default_rng(1).normal(100, 3, (256, 256)).round().astype(np.uint8)
     >>> mean, number = concentration(frame)
-    >>> abs(mean) < 5 / np.sqrt(2 * number)
+    >>> abs(mean) < 5 / math.sqrt(2 * number)
     True
     """
     rows, cols = (min(length, _MOST) // _SIDE for length in frame.shape)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
@@ -148,12 +149,16 @@ class PixelLines:
 
     def _plane(self, values: F64, site: NDArray[np.int64]) -> F64:
         """Return the pattern of a site of the tile, without shading and without that of whole rows and columns."""
-        from scipy.ndimage import uniform_filter
-
         plane = values[site[0] :: self._tile.shape[0], site[1] :: self._tile.shape[1]]
-        plane = plane - uniform_filter(plane, _BOX, mode="nearest")
+        plane = plane - _box_means(plane)
         plane -= plane.mean(axis=1, keepdims=True)
         return np.asarray(plane - plane.mean(axis=0))
+
+
+def _box_means(plane: F64) -> F64:
+    """Return the means of squares around all pixels; pixels beyond the sides are those at the sides."""
+    padded = np.pad(plane, _BOX // 2, mode="edge")
+    return np.asarray(sliding_window_view(sliding_window_view(padded, _BOX, 0).mean(-1), _BOX, 1).mean(-1))
 
 
 @dataclass(frozen=True)
