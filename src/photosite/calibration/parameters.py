@@ -8,6 +8,7 @@ from typing import Annotated, get_type_hints
 
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.linearity import linearity_estimates
+from photosite.calibration.reduction.groups import LEAST_DARK_VARIANCE
 from photosite.calibration.spatial.nonuniformity import VarianceComponents
 from photosite.calibration.withheld import HIDDEN_NOISE, NEGATIVE_DARK_VARIANCE, NO_DARK_CURRENT
 from photosite.errors import InputError, did_you_mean
@@ -157,9 +158,6 @@ COARSEST_STEP = 0.10
 """Largest uncertainty of the saturation exposure, relative, at which the largest variance locates saturation.
 
 EMVA 1288 asks for 50 equal exposure steps or more."""
-
-LEAST_DARK_VARIANCE = 0.24
-"""DN^2; EMVA 1288: below it quantization hides the temporal dark noise, and this is its upper limit."""
 
 
 def least_dark_variance(m: Measurements) -> float:

@@ -135,7 +135,8 @@ def dark_scatter(evidence: Evidence) -> Iterator[Diagnostic]:
             continue
         scatter = math.sqrt(fit.extra_variance)
         beyond_chance = fit.chi_square > float(chdtri(fit.degrees_of_freedom, DARK_SCATTER_P_VALUE))
-        if beyond_chance and scatter**2 > NOTABLE_SCATTER**2 * noise:
+        rounded = scatter < 0.5 and dark.rounding_shows  # means of numbers without noise are whole numbers
+        if beyond_chance and scatter**2 > NOTABLE_SCATTER**2 * noise and not rounded:
             yield DARK_SCATTER(
                 f"the dark levels scatter by {scatter:.2g} DN about a straight line against exposure, beyond their "
                 f"noise: a stated exposure time is wrong, or black level or temperature changed; the uncertainties of "

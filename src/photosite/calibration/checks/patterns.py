@@ -61,6 +61,9 @@ def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
     for taps in found.taps:
         yield TAP_STEPS(str(taps), taps.step, ("dsnu*",) if taps.dark else ("prnu*",))
     for far in found.far:
+        explained = found.unlit is not None if far.what == "PRNU" else evidence.dark.rounding_shows
+        if explained:
+            continue
         yield FAR_PIXELS(str(far), far.fraction, (f"{far.what.lower()}*",))
 
 

@@ -254,6 +254,8 @@ CORRECTED_FLATS = DiagnosticKind(
 
 def corrected_flats(evidence: Evidence) -> Iterator[Diagnostic]:
     """Saturated pixels whose numbers differ, because they were corrected behind the converter."""
+    if evidence.patterns.unlit is not None:
+        return
     for name, channel in evidence.channels.items():
         levels = channel.levels
         noise, top = levels.noise, len(levels.x) - 1

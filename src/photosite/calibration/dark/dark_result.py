@@ -18,7 +18,7 @@ from photosite.calibration.dark.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.reduction.frame_reader import FrameReader
-from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.calibration.reduction.groups import LEAST_DARK_VARIANCE, GroupStatistics
 from photosite.calibration.reduction.quantization import differing_fraction, with_rounding
 from photosite.calibration.spatial.line_noise import TemporalComponents, mean_frame_components
 from photosite.calibration.spatial.nonuniformity import MapPlanes, VarianceComponents, channel_components
@@ -216,6 +216,12 @@ class DarkResult:
     def reference_exposure_s(self) -> float:
         """Exposure time of the reference group, seconds; 0 without dark frames."""
         return 0.0 if self.mean is None else self.mean.exposure_s
+
+    @property
+    def rounding_shows(self) -> bool:
+        """Whether the noise of some dark frames is too small to make their rounding even (EMVA 1288's limit)."""
+        levels = [level for entry in self.groups for level in entry.levels if level.repeated]
+        return any(level.noise.value < LEAST_DARK_VARIANCE for level in levels)
 
     @property
     def noise_unknown(self) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
-from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, LEAST_DARK_VARIANCE, GroupStatistics
 from photosite.calibration.withheld import NO_PHOTON_TRANSFER, NO_SATURATION, SINGLE_FLATS
 from photosite.values.block_diagonal import block_diagonal
 from photosite.values.uncertain import Source, Uncertain, Value, combined
@@ -24,6 +24,10 @@ LINEAR_FRACTION = 0.7
 
 FALLEN_FRACTION = 0.8
 """A brighter level with a shot variance below this fraction of the largest shows that the maximum is passed."""
+
+ROUNDED_CONSTANT_DN2 = 0.25
+"""Largest variance of rounded numbers without noise, half of which round up: where noise is hidden, the variance of
+each dark level may be off by it, and those of the flat fields by a constant."""
 
 NOT_REACHED = NO_SATURATION.missing(
     "no flat field reached saturation; take flat fields up to the level where they stop getting brighter"
@@ -146,6 +150,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     over_pixels, shift = each("spatial_variance") / each("pixels"), each("frame_shift")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
+    hidden = not dark.variance.reason and dark.variance.y.min(initial=math.inf) < LEAST_DARK_VARIANCE
     return LightLevels(
         abscissa="photons_per_pixel" if known else "exposure_s",
         x=x[order],
@@ -155,7 +160,8 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         + take_mean @ dark.mean.covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
         shot_covariance=np.diag(spread**2 + each("rounding_variance") ** 2)
-        + take_variance @ dark.variance.covariance @ take_variance.T,
+        + take_variance @ dark.variance.covariance @ take_variance.T
+        + hidden * ROUNDED_CONSTANT_DN2**2 * (1.0 + take_variance @ take_variance.T),
         noise=variance,
         noise_uncertainty=spread,
         dark_noise=dark.variance.points,

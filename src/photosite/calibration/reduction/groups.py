@@ -20,6 +20,9 @@ from photosite.values.uncertain import Source, Uncertain, combined
 CLIPPED_FRACTION = 0.001
 """Fraction of numbers at 0 or at full scale above which a light level is outside the linear range."""
 
+LEAST_DARK_VARIANCE = 0.24
+"""DN^2; EMVA 1288: below it quantization hides the temporal dark noise, and this is its upper limit."""
+
 CLIPPED_DARK_FRACTION = 0.005
 """Fraction of a dark level's numbers at 0 above which the frames count as clipped (`dark/clipped_darks.py`).
 

@@ -111,7 +111,7 @@ class PixelLines:
         self, dark: DarkResult, channels: Sequence[Channel], lights: Sequence[GroupStatistics]
     ) -> Agreements:
         """Compare the lines with the dark frames."""
-        if dark.mean is None or dark.clipped is not None or dark.noise_unknown:
+        if dark.mean is None or dark.clipped is not None or dark.noise_unknown or dark.rounding_shows:
             return NOT_COMPARED
         offsets: list[_Moments] = []
         mirrored: dict[str, list[_Moments]] = {name: [] for name in _MIRRORED}
