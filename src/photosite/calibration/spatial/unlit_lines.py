@@ -10,7 +10,7 @@ from photosite.engine.jit import F64
 from photosite.values.diagnostic import DiagnosticKind
 
 UNLIT, LIT = 0.2, 0.5
-"""Response of lines, relative to the median: below the first there is no light to speak of, above the second there is.
+"""Response of lines, relative to the median: lines below the first have no light, lines above the second have.
 The step between two neighboring lines tells a cover from light that falls off."""
 
 
