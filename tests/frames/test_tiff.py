@@ -169,3 +169,22 @@ def test_places_that_are_no_whole_numbers_are_refused(tmp_path):
     with pytest.raises(FileError) as caught:
         read_raw(path)
     assert (caught.value.what, caught.value.expected) == ("tag 273", "a whole number of 0 or more")
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_the_orientation_turns_the_picture_and_not_the_frame(tmp_path, orientation):
+    """TIFF 6.0, tag 274: 6 is a picture whose first stored row is its right side."""
+    from click.testing import CliRunner
+    from PIL import Image
+
+    from photosite.cli.develop import command
+
+    values = np.zeros((24, 40), np.uint16)
+    values[:, 30:] = 60000
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack", extratags=[(274, 3, 1, orientation, True)])
+    assert np.array_equal(read_raw(tmp_path / "a.tif").dn, values)
+    picture = tmp_path / "a.png"
+    done = CliRunner().invoke(command, [str(tmp_path / "a.tif"), "-o", str(picture), "--brightness", "1"])
+    assert done.exit_code == 0, done.output
+    gray = np.asarray(Image.open(picture))[..., 0] > 100
+    assert np.array_equal(gray, values > 0 if orientation == 1 else np.rot90(values > 0, -1))

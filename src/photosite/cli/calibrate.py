@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     metavar="FOLDER",
     help="Checkpoint folder; an interrupted run resumes from it.",
 )
-@options.reading_options()
+@options.reading_options
 @click.option(
     "--linearize",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
@@ -212,7 +212,7 @@ def _check_memory(frames: FrameSet | Mapping[str, FrameSet], maps: bool, process
     warn_if_short(f"a calibration of {size}", need, f"{less}, or use a machine with more memory")
 
 
-_READING = "bits", "cfa", "dark", "light", "exposure_from_name"
+_READING = *options.READING, "dark", "light", "exposure_from_name"
 _OF_ONE_CAMERA = (
     *("output", "name", "report", "checkpoint", "linearize", "contribute", "license_id", "camera", "attribution"),
     *("outlier_dark", "outlier_light", "captures"),

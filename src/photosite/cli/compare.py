@@ -39,7 +39,7 @@ _OF_SIMULATION = (*(name for name in _OF_OPTIONS if name != "sensor_name"), "int
     help="Unit of MATLAB files and raw files: electrons, or DN above black. Raw files are in DN by default.",
 )
 @click.option("--variable", metavar="NAME", help="Array of a MATLAB file, with dots for fields: sensor.data.volts.")
-@options.reading_options("mosaics", " Default: that of the sensor.")
+@options.number_options("mosaics", " Default: that of the sensor.")
 @options.black_level_option(" of mosaics without it; by default that of the sensor")
 @options.path_option("--set-up", "set_up_file", text="Set-up as a JSON file (docs/validation/isetcam.md).")
 @click.option("--case", metavar="NAME", help="Case of a JSON file with several cases.")

@@ -49,6 +49,7 @@ def brightness_of(text: str) -> str | float:
 )
 @click.option(
     "--brightness",
+    "exposure",
     type=brightness_of,
     metavar="FACTOR",
     default="auto",
@@ -78,13 +79,13 @@ def brightness_of(text: str) -> str | float:
 )
 @click.option("--color", metavar="NAME", help="Color of the channels for --polarization, such as G of G0 to G135.")
 @options.sensor_option(text="Sensor file with angles and extinction ratios for --polarization.  [default: ideal ones]")
-@options.reading_options()
+@options.reading_options
 @options.json_option
 def command(
     raw: Path,
     output: Path,
     white_balance: str | list[float],
-    brightness: str | float,
+    exposure: str | float,
     depth: str,
     factor: int | None,
     polarization: PolarizationPicture | Literal["stokes"] | None,
@@ -94,7 +95,8 @@ def command(
     """Develop a raw frame into a picture (PNG or JPEG, sRGB).
 
     Steps: demosaic, white balance, the file's color matrix, sRGB encoding. Gray surfaces are gray if the file
-    states the white of its light, as frames of `photosite simulate`, DNG and camera raw do.
+    states the white of its light, as frames of `photosite simulate`, DNG and camera raw do. The picture is upright if
+    the file states its orientation.
 
     \b
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
@@ -105,6 +107,7 @@ def command(
     from photosite.develop.polarization import polarization_picture, save_stokes, stokes
     from photosite.frames.binning import bin_frame
     from photosite.frames.io.formats import read_raw
+    from photosite.values.orientation import turned_upright
 
     if depth == "16" and output.suffix.lower() != ".png":
         raise click.UsageError("--depth 16 needs a picture in .png")
@@ -113,7 +116,7 @@ def command(
     if polarization is None:
         options.only_for("--polarization", "color", "sensor_name")
     else:
-        options.not_for("--polarization", "white_balance", "brightness", "demosaic")
+        options.not_for("--polarization", "white_balance", "exposure", "demosaic")
     demosaic, color, sensor_name = (reading.pop(name) for name in ("demosaic", "color", "sensor_name"))
     frame = read_raw(raw, **reading)
     if factor is not None:
@@ -132,9 +135,10 @@ def command(
         facts = {"path": output, "rows": rows, "cols": cols, "polarization": polarization, "mean_degree": mean}
         show(as_json, facts, lambda: f"wrote {output}: {rows} x {cols} pixels, mean degree of polarization {mean:.4f}")
         return
-    save_picture(
-        develop(frame, white_balance=white_balance, exposure=brightness, demosaic=demosaic), output, bits=int(depth)
-    )
+    picture = develop(frame, white_balance=white_balance, exposure=exposure, demosaic=demosaic)
+    picture = turned_upright(picture, frame.metadata.get("orientation"))
+    rows, cols = picture.shape[:2]
+    save_picture(picture, output, bits=int(depth))
     used = white_balance
     if frame.is_mosaic and used == "as-shot" and frame.as_shot_neutral is None:
         used = "gray-world"

@@ -57,7 +57,7 @@ def _target(text: str) -> Path:
     help="For libcamera: bcm2835 (up to Pi 4) or pisp (Pi 5).",
 )
 @options.sensor_option(text="Known properties of the sensor that took the frames.")
-@options.reading_options()
+@options.reading_options
 @options.json_option
 def command(
     source: str,

@@ -48,7 +48,7 @@ def _region(text: str) -> tuple[int, int, int, int]:
     help="Window on the line spread function; hamming is that of ISO 12233:2014 and 2017.",
 )
 @options.black_level_option("; by default the file's")
-@options.reading_options()
+@options.reading_options
 @options.json_option
 def command(
     raw: Path,

@@ -367,13 +367,29 @@ def virtual_light_options(photons: str) -> Callable[[F], F]:
 ILLUMINANT_HELP = "CIE illuminant (A, D65, ...) or blackbody (3200K)."
 
 
-def reading_options(kind: str = "files", default: str = "") -> Callable[[F], F]:
-    """Add --bits and --cfa, for raw frames that do not state them."""
+READING = ("bits", "cfa", "region")
+"""Names of the options that `reading_options` adds, which are those of `read_raw` and `open_frames`."""
+
+
+def number_options(kind: str = "files", default: str = "") -> Callable[[F], F]:
+    """Add --bits and --cfa, for frames that do not state them."""
     text = f"for {kind} that do not state it.{default}"
     return stacked(
         click.option("--bits", type=Whole(1, 16), metavar="N", help=f"Bit depth, {text}"),
         click.option("--cfa", metavar="TILE", help=f"Color filter array (rggb, RRGG/RRGG/GGBB/GGBB, ...), {text}"),
     )
+
+
+reading_options = stacked(
+    number_options(),
+    click.option(
+        "--region",
+        metavar="SECTION",
+        help="Pixels with light, for files that do not state them. '[1:1920,1:1080]' is columns, then rows, from 1 on, "
+        "as in IRAF; 0:1080,0:1920 is rows, then columns, as in NumPy.",
+    ),
+)
+"""The options of `READING`."""
 
 
 def lens_options(*, late: bool = False) -> Callable[[F], F]:

@@ -30,7 +30,7 @@ _ANGLE = re.compile(r"(\d+(?:\.\d+)?)deg(?![a-zA-Z])")
     *("-o", "--output"), suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML), with the polarizers."
 )
 @options.file_option("--figure", suffixes=(".png", ".svg"), text="Figure to write (PNG or SVG).")
-@options.reading_options()
+@options.reading_options
 @options.json_option
 def command(
     path: Path, sensor_name: str | None, output: Path | None, figure: Path | None, as_json: bool, **reading: Any

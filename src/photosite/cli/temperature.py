@@ -40,7 +40,7 @@ def temperatures_of(text: str) -> tuple[float, ...]:
     "temperature.",
 )
 @options.file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Report to write, HTML or PDF by the suffix.")
-@options.reading_options()
+@options.reading_options
 @options.json_option
 def command(
     paths: tuple[Path, ...],

@@ -81,7 +81,7 @@ _only_with_measured = options.stacked(
 @options.tolerance_percent_option(
     0.0, "Relative tolerance of means and noise, in percent; with 0, every difference beyond the noise counts."
 )
-@options.reading_options()
+@options.reading_options
 @_only_with_measured
 @options.json_option
 @click.pass_context
@@ -90,8 +90,6 @@ def command(
     /,
     paths: tuple[Path, ...],
     chart: str,
-    bits: int | None,
-    cfa: str | None,
     as_json: bool,
     measured: tuple[Path, ...],
     **camera: Any,
@@ -117,10 +115,11 @@ def command(
     from photosite.validation.validate import validate
 
     test = {name: camera.pop(name) for name in ("level", "tolerance_percent")}
+    reading = {name: camera.pop(name) for name in options.READING}
     if measured:
         if options.is_given(ctx, "chart"):
             raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)
-        _validate_measured(ctx, _frames([*measured, *paths], bits, cfa), test, as_json, camera)
+        _validate_measured(ctx, _frames([*measured, *paths], reading), test, as_json, camera)
         return
     if given := [name for name in camera if options.is_given(ctx, name)]:
         raise click.UsageError(f"{OptionSpelling(ctx.command).name(given[0])} applies to --measured only", ctx)
@@ -128,26 +127,26 @@ def command(
         raise click.UsageError(
             f"expected two paths, MEASURED and SIMULATED, or --measured and --sensor; paths given: {len(paths)}", ctx
         )
-    shot, simulated = _frames(paths[:1], bits, cfa), _read(paths[1:], bits, cfa)[1]
+    shot, simulated = _frames(paths[:1], reading), _read(paths[1:], reading)[1]
     say_if_compiling()
     result = validate(shot, simulated, chart=chart, **test)
     show(as_json, result.to_dict(), lambda: _text(result.agrees, (*result.reasons, *result.notes), result))
 
 
-def _frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
+def _frames(paths: Sequence[Path], reading: Mapping[str, Any]) -> list[RawFrame]:
     """Return the frames of files and folders; identical frames are an error that names their files."""
     from photosite.validation.validate import check_repeats
 
-    files, frames = _read(paths, bits, cfa)
+    files, frames = _read(paths, reading)
     check_repeats(frames, [str(file) for file in files])
     return frames
 
 
-def _read(paths: Sequence[Path], bits: int | None, cfa: str | None) -> tuple[list[Path], list[RawFrame]]:
+def _read(paths: Sequence[Path], reading: Mapping[str, Any]) -> tuple[list[Path], list[RawFrame]]:
     from photosite.frames.io.formats import raw_files, read_raw
 
     files = [file for path in paths for file in raw_files(path)]
-    return files, [read_raw(file, bits=bits, cfa=cfa) for file in files]
+    return files, [read_raw(file, **reading) for file in files]
 
 
 def _validate_measured(

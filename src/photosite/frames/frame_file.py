@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
+from photosite.frames.sections import Section
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
 from photosite.values.region import Border
@@ -64,6 +65,8 @@ class FrameHeader:
         Whether the file states that pixels outside the frame are masked.
     border
         Lines around the frame, as in `FrameSet`, that `read_whole` reads with it.
+    overscan
+        Whether the file states overscan, whose level `read_frame` takes for the black level if none is stated.
     first_pixel
         Position in the file, in bytes, of the first pixel of uint16, if all follow as they do in memory; else None.
     """
@@ -84,6 +87,7 @@ class FrameHeader:
     location: FrameLocation | None = None
     masked_border: bool = False
     border: Border | None = None
+    overscan: bool = False
     first_pixel: int | None = None
 
     @property
@@ -264,3 +268,4 @@ class SetProperties:
     shape: tuple[int, int] | None = None
     black_level_dn: float | None = None
     sensor: Sensor | None = None
+    region: Section | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from photosite.errors import InputError
 from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.raw_frame import MOST_BITS, Numbers, check_bits
-from photosite.frames.stored_rows import StoredRows
+from photosite.frames.stored_rows import PartRows, StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, shifted, tile_text
 from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
@@ -263,15 +263,27 @@ def without_border(frames: FrameSet, border: Border) -> FrameSet:
     inside = slice(top, top + rows), slice(left, left + cols)
 
     def within(source: FrameSource) -> FrameSource:
-        return replace(source, read=partial(_part, source.read, inside), whole=source.read)
+        return replace(source, read=_PartRead(source, inside), whole=source.whole or source.read)
 
     groups = tuple(replace(group, frames=tuple(map(within, group.frames))) for group in frames.groups)
-    return replace(frames, groups=groups, rows=rows, cols=cols, cfa=shifted(frames.cfa, top, left), border=border)
+    whole = border if frames.border is None else tuple(a + b for a, b in zip(border, frames.border, strict=True))
+    return replace(frames, groups=groups, rows=rows, cols=cols, cfa=shifted(frames.cfa, top, left), border=whole)
 
 
-def _part(read: Callable[[], Numbers], inside: tuple[slice, slice]) -> Numbers:
-    part: Numbers = read()[inside]
-    return part.copy()
+@dataclass(frozen=True, eq=False)
+class _PartRead:
+    """`FrameSource.read` of a part of a frame."""
+
+    source: FrameSource
+    inside: tuple[slice, slice]
+
+    def __call__(self) -> Numbers:
+        part: Numbers = self.source.read()[self.inside]
+        return part.copy()
+
+    def open_rows(self) -> StoredRows | None:
+        stored = self.source.open_rows()
+        return None if stored is None else PartRows(stored, self.inside)
 
 
 def gain_settings_text(frames: FrameSet) -> str:

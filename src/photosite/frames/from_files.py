@@ -27,6 +27,7 @@ from photosite.frames.frame_set import (
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
 from photosite.frames.io.formats import open_stored_rows, read_frame, read_headers, read_pixels, read_whole
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
+from photosite.frames.sections import lines_around
 from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
@@ -111,14 +112,14 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     if properties.sensor is not None:
         cfa = cfa or properties.sensor.array.cfa
         _check_sensor(source, properties.sensor, bits, cfa)
-    beside = _shared([f.header.border for f in frames])
+    beside = _common("border without light", frames, [f.header.border for f in frames], None)
     sources = [
         FrameSource(
             f.file.name,
             _FrameReading(f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp),
             True,
             path=f.file.path,
-            whole=partial(read_whole, f.file.path) if beside else None,
+            whole=partial(read_whole, f.file.path, f.file.location) if beside else None,
         )
         for f in frames
     ]
@@ -144,6 +145,8 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         white_level_dn=_shared([f.header.white_level_dn for f in frames]),
         border=beside,
     )
+    if properties.region is not None:
+        return without_border(opened, lines_around(properties.region, shape, beside, source))
     part = _shared([stated_border(f.header.metadata) for f in frames])
     return opened if part is None else without_border(opened, part)
 
@@ -265,6 +268,8 @@ def _text(value: Any) -> str:
             return "not stated"
         case (int(), int()):
             return f"{value[0]} x {value[1]}"
+        case (int(), int(), int(), int()):
+            return "{} rows at top, {} at bottom, {} columns at left, {} at right".format(*value)
         case (tuple(), *_):
             return tile_text(value)
     return str(value)

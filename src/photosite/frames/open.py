@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from photosite.errors import FileError, InputError
 from photosite.files.small_files import check_stored_file
@@ -19,9 +20,10 @@ from photosite.frames.io.format_table import NAMES, SUFFIXES
 from photosite.frames.io.formats import read_headers
 from photosite.frames.io.protocol import read_protocol
 from photosite.frames.raw_frame import MOST_BITS, check_bits
+from photosite.frames.sections import Section, parse_region
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.values.cfa import cfa_from
+from photosite.values.cfa import cfa_from, tile_text
 
 
 def capture_folders(
@@ -71,6 +73,7 @@ def open_frames(
     dark: str | Sequence[str] = (),
     light: str | Sequence[str] = (),
     exposure_from_name: str | None = None,
+    region: str | None = None,
 ) -> FrameSet:
     """Open the frames of a measurement, grouped by kind, exposure and gain setting.
 
@@ -101,6 +104,9 @@ def open_frames(
         Regular expression that finds the exposure time in the name of a file or its subfolder
         (`photosite.frames.frame_settings.exposure_by_pattern`). It overrides metadata, and applies to folders without a
         protocol or descriptor.
+    region
+        Part of the stored images that receives light, if the files state none or more: `"[1:200,1:160]"`, columns
+        then rows counted from 1 as in IRAF, or `"0:160,0:200"`, rows then columns as in NumPy.
 
     Returns
     -------
@@ -130,7 +136,8 @@ def open_frames(
     ([('dark', 0.1, 2)], 12)
     """
     check_bits(bits, MOST_BITS)
-    given = SetProperties(bits, None if cfa is None else cfa_from(cfa))
+    part = None if region is None else parse_region(region)
+    given = SetProperties(bits, None if cfa is None else cfa_from(cfa), region=part)
     patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
     place = Path(path)
     if not os.path.exists(place):  # which is False, too, for a name that the system refuses
@@ -150,7 +157,9 @@ def open_frames(
     if listing.suffix.lower() in (".yaml", ".yml"):
         protocol = read_protocol(listing)
         sensor = None if protocol.sensor is None else load_sensor(listing.parent / protocol.sensor)
-        stated = SetProperties(protocol.bits, protocol.cfa, black_level_dn=protocol.black_level_dn, sensor=sensor)
+        stated = SetProperties(
+            protocol.bits, protocol.cfa, None, protocol.black_level_dn, sensor, region=protocol.region
+        )
         files, kind = protocol.frame_files(listing), "protocol"
     elif looks_like_descriptor(listing):
         (files, stated), kind = read_descriptor(listing), "descriptor"
@@ -173,13 +182,19 @@ def _stack(file: Path, patterns: KindPatterns) -> FrameFile:
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:
     """Return what a listing states, completed by what the caller states; the two must not contradict each other."""
-    for name in ("bits", "cfa"):
+    for name in ("bits", "cfa", "region"):
         from_listing, from_caller = getattr(stated, name), getattr(given, name)
         if from_listing is None:
             stated = replace(stated, **{name: from_caller})
         elif from_caller is not None and from_caller != from_listing:
-            raise FileError(path, name, value=from_caller, expected=f"{from_listing}, as the {what} states")
+            raise FileError(
+                path, name, value=_shown(from_caller), expected=f"{_shown(from_listing)}, as the {what} states"
+            )
     return stated
+
+
+def _shown(value: Any) -> Any:
+    return value if isinstance(value, int) else str(value) if isinstance(value, Section) else tile_text(value)
 
 
 def _find_listing(folder: Path) -> Path | None:

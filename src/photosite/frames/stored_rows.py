@@ -89,3 +89,27 @@ class StoredRows:
         out = np.empty(self.shape, np.uint16)
         self.read_rows(0, out)
         return out
+
+
+class PartRows(StoredRows):
+    """Rows of a part of a stored frame."""
+
+    def __init__(self, stored: StoredRows, inside: tuple[slice, slice]) -> None:
+        rows, self._cols = inside
+        self.path, self.shape = stored.path, (rows.stop - rows.start, self._cols.stop - self._cols.start)
+        self._stored, self._first = stored, rows.start
+
+    @property
+    def place(self) -> None:  # type: ignore[override]
+        """None: the numbers in the file are not those of the frame."""
+        return None
+
+    def read_rows(self, first: int, out: NDArray[np.uint16]) -> None:
+        """Read successive rows into an array (n, cols)."""
+        whole = np.empty((len(out), self._stored.shape[1]), np.uint16)
+        self._stored.read_rows(self._first + first, whole)
+        out[:] = whole[:, self._cols]
+
+    def take_rows(self, rows: Iterable[int]) -> NDArray[np.uint16]:
+        """Return some rows (n, cols), which need not be adjacent."""
+        return np.ascontiguousarray(self._stored.take_rows(self._first + row for row in rows)[:, self._cols])

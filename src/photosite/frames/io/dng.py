@@ -28,13 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.frames.frame_file import FrameHeader, describe_frame, parse_description
+from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.io.camera_raw import open_libraw
 from photosite.frames.io.tiff import (
     BITS,
     COMPRESSION,
     DESCRIPTION,
     LENGTH,
+    ORIENTATION,
     PHOTOMETRIC,
     RECOMMENDED_EXPOSURE_INDEX,
     SAMPLES,
@@ -60,7 +61,7 @@ from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites, 
 from photosite.values.region import Border
 
 CFA, LINEAR_RAW = 32803, 34892
-NEW_SUBFILE_TYPE, MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, ISO = 254, 271, 272, 274, 33434, 34855
+NEW_SUBFILE_TYPE, MAKE, MODEL, EXPOSURE_TIME, ISO = 254, 271, 272, 33434, 34855
 F_NUMBER, FOCAL_LENGTH, DATE_TIME = 33437, 37386, 306
 CFA_REPEAT_DIM, CFA_PATTERN = 33421, 33422
 DNG_VERSION, DNG_BACKWARD_VERSION, UNIQUE_CAMERA_MODEL = 50706, 50707, 50708
@@ -152,7 +153,7 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         (UNIQUE_CAMERA_MODEL, "s", 0, f"photosite {camera}", True),
         (MAKE, "s", 0, "photosite", True),
         (MODEL, "s", 0, camera, True),
-        (ORIENTATION, "H", 1, 1, True),
+        (ORIENTATION, "H", 1, int(frame.metadata.get("orientation", 1)), True),
         (BLACK_LEVEL, "2I", 1, _ratio(frame.black_level_dn, "black_level_dn"), True),
         (WHITE_LEVEL, "I", 1, int(frame.white_level_dn), True),
         (DEFAULT_CROP_ORIGIN, "I", 2, (0, 0), True),
@@ -330,7 +331,7 @@ def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
     return np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col]), border_dn
 
 
-def read_whole(path: Path) -> NDArray[np.uint16]:
+def read_whole(path: Path, location: FrameLocation | None = None) -> NDArray[np.uint16]:
     """Read the digital numbers of a DNG with those around its active area."""
     return np.ascontiguousarray(_all_pixels(path)[0])
 

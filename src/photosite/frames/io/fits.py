@@ -2,15 +2,14 @@
 
 Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes. Unsigned numbers are stored minus
 BZERO, 2^15 or 2^31, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
-Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF and YBAYROFF, DATASEC
-(the lines around it receive no light). Rows are in the order in which they are stored.
+Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF, YBAYROFF and ROWORDER.
+The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in the order in which they are stored.
 """
 
 from __future__ import annotations
 
 import io
 import math
-import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +23,8 @@ from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import reading
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.frame_settings import kinds_in_name
-from photosite.frames.raw_frame import OPTICAL_BLACK, Numbers
+from photosite.frames.raw_frame import Numbers
+from photosite.frames.sections import Section, parse_section, section_with_light
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
@@ -61,15 +61,35 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
 
 def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
+    dn, header = _stored_numbers(path, location)
+    light = _light(path, dn.shape, header)
+    return dn if light.shape == dn.shape else np.ascontiguousarray(dn[light.slices])
+
+
+def read_whole(path: Path, location: FrameLocation) -> Numbers:
+    """Read the digital numbers of a frame with those around the lines with light."""
+    return _stored_numbers(path, location)[0]
+
+
+def overscan_level(path: Path, location: FrameLocation) -> float:
+    """Return the mean of the pixels of BIASSEC."""
+    dn, header = _stored_numbers(path, location)
+    overscan = _section(path, dn.shape, header, "BIASSEC")
+    return float(dn[overscan.slices].mean()) if overscan else 0.0
+
+
+def _stored_numbers(path: Path, location: FrameLocation) -> tuple[Numbers, _Keywords]:
+    """Read all digital numbers of a frame, with the keywords of its unit."""
     with _open_fits(path) as units:
         unit = units[location.part]
+        keywords = _Keywords(path, unit.header.copy(), units[0].header.copy())
         zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
         stored = np.asarray(unit.section[location.index] if unit.header["NAXIS"] == 3 else unit.data)
         dn = stored.astype(np.int64 if unit.header["BITPIX"] == 32 else np.int32) + zero
         deep = unit.header["BITPIX"] == 32
     if dn.min() < 0:
         raise FileError(path, "dn", value=int(dn.min()), expected="0 or above")
-    return np.ascontiguousarray(dn, np.uint32) if deep else np.ascontiguousarray(dn, np.uint16)
+    return np.ascontiguousarray(dn, np.uint32 if deep else np.uint16), keywords
 
 
 @contextmanager
@@ -190,39 +210,49 @@ class _Keywords:
 def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHeader:
     image_type = keywords.text("IMAGETYP")
     kinds = kinds_in_name(image_type or "")
+    size = shape[-2], shape[-1]
+    light = _light(path, size, keywords)
+    border = light.border(size)
     metadata = {
         "gain_setting": keywords.number("ISO", "ISOSPEED", "GAIN"),
         "temperature_c": keywords.number("CCD-TEMP"),
         "camera": keywords.text("INSTRUME"),
         "kind": kinds.pop() if len(kinds) == 1 else None,
         "image_type": image_type,
-        OPTICAL_BLACK: _border(path, shape, keywords),
     }
     return FrameHeader(
-        shape[-2],
-        shape[-1],
+        *light.shape,
         int(keywords.own["BITPIX"]),
-        cfa=_cfa(path, keywords),
+        cfa=_cfa(path, size[0], light, keywords),
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
         metadata={name: value for name, value in metadata.items() if value is not None},
+        border=border if any(border) else None,
+        overscan=keywords.text("BIASSEC") is not None,
     )
 
 
-def _border(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> str | None:
-    """Return the lines around DATASEC, [first:last column, first:last row] counted from 1, as metadata state them."""
-    section = keywords.text("DATASEC")
-    if section is None:
+def _light(path: Path, size: tuple[int, int], keywords: _Keywords) -> Section:
+    """Return the lines with light (IRAF's ccdproc: TRIMSEC is kept, BIASSEC is overscan)."""
+    found = (_section(path, size, keywords, name) for name in ("DATASEC", "TRIMSEC", "BIASSEC"))
+    try:
+        return section_with_light(size, *found)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def _section(path: Path, size: tuple[int, int], keywords: _Keywords, name: str) -> Section | None:
+    """Return a section of the stored image that a keyword states, or None."""
+    text = keywords.text(name)
+    if text is None:
         return None
-    found = re.fullmatch(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]", section)
-    left, right, top, bottom = map(int, found.groups()) if found else (0, 0, 0, 0)
-    rows, cols = shape[-2:]
-    if not (1 <= left <= right <= cols and 1 <= top <= bottom <= rows):
-        raise FileError(path, "DATASEC", value=section, expected=f"[a:b,c:d] within {cols} columns and {rows} rows")
-    border = top - 1, rows - bottom, left - 1, cols - right
-    return ",".join(map(str, border)) if any(border) else None
+    try:
+        return parse_section(text, size)
+    except InputError as error:
+        raise FileError(path, name, value=text, expected=error.expected) from None
 
 
-def _cfa(path: Path, keywords: _Keywords) -> Cfa | None:
+def _cfa(path: Path, rows: int, light: Section, keywords: _Keywords) -> Cfa | None:
+    """Return the tile at the first pixel with light; BAYERPAT describes the upright picture."""
     pattern = keywords.text("BAYERPAT")
     if pattern is None:
         return None
@@ -230,4 +260,7 @@ def _cfa(path: Path, keywords: _Keywords) -> Cfa | None:
         tile = cfa_from(pattern)
     except InputError as error:
         raise error.within("BAYERPAT").in_file(path) from None
-    return shifted(tile, int(keywords.number("YBAYROFF") or 0), int(keywords.number("XBAYROFF") or 0))
+    down, right = int(keywords.number("YBAYROFF") or 0), int(keywords.number("XBAYROFF") or 0)
+    if (keywords.text("ROWORDER") or "").upper() == "BOTTOM-UP":  # the last stored row is the top one
+        tile, down = tile[::-1], -down - rows % len(tile)
+    return shifted(tile, down + light.top, right + light.left)

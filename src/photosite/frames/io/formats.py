@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -22,9 +23,11 @@ from photosite.frames.io.format_table import (
     Format,
     format_to_write,
 )
-from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame, check_bits
+from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, Numbers, RawFrame, check_bits
+from photosite.frames.sections import Section, lines_around, parse_region
 from photosite.frames.stored_rows import StoredRows
-from photosite.values.cfa import Cfa, cfa_from
+from photosite.values.cfa import Cfa, cfa_from, shifted
+from photosite.values.region import Border
 
 
 def raw_files(path: Path) -> list[Path]:
@@ -43,6 +46,7 @@ def read_raw(
     bits: int | None = None,
     cfa: str | Sequence[Sequence[str]] | None = None,
     index: int | None = None,
+    region: str | None = None,
 ) -> RawFrame:
     """Read one raw frame from a file of one of the formats in `photosite.frames.io.format_table`.
 
@@ -57,6 +61,8 @@ def read_raw(
         Color filter array (`"rggb"` or its tile), for files that do not state it. Default: monochrome.
     index
         Index of the frame in a file of several (pages of TIFF, stacks of HDF5 and FITS), counted from 0.
+    region
+        Part of the stored image that receives light, as in `photosite.frames.open.open_frames`.
 
     Raises
     ------
@@ -84,16 +90,24 @@ def read_raw(
     """
     check_bits(bits, MOST_BITS)
     file = Path(path)
+    part = None if region is None else parse_region(region)
     location = None
+    headers = read_headers(file) if index is not None or part is not None else ()
     if index is not None:
-        headers = read_headers(file)
         if not 0 <= index < len(headers):
             raise FileError(path, "index", value=index, expected=f"0 to {len(headers) - 1}")
         location = headers[index].location
     frame, notes = read_frame(file, bits, None if cfa is None else cfa_from(cfa), location)
     for note in notes:
         warnings.warn(PhotositeWarning(note, where=str(path)), stacklevel=2)
-    return frame
+    return frame if part is None else _cropped(frame, part, file, headers[index or 0].border)
+
+
+def _cropped(frame: RawFrame, region: Section, path: Path, border: Border | None) -> RawFrame:
+    top, bottom, left, right = lines_around(region, frame.shape, border, path)
+    inside = slice(top, frame.shape[0] - bottom), slice(left, frame.shape[1] - right)
+    metadata = {name: value for name, value in frame.metadata.items() if name != OPTICAL_BLACK}
+    return replace(frame, dn=frame.dn[inside].copy(), cfa=shifted(frame.cfa, top, left), metadata=metadata, captures={})
 
 
 def read_frame(
@@ -111,6 +125,9 @@ def read_frame(
         problem = f"the file holds {len(headers)} frames"
         raise FileError(path, problem, hint="Pass {index}, or open the file with open_frames", arguments={"index": 0})
     header: FrameHeader = headers[0]
+    if header.overscan and header.black_level_dn is None:
+        level = module.overscan_level(path, header.location)
+        header = replace(header, black_level_dn=level, metadata={**header.metadata, MASKED_BORDER: level})
     return header.to_frame(path, module.read_pixels(path, header.location), bits, cfa), header.notes
 
 
@@ -123,9 +140,9 @@ def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     return numbers
 
 
-def read_whole(path: Path) -> Numbers:
+def read_whole(path: Path, location: FrameLocation | None = None) -> Numbers:
     """Read the digital numbers of a frame with its border, which `FrameHeader.border` states."""
-    numbers: Numbers = detect_format(path).load().read_whole(path)
+    numbers: Numbers = detect_format(path).load().read_whole(path, location)
     return numbers
 
 

@@ -5,6 +5,7 @@ name: Nikon D200, dark frames and flat fields
 bits: 12                        # optional, if the files do not state it
 cfa: rggb                       # likewise; a name or a tile
 black_level_dn: 64              # likewise
+region: 0:1080,0:1920           # pixels with light; rows, then columns, counted from 0; or "[1:1920,1:1080]"
 sensor: d200.sensor.yaml        # known properties of the sensor; path relative to the protocol
 frames:
   - {kind: dark, exposure: 1/8000, files: dark/*.dng}
@@ -28,12 +29,13 @@ from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_keys, check_version, dump_yaml, line_of, optional_text, read_yaml
 from photosite.frames.frame_file import FrameFile
 from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.sections import Section, parse_region
 from photosite.values.cfa import NAMED, Cfa, cfa_from
 from photosite.values.exposure import format_exposure, parse_exposure
 
 VERSION_KEY = "photosite_protocol"
 
-_KEYS = (VERSION_KEY, "name", "bits", "cfa", "black_level_dn", "sensor", "frames")
+_KEYS = (VERSION_KEY, "name", "bits", "cfa", "black_level_dn", "region", "sensor", "frames")
 _NUMBERS = ("photons_per_pixel", "gain_setting", "temperature_c")
 _FRAME_KEYS = ("kind", "exposure", "files", *_NUMBERS)
 _WILDCARDS = frozenset("*?[")
@@ -72,6 +74,8 @@ class Protocol:
         Properties of every frame, if the files do not state them, or None.
     sensor
         Path of a sensor file relative to the protocol, or None.
+    region
+        Part of the stored images that receives light, if the files do not state it, or None.
     """
 
     frames: tuple[ProtocolFrames, ...]
@@ -80,6 +84,7 @@ class Protocol:
     cfa: Cfa | None = None
     black_level_dn: float | None = None
     sensor: str | None = None
+    region: Section | None = None
 
     def frame_files(self, path: Path) -> list[FrameFile]:
         """List the files of the protocol at `path`, with patterns expanded, in its order."""
@@ -113,8 +118,10 @@ def write_protocol(protocol: Protocol, path: str | PathLike[str]) -> None:
     - {kind: dark, exposure: 1/8000, files: dark/*.png}
     """
     content: dict[str, Any] = {VERSION_KEY: 1}
-    for key in ("name", "bits", "cfa", "black_level_dn", "sensor"):
+    for key in ("name", "bits", "cfa", "black_level_dn", "region", "sensor"):
         value = getattr(protocol, key)
+        if key == "region" and value is not None:
+            value = str(value)
         if key == "cfa" and value is not None:
             value = next((name for name, tile in NAMED.items() if tile == value), value)
         if value is not None:
@@ -156,6 +163,7 @@ def read_protocol(path: str | PathLike[str]) -> Protocol:
         cfa=_cfa(file, data),
         black_level_dn=None if black is None else float(black),
         sensor=optional_text(file, data, "sensor"),
+        region=_region(file, data),
     )
 
 
@@ -211,3 +219,12 @@ def _cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
         return cfa_from(data["cfa"])
     except InputError as error:
         raise error.in_file(file, line_of(data, "cfa")) from None
+
+
+def _region(file: Path, data: Mapping[Any, Any]) -> Section | None:
+    if data.get("region") is None:
+        return None
+    try:
+        return parse_region(str(optional_text(file, data, "region")))
+    except InputError as error:
+        raise error.in_file(file, line_of(data, "region")) from None

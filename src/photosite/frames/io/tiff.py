@@ -228,7 +228,7 @@ class _Reader:
 
 
 WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
-SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
+ORIENTATION, SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 274, 277, 339, 33434
 NEW_SUBFILE_TYPE, ISO_SPEED, RECOMMENDED_EXPOSURE_INDEX = 254, 34855, 34866
 ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH = 278, 322, 323
 FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 279, 324, 325
@@ -293,14 +293,17 @@ def _check_not_hidden(path: Path, page: Directory) -> None:
 
 
 def camera_settings(page: Directory) -> dict[str, Any]:
-    """Return maker, model and ISO from Exif or TIFF/EP, under their names in `RawFrame.metadata`.
+    """Return maker, model, ISO and orientation from Exif or TIFF/EP, under their names in `RawFrame.metadata`.
 
+    The orientation is that of the upright picture; pixels of a frame stay in the order in which they are stored.
     Exif keeps ISO in 16 bits; higher values are in RecommendedExposureIndex (CIPA DC-008, 4.6.6).
     """
     iso = page.exif(ISO_SPEED)
     if iso == 65535:
         iso = page.exif(RECOMMENDED_EXPOSURE_INDEX) or iso
+    orientation = page.number(ORIENTATION)
     found = {"make": page.text(271), "model": page.text(272), "iso": iso or None}
+    found["orientation"] = int(orientation) if orientation in range(2, 9) else None
     return {name: value for name, value in found.items() if value is not None}
 
 

@@ -21,6 +21,7 @@ from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import OutsideSrgbError
 from photosite.scene.pictures import from_hdr, from_rgb
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.values.orientation import turned_upright
 
 ORIENTATION = 0x0112
 """Tag of EXIF and TIFF."""
@@ -40,17 +41,6 @@ _PNG_BYTES_PER_BYTE = 1040
 _BYTES_PER_PIXEL, _MOST_METADATA = 16, 64 << 20
 """Limit of a file's size, beyond which it is damaged: twice four channels of 16 bits, and metadata."""
 
-_TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
-    2: lambda a: a[:, ::-1],
-    3: lambda a: a[::-1, ::-1],
-    4: lambda a: a[::-1],
-    5: lambda a: a.swapaxes(0, 1),
-    6: lambda a: np.rot90(a, -1),
-    7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
-    8: lambda a: np.rot90(a),
-}
-"""From (rows, cols, ...) of the file to those of the picture, by EXIF's orientation."""
-
 
 def read(path: Path, options: ReadOptions) -> Scene:
     """Read a PNG or JPEG file as a flat print of its colors, under the options' illuminant."""
@@ -67,8 +57,7 @@ def read_codes(path: Path) -> tuple[NDArray[Any], RgbSpace]:
 
 def turned(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
     """Return (rows, cols, 1 or 3) codes upright and with three channels."""
-    turn = _TURNED.get(orientation)
-    upright = codes if turn is None else turn(codes)
+    upright = turned_upright(codes, orientation)
     return np.broadcast_to(upright, (*upright.shape[:2], 3))
 
 
