@@ -56,6 +56,30 @@ def test_show_and_write_a_sensor_file(photosite: Any, profiles: Path, tmp_path: 
     assert low < 4095 / ps.load_sensor(output).system_gain_dn_per_e < high
 
 
+def test_a_negative_offset_and_the_names_of_import(photosite: Any, profiles: Path, tmp_path: Path) -> None:
+    """`import` takes the names that `cameras show` takes, and both write the same sensor."""
+    content = darktable_content()
+    content["noiseprofiles"][0]["models"][0]["profiles"][2]["b"] = [-1e-6] * 3
+    write_json(profiles, content)
+    files = [tmp_path / "shown.sensor.yaml", tmp_path / "imported.sensor.yaml"]
+    name, base = "NIKON CORPORATION NIKON D850", ("--sensor", "nikon-d200", "-o")
+    commands = [
+        ("cameras", "show", name, "--profiles", profiles, "--iso", 6400),
+        ("import", profiles, "--model", name, "--gain-setting", 6400),
+    ]
+    for command, file in zip(commands, files, strict=True):
+        done = photosite(*command, *base, file)
+        assert done.status == 0
+        assert "negative-dark-noise" in done.err
+    shown, imported = map(ps.load_sensor, files)
+    assert shown.noise.read_noise_mv == imported.noise.read_noise_mv
+    assert shown.noise.read_noise_mv.assumed
+    assert shown.pixel == imported.pixel
+    assert (
+        "--model must be the name of one camera, got 'nikon'" in photosite("import", profiles, "--model", "nikon").err
+    )
+
+
 @pytest.mark.smoke("cameras schema")
 def test_schema_and_refused_entries(photosite: Any, tmp_path: Path) -> None:
     for form in ("entry", "index", "table"):

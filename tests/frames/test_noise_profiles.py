@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from raising import raises
 
+import photosite as ps
 from photosite.errors import FileError, InputError
 from photosite.frames.io.darktable import read_darktable, write_darktable
 from photosite.frames.io.libcamera import is_libcamera, read_libcamera, write_libcamera
@@ -169,10 +170,82 @@ def test_a_published_tuning_file(tmp_path):
     assert "scale of 16 bits" in found.notes[0]
 
 
+def tuning(noise, levels="{}", version="2.0"):
+    return f'{{"version": {version}, "algorithms": [{{"rpi.black_level": {levels}}}, {{"rpi.noise": {noise}}}]}}'
+
+
+NOISE = '{"reference_constant": 12, "reference_slope": 3.5}'
+
+
+@pytest.mark.parametrize(
+    ("text", "black"),
+    [
+        (tuning(NOISE, '{"black_level": 1024}'), 1024),
+        # A YAML parser reads tunings: trailing commas, comments, texts as numbers.
+        (tuning('{"reference_constant": 12, "reference_slope": 3.5,}', '{"black_level": 1024} # of 16 bits\n'), 1024),
+        (tuning('{"reference_constant": "12", "reference_slope": "3.5"}', '{"black_level": "1024"}'), 1024),
+        ("version: 2.0\nalgorithms:\n  - rpi.noise:\n      reference_constant: 12\n      reference_slope: 3.5\n", 0),
+        # Version 1 has no list; other algorithms may hold anything.
+        (f'{{"rpi.awb": {{"bayes": 0}}, "rpi.black_level": {{"black_level": 1024}}, "rpi.noise": {NOISE}}}', 1024),
+        (tuning(NOISE), 4096),
+        (tuning(NOISE, '{"black_level_r": 1000, "black_level_g": 1024, "black_level_b": 1001}'), 1024),
+        (tuning(NOISE, '{"black_level": 1024, "enabled": false}'), 0),
+    ],
+)
+def test_forms_of_a_tuning(tmp_path, text, black):
+    """All forms that libcamera's parser accepts give the numbers of the plain form."""
+    path, plain = tmp_path / "tuning.json", tmp_path / "plain.json"
+    path.write_text(text)
+    plain.write_text(tuning(NOISE, f'{{"black_level": {black}}}'))
+    assert is_libcamera(path)
+    found, expected = read_libcamera(path), read_libcamera(plain)
+    assert found.black_level_dn == black
+    assert (found.slope, found.offset) == (expected.slope, expected.offset)
+
+
+def test_a_negative_constant_is_the_closest_curve_without_dark_noise(tmp_path):
+    path = tmp_path / "tuning.json"
+    path.write_text(tuning('{"reference_constant": -15, "reference_slope": 3.5}', '{"black_level": 4096}'))
+    root = np.linspace(0, math.sqrt(65535 - 4096), 20_001)
+    gain = np.linalg.lstsq(root[:, None], 3.5 * root - 15, rcond=None)[0][0] ** 2
+    found = read_libcamera(path)
+    assert found.system_gain_dn_per_e.value == pytest.approx(gain, rel=2e-4)
+    assert found.dark_noise_dn.value == 0
+    path.write_text(tuning('{"reference_constant": -900, "reference_slope": 3.5}'))
+    with pytest.raises(FileError, match="makes the noise negative"):
+        read_libcamera(path)
+
+
+@pytest.mark.parametrize("offset", [-1e-5, 0.0, 4e-9])
+def test_the_least_read_noise_of_an_offset_below_rounding(offset):
+    """1/12 DN^2 is 4.97e-9 of (4095 DN)^2."""
+    base = ps.load_sensor("nikon-d200")
+    sensor = NoiseProfile(("M",), (Measured(2e-4),), (Measured(offset, 1e-6),)).sensor(base)
+    (found,) = NoiseProfile(("M",), (Measured(2e-4),), (Measured(offset, 1e-6),)).diagnostics(base)
+    assert found.id == "negative-dark-noise"
+    assert found.size == pytest.approx(offset * 4095**2 - 1 / 12, rel=1e-12)
+    assert (sensor.noise.read_noise_mv.value, sensor.noise.read_noise_mv.assumed) == (0.0, True)
+    # One standard uncertainty above the variance is the largest read noise.
+    above = math.sqrt(max(found.size + 1e-6 * 4095**2, 0.0)) * base.mv_per_dn
+    assert sensor.noise.read_noise_mv.standard_uncertainty == pytest.approx(above, rel=1e-12)
+    assert sensor.system_gain_dn_per_e == pytest.approx(2e-4 * 4095, rel=1e-12)
+
+
+def test_an_offset_above_rounding_has_no_diagnostic():
+    base = ps.load_sensor("nikon-d200")
+    above = NoiseProfile(("M",), (Measured(2e-4),), (Measured(5e-9, 1e-6),))
+    assert above.diagnostics(base) == ()
+    assert above.sensor(base).noise.read_noise_mv.assumed is False
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
         ("{", "is not JSON"),
+        (tuning(NOISE, version="3.1"), "version must be below 3"),
+        (tuning(NOISE).replace("rpi.black_level", "rpi.noise"), "'rpi.noise' is there twice"),
+        (tuning('{"enabled": false}'), "rpi.noise is disabled"),
+        (tuning('{"reference_constant": "a", "reference_slope": 1}'), "'reference_constant' must be a finite number"),
         ("[]", "holds no object"),
         ('{"a": 1}', "neither a darktable"),
         ('{"algorithms": [{"rpi.noise": {}}]}', "'reference_constant' is missing"),
@@ -210,9 +283,10 @@ def test_missing_and_unknown_names(tmp_path):
     path.write_text(json.dumps({"version": 0, "noiseprofiles": [{"models": models}]}))
     with raises(InputError, "the file holds 2 cameras", arguments={"model": "D200"}):
         read_darktable(path)
-    with raises(InputError, "model", value="D20", hint="Did you mean 'D200'?"):
+    with raises(InputError, "model", value="D20", hint="Did you mean 'D200' or 'D300'?"):
         read_darktable(path, "D20")
-    assert read_darktable(path, "D300")[0].camera == "D300"
+    for name in ("D300", "d300", "d-300"):
+        assert read_darktable(path, name)[0].camera == "D300"
     with raises(InputError, "the noise profile does not state its gain setting"):
         write_darktable([profile(None)], tmp_path / "x.json")
     two = [profile(100.0), profile(400.0)]

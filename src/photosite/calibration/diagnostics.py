@@ -21,7 +21,7 @@ Stage = Literal["set", "levels", "channels", "result"]
 """What a check looks at: a frame set before any frame is read; its reduction; the reduction and the channels of the
 flat fields; the evidence."""
 
-PACKAGES = "photosite.calibration", "photosite.frames"
+PACKAGES = "photosite.calibration", "photosite.frames", "photosite.sensor"
 """Where kinds of diagnostics are defined."""
 
 

@@ -51,7 +51,7 @@ def list_(query: tuple[str, ...], profiles: tuple[Path, ...], as_json: bool) -> 
 
     Example: photosite cameras list nikon d8 --profiles noiseprofiles.json
     """
-    from photosite.library.names import nearest, searched
+    from photosite.frames.camera_names import nearest, searched
     from photosite.library.sources import find_cameras
 
     sources = find_cameras(profiles or None)
@@ -113,6 +113,7 @@ def show_camera(
     Example: photosite cameras show "Nikon D850" --iso 6400 --profiles noiseprofiles.json
     """
     from photosite.library.profile import load_camera_profile
+    from photosite.sensor.io.sensor_file import load_sensor
 
     if output is None:
         options.only_for("-o", "sensor_name")
@@ -122,7 +123,12 @@ def show_camera(
     if output is not None:
         if sensor_name is None and camera.measured is None:
             raise click.UsageError("-o needs --sensor for what the files do not contain")
-        camera.sensor(sensor_name or "nikon-d200").save(output)
+        base = load_sensor(sensor_name or "nikon-d200")
+        camera.sensor(base).save(output)
+        for diagnostic in (
+            camera.noise.diagnostics(base) if camera.noise is not None and camera.measured is None else ()
+        ):
+            say(f"{diagnostic.id}: {diagnostic}")
     for note in camera.notes:
         say(note)
     show(as_json, _facts(camera), lambda: _camera_text(camera), sensor=output)

@@ -46,11 +46,14 @@ def command(
 
     if (output is None) != (sensor_name is None):
         raise click.UsageError("-o and --sensor are required together: --sensor has what the profile does not hold")
-    profiles = _read(file, model, mono)
-    if output is not None and sensor_name is not None:
-        profile_at_setting(profiles, gain_setting).sensor(load_sensor(sensor_name)).save(output)
-    elif gain_setting is not None:
+    profiles = _read(file, model, gain_setting, mono)
+    if output is not None or gain_setting is not None:
         profiles = (profile_at_setting(profiles, gain_setting),)
+    if output is not None and sensor_name is not None:
+        base = load_sensor(sensor_name)
+        profiles[0].sensor(base).save(output)
+        for diagnostic in profiles[0].diagnostics(base):
+            say(f"{diagnostic.id}: {diagnostic}")
     for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
         say(note)
     content = {"profiles": [_as_dict(profile) for profile in profiles]}
@@ -59,7 +62,7 @@ def command(
     show(as_json, content, lambda: table([heading, *rows], "><>>>><<"), sensor=output)
 
 
-def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]:
+def _read(file: Path, model: str | None, gain_setting: float | None, mono: bool) -> tuple[NoiseProfile, ...]:
     from photosite.frames.io.darktable import read_darktable
     from photosite.frames.io.dng_noise_profile import read_dng_profile
     from photosite.frames.io.libcamera import is_libcamera, read_libcamera
@@ -70,7 +73,7 @@ def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]
     if is_libcamera(file):
         options.only_for("files of darktable", "model", "mono")
         return (read_libcamera(file),)
-    return read_darktable(file, model, mono=mono)
+    return read_darktable(file, model, gain_setting, mono=mono)
 
 
 def _rows(profile: NoiseProfile) -> list[tuple[str, ...]]:

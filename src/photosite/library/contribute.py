@@ -17,6 +17,7 @@ from photosite.calibration.result import Calibration
 from photosite.errors import FileError, InputError, did_you_mean, in_file
 from photosite.files.writing import FolderLock, atomic_folder, atomic_path, date_of_files
 from photosite.files.yaml import dump_yaml
+from photosite.frames.camera_names import name_words
 from photosite.library.entry import (
     ENTRY_NAME,
     INDEX_NAME,
@@ -35,7 +36,6 @@ from photosite.library.entry import (
     read_index,
     sha256_of,
 )
-from photosite.library.names import name_words
 from photosite.library.sources import entries_below
 from photosite.sensor.io.sensor_file import dump_sensor
 from photosite.sensor.model import Sensor

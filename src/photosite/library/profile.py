@@ -9,9 +9,9 @@ from os import PathLike
 from typing import Any
 
 from photosite.errors import InputError
+from photosite.frames.camera_names import one_camera
 from photosite.frames.io.darktable import DarktableCamera
 from photosite.library.entry import LoadedEntry
-from photosite.library.names import matching, name_words, nearest
 from photosite.library.sources import LOOKED_FOR, CameraSource, Profiles, entries_below, find_cameras, given_places
 from photosite.library.spectra import SpectralFile, SpectralSensitivity
 from photosite.sensor.model import Sensor
@@ -233,17 +233,7 @@ def _matched(name: str, sources: Sequence[CameraSource], profiles: Profiles) -> 
         arguments = {"profiles": "noiseprofiles.json"}
         raise InputError("no files with cameras were found", hint=hint, arguments=arguments)
     names = [source.name for source in sources]
-    found = [sources[k] for k in matching(name, names)]
-    cameras = list(dict.fromkeys(" ".join(name_words(source.name)) for source in found))
-    if not found:
-        close = nearest(name, names)
-        hint = f"Did you mean {' or '.join(map(repr, close))}?" if close else "photosite cameras list shows their names"
-        raise InputError("name", value=name, expected=f"one of {len(set(names))} cameras in the files", hint=hint)
-    if len(cameras) > 1:
-        several = list(dict.fromkeys(source.name for source in found))
-        listed = ", ".join(several[:8]) + (f" and {len(several) - 8} others" if len(several) > 8 else "")
-        raise InputError("name", value=name, expected="the name of one camera", hint=f"It matches {listed}")
-    return found
+    return [sources[k] for k in one_camera(name, names, "name")]
 
 
 def _setting(source: CameraSource, iso: float | None) -> float:

@@ -13,9 +13,9 @@ from typing import Any, Literal
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.files.small_files import read_json_object
+from photosite.frames.camera_names import full_name, name_words
 from photosite.frames.io.darktable import DarktableCamera, darktable_cameras
 from photosite.library.entry import ENTRY_NAME, INDEX_NAME, LoadedEntry, entry_in_folder, read_index, sha256_of
-from photosite.library.names import name_words
 from photosite.library.spectra import SpectralFile, csv_camera, rawtoaces_camera
 from photosite.values.shown import Shown
 
@@ -185,7 +185,7 @@ def _file_sources(path: Path) -> Iterable[CameraSource]:
         state = path.stat() if path.exists() else None
         return _json_cameras(path, *((0, 0) if state is None else (state.st_mtime_ns, state.st_size)))
     camera = csv_camera(path)
-    name = _name(camera.maker, camera.model)
+    name = full_name(camera.maker, camera.model)
     return [CameraSource(name, "spectral sensitivity", path, NOT_STATED, camera.provenance or NOT_STATED, camera)]
 
 
@@ -197,7 +197,7 @@ def _json_cameras(path: Path, _time: int, _size: int) -> tuple[CameraSource, ...
     if "spectral_data" in data:
         camera = rawtoaces_camera(data, path)
         texts = camera.license or NOT_STATED, camera.provenance or NOT_STATED
-        return (CameraSource(_name(camera.maker, camera.model), "spectral sensitivity", path, *texts, camera),)
+        return (CameraSource(full_name(camera.maker, camera.model), "spectral sensitivity", path, *texts, camera),)
     problem = "the file is neither a darktable noise profile ('noiseprofiles') nor rawtoaces' ('spectral_data')"
     raise FileError(path, problem)
 
@@ -206,17 +206,10 @@ def _noise(camera: DarktableCamera, path: Path) -> CameraSource:
     license_, provenance = DARKTABLE_LICENSE, camera.comment or NOT_STATED
     if camera.stated is not None:
         license_, provenance = NOT_STATED, provenance.partition(":")[0]
-    return CameraSource(_name(camera.maker, camera.model), "noise profile", path, license_, provenance, camera)
+    return CameraSource(full_name(camera.maker, camera.model), "noise profile", path, license_, provenance, camera)
 
 
 def _contributed(loaded: LoadedEntry) -> CameraSource:
     entry = loaded.entry
     said = f"{entry.frames} frames, {entry.created}" + (f", {entry.attribution}" if entry.attribution else "")
     return CameraSource(entry.camera, "contributed", loaded.folder, entry.license, said, loaded)
-
-
-def _name(maker: str, model: str) -> str:
-    """Return maker and model, the maker once: its company name is shortened where the model repeats it."""
-    if not maker or not model or name_words(model)[:1] == name_words(maker)[:1]:
-        return model or maker
-    return f"{maker} {model}"

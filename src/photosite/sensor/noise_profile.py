@@ -14,6 +14,7 @@ from statistics import fmean
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTIZATION_DN2, NoiseTerms
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Measured
 
@@ -94,7 +95,12 @@ class NoiseProfile(Shown):
 
         Raises `InputError` if the offset is negative.
         """
-        return _root(_scaled(_mean(self.offset), self.span_dn**2), "offset")
+        variance = _scaled(_mean(self.offset), self.span_dn**2)
+        if variance.value < 0:
+            raise InputError(
+                "offset", where="noise profile", value=variance.value, expected="a variance of 0 DN² or above"
+            )
+        return _root(variance)
 
     def at_levels(self, black_level_dn: float, white_level_dn: float) -> NoiseProfile:
         """Return the same noise for other black and white levels, such as those of another converter.
@@ -124,28 +130,63 @@ class NoiseProfile(Shown):
         """Return a sensor with the profile's gain and dark noise, and everything else from `base`.
 
         Conversion gain follows from the slope and the base's volts. Read noise is the offset without rounding, and DSNU
-        is 0: a profile does not separate them, and in one frame they look alike.
-
-        Raises
-        ------
-        InputError
-            If the offset is less than the variance of rounding.
+        is 0: a profile does not separate them, and in one frame they look alike. If the offset is less than rounding,
+        read noise is 0, the least that a sensor has, and marked as assumed (`diagnostics`).
         """
         profile = self.at_levels(base.readout.black_level_dn.value, base.white_level_dn)
         source = f"noise profile{f' of {self.camera}' if self.camera else ''}"
         if self.gain_setting is not None:
             source += f" at gain setting {self.gain_setting:g}"
-        analog = _scaled(_mean(profile.offset), profile.span_dn**2)
-        read_dn = _root(replace(analog, value=analog.value - QUANTIZATION_DN2), "offset minus rounding")
-        read_mv = _scaled(read_dn, base.mv_per_dn)
+        read_dn, read_source = _root(self._analog_dn2(base)), f"{source}: the offset without rounding"
+        if least := bool(self.diagnostics(base)):
+            read_source = f"{source}: the offset is less than rounding, and 0 is the least read noise"
+        read_mv = replace(_scaled(read_dn, base.mv_per_dn), source=read_source, assumed=least)
         conversion = _scaled(profile.system_gain_dn_per_e, base.mv_per_dn * 1e3)
         kept = base.provenance.source or base.name
         return base.with_(
             conversion_gain_uv_per_e=replace(conversion, source=f"{source}: the slope as photon noise, at these volts"),
-            read_noise_mv=replace(read_mv, source=f"{source}: the offset without rounding"),
+            read_noise_mv=read_mv,
             dsnu_mv=Measured(0.0, source=f"{source}: included in the read noise", assumed=True),
             source=f"{source}; the rest as in: {kept}",
         )
+
+    def diagnostics(self, base: Sensor) -> tuple[Diagnostic, ...]:
+        """Return what limits `sensor(base)`.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> profile = NoiseProfile(("M",), (Measured(2.5e-4),), (Measured(-1e-6),))
+        >>> [found.id for found in profile.diagnostics(ps.load_sensor("nikon-d200"))]
+        ['negative-dark-noise']
+        """
+        variance = self._analog_dn2(base).value
+        if variance >= 0:
+            return ()
+        setting = "" if self.gain_setting is None else f" at gain setting {self.gain_setting:g}"
+        text = (
+            f"the noise profile{setting} leaves a variance of {variance:.3g} DN² for the dark, without rounding, on the "
+            f"scale of {base.readout.bits} bits: the read noise of the sensor is 0, the least that a sensor has"
+        )
+        return (NEGATIVE_DARK_NOISE(text, size=variance),)
+
+    def _analog_dn2(self, base: Sensor) -> Measured:
+        """Return the variance of a dark frame without rounding, at the levels of a sensor."""
+        profile = self.at_levels(base.readout.black_level_dn.value, base.white_level_dn)
+        offset = _scaled(_mean(profile.offset), profile.span_dn**2)
+        return replace(offset, value=offset.value - QUANTIZATION_DN2)
+
+
+NEGATIVE_DARK_NOISE = DiagnosticKind(
+    "negative-dark-noise",
+    "note",
+    "The noise profile's variance in the dark is negative, or less than that of rounding: it is the end of a line that "
+    "was fitted to brighter signals, and nonuniformity or a wrong black level bends the curve.",
+    "The read noise of the sensor file is 0, marked as assumed. Dark parts of simulated frames have too little noise.",
+    "Enter the read noise of a data sheet, or calibrate dark frames.",
+    ("read_noise_e",),
+    "variance in the dark without rounding, DN²",
+)
 
 
 def profile_at_setting(profiles: Sequence[NoiseProfile], setting: float | None) -> NoiseProfile:
@@ -168,15 +209,15 @@ def _scaled(entry: Measured, factor: float) -> Measured:
     return Measured(entry.value * factor, entry.standard_uncertainty * factor)
 
 
-def _root(variance: Measured, what: str) -> Measured:
-    if variance.value < 0:
-        raise InputError(what, where="noise profile", value=variance.value, expected="a variance of 0 DN² or above")
-    value = math.sqrt(variance.value)
-    if variance.standard_uncertainty == 0:
-        return Measured(value)
-    # First order, u / (2 sqrt(v)), diverges at 0; use the larger distance to the roots of v +- u.
-    below = math.sqrt(max(variance.value - variance.standard_uncertainty, 0.0))
-    return Measured(value, max(math.sqrt(variance.value + variance.standard_uncertainty) - value, value - below))
+def _root(variance: Measured) -> Measured:
+    """Return the root of a variance, 0 for a negative one, with the larger distance to the roots of v +- u.
+
+    The uncertainty of first order, u / (2 sqrt(v)), diverges at 0.
+    """
+    value, below, above = (
+        math.sqrt(max(variance.value + side * variance.standard_uncertainty, 0.0)) for side in (0, -1, 1)
+    )
+    return Measured(value, max(above - value, value - below))
 
 
 def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: float | None = None) -> NoiseProfile:

@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from photosite.errors import FileError, InputError, did_you_mean, in_file
+from photosite.errors import FileError, InputError, in_file
 from photosite.files.small_files import finite_number, read_json_object, valid_content, write_json_object
+from photosite.frames.camera_names import full_name, one_camera
 from photosite.frames.io.darktable_scale import ASSUMED_PIXELS, slope_and_offset
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.shown import Shown
@@ -239,7 +240,7 @@ def _camera(maker: str, model: str, entries: Sequence[Mapping[str, Any]]) -> Dar
 
 
 def read_darktable(
-    path: str | PathLike[str], model: str | None = None, *, mono: bool = False
+    path: str | PathLike[str], model: str | None = None, iso: float | None = None, *, mono: bool = False
 ) -> tuple[NoiseProfile, ...]:
     """Read the noise profiles of one camera from a darktable file, by increasing ISO.
 
@@ -250,7 +251,9 @@ def read_darktable(
     path
         The file.
     model
-        The camera; None if the file holds only one.
+        The camera, as in `ps.load_camera_profile`; None if the file holds only one.
+    iso
+        ISO speed, as in `DarktableCamera.profile`; None for all of the file.
     mono
         Whether the camera has no color filters. Only files from photosite state this.
 
@@ -259,25 +262,25 @@ def read_darktable(
     FileError
         If the file is not a valid noise profile.
     InputError
-        If the model is missing, unknown, or has a mosaic although `mono` is set.
+        If the model is missing or unknown or stands for several, or has a mosaic although `mono` is set, or the ISO is
+        out of range.
     """
     file = Path(path)
-    models = {camera.model: camera for camera in read_darktable_cameras(file)}
-    if not models:
+    cameras = read_darktable_cameras(file)
+    if not cameras:
         raise FileError(file, "all profiles are marked as skipped")
-    if model is None and len(models) > 1:
-        first = next(iter(models))
-        problem = f"the file holds {len(models)} cameras"
-        raise InputError(problem, where=str(file), hint="Pass {model}", arguments={"model": first})
+    if model is None and len(cameras) > 1:
+        problem = f"the file holds {len(cameras)} cameras"
+        name = full_name(cameras[0].maker, cameras[0].model)
+        raise InputError(problem, where=str(file), hint="Pass {model}", arguments={"model": name})
     if model is None:
-        (model,) = models
-    if model not in models:
-        hint = did_you_mean(model, models)
-        raise InputError("model", where=str(file), value=model, expected="a camera in the file", hint=hint)
-    camera = models[model]
+        (camera,) = cameras
+    else:
+        names = [full_name(camera.maker, camera.model) for camera in cameras]
+        camera = cameras[one_camera(model, names, "model", str(file))[0]]
     camera.check_mono(mono)
     with in_file(file):
-        return tuple(camera.profile(iso, mono=mono) for iso in camera.isos)
+        return tuple(camera.profile(each, mono=mono) for each in (camera.isos if iso is None else (iso,)))
 
 
 def _chip_in_comment(comment: str) -> str | None:

@@ -6,6 +6,10 @@ import difflib
 import re
 from collections.abc import Sequence
 
+from photosite.errors import InputError
+
+_MOST_LISTED = 8
+
 _COMPANY = {
     *("corporation", "corp", "company", "co", "ltd", "inc", "ag", "gmbh", "optical", "imaging", "camera", "cameras"),
     *("electronics", "electric", "techwin", "digital", "solutions", "computer", "eastman"),
@@ -46,6 +50,46 @@ def matching(query: str, names: Sequence[str]) -> tuple[int, ...]:
         return tuple(same)
     # At least one word: an empty query is in every name.
     return tuple(k for k, found in enumerate(words) if asked and set(asked) <= set(found))
+
+
+def full_name(maker: str, model: str) -> str:
+    """Return maker and model, the maker once: its company name is shortened where the model repeats it.
+
+    Examples
+    --------
+    >>> full_name("Nikon", "D850"), full_name("NIKON CORPORATION", "NIKON D850")
+    ('Nikon D850', 'NIKON D850')
+    """
+    if not maker or not model or name_words(model)[:1] == name_words(maker)[:1]:
+        return model or maker
+    return f"{maker} {model}"
+
+
+def one_camera(query: str, names: Sequence[str], argument: str, where: str | None = None) -> tuple[int, ...]:
+    """Return the indices of the names of the one camera that a query stands for; several names may be of one camera.
+
+    Raises
+    ------
+    InputError
+        With `argument` as its name, if no camera or several match.
+
+    Examples
+    --------
+    >>> one_camera("NIKON CORPORATION NIKON D3", ["Nikon D3", "Nikon D300"], "name")
+    (0,)
+    """
+    found = matching(query, names)
+    several = list(dict.fromkeys(names[k] for k in found))
+    if not found:
+        close = nearest(query, names)
+        hint = f"Did you mean {' or '.join(map(repr, close))}?" if close else "photosite cameras list shows their names"
+        expected = f"one of {len(set(names))} cameras in the files"
+        raise InputError(argument, where=where, value=query, expected=expected, hint=hint)
+    if len({" ".join(name_words(name)) for name in several}) > 1:
+        others = f" and {len(several) - _MOST_LISTED} others" if len(several) > _MOST_LISTED else ""
+        hint = f"It matches {', '.join(several[:_MOST_LISTED])}{others}"
+        raise InputError(argument, where=where, value=query, expected="the name of one camera", hint=hint)
+    return found
 
 
 def searched(query: str, names: Sequence[str]) -> tuple[int, ...]:
