@@ -165,8 +165,8 @@ class NoiseProfile(Shown):
             return ()
         setting = "" if self.gain_setting is None else f" at gain setting {self.gain_setting:g}"
         text = (
-            f"the noise profile{setting} leaves a variance of {variance:.3g} DN² for the dark, without rounding, on the "
-            f"scale of {base.readout.bits} bits: the read noise of the sensor is 0, the least that a sensor has"
+            f"the noise profile{setting} leaves a variance of {variance:.3g} DN² for the dark, without rounding, on "
+            f"the scale of {base.readout.bits} bits: the read noise of the sensor is 0, the least that a sensor has"
         )
         return (NEGATIVE_DARK_NOISE(text, size=variance),)
 

@@ -207,8 +207,8 @@ def _line(dark_dn: float, gain: float, span: float) -> tuple[float, float]:
 def _curve(constant: float, slope: float, span: float) -> tuple[float, float]:
     """Return the dark noise and gain whose `_line` has this constant and slope.
 
-    With dark = r sqrt(gain span), the line's constant / slope / sqrt(span) depends on r alone and increases with it from
-    0. A negative constant has no such curve: the one without dark noise that is closest, sqrt(gain x), is returned.
+    With dark = r sqrt(gain span), the line's constant / slope / sqrt(span) depends on r alone and increases with it
+    from 0. A negative constant has no such curve: the closest one without dark noise, sqrt(gain x), is returned.
     """
     if constant < 0:
         # Least squares of constant + slope u by g u over u from 0 to sqrt(span).
