@@ -46,3 +46,20 @@ def test_noise_of_half_a_step_keeps_the_uncertainty_of_sampling() -> None:
     low, high = found.interval_95
     assert low < 0.0127 < high
     assert high - low < 0.03 * 0.0127
+
+
+def test_dark_current_that_rounding_hides_is_in_the_uncertainty_of_the_responsivity() -> None:
+    """Dark frames read 3 DN at all times; their levels rise from 3.03 to 3.19 DN, 0.02 % of the brightest signal."""
+    rng, shape, gain, efficiency, seconds = np.random.default_rng(7), (96, 120), 0.03, 0.5, np.linspace(0.025, 0.25, 10)
+    offset, light = rng.normal(3.03, 0.03, shape), 1.0 + rng.normal(0.0, 0.002, shape)
+
+    def frame(electrons: float, exposure_s: float) -> np.ndarray:
+        charge = rng.poisson(electrons * light + 22.0 * exposure_s, shape) + rng.normal(0.0, 2.0, shape)
+        return np.clip(np.rint(offset + gain * charge), 0, 1023).astype(np.uint16)
+
+    taken = [("dark", t, frame(0.0, t), 0.0) for t in seconds for _ in range(2)]
+    taken += [("light", t, frame(1.2e5 * t, t), 1.2e5 * t / efficiency) for t in seconds for _ in range(4)]
+    found = calibrate(FrameSet.from_arrays(taken, bits=10)).responsivity_dn_per_photon
+    low, high = found.interval_95
+    assert low < gain * efficiency < high
+    assert high - low < 0.005 * gain * efficiency

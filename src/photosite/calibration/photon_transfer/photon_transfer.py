@@ -150,14 +150,14 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     over_pixels, shift = each("spatial_variance") / each("pixels"), each("frame_shift")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
+    dark_covariance = dark.mean.covariance + np.diag((dark.mean.differing * dark.mean.shared) ** 2)
     hidden = not dark.variance.reason and dark.variance.y.min(initial=math.inf) < LEAST_DARK_VARIANCE
     return LightLevels(
         abscissa="photons_per_pixel" if known else "exposure_s",
         x=x[order],
         exposure_s=exposure,
         signal=mean - take_mean @ dark.mean.y,
-        signal_covariance=np.diag(sampling + each("rounding_mean") ** 2)
-        + take_mean @ dark.mean.covariance @ take_mean.T,
+        signal_covariance=np.diag(sampling + each("rounding_mean") ** 2) + take_mean @ dark_covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
         shot_covariance=np.diag(spread**2 + each("rounding_variance") ** 2)
         + take_variance @ dark.variance.covariance @ take_variance.T
