@@ -11,6 +11,7 @@ from photosite.calibration.reduction.foreign_frames import find_foreign_frames
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 from photosite.studies.conditions import CONDITIONS
+from photosite.values.cfa import MONOCHROME
 
 MONO, RGGB = np.zeros((64, 64), np.int64), np.tile([[0, 1], [1, 2]], (32, 32))
 NOISE = 8.0
@@ -172,3 +173,43 @@ def test_half_of_the_groups_of_another_chip_are_refused():
 def test_groups_are_left_out_of_a_checkpoint_s_run_too(tmp_path):
     wanted = stack(lambda *frame: frame[:2] == ("light", 0.03))
     assert calibrate(wanted, checkpoint=tmp_path / "sums").rejected == calibrate(wanted).rejected
+
+
+def turned_set(turn, shape, cfa, which):
+    """Darks and flats of a chip with DSNU and PRNU; `which` tells the frames that are turned."""
+    rng = np.random.default_rng(7)
+    response, offset = 1.0 + 0.01 * rng.normal(size=shape), 64.0 + 2.0 * rng.normal(size=shape)
+    if len(cfa) > 1:
+        response *= np.tile([[0.6, 1.0], [1.0, 0.4]], (shape[0] // 2, shape[1] // 2))
+    taken = []
+    for kind, exposures in (("dark", DARK_S), ("light", LIGHT_S)):
+        for t in exposures:
+            for i in range(6):
+                electrons = rng.poisson(8e4 * t * response) if kind == "light" else 0.0
+                dn = np.rint(offset + 0.3 * electrons + rng.normal(0.0, 2.0, shape))
+                dn = np.clip(dn, 0, 4095).astype(np.uint16)
+                taken.append((kind, t, np.ascontiguousarray(turn(dn)) if which(kind, t, i) else dn))
+    return FrameSet.from_arrays(taken, bits=12, cfa=cfa)
+
+
+@pytest.mark.parametrize("cfa", [MONOCHROME, (("R", "G"), ("G", "B"))], ids=["mono", "bayer"])
+@pytest.mark.parametrize(
+    ("turn", "shape", "words"),
+    [
+        (np.fliplr, (72, 100), "mirrored left to right"),
+        (np.flipud, (72, 100), "mirrored top to bottom"),
+        (lambda dn: dn[::-1, ::-1], (72, 100), "rotated by 180 degrees"),
+        (lambda dn: np.rot90(dn, -1), (80, 80), "rotated by 90 degrees"),
+    ],
+)
+def test_turned_frames_are_named(turn, shape, words, cfa):
+    """A flat field, a dark frame, and a group of flat fields."""
+    for which, count in (
+        (lambda kind, t, i: kind == "light" and t == 0.06 and i == 2, 1),
+        (lambda kind, t, i: kind == "dark" and t == 0.1 and i == 4, 1),
+        (lambda kind, t, i: kind == "light" and t == 0.06, 6),
+    ):
+        diagnostics = calibrate(turned_set(turn, shape, cfa, which)).diagnostics
+        found = [entry for entry in diagnostics if entry.severity == "left out"]
+        assert [entry.id for entry in found] == ["turned-frame"] * count, found
+        assert all(words in entry.text for entry in found)

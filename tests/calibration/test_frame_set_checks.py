@@ -46,6 +46,20 @@ def test_a_valid_measurement_passes(clean):
     assert clean.rejected == ()
 
 
+def at_temperatures(dark_c, light_c):
+    celsius = {"dark": dark_c, "light": light_c}
+    return frame_set([(kind, t, dn, None, None, celsius[kind]) for kind, t, dn in measurement()])
+
+
+@pytest.mark.parametrize(("light_c", "size"), [(28.0, 8.0), (14.0, -6.0), (21.5, None), (None, None)])
+def test_flat_fields_at_another_stated_temperature_are_named(light_c, size):
+    found = {entry.id: entry for entry in calibrate(at_temperatures(20.0, light_c)).diagnostics}
+    assert ("other-temperature" in found) == (size is not None)
+    if size is not None:
+        assert found["other-temperature"].size == pytest.approx(size)
+        assert {"prnu_percent", "responsivity_dn_per_photon"} <= set(found["other-temperature"].parameters)
+
+
 @pytest.mark.parametrize("black", [0.0, 2.0, 4.0])
 def test_clipped_blacks_are_calibrated_with_a_warning(black):
     calibration = calibrate(frame_set(measurement(dark=black, n=8, dark_frames=8)))

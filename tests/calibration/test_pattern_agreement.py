@@ -87,6 +87,24 @@ def test_dark_frames_with_another_pattern_are_named(change: Change) -> None:
     assert abs(found["other-offsets"] or 0.0) < 0.5
 
 
+@pytest.mark.parametrize("cfa", [MONOCHROME, BAYER], ids=["mono", "bayer"])
+@pytest.mark.parametrize(
+    ("turn", "words"),
+    [
+        (np.fliplr, "mirrored left to right"),
+        (np.flipud, "mirrored top to bottom"),
+        (lambda dn: dn[::-1, ::-1], "rotated by 180 degrees"),
+        (np.rot90, "rotated by"),
+    ],
+)
+def test_turned_dark_frames_are_named(turn: Callable[[np.ndarray], np.ndarray], words: str, cfa: Cfa) -> None:
+    shape = (112, 112) if turn is np.rot90 else (96, 128)
+    frames = stack(1, change=lambda kind, dn: turn(dn) if kind == "dark" else dn, cfa=cfa, shape=shape)
+    (entry,) = (entry for entry in calibrate(frames).diagnostics if entry.id == "other-offsets")
+    assert words in entry.text
+    assert abs(entry.size or 0.0) < 0.5
+
+
 def test_columns_without_light_are_counted() -> None:
     found = sizes(stack(2, covered=6))
     assert found["unlit-lines"] == pytest.approx(6 / 128)

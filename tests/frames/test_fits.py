@@ -43,6 +43,12 @@ def test_a_frame_and_its_keywords(tmp_path):
     assert (group.kind, group.exposure_s, group.gain_setting, group.temperature_c) == ("dark", 0.25, 120.0, -10.1)
 
 
+def test_the_temperature_is_measured_or_else_the_one_that_was_set(tmp_path):
+    put(tmp_path / "dark_a.fits", dn(), EXPTIME=1.0, SET_TEMP=-20.0)
+    put(tmp_path / "light_a.fits", dn(1), EXPTIME=1.0, SET_TEMP=-20.0, CCD_TEMP=-18.5)
+    assert [group.temperature_c for group in open_frames(tmp_path).groups] == [-20.0, -18.5]
+
+
 @pytest.mark.parametrize(
     ("image_type", "kind"), [("BIAS", "dark"), ("Flat Field", "light"), ("Light Frame", "light"), ("dark", "dark")]
 )

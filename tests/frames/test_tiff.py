@@ -188,3 +188,14 @@ def test_the_orientation_turns_the_picture_and_not_the_frame(tmp_path, orientati
     assert done.exit_code == 0, done.output
     gray = np.asarray(Image.open(picture))[..., 0] > 100
     assert np.array_equal(gray, values > 0 if orientation == 1 else np.rot90(values > 0, -1))
+
+
+def test_another_orientation_is_noted_and_pixels_are_read_as_they_are_stored(tmp_path):
+    stack = np.arange(3 * 64, dtype=np.uint16).reshape(3, 8, 8)
+    for number, dn in enumerate(stack):
+        extra = [(274, "H", 1, 3, True)] if number == 1 else []
+        tifffile.imwrite(tmp_path / f"dark_1s_{number}.tif", dn, extratags=extra, metadata=None)
+    frames = open_frames(tmp_path)
+    assert np.array_equal(np.stack(list(frames.groups[0])), stack)
+    (entry,) = (entry for entry in frames.diagnostics if entry.id == "other-orientation")
+    assert (entry.size, "dark_1s_1.tif" in entry.text) == (1, True)

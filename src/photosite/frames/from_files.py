@@ -68,6 +68,16 @@ OTHER_EXPOSURE = DiagnosticKind(
     "Check the unit of the listed exposure times.",
     ("dark_current*", "dark_voltage*", "responsivity*", "quantum_efficiency*"),
 )
+OTHER_ORIENTATION = DiagnosticKind(
+    "other-orientation",
+    "note",
+    "Some files state another orientation than the others.",
+    "Pixels are read as they are stored, which is the order of the sensor in files of cameras. If a program turned "
+    "some frames, DSNU and PRNU contain other pixels; frames whose pattern shows it are left out (turned-frame).",
+    "Use the files as the camera wrote them.",
+    ("dsnu*", "prnu*"),
+    "number of files",
+)
 LIT_BORDER = DiagnosticKind(
     "black-level-of-border",
     "warning",
@@ -131,7 +141,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         raise error.in_file(source) from None
     found = [(KIND_BY_LEVEL, level_warning), (OTHER_EXPOSURE, _exposure_warning(frames))]
     found += [(TEMPERATURE_VARIED, _temperature_warning(settings)), *((LIT_BORDER, each) for each in border_warnings)]
-    diagnostics = (*_warned(found, source), *_assumed_bits(frames, properties))
+    diagnostics = (*_warned(found, source), *_other_orientations(frames), *_assumed_bits(frames, properties))
     stated_black = _shared([f.header.black_level_dn for f in frames])
     opened = FrameSet(
         groups,
@@ -280,6 +290,24 @@ def _bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int:
     if stated is None and properties.sensor is not None and all(f.header.bits is None for f in frames):
         stated = properties.sensor.readout.bits
     return _common("bit depth", frames, [f.header.resolve_bits(f.file.path, stated) for f in frames], None)
+
+
+def _other_orientations(frames: Sequence[_OpenedFrame]) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic if files state different orientations."""
+    found = [frame.header.metadata.get("orientation") for frame in frames]
+    stated = [value if isinstance(value, int) else 1 for value in found]
+    usual = max(set(stated), key=stated.count)
+    others = [(frame.file.name, turned) for frame, turned in zip(frames, stated, strict=True) if turned != usual]
+    if not others:
+        return ()
+    (name, turned), count = others[0], len(others)
+    return (
+        OTHER_ORIENTATION(
+            f"{count} of {len(frames)} files state another orientation than the others, first: {name} ({turned}, the "
+            f"others {usual}); pixels are read as they are stored",
+            count,
+        ),
+    )
 
 
 def _assumed_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> tuple[Diagnostic, ...]:

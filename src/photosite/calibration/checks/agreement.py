@@ -53,11 +53,11 @@ def patterns_agree(evidence: Evidence) -> Iterator[Diagnostic]:
 
 
 def _offset_cause(found: Agreements) -> str:
-    if found.mirrored:
-        return f"one kind of frame is mirrored ({found.mirrored} are exchanged)"
+    if found.turned:
+        return f"one kind of frame is {found.turned} relative to the other"
     assert found.offsets is not None
     if found.offsets.ratio < 0.5:
-        return "a master frame was subtracted from one kind of frame, or one kind is rotated or of another chip"
+        return "a master frame was subtracted from one kind of frame, or one kind is of another chip"
     return "one kind of frame was corrected, or light reached the dark frames"
 
 

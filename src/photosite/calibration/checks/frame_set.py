@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from statistics import median
 
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.reduction.groups import group_label
 from photosite.errors import InputError
-from photosite.frames.frame_set import FrameSet, gain_settings_text
+from photosite.frames.frame_set import STEADY_TEMPERATURE_C, FrameSet, gain_settings_text
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import tile_text
-from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
 _FALSE = "There is no result."
 
@@ -38,6 +40,17 @@ EQUAL_PHOTONS = DiagnosticKind(
     _FALSE + " Gain and responsivity are slopes against the photons.",
     "State the photons of each level, or omit them to use the exposure times.",
     ("*",),
+)
+OTHER_TEMPERATURE = DiagnosticKind(
+    "other-temperature",
+    "warning",
+    "The stated temperatures of dark frames and flat fields differ.",
+    "The dark current that is subtracted from the flat fields, which doubles about every 7 degrees Celsius, is not "
+    "theirs: PRNU contains the difference, and the responsivity its mean.",
+    "Take dark frames and flat fields at one temperature.",
+    ("prnu*", "responsivity_*", "quantum_efficiency_*", "dark_current_*"),
+    "temperature of the flat fields less that of the dark frames, degrees Celsius",
+    "none: the temperatures are those that the frames state",
 )
 
 
@@ -96,4 +109,26 @@ def usable_groups(frames: FrameSet, sensor: Sensor | None) -> None:
         )
 
 
-CHECKS = (Check("set", 10, same_sensor), Check("set", 20, usable_groups))
+def kinds_at_one_temperature(frames: FrameSet, sensor: Sensor | None) -> Iterator[Diagnostic]:
+    """Stated temperatures of flat fields that are not those of the dark frames."""
+    stated = {
+        kind: [celsius for group in frames.of_kind(kind) for celsius in group.temperatures_c if celsius is not None]
+        for kind in ("dark", "light")
+    }
+    if not (stated["dark"] and stated["light"]):
+        return
+    dark, light = median(stated["dark"]), median(stated["light"])
+    if abs(light - dark) > STEADY_TEMPERATURE_C:
+        yield OTHER_TEMPERATURE(
+            f"the flat fields were taken at {light:.3g} °C and the dark frames at {dark:.3g} °C, as the frames state: "
+            f"the dark current that is subtracted is not that of the flat fields. PRNU contains the difference, and "
+            f"the responsivity its mean; take both at one temperature",
+            light - dark,
+        )
+
+
+CHECKS = (
+    Check("set", 10, same_sensor),
+    Check("set", 20, usable_groups),
+    Check("set", 30, kinds_at_one_temperature),
+)

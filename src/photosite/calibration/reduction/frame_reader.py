@@ -21,6 +21,7 @@ from photosite.calibration.reduction.frame_screening import NEAR_COPY_FRAME, NO_
 from photosite.calibration.reduction.group_screening import Screening, screen_frames
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
+from photosite.calibration.reduction.turned_frames import MOST_COMPARED, TURNED_FRAME, how_turned, middle
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.lazy_maps import is_large
 from photosite.engine.process import return_large_arrays
@@ -241,12 +242,15 @@ class FrameReader:
         if self._large:
             return_large_arrays()
 
-    def leave_out_groups(self, groups: Sequence[FrameGroup], kind: DiagnosticKind, reason: str) -> None:
+    def leave_out_groups(self, reasons: Sequence[tuple[FrameGroup, DiagnosticKind, str]]) -> None:
         """Leave groups that were read out of the frames, and announce that the others will be read again."""
+        groups = [group for group, _, _ in reasons]
         unwanted = {id(group) for group in groups}
         sources = {id(source) for group in groups for source in group.frames}
         left = tuple(group for group in self.frames.groups if id(group) not in unwanted)
-        self.rejected += [kind(f"{source.name}: {reason}") for group in groups for source in self.used_sources(group)]
+        self.rejected += [
+            kind(f"{source.name}: {reason}") for group, kind, reason in reasons for source in self.used_sources(group)
+        ]
         for group in groups:
             del self.counts[id(group)]
         self.used_frames = [entry for entry in self.used_frames if id(entry.source) not in sources]
@@ -397,13 +401,30 @@ class FrameReader:
                     where=f"{self.frames.source}: {label}",
                     hint="Remove the broken frames, or correct what is listed as one setting",
                 )
-            reasons = [reason.within(f"{name} differs from the other {label}") for name, reason in named]
+            turned = self._turned(group, first, outliers)
+            reasons = [
+                TURNED_FRAME(f"{name} is {turned[place]} relative to the other {label}")
+                if place in turned
+                else reason.within(f"{name} differs from the other {label}")
+                for place, (name, reason) in zip(outliers, named, strict=True)
+            ]
             self._leave_out(first, outliers, reasons)
         if len(first.used) < before:
             self.expect(len(first.used))
             self._add(sums.clear(), self._read_ahead((group.frames[i], 0) for i in first.used), variance=variance)
         first.counts = counts
         first.screened, first.samples = True, []
+
+    def _turned(self, group: FrameGroup, first: FirstPass, outliers: Collection[int]) -> dict[int, str]:
+        """Return how outlier frames of a group are mirrored or rotated, by their place."""
+        others = [group.frames[i] for place, i in enumerate(first.used) if place not in outliers]
+        found = {place: self.how_turned([group.frames[first.used[place]]], others) for place in outliers}
+        return {place: how for place, how in found.items() if how is not None}
+
+    def how_turned(self, frames: Sequence[FrameSource], others: Sequence[FrameSource]) -> str | None:
+        """Return how frames are mirrored or rotated relative to others, or None; a few of each are read again."""
+        read = [[middle(each.read(), self.tile.shape) for each in part[:MOST_COMPARED]] for part in (frames, others)]
+        return how_turned(read[0], read[1], self.tile.shape)
 
     def _leave_out(self, first: FirstPass, places: Collection[int], reasons: Sequence[Diagnostic]) -> None:
         left = [place for place in range(len(first.used)) if place not in places]

@@ -25,6 +25,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader, ReplacedNu
 from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
+from photosite.calibration.reduction.turned_frames import TURNED_FRAME
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError
@@ -126,11 +127,10 @@ def reduce_frames(reader: FrameReader, survey: PixelSurvey | None = None) -> Red
     """
     reduction, samples = _reduce(reader, survey)
     if foreign := _foreign_groups(reader, reduction, samples):
-        reason = "its fixed pattern is not that of the other groups: another chip, or another readout"
-        reader.leave_out_groups(foreign, FOREIGN_FRAMES, reason)
+        reader.leave_out_groups([(group, *_reason_left_out(reader, group, foreign)) for group in foreign])
         reduction, _ = _reduce(reader, survey)
     if (wrong := find_wrong_exposure(reduction.darks)) is not None:
-        reader.leave_out_groups([reduction.darks[wrong.group].group], WRONG_DARK_EXPOSURE, str(wrong))
+        reader.leave_out_groups([(reduction.darks[wrong.group].group, WRONG_DARK_EXPOSURE, str(wrong))])
         reduction, _ = _reduce(reader, survey)
     return reduction
 
@@ -233,6 +233,18 @@ def _foreign_groups(
             )
         foreign += [entry.group for entry in others]
     return foreign
+
+
+def _reason_left_out(
+    reader: FrameReader, group: FrameGroup, foreign: Sequence[FrameGroup]
+) -> tuple[DiagnosticKind, str]:
+    """Return why a group with another fixed pattern is left out: it may be mirrored or rotated."""
+    usual = [other for other in reader.frames.of_kind(group.kind) if not any(other is each for each in foreign)]
+    nearest = min(usual, key=lambda other: abs(other.exposure_s - group.exposure_s))
+    how = reader.how_turned(reader.used_sources(group), reader.used_sources(nearest))
+    if how is not None:
+        return TURNED_FRAME, f"its group is {how} relative to the other {group.kind} frames"
+    return FOREIGN_FRAMES, "its fixed pattern is not that of the other groups: another chip, or another readout"
 
 
 def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction, dict[int, NDArray[np.float64]]]:

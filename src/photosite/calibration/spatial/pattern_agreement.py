@@ -9,9 +9,8 @@ state. Shading and the patterns of whole rows and columns are removed before.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -21,6 +20,7 @@ from scipy.special import ndtri
 from photosite.calibration.dark.dark_result import DarkResult
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.calibration.reduction.turned_frames import LEFT_TO_RIGHT, MIRRORED, turns
 from photosite.engine.jit import F64
 from photosite.engine.lazy_maps import Map
 
@@ -38,13 +38,6 @@ MOST_NOISE = 3.0
 
 _BOX = 9
 """Side of the square whose mean is subtracted, in pixels of a channel."""
-
-_MIRRORED: dict[str, Any] = {
-    "left and right": np.s_[:, ::-1],
-    "top and bottom": np.s_[::-1],
-    "left and right, and top and bottom": np.s_[::-1, ::-1],
-}
-"""Frames that may be mirrored among the others: how, and the index that undoes it."""
 
 _FAR = 6.0
 """Pixels farther than this, in standard deviations, do not count: a few hot pixels must not decide."""
@@ -68,12 +61,12 @@ class Agreement:
 class Agreements:
     """The agreement of offsets and of dark currents, None where the frames do not show it.
 
-    `mirrored` tells which sides of the dark frames are exchanged, if they agree with the flat fields then.
+    `turned` tells how the dark frames are mirrored or rotated relative to the flat fields, if they agree then.
     """
 
     offsets: Agreement | None = None
     rates: Agreement | None = None
-    mirrored: str = ""
+    turned: str = ""
 
 
 NOT_COMPARED = Agreements()
@@ -114,25 +107,14 @@ class PixelLines:
         if dark.mean is None or dark.clipped is not None or dark.noise_unknown or dark.rounding_shows:
             return NOT_COMPARED
         offsets: list[_Moments] = []
-        mirrored: dict[str, list[_Moments]] = {name: [] for name in _MIRRORED}
         rates: list[_Moments] = []
-        for channel in channels:
-            seconds = [
-                sum(weight * lights[group].group.exposure_s for group, weight in weights[channel.index].items())
-                for weights in self._weights
-            ]
-            if not self._weights[1][channel.index]:
-                continue
+        for channel, seconds in self._compared(channels, lights):
             known = dark.at(seconds[0])
             assert known is not None
             pattern = known.mean[self._rows]
             for site in np.argwhere(self._tile == channel.index):
                 flat, noise = self._plane(self._sums[0], site), known.noise[channel.index].pixel.value
-                own = self._plane(pattern, site)
-                offsets.append(_Moments.of(flat, own, 1.0, noise))
-                if self._tile.size == 1:
-                    for name, turn in _MIRRORED.items():
-                        mirrored[name].append(_Moments.of(flat, own[turn], 1.0, noise))
+                offsets.append(_Moments.of(flat, self._plane(pattern, site), 1.0, noise))
                 if dark.slope_map is not None and seconds[1] != 0.0:
                     parts = dark.mean.noise[channel.index]
                     whole = dark.slope_map.noise(dark.slope_map.coefficients, channel.index).value
@@ -141,11 +123,40 @@ class PixelLines:
                     rates.append(_Moments.of(self._plane(self._sums[1], site), rate, seconds[1], noise))
         found = Agreements(_agreement(offsets), _agreement(rates))
         if found.offsets is not None and found.offsets.refuted:
-            for name, moments in mirrored.items():
-                other = _agreement(moments)
-                if other is not None and not other.refuted and other.ratio > 1.0 - LEAST_DIFFERENCE:
-                    return replace(found, mirrored=name)
+            return replace(found, turned=self._how_turned(dark, channels, lights))
         return found
+
+    def _compared(
+        self, channels: Sequence[Channel], lights: Sequence[GroupStatistics]
+    ) -> Iterator[tuple[Channel, list[float]]]:
+        """Yield the channels with lines, and the exposure times of their values at no light and of their slopes."""
+        times = [entry.group.exposure_s for entry in lights]
+        for channel in channels:
+            weights = [each[channel.index] for each in self._weights]
+            if weights[1]:
+                yield channel, [sum(weight * times[group] for group, weight in each.items()) for each in weights]
+
+    def _how_turned(self, dark: DarkResult, channels: Sequence[Channel], lights: Sequence[GroupStatistics]) -> str:
+        """Return how the dark frames must be mirrored or rotated to agree with the flat fields, "" if none helps."""
+        assert dark.mean is not None
+        shape = dark.mean.mean.shape
+        first, last, _ = self._rows.indices(shape[0])
+        for name, turn in turns(shape).items():
+            if name not in MIRRORED and (first, last) != (0, shape[0]):
+                continue
+            moments = []
+            for channel, seconds in self._compared(channels, lights):
+                known = dark.at(seconds[0])
+                assert known is not None
+                rows = self._rows if name == LEFT_TO_RIGHT else slice(shape[0] - last, shape[0] - first)
+                pattern = np.asarray(turn(known.mean[rows]), np.float64)
+                for site in np.argwhere(self._tile == channel.index):
+                    flat, noise = self._plane(self._sums[0], site), known.noise[channel.index].pixel.value
+                    moments.append(_Moments.of(flat, self._plane(pattern, site), 1.0, noise))
+            found = _agreement(moments)
+            if found is not None and not found.refuted and found.ratio > 1.0 - LEAST_DIFFERENCE:
+                return name
+        return ""
 
     def _plane(self, values: F64, site: NDArray[np.int64]) -> F64:
         """Return the pattern of a site of the tile, without shading and without that of whole rows and columns."""

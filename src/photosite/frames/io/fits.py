@@ -1,9 +1,10 @@
 """Frames in FITS (version 4.0), read by astropy: the extra `fits`.
 
 Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes. Unsigned numbers are stored minus
-BZERO, 2^15 or 2^31, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
-Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF, YBAYROFF and ROWORDER.
-The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in the order in which they are stored.
+BZERO, 2^15 or 2^31, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP or
+SET-TEMP (degrees Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF,
+YBAYROFF and ROWORDER. The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in the order in
+which they are stored.
 """
 
 from __future__ import annotations
@@ -215,7 +216,7 @@ def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHea
     border = light.border(size)
     metadata = {
         "gain_setting": keywords.number("ISO", "ISOSPEED", "GAIN"),
-        "temperature_c": keywords.number("CCD-TEMP"),
+        "temperature_c": keywords.number("CCD-TEMP", "SET-TEMP"),
         "camera": keywords.text("INSTRUME"),
         "kind": kinds.pop() if len(kinds) == 1 else None,
         "image_type": image_type,
