@@ -84,3 +84,18 @@ def test_pixels_of_many_phases_reduce_the_uncertainty():
     assert rounding_uncertainty(0.2, 1e-3, 1.0)[1] < 0.15 * rounding_uncertainty(0.2, 1e-3, 0.0)[1]
     assert remaining_fraction(-1.0) == 1.0
     assert 0.0 < remaining_fraction(100.0) < remaining_fraction(0.01) < 1.0
+
+
+@pytest.mark.parametrize("black", [4.3, 4.4, 4.47, 4.5, 4.6])
+def test_rounding_between_two_numbers_enlarges_the_spread_of_dark_frames(black):
+    """A DSNU of 0.066 DN at a noise of 0.09 DN measures up to 0.23 DN."""
+    rng, frames = np.random.default_rng([9, round(100 * black)]), []
+    offset = rng.normal(black, 0.066, SHAPE)
+    for kind, electrons in (("dark", 0.0), *(("light", 1000.0 * i) for i in range(1, 9))):
+        for _ in range(8):
+            dn = offset + GAIN * rng.poisson(electrons, SHAPE) + rng.normal(0.0, 0.09, SHAPE)
+            frames.append((kind, 1e-3, np.clip(np.rint(dn), 0, 255).astype(np.uint16), 2.0 * electrons))
+    found = calibrate(FrameSet.from_arrays(frames, bits=8))
+    for estimate in (found.dsnu_e, found.dsnu1288_e):
+        low, high = estimate.interval_95
+        assert low < 0.066 / GAIN < high

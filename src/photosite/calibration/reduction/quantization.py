@@ -30,6 +30,12 @@ GRID_TOLERANCE = 0.005
 
 _TERMS = 60
 
+_AXES = np.linspace(0.0, 0.5, 101), np.linspace(0.02, 1.5, 297)
+"""Phases and noises of the grid, DN."""
+
+_NOTABLE_GAIN = 1.1
+"""Slope of the rounded mean, from 0.4 DN of noise down, above which the pixels' means differ less than measured."""
+
 
 def rounding_error(
     mean: float | NDArray[np.float64], sd: float | NDArray[np.float64]
@@ -51,8 +57,18 @@ def rounding_error(
 @lru_cache(maxsize=1)
 def _grid() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the variance before rounding, and the change of mean and variance, for all phases and noises."""
-    mean, sd = np.meshgrid(np.linspace(0.0, 0.5, 101), np.linspace(0.02, 1.5, 297))
+    mean, sd = np.meshgrid(*_AXES)
     return sd**2, *rounding_error(mean, sd)
+
+
+@lru_cache(maxsize=1)
+def _notable() -> tuple[NDArray[np.float64], ...]:
+    """Return the slope of the rounded mean against the mean, and the grid, where the slope is notable."""
+    mean, sd = np.meshgrid(*_AXES)
+    slope = np.ones(mean.shape)
+    for k in range(1, _TERMS + 1):
+        slope += 2.0 * (-1) ** k * np.exp(-2.0 * (math.pi * k * sd) ** 2) * np.cos(2.0 * math.pi * k * mean)
+    return tuple(each[slope > _NOTABLE_GAIN] for each in (slope, *_grid()))
 
 
 def remaining_fraction(spatial_variance: float) -> float:
@@ -118,7 +134,19 @@ def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: 
     apart = np.abs(before + left * variance_error - analog)
     possible = apart <= max(GRID_TOLERANCE + 2.0 * uncertainty, float(apart.min()))
     mean, wide = (float(np.abs(of[possible]).max()) / math.sqrt(2.0) for of in (mean_error, variance_error))
-    return left * mean, left * wide, mean
+    return left * mean, left * wide, max(mean, _pixel_error(analog, uncertainty, spatial_variance))
+
+
+def _pixel_error(analog: float, uncertainty: float, spatial_variance: float) -> float:
+    """Return the uncertainty of a pixel's mean where rounding between two whole numbers enlarges the spread of means.
+
+    The spread before rounding is the measured one over the slope of the rounded mean.
+    """
+    gain, before, mean_error, variance_error = _notable()
+    spatial = max(spatial_variance, 1e-9) / gain**2
+    left = np.minimum(np.maximum(np.exp(-2.0 * math.pi**2 * spatial), 1.0 / np.sqrt(12.0 * math.pi**2 * spatial)), 1.0)
+    possible = np.abs(before + left * variance_error - analog) <= GRID_TOLERANCE + 2.0 * uncertainty
+    return float(np.abs(mean_error[possible]).max(initial=0.0)) / math.sqrt(2.0)
 
 
 def with_rounding(variance: Uncertain, pixel_error: float) -> Uncertain:
