@@ -133,3 +133,9 @@ def test_a_variance_that_does_not_grow_is_withheld_where_the_level_falls():
     clamped = Uncertain.of(5.0, 0.5)  # black level clamping: the dark current shows in the variance only
     assert screen_variance_slope(clamped, fallen) is clamped
     assert screen_variance_slope(Uncertain.of(1.0, 0.5), Uncertain.of(1.0, 0.5)).value == 1.0
+
+
+def test_two_levels_that_scatter_by_chance_are_not_named():
+    """2.4 standard uncertainties with one degree of freedom: one clean set in 60."""
+    found = calibrate(measurement(levels=(1000.0, 2000.0), seed=5))
+    assert "scattered-photon-transfer" not in limits(found)

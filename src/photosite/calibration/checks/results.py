@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from scipy.special import chdtri
+
 from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.effects.em_gain import STATED_EM_GAIN, stated_gain_warning
@@ -21,7 +23,7 @@ from photosite.calibration.withheld import (
     RESPONSE,
     UNKNOWN_DARK_CURRENT,
 )
-from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
 from photosite.values.uncertain import Missing, Uncertain
 
 
@@ -114,7 +116,10 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
 
 
 LARGEST_SCATTER = 4.0
-"""Chi square per degree of freedom of the photon transfer above which a warning is given."""
+"""Chi square per degree of freedom of the photon transfer above which a warning is given, unless by chance."""
+
+SCATTER_P_VALUE = 1e-4
+"""Fraction of clean sets whose temporal variances may scatter as far."""
 
 SCATTERED_TRANSFER = DiagnosticKind(
     "scattered-photon-transfer",
@@ -124,6 +129,7 @@ SCATTERED_TRANSFER = DiagnosticKind(
     "Look for levels that differ in the plot of the photon transfer.",
     ("system_gain_dn_per_e", "*_e", "*_e_per_s"),
     "root of chi square per degree of freedom",
+    f"below {one_in(SCATTER_P_VALUE)} clean sets",
 )
 
 
@@ -132,11 +138,9 @@ def variances(evidence: Evidence) -> Iterator[Diagnostic]:
     if not evidence.light.channels:
         return
     fit = None if isinstance(evidence.light.gain, Missing) else evidence.light.gain_fit
-    if (
-        fit is not None
-        and fit.degrees_of_freedom
-        and (scatter := fit.chi_square / fit.degrees_of_freedom) > LARGEST_SCATTER
-    ):
+    freedom = 0 if fit is None else fit.degrees_of_freedom
+    if fit and freedom and fit.chi_square > max(LARGEST_SCATTER * freedom, chdtri(freedom, SCATTER_P_VALUE)):
+        scatter = fit.chi_square / freedom
         yield SCATTERED_TRANSFER(
             f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
             f"uncertainties were widened accordingly",
