@@ -263,47 +263,44 @@ def _percent_of_dark(slope: Value) -> Value:
     return 100.0 / slope
 
 
-def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
-    """Return the read noise, multiplied by a scale; only its upper limit where quantization hides it."""
-    dark, found = m.dark_variance, _deviation(m.read_variance, scale, method)
-    least = least_dark_variance(m)
+def _measurable(m: Measurements, found: Estimate, scale: Value, *, standard: bool = False) -> Estimate:
+    """Return the noise of a dark frame, multiplied by a scale; only its upper limit where quantization hides it.
+
+    The limit of the standard is the same for all such sensors; else a larger one of the interval is taken.
+    """
+    dark, least = m.dark_variance, least_dark_variance(m)
     if not isinstance(dark, Uncertain) or dark.value >= least or found.value is None:
         return found
     assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
-    limit = max(math.sqrt(least - QUANTIZATION_DN2) * scale.value, found.interval_95[1])
+    limit = math.sqrt(least - QUANTIZATION_DN2) * scale.value
+    if not standard:
+        limit = max(limit, found.interval_95[1])
     return Estimate(
         reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization "
-        f"hides the read noise; its 95 % upper limit is {limit:.3g}",
+        f"hides the noise; its 95 % upper limit is {limit:.3g}",
         upper_limit_95=limit,
-        method=method,
+        method=found.method,
         reason_id=HIDDEN_NOISE.id,
     )
 
 
+def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
+    """Return the read noise, multiplied by a scale."""
+    return _measurable(m, _deviation(m.read_variance, scale, method), scale)
+
+
 def _line_noise(m: Measurements, variance: Value, scale: Value) -> Estimate:
-    """Return the noise that the pixels of a line share, multiplied by a scale; missing where quantization hides it."""
+    """Return the noise that the pixels of a line share, multiplied by a scale."""
     method = "what the pixels of a line share in a dark frame and not in the next: two-way analysis of variance"
-    dark, least = m.dark_variance, least_dark_variance(m)
-    if isinstance(dark, Uncertain) and dark.value < least and isinstance(variance, Uncertain):
-        why = (
-            f"the dark temporal variance, {dark.value:.3g} DN², is below {least:.3g} DN²: quantization hides the noise"
-        )
-        return Estimate(reason=f"{why} of rows and columns", method=method, reason_id=HIDDEN_NOISE.id)
-    return _deviation(variance, scale, method)
+    return _measurable(m, _deviation(variance, scale, method), scale)
 
 
-def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
+def _temporal_dark_noise(m: Measurements, per_e: Value, *, standard: bool) -> Estimate:
     method = (
         f"dark temporal variance at {m.dark_exposure}{_clipping_note(m)}, less 1/12 DN² (EMVA 1288 R4.0, dark noise)"
     )
-    result = _deviation(derive(lambda v: v - QUANTIZATION_DN2, m.dark_variance), per_e, method)
-    if isinstance(m.dark_variance, Missing) or isinstance(per_e, Missing):
-        return result
-    if m.dark_variance.value >= (least := least_dark_variance(m)):
-        return result
-    assert result.interval_95
-    limit = max(math.sqrt(least - QUANTIZATION_DN2) * per_e.value, result.interval_95[1])
-    return replace(result, upper_limit_95=limit)
+    noise = derive(lambda v: v - QUANTIZATION_DN2, m.dark_variance)
+    return _measurable(m, _deviation(noise, per_e, method), per_e, standard=standard)
 
 
 def _clipping_note(m: Measurements) -> str:
@@ -340,17 +337,23 @@ def saturated_electrons(m: Measurements) -> Value:
     return derive(lambda top, black, k: (top - black) / k * m.saturation_stretch, *inputs)
 
 
-def _threshold_e(dark_variance: Value, gain: Value) -> Value:
-    """Return the electrons at SNR 1, quantization included: sqrt(var / K^2 + 1/4) + 1/2."""
-    if isinstance(dark_variance, Uncertain) and dark_variance.value < 0.0:
-        return NEGATIVE_DARK_VARIANCE.missing(
-            "the dark temporal variance is negative at exposure zero; take shorter dark frames"
-        )
-    return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)
+def _threshold_e(m: Measurements) -> tuple[Value, str]:
+    """Return the electrons at SNR 1, quantization included: sqrt(var / K^2 + 1/4) + 1/2; and what stands for var.
+
+    Where quantization hides the noise, it is the least variance that can be measured, as EMVA 1288 has it.
+    """
+    dark, least, text = m.dark_variance, least_dark_variance(m), "dark variance"
+    if isinstance(dark, Uncertain) and dark.value < least:
+        if dark.value < 0.0 and dark.standard_uncertainty > least:
+            return NEGATIVE_DARK_VARIANCE.missing(
+                "the dark temporal variance is negative at exposure zero; take shorter dark frames"
+            ), text
+        dark, text = Uncertain(least), f"{least:.3g} DN², the least dark variance that can be measured,"
+    return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark, m.gain), text
 
 
 def _emva(m: Measurements, per_e: Value, *, standard: bool) -> dict[str, Estimate]:
-    threshold_e = _threshold_e(m.dark_variance, m.gain)
+    threshold_e, noise = _threshold_e(m)
     efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
     at_saturation = derive(lambda r, k: r / k, m.saturation_responsivity, m.gain)
     electrons, photons, measurement = (_standard_capacity if standard else _capacity)(m, at_saturation)
@@ -367,7 +370,7 @@ def _emva(m: Measurements, per_e: Value, *, standard: bool) -> dict[str, Estimat
         ),
         "sensitivity_threshold_photons": (
             derive(lambda e, q: e / q, threshold_e, efficiency),
-            "photons at SNR 1: (sqrt(dark variance / K² + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
+            f"photons at SNR 1: (sqrt({noise} / K² + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
         ),
     }
     by_saturation = {
@@ -382,7 +385,7 @@ def _emva(m: Measurements, per_e: Value, *, standard: bool) -> dict[str, Estimat
     return {
         **{name: Estimate.of(value, m.method(text, "responsivity")) for name, (value, text) in by_response.items()},
         **{name: Estimate.of(value, m.method(text, measurement)) for name, (value, text) in by_saturation.items()},
-        "temporal_dark_noise_e": _temporal_dark_noise(m, per_e),
+        "temporal_dark_noise_e": _temporal_dark_noise(m, per_e, standard=standard),
     }
 
 

@@ -95,9 +95,13 @@ HIDDEN_NOISE = DiagnosticKind(
     "warning",
     "The temporal variance of the dark frames is below 0.24 DN² (EMVA 1288).",
     "Quantization hides the read noise: only its upper limit is known. Rounding errors were added to the uncertainties "
-    "of DSNU, black level, dark current, DCNU and system gain.",
+    "of DSNU, black level, dark current and DCNU. The system gain comes from the flat fields, with a free constant; "
+    "the standard's, in the block `emva1288`, does not.",
     "Use a higher gain setting.",
-    ("system_gain_dn_per_e", "read_noise_*", "row_noise_*", "column_noise_*", "dsnu*", "black_level_dn", *DARK_CURRENT),
+    (
+        *("system_gain_dn_per_e", "read_noise_*", "temporal_dark_noise_e", "row_noise_*", "column_noise_*"),
+        *("dsnu*", "black_level_dn", *DARK_CURRENT),
+    ),
     "dark temporal variance, DN²",
     "none: it is the standard's rule",
 )

@@ -151,7 +151,8 @@ def variances(evidence: Evidence) -> Iterator[Diagnostic]:
         yield HIDDEN_NOISE(
             f"the dark temporal variance, {variance.value:.3g} DN², is below {least:.3g} DN²: "
             f"quantization hides the read noise; use its upper limit; rounding errors, which may be large, were added "
-            f"to the uncertainties of DSNU, black level, dark current, DCNU and system gain",
+            f"to the uncertainties of DSNU, black level, dark current and DCNU; the system gain comes from the flat "
+            f"fields, with a free constant, but not that of the emva1288 block",
             variance.value,
         )
 

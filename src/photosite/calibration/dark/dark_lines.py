@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 SCATTER_P_VALUE = 0.001
 """Fraction of ideal measurements whose dark variances may be reported to scatter beyond their sampling."""
 
+EVEN_DARK_NOISE_DN = 0.45
+"""Dark noise before rounding from which rounding changes a dark variance by less than 0.02 DN^2 at any mean."""
+
 SAME_EXPOSURE = 1e-6
 """Relative difference up to which two exposure times are equal."""
 
@@ -28,6 +31,11 @@ SAME_EXPOSURE = 1e-6
 def same_exposure(exposure_s: ArrayLike, other_s: ArrayLike) -> NDArray[np.bool_]:
     """Return whether exposure times are equal except for rounding."""
     return np.asarray(np.isclose(exposure_s, other_s, rtol=SAME_EXPOSURE, atol=0.0))
+
+
+def shifts_with_mean(variance: ArrayLike) -> bool:
+    """Return whether rounding makes the smallest of some dark variances, DN^2, depend on the mean."""
+    return bool(np.min(variance, initial=math.inf) < EVEN_DARK_NOISE_DN**2 + QUANTIZATION_DN2)
 
 
 @dataclass(frozen=True)
@@ -86,10 +94,15 @@ class DarkLine:
         design, shared_covariance = _design(exposure_s), np.outer(shared, shared)
         fit = fit_linear(design, y, np.diag(variance) + shared_covariance)
         expected = design @ fit.parameters
-        if points and (expected > 0.0).all():
+        if points and (expected > 0.0).all() and (y > 0.0).all():
             variance = variance * (expected / y) ** 2
             fit = fit_linear(design, y, np.diag(variance) + shared_covariance)
         return cls(exposure_s, y, variance, fit, shared, tuple(points), differing)
+
+    @property
+    def depends_on_mean(self) -> bool:
+        """Whether rounding makes these variances depend on the means of their levels."""
+        return not self.reason and shifts_with_mean(self.y)
 
     @property
     def covariance(self) -> Array:
@@ -234,11 +247,12 @@ class DarkLines:
         own = np.array([level.mean_variance for level in levels])
         corrected = np.array([level.shared_mean > 0.0 for level in levels])
         best_known = min((level for level in levels if level.repeated), key=lambda level: level.variance_uncertainty)
+        # The same for all: with unequal fractions of one cause the fit would use their difference.
+        shown = [level for level in levels if level.repeated] if shifts_with_mean(temporal) else [best_known]
         shared_means, shared_variances = (
             np.array([getattr(level, f"shared_{name}") for level in levels])
             if corrected.any()
-            # The same for all: with unequal fractions of one cause the fit would use their difference.
-            else np.full(len(levels), getattr(best_known, f"rounding_{name}"))
+            else np.full(len(levels), max(getattr(level, f"rounding_{name}") for level in shown))
             for name in ("mean", "variance")
         )
         y = np.array([level.mean for level in levels])
@@ -247,7 +261,7 @@ class DarkLines:
             if corrected.any()
             else differing_fraction(y / best_known.step, best_known.rounding_pixel / best_known.step)
         )
-        sampling = np.where(corrected, own, temporal / samples) + moved
+        sampling = np.where(corrected, own, np.maximum(temporal, uncertainty) / samples) + moved
         mean = DarkLine.through(t, y, sampling, shared_means, differing=differing)
         noise = DarkLine.through(
             t[repeated],

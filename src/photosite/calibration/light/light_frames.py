@@ -20,7 +20,14 @@ from photosite.calibration.photon_transfer.knees import check_knees
 from photosite.calibration.photon_transfer.level_outliers import LightOutlier, find_light_outliers
 from photosite.calibration.photon_transfer.noise_covariance import SharedNoise
 from photosite.calibration.photon_transfer.noise_structure import NoiseStructure, without_flicker
-from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value, light_levels
+from photosite.calibration.photon_transfer.photon_transfer import (
+    GainFit,
+    LightLevels,
+    fit_gain,
+    gain_value,
+    light_levels,
+    with_rounded_darks,
+)
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
 from photosite.calibration.photon_transfer.response_shape import TONE_CURVE, ToneCurve, find_tone_curve
 from photosite.calibration.photon_transfer.without_darks import brighter_fatter, straightening
@@ -163,16 +170,19 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     """Return the gains and curves that fit some channels."""
     if (why := _no_photon_transfer(channels)) is not None:
         return LightResult(tuple(channels), None, why, why, NoiseStructure())
-    levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
+    plain, used = [channel.levels for channel in channels], [channel.used for channel in channels]
+    levels = _with_rounded_darks(channels)
+    alike = shared is None and all(a is b for a, b in zip(levels, plain, strict=True))
     factor: Value = Uncertain(1.0)
     if shared is not None:
         levels, factor = shared.summed_covariances(levels, [channel.index for channel in channels])
+    of_single: Value = factor if isinstance(factor, Missing) else Uncertain(1.0)
     bend: Value | None = None
     if channels[0].dark.mean.reason:
         bends = [straightening(*each) for each in zip(levels, used, strict=True)]
         bend = max(bends, key=lambda found: math.inf if isinstance(found, Missing) else found.standard_uncertainty)
         if isinstance(bend, Missing) or bend.parts:
-            factor = derive(lambda a, b: a * b, factor, bend)
+            factor, of_single = (derive(lambda a, b: a * b, each, bend) for each in (factor, of_single))
         else:
             bend = None
     line, bent = fit_gain(levels, used), None
@@ -182,19 +192,12 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
         return LightResult(tuple(channels), line, bent, bent, NoiseStructure())
     if bent is None and channels[0].dark.mean.reason:
         shared_by_charge = brighter_fatter(levels, used)
-        factor = derive(lambda a: a * shared_by_charge, factor)
-
-    def times_factor(gain: Value) -> Value:
-        if isinstance(factor, Missing):
-            return factor
-        return derive(lambda k: k * factor, gain) if factor.parts else gain
-
-    gain = straight = times_factor(gain_value(line))
+        factor, of_single = (derive(lambda a: a * shared_by_charge, each) for each in (factor, of_single))
+    gain = line_gain = straight = _times(gain_value(line), factor)
     if bent is not None:
-        gain = times_factor(gain_value(bent.fit, bent.gain))
-    line_gain = straight
-    if shared is not None:  # the standard's variances are those of single pixels
-        line_gain = times_factor(gain_value(fit_gain([channel.levels for channel in channels], used)))
+        gain = _times(gain_value(bent.fit, bent.gain), factor)
+    if not alike:  # the standard takes the variances of single pixels, and those of the dark frames as they are
+        line_gain = _times(gain_value(fit_gain(plain, used)), of_single)
     if bent is None or isinstance(gain, Missing):
         return LightResult(
             tuple(channels),
@@ -208,6 +211,27 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     curves = (replace(curve, gain=gain) for curve in bent.curves)
     curved = tuple(replace(channel, curve=curve) for channel, curve in zip(channels, curves, strict=True))
     return LightResult(curved, bent.fit, gain, line_gain, NoiseStructure(), straight_gain=straight)
+
+
+def _with_rounded_darks(channels: Sequence[Channel]) -> list[LightLevels]:
+    """Return the levels of some channels, with one dark variance where rounding makes the measured ones differ."""
+    levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
+    if not any(channel.dark.variance.depends_on_mean for channel in channels):
+        return levels
+    for _ in range(3):  # the shot noise of the dark signal needs the gain
+        line = fit_gain(levels, used)
+        if line is None:
+            break
+        gain = float(line.parameters[0])
+        levels = [with_rounded_darks(channel.levels, channel.dark, gain) for channel in channels]
+    return levels
+
+
+def _times(gain: Value, factor: Value) -> Value:
+    """Return a gain with a factor; an exact one is 1."""
+    if isinstance(factor, Missing):
+        return factor
+    return derive(lambda k: k * factor, gain) if factor.parts else gain
 
 
 def _no_photon_transfer(channels: Sequence[Channel]) -> Missing | None:

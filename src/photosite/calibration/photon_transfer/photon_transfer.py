@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
-from photosite.calibration.reduction.groups import CLIPPED_FRACTION, LEAST_DARK_VARIANCE, GroupStatistics
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.withheld import NO_PHOTON_TRANSFER, NO_SATURATION, SINGLE_FLATS
 from photosite.values.block_diagonal import block_diagonal
 from photosite.values.uncertain import Source, Uncertain, Value, combined
@@ -24,10 +24,6 @@ LINEAR_FRACTION = 0.7
 
 FALLEN_FRACTION = 0.8
 """A brighter level with a shot variance below this fraction of the largest shows that the maximum is passed."""
-
-ROUNDED_CONSTANT_DN2 = 0.25
-"""Largest variance of rounded numbers without noise, half of which round up: where noise is hidden, the variance of
-each dark level may be off by it, and those of the flat fields by a constant."""
 
 NOT_REACHED = NO_SATURATION.missing(
     "no flat field reached saturation; take flat fields up to the level where they stop getting brighter"
@@ -151,7 +147,6 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
     dark_covariance = dark.mean.covariance + np.diag((dark.mean.differing * dark.mean.shared) ** 2)
-    hidden = not dark.variance.reason and dark.variance.y.min(initial=math.inf) < LEAST_DARK_VARIANCE
     return LightLevels(
         abscissa="photons_per_pixel" if known else "exposure_s",
         x=x[order],
@@ -160,8 +155,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         signal_covariance=np.diag(sampling + each("rounding_mean") ** 2) + take_mean @ dark_covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
         shot_covariance=np.diag(spread**2 + each("rounding_variance") ** 2)
-        + take_variance @ dark.variance.covariance @ take_variance.T
-        + hidden * ROUNDED_CONSTANT_DN2**2 * (1.0 + take_variance @ take_variance.T),
+        + take_variance @ dark.variance.covariance @ take_variance.T,
         noise=variance,
         noise_uncertainty=spread,
         dark_noise=dark.variance.points,
@@ -273,6 +267,28 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
         return Uncertain.of(float(white)), method
     reason = "no flat field is clipped; take flat fields up to the level where they stop getting brighter"
     return NO_SATURATION.missing(reason), "fully clipped flat fields"
+
+
+def with_rounded_darks(levels: LightLevels, dark: DarkLines, gain: float) -> LightLevels:
+    """Return the levels less the smallest dark variance and, beyond it, the shot noise of the dark signal.
+
+    Where rounding makes the variance of a dark level depend on its mean, an interpolation between dark levels has
+    errors that differ from flat field to flat field. Flat fields have noise enough, so that the dark variance in them
+    is that of any dark level up to its error from rounding, and the shot noise of the difference of dark signals,
+    `gain` times it. All flat fields share the error: a fit finds it from them.
+    """
+    variance, place = dark.variance, int(np.argmin(dark.variance.y))
+    least = dark.mean.weights_at(variance.exposure_s[[place]]) @ dark.mean.y
+    fraction = np.zeros_like(levels.dark_fraction)
+    fraction[:, place] = 1.0
+    return replace(
+        levels,
+        shot=levels.noise - variance.y[place] - gain * (levels.mean - levels.signal - least),
+        shot_covariance=levels.shot_covariance
+        - levels.dark_fraction @ variance.covariance @ levels.dark_fraction.T
+        + fraction @ variance.covariance @ fraction.T,
+        dark_fraction=fraction,
+    )
 
 
 def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.bool_]:

@@ -77,6 +77,9 @@ def _numbers_of(source: FrameSource, own: _Places, other: _Places) -> NDArray[np
 _BATCH_FRAMES, _BATCH_BYTES = 12, 240 << 20
 """Frames added to the sums in one pass, and their memory limit."""
 
+EQUAL_NUMBERS = 0.99
+"""Fraction of equal pixels in a frame from which another frame may equal it by chance."""
+
 _STRIP_BYTES = 4 << 20
 """Bytes of a frame that `FrameReader.each_in_strips` reads at a time."""
 
@@ -547,13 +550,26 @@ class FrameReader:
         """Return the name of an earlier frame of the group with the same pixels; the samples are compared first."""
         digest = hashlib.sha256(sample.tobytes()).hexdigest()
         candidates = [group.frames[i] for i, other in zip(first.used, first.digests, strict=True) if other == digest]
-        # Clipped frames may repeat; any other two differ by their noise.
-        if candidates and self._clipped_fraction(dn := read.dn_values(), group) <= 0.5:
+        # Frames that are clipped, or whose noise is far below a digital number, may repeat; any other two differ.
+        if (
+            candidates
+            and self._clipped_fraction(dn := read.dn_values(), group) <= 0.5
+            and self._equal_fraction(dn) < EQUAL_NUMBERS
+        ):
             for candidate in candidates:
                 if np.array_equal(self._checked(candidate).dn_values(), dn):
                     return candidate.name
         first.digests.append(digest)
         return None
+
+    def _equal_fraction(self, dn: NDArray[np.unsignedinteger]) -> float:
+        """Return the fraction of pixels at the most frequent number of their channel."""
+        height, width = self.tile.shape
+        equal = 0
+        for label in range(int(self.tile.max()) + 1):
+            parts = [dn[r::height, c::width].ravel() for r, c in np.argwhere(self.tile == label)]
+            equal += int(np.bincount(np.concatenate(parts)).max())
+        return equal / dn.size
 
     def _clipped_fraction(self, dn: NDArray[np.unsignedinteger], group: FrameGroup) -> float:
         """Return the fraction of pixels at 0, or of a flat field's at the highest number of the channel."""

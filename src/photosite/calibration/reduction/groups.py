@@ -107,6 +107,8 @@ class Level:
         if totals.frames > 1:
             variance = totals.pixel_variance
             uncertainty = math.sqrt(totals.variance_spread / totals.pixels)
+            if variance == 0.0:  # no number differs: the variance is below that of one that does
+                uncertainty = 1.0 / samples
             spread = math.sqrt(_spread_beyond_chance(totals) / totals.pixels)
             shift_variance = totals.frame_mean_variance - variance / totals.pixels
             shift = math.copysign(math.sqrt(abs(shift_variance)), shift_variance)
