@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,10 @@ def stack(
     seed: int,
     *,
     warmer: float = 1.0,
+    leak: float = 0.0,
+    dark_e_per_s: float = DARK_E_PER_S,
+    light_e_per_s: float = LIGHT_E_PER_S,
+    exposure_s: float | None = None,
     covered: int = 0,
     change: Change = lambda kind, numbers: numbers,
     cfa: Cfa = MONOCHROME,
@@ -33,24 +38,27 @@ def stack(
 ) -> FrameSet:
     """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs.
 
-    `of` makes one flat field of three.
+    `leak` is the light in the dark frames, e-/s; `exposure_s` that of all flat fields, whose light then changes. `of`
+    makes one flat field of three.
     """
     rng = np.random.default_rng([seed, 77])
     response = 1.0 + rng.normal(0.0, 0.01, shape)
     offset = rng.normal(0.0, DSNU_E, shape)
-    rate = DARK_E_PER_S * rng.lognormal(-0.125, 0.5, shape)
+    rate = dark_e_per_s * rng.lognormal(-0.125, 0.5, shape)
     response[:, shape[1] - covered :] = 0.0
 
-    def frame(kind: str, exposure_s: float) -> np.ndarray:
-        mean = rate * exposure_s * (warmer if kind == "light" else 1.0)
-        if kind == "light":
-            mean = mean + LIGHT_E_PER_S * exposure_s * response
+    colors = np.ones(shape) if cfa == MONOCHROME else np.tile([[0.6, 1.0], [1.0, 0.4]], (shape[0] // 2, shape[1] // 2))
+
+    def frame(kind: str, seconds: float) -> np.ndarray:
+        mean = rate * seconds if kind == "dark" else rate * (exposure_s or seconds) * warmer
+        mean = mean + (light_e_per_s if kind == "light" else leak) * seconds * response * colors
         electrons = rng.poisson(mean) + offset + rng.normal(0.0, READ_E, shape)
         return np.clip(np.rint(change(kind, GAIN * electrons + BLACK)), 0, 4095).astype(np.uint16)
 
-    taken = [("dark", t, frame("dark", t)) for t in DARK_S for _ in range(10)]
+    taken: list[tuple[Any, ...]] = [("dark", t, frame("dark", t)) for t in DARK_S for _ in range(10)]
     for t in (t for t in light_s for _ in range(6)):
-        taken.append(("light", t, frame("light", t) if of is None else of([frame("light", t) for _ in range(3)])))
+        dn = frame("light", t) if of is None else of([frame("light", t) for _ in range(3)])
+        taken.append(("light", t, dn) if exposure_s is None else ("light", exposure_s, dn, light_e_per_s * t))
     return FrameSet.from_arrays(taken, bits=12, cfa=cfa)
 
 
@@ -65,6 +73,23 @@ def test_flat_fields_at_another_temperature_are_named(warmer: float, cfa: Cfa) -
     found = sizes(stack(1, warmer=warmer, cfa=cfa))
     assert found["other-dark-current"] == pytest.approx(warmer, abs=0.12)
     assert "other-offsets" not in found
+
+
+@pytest.mark.parametrize("exposure_s", [None, 0.5], ids=["times", "one time"])
+def test_light_in_dark_frames_is_named_by_the_response_of_the_pixels(exposure_s: float | None) -> None:
+    """The size is the fraction of the dark signal that is light, to four standard errors; nothing else is blamed."""
+    light = {"light_e_per_s": 1e5, "light_s": tuple(0.1 * t for t in LIGHT_S), "exposure_s": exposure_s}
+    found = sizes(stack(1, leak=300.0, dark_e_per_s=100.0, **light))
+    assert found["light-in-darks"] == pytest.approx(0.75, abs=0.4)
+    assert "other-dark-current" not in found
+    assert "light-in-darks" not in sizes(stack(1, dark_e_per_s=100.0, **light))
+
+
+def test_light_in_dark_frames_is_named_by_its_colors() -> None:
+    found = calibrate(stack(1, leak=100.0, cfa=BAYER))
+    (entry,) = (entry for entry in found.diagnostics if entry.id == "light-in-darks")
+    assert entry.size == pytest.approx((1.0 - 0.4) / 2.0, abs=0.02)
+    assert "dark_current_e_per_s" in entry.parameters
 
 
 def mirrored(kind: str, numbers: np.ndarray) -> np.ndarray:
@@ -112,10 +137,10 @@ def test_columns_without_light_are_counted() -> None:
 
 @pytest.mark.parametrize("cfa", [MONOCHROME, BAYER], ids=["mono", "bayer"])
 def test_frames_of_one_state_agree(cfa: Cfa) -> None:
-    """Eight stacks: by chance, one of 300 runs of this test raises one of the two diagnostics."""
+    """Eight stacks: by chance, one of 300 runs of this test raises one of the diagnostics."""
     for seed in range(8):
         found = limits(calibrate(stack(10 + seed, cfa=cfa, shape=(64, 80))))
-        assert not {"other-offsets", "other-dark-current", "unlit-lines"} & set(found), seed
+        assert not {"other-offsets", "other-dark-current", "unlit-lines", "light-in-darks"} & set(found), seed
 
 
 def test_flat_fields_that_were_divided_are_named_by_their_saturated_pixels() -> None:

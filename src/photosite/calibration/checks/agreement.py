@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.evidence import Evidence
-from photosite.calibration.spatial.pattern_agreement import P_VALUE, Agreements
+from photosite.calibration.spatial.pattern_agreement import LIMIT, P_VALUE, Agreements
 from photosite.calibration.spatial.unlit_lines import UNLIT_LINES
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
+from photosite.values.uncertain import Uncertain
 
 OTHER_OFFSETS = DiagnosticKind(
     "other-offsets",
@@ -30,6 +31,47 @@ OTHER_DARK_CURRENT = DiagnosticKind(
     "dark current of the flat fields over that of the dark frames",
     f"below {one_in(P_VALUE)} sets",
 )
+LIT_DARKS = DiagnosticKind(
+    "light-in-darks",
+    "warning",
+    "The dark current has the pattern of the response to light, or differs between colors.",
+    "Light reached the dark frames: the dark current contains it. Pixels that differ in gain, and not in their "
+    "response to light, show the same pattern.",
+    "Cover the lens and the camera, and take the dark frames in the dark.",
+    ("dark_current_*", "dark_voltage_*", "responsivity_*", "quantum_efficiency_*"),
+    "fraction of the dark signal that is light",
+    f"below {one_in(P_VALUE)} sets",
+)
+
+OTHER_COLOR = 0.2
+"""Difference of the dark currents of two colors, relative to their mean, that no sensor has."""
+
+
+def light_in_darks(evidence: Evidence) -> Iterator[Diagnostic]:
+    """Light in the dark frames: by colors, or by the response of the pixels."""
+    slopes = {
+        name: m.dark_slope
+        for name, m in zip(evidence.reduction.names, evidence.dark.channels, strict=True)
+        if isinstance(m.dark_slope, Uncertain)
+    }
+    if len(slopes) > 1:
+        low, high = (pick(slopes, key=lambda name: slopes[name].value) for pick in (min, max))
+        more = slopes[high] - slopes[low]
+        if more.value > OTHER_COLOR * abs(slopes[high].value) and more.beyond(LIMIT):
+            yield LIT_DARKS(
+                f"the dark current is {slopes[high].value:.3g} DN/s in channel {high} and {slopes[low].value:.3g} DN/s "
+                f"in channel {low}: light reached the dark frames, and the dark current contains it",
+                more.value / slopes[high].value,
+            )
+            return
+    leak = evidence.patterns.agreements.leak
+    if leak is not None and leak.seen:
+        yield LIT_DARKS(
+            f"the dark current has the pattern of the response to light: {100 * leak.fraction.value:.2g} ± "
+            f"{100 * leak.fraction.standard_uncertainty:.1g} % of the dark signal is light that reached the dark "
+            f"frames, or comes from pixels that differ in gain",
+            leak.fraction.value,
+        )
 
 
 def patterns_agree(evidence: Evidence) -> Iterator[Diagnostic]:
@@ -41,10 +83,13 @@ def patterns_agree(evidence: Evidence) -> Iterator[Diagnostic]:
             f"of the dark frames: {_offset_cause(found)}; DSNU and PRNU are not those of one chip",
             offsets.ratio,
         )
-    if (rates := found.rates) is not None and rates.refuted:
+    lit = any(True for _ in light_in_darks(evidence))
+    if (rates := found.rates) is not None and rates.refuted and not lit:
         cause = (
             "the flat fields were warmer" if rates.ratio > 1.0 else "they were colder, or dark frames were subtracted"
         )
+        if rates.ratio > 1.0 and not (found.leak and found.leak.warmer):
+            cause += ", or light reached the dark frames"
         yield OTHER_DARK_CURRENT(
             f"the dark current of the pixels in the flat fields is {rates.ratio:.3g} ± {rates.uncertainty:.1g} times "
             f"that in the dark frames: {cause}; PRNU contains the difference",
@@ -70,4 +115,5 @@ def unlit_lines(evidence: Evidence) -> Iterator[Diagnostic]:
 CHECKS = (
     Check("result", 182, unlit_lines, linear=True),
     Check("result", 184, patterns_agree, linear=True),
+    Check("result", 186, light_in_darks, linear=True),
 )

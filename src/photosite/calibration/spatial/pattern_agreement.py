@@ -4,6 +4,12 @@ The flat fields of each pixel lie on a line over the amount of light. Its value 
 at the exposure time there, and its slope contains the dark current if the exposure time grows with the light. The
 regression of both on the pattern of the dark frames has the coefficient 1 where all frames are of one chip in one
 state. Shading and the patterns of whole rows and columns are removed before.
+
+The pattern of the dark current over the pixels and that of the response tell warmer flat fields from light in the dark
+frames: with response r, dark current d and light l in the dark frames, dark slopes are d + l r and flat fields a r + w
+d. A function of the dark slopes that is orthogonal to them has no covariance with a normal response nor with normal
+noise (Stein's lemma), but with the skewed dark current: the ratio of its covariances is w. The rest of the covariance
+of both is l a var(r).
 """
 
 from __future__ import annotations
@@ -23,9 +29,13 @@ from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.turned_frames import LEFT_TO_RIGHT, MIRRORED, turns
 from photosite.engine.jit import F64
 from photosite.engine.lazy_maps import Map
+from photosite.values.uncertain import Uncertain
 
 P_VALUE = 1e-4
 """Fraction of sets of one chip in one state that are reported."""
+
+LIMIT = -float(ndtri(0.5 * P_VALUE))
+"""Standard uncertainties that belong to it."""
 
 LEAST_DIFFERENCE = 0.3
 """Difference of the coefficient from 1 that matters: what is added or missing has 0 or 2, or a few degrees' 1.4."""
@@ -35,6 +45,12 @@ MOST_PIXELS = 1 << 18
 
 MOST_NOISE = 3.0
 """Variance of the noise over that of the pattern from which they are not compared."""
+
+LEAST_LEAK = 0.1
+"""Fraction of the dark signal that matters if it is light."""
+
+SAME_EXPOSURE = 1e-6
+"""Relative difference of the exposure times of flat fields that are one."""
 
 _BOX = 9
 """Side of the square whose mean is subtracted, in pixels of a channel."""
@@ -54,18 +70,41 @@ class Agreement:
     def refuted(self) -> bool:
         """Whether the coefficient differs from 1 beyond chance, and by enough to matter."""
         away = abs(self.ratio - 1.0)
-        return away > max(LEAST_DIFFERENCE, -float(ndtri(0.5 * P_VALUE)) * self.uncertainty)
+        return away > max(LEAST_DIFFERENCE, LIMIT * self.uncertainty)
+
+
+@dataclass(frozen=True)
+class Leak:
+    """Light in the dark frames: its fraction of their dark signal, and the dark current of the flat fields.
+
+    `warmth` is the dark current of the flat fields over that of the dark frames, whatever light is in these; None where
+    the flat fields do not show it.
+    """
+
+    fraction: Uncertain
+    warmth: Uncertain | None
+
+    @property
+    def seen(self) -> bool:
+        """Whether the fraction is above 0 beyond chance, and large enough to matter."""
+        return self.fraction.value > LEAST_LEAK and self.fraction.beyond(LIMIT)
+
+    @property
+    def warmer(self) -> bool:
+        """Whether the dark current of the flat fields is another beyond chance, light in the dark frames or not."""
+        return self.warmth is not None and (self.warmth - 1.0).beyond(3.0)
 
 
 @dataclass(frozen=True)
 class Agreements:
-    """The agreement of offsets and of dark currents, None where the frames do not show it.
+    """The agreement of offsets and of dark currents, and the light in dark frames; None where frames do not show it.
 
     `turned` tells how the dark frames are mirrored or rotated relative to the flat fields, if they agree then.
     """
 
     offsets: Agreement | None = None
     rates: Agreement | None = None
+    leak: Leak | None = None
     turned: str = ""
 
 
@@ -107,7 +146,9 @@ class PixelLines:
         if dark.mean is None or dark.clipped is not None or dark.noise_unknown or dark.rounding_shows:
             return NOT_COMPARED
         offsets: list[_Moments] = []
-        rates: list[_Moments] = []
+        rates: list[_RatePlane] = []
+        times = [entry.group.exposure_s for entry in lights]
+        varied = max(times) > (1.0 + SAME_EXPOSURE) * min(times)
         for channel, seconds in self._compared(channels, lights):
             known = dark.at(seconds[0])
             assert known is not None
@@ -119,9 +160,12 @@ class PixelLines:
                     parts = dark.mean.noise[channel.index]
                     whole = dark.slope_map.noise(dark.slope_map.coefficients, channel.index).value
                     noise = whole * parts.pixel.value / parts.total.value if parts.total.value > 0.0 else whole
-                    rate = self._plane(dark.slope_map.slopes.slopes[self._rows], site)
-                    rates.append(_Moments.of(self._plane(self._sums[1], site), rate, seconds[1], noise))
-        found = Agreements(_agreement(offsets), _agreement(rates))
+                    slopes = dark.slope_map.slopes.slopes[self._rows]
+                    own = self._site(slopes, site).mean(), self._site(self._sums[1], site).mean()
+                    maps = self._plane(slopes, site), self._plane(self._sums[1], site)
+                    rates.append(_RatePlane.of(*maps, noise, seconds[1] if varied else 0.0, *map(float, own)))
+        moments = [plane.moments() for plane in rates if plane.seconds != 0.0]
+        found = Agreements(_agreement(offsets), _agreement(moments), _leak(rates))
         if found.offsets is not None and found.offsets.refuted:
             return replace(found, turned=self._how_turned(dark, channels, lights))
         return found
@@ -158,9 +202,12 @@ class PixelLines:
                 return name
         return ""
 
+    def _site(self, values: F64, site: NDArray[np.int64]) -> F64:
+        return values[site[0] :: self._tile.shape[0], site[1] :: self._tile.shape[1]]
+
     def _plane(self, values: F64, site: NDArray[np.int64]) -> F64:
         """Return the pattern of a site of the tile, without shading and without that of whole rows and columns."""
-        plane = values[site[0] :: self._tile.shape[0], site[1] :: self._tile.shape[1]]
+        plane = self._site(values, site)
         plane = plane - _box_means(plane)
         plane -= plane.mean(axis=1, keepdims=True)
         return np.asarray(plane - plane.mean(axis=0))
@@ -200,3 +247,79 @@ def _agreement(moments: Sequence[_Moments]) -> Agreement | None:
         return None
     rest, square = (math.fsum(getattr(entry, name) for entry in moments) for name in ("rest", "square"))
     return Agreement(1.0 + rest / true, math.sqrt(square) / abs(true))
+
+
+WARMTH = 1.0
+"""Standard deviation of the dark current of flat fields over that of dark frames before the patterns are seen."""
+
+_NEAR = 3.0
+"""Dark slopes up to this many standard deviations count with their square, farther ones with that of the limit."""
+
+
+@dataclass(frozen=True)
+class _RatePlane:
+    """Patterns of dark slopes and of the slopes of flat fields over the light, for the pixels of a site of the tile."""
+
+    dark: F64
+    flat: F64
+    skew: F64  # function of the dark slopes that has no covariance with normal numbers in them
+    noise: float  # variance of the noise of the dark slopes
+    seconds: float  # exposure time for each unit of light; 0 where it is the same for all light
+    rate: float  # mean dark slope
+    light: float  # mean slope of the flat fields without the dark current
+
+    @classmethod
+    def of(cls, dark: F64, flat: F64, noise: float, seconds: float, rate: float, slope: float) -> _RatePlane:
+        spread = 1.4826 * float(np.median(np.abs(dark)))
+        near = np.abs(dark) <= _FAR * spread
+        dark, flat = (each[near] - each[near].mean() for each in (dark, flat))
+        inside = np.abs(dark) < _NEAR * spread
+        square = np.minimum(dark**2, (_NEAR * spread) ** 2)
+        skew = square - square.mean() - float(np.where(inside, 2.0 * dark, 0.0).mean()) * dark
+        left = noise * (1.0 - 1.0 / _BOX**2)
+        return cls(dark, flat, skew / max(spread**2, 1e-300), left, seconds, rate, slope - seconds * rate)
+
+    def moments(self) -> _Moments:
+        """Return the sums for the regression of the flat fields on the dark slopes."""
+        size, factor = self.dark.size, self.seconds
+        left = self.noise * size * factor
+        product = (self.flat - factor * self.dark) * self.dark
+        rest, square = float(product.sum()) + left, float((product * product).sum())
+        return _Moments(size, factor * float(self.dark @ self.dark) - left, left, rest, square)
+
+
+def _leak(planes: Sequence[_RatePlane]) -> Leak | None:
+    """Return the light in the dark frames, with the same ratio to that of the flat fields in all channels."""
+    if sum(plane.dark.size for plane in planes) < 1000 or min(plane.light for plane in planes) <= 0.0:
+        return None
+    # In units of light in which all channels respond alike: flat fields (1 - w l) r + w d, dark slopes d + l r.
+    scales = [(plane.seconds or 1.0) / plane.light for plane in planes]
+    flats = [plane.flat / plane.light for plane in planes]
+    darks = [plane.dark * scale for plane, scale in zip(planes, scales, strict=True)]
+    weights = [1.0 / max(float(flat @ flat) / flat.size, 1e-300) for flat in flats]
+    noise = sum(
+        w * plane.noise * scale**2 * plane.dark.size for w, plane, scale in zip(weights, planes, scales, strict=True)
+    )
+    pattern = sum(w * float(dark @ dark) for w, dark in zip(weights, darks, strict=True)) - noise
+    skews = [w * plane.skew for w, plane in zip(weights, planes, strict=True)]
+    shared = sum(float(skew @ dark) for skew, dark in zip(skews, darks, strict=True))
+    warmth, pull, unknown = 0.0, 0.0, 0.0  # flat fields of one exposure time have no dark current in their slopes
+    seen = None
+    if planes[0].seconds:
+        if shared == 0.0:
+            return None
+        own = sum(float(skew @ flat) for skew, flat in zip(skews, flats, strict=True)) / shared
+        of_skew = ((flat - own * dark) * skew for flat, dark, skew in zip(flats, darks, skews, strict=True))
+        seen = Uncertain.of(own, math.sqrt(sum(float(one @ one) for one in of_skew)) / abs(shared))
+        known = 1.0 / (1.0 + (seen.standard_uncertainty / WARMTH) ** 2)
+        warmth, pull, unknown = 1.0 + known * (own - 1.0), known * pattern / shared, (1.0 - known) * WARMTH * pattern
+    rests = [flat - warmth * dark for flat, dark in zip(flats, darks, strict=True)]
+    common = sum(w * float(rest @ dark) for w, rest, dark in zip(weights, rests, darks, strict=True)) + warmth * noise
+    own = sum(w * float(rest @ rest) for w, rest in zip(weights, rests, strict=True)) - warmth**2 * noise
+    each = [rest * (w * dark - pull * skew) for w, rest, dark, skew in zip(weights, rests, darks, skews, strict=True)]
+    if own <= 0.0:
+        return None
+    ratio, spread = common / own, math.sqrt(unknown**2 + sum(float(one @ one) for one in each)) / own
+    change = 1.0 / (1.0 + warmth * ratio)
+    over_rate = sum(1.0 / scale for scale in scales) / sum(plane.rate for plane in planes)
+    return Leak(Uncertain.of(ratio * change * over_rate, spread * change**2 * abs(over_rate)), seen)
