@@ -68,9 +68,33 @@ def test_read_spectrum(tmp_path: Path) -> None:
     assert content.spectrum.wavelength_nm.tolist() == [400.0, 410.0]
     assert content.spectrum.values.tolist() == [1.5, 2.0]
     assert content.standard_uncertainty.tolist() == [0.1, 0.2]
-    assert content.columns == ("nm", "power", "u")
+    assert content.columns == ("wavelength_nm", "power", "u")
     file.write_text("400,1\n")
     assert load_spectrum(file).columns == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "400;0,25\n410;0,5\n",
+        "400\t0,25\n410\t0,5\n",
+        "400 0,25\n410 0,5\n",
+        "400 0.25\n410   0.5\n",
+        "400, 0.25,\n410, 0.5,\n",
+        "410,0.5\n400,0.25\n",
+        "Wavelength [µm];QE\n0,4;0,25\n0,41;0,5\n",
+        "lambda,QE\n0.4,0.25\n0.41,0.5\n",
+        "# camera: X\n# Wavelength (um), QE\n0.4,0.25\n0.41,0.5\n",
+        "% made by hand\n4000 0.25\n4100 0.5\n".replace("%", "% Wavelength(angstrom) QE\n%"),
+    ],
+)
+def test_spectra_as_people_write_them(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "a.csv"
+    for written in (text.encode(), text.encode("utf-16"), text.replace("\n", "\r\n").encode("utf-8-sig")):
+        file.write_bytes(written)
+        spectrum = load_spectrum(file).spectrum
+        np.testing.assert_allclose(spectrum.wavelength_nm, [400, 410], rtol=1e-14)
+        assert spectrum.values.tolist() == [0.25, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -78,10 +102,11 @@ def test_read_spectrum(tmp_path: Path) -> None:
     [
         ("", "the file holds no spectrum", None),
         ("nm,v\n", "the file holds no spectrum", None),
-        ("nm,v\nnm,v\n", "line", 2),
-        ("400,1\n390,2\n", "wavelength", 2),
-        ("400,1\n410,nan\n", "line", 2),
-        ("400,1\n410,2,3\n", "line", 2),
+        ("nm,v\nnm,v\n", "the file is not a spectrum: a cell is not a finite number: 'nm'", 2),
+        ("400,1\n410,1\n390,2\n", "wavelength", 3),
+        ("400,1\n410,nan\n", "the file is not a spectrum: a cell is not a finite number: 'nan'", 2),
+        ("400,1\n410,2,3\n", "the file is not a spectrum: the row has 3 cells, not 2", 2),
+        ("410,1\n400,2\n400,3\n", "wavelength", 2),
         ("400,1,-1\n", "standard_uncertainty", 1),
         ("-400,1\n", "wavelength_nm", None),
     ],

@@ -103,14 +103,47 @@ def test_invalid_tables(tmp_path: Path, name: str, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "heading", ["wavelength", "Wavelength_nm", "WAVELENGTH (nm)", "wavelength [nm]", "nm", "Lambda", '"wavelength"']
+    "heading", ["wavelength", "Wavelength_nm", "WAVELENGTH (nm)", "wavelength [nm]", "nm", "Lambda/nm", '"wavelength"']
 )
 def test_headings_of_the_wavelength(tmp_path: Path, heading: str) -> None:
     (tmp_path / "a.csv").write_text(f'{heading},"R",G,B\n400,1,2,3\n410,1,2,3\n')
     assert set(csv_camera(tmp_path / "a.csv").sensitivity.channels) == {"R", "G", "B"}
 
 
-@pytest.mark.parametrize("heading", ["foo", "", "wavelength (um)", "R", "nm2"])
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("#Camera:Acme X-1\n#License: CC0-1.0\n400,0.25,0.5,1\n410,1,0.5,0.25\n", "RGB"),
+        ("# camera = Acme X-1\n# license: CC0-1.0\nWellenlaenge\n".replace("Wellenlaenge\n", "")
+         + "lambda [um];rot;gruen;blau\n0,4;0,25;0,5;1\n0,41;1;0,5;0,25\n", ("rot", "gruen", "blau")),
+        ("# camera: Acme X-1\n# license: CC0-1.0\n0.4 0.25\n0.41 1\n", "M"),
+    ],
+)  # fmt: skip
+def test_tables_as_people_write_them(tmp_path: Path, text: str, names: Any) -> None:
+    (tmp_path / "ssf.csv").write_text(text)
+    camera = csv_camera(tmp_path / "ssf.csv")
+    assert (camera.model, camera.license) == ("Acme X-1", "CC0-1.0")
+    np.testing.assert_allclose(camera.sensitivity.wavelength_nm, [400, 410], rtol=1e-14)
+    assert tuple(camera.sensitivity.channels) == tuple(names)
+    assert camera.sensitivity.channels[names[0]].tolist() == [0.25, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "why", "line"),
+    [
+        ("# a\n1,2,3,4\n4,5,6,7\n", "the first column is no wavelength in nm or um, 1", 2),
+        ("400,1,2,3\n420,1,2,3\n410,1,2,3\n", "the wavelengths must increase, 410 does not", 3),
+        ("400,1,2\n410,1,2\n", "the row has 3 cells, not 2 or 4", 1),
+        ("400;1,5,2\n410;1;2\n", "a cell is not a finite number: '1,5,2'", 1),
+    ],
+)
+def test_the_line_of_what_is_wrong(tmp_path: Path, text: str, why: str, line: int) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with raises(FileError, f"the file is not a table of spectral sensitivities: {why}", line=line):
+        csv_camera(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("heading", ["foo", "", "R", "nm2"])
 def test_a_heading_that_is_no_wavelength(tmp_path: Path, heading: str) -> None:
     (tmp_path / "a.csv").write_text(f"\n{heading},R,G,B\n400,1,2,3\n410,1,2,3\n")
     with raises(FileError, "the heading of the first column", value=heading, line=2):

@@ -41,7 +41,7 @@ def test_the_callers_wavelengths() -> None:
     ("values", "unit"),
     [
         (None, None),
-        ([0.4, 0.5], None),
+        ([0.01, 0.5], None),
         ([4000, 7000], None),
         ([0.4, 0.5], "nm"),
         ([400, 500], "um"),

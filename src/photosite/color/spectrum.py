@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.wavelength_units import NANOMETRES_PER, camera_unit, heading_unit
 from photosite.errors import FileError, InputError
-from photosite.files.small_files import read_small
+from photosite.files.text_table import read_table
 from photosite.values.shown import ResultTable, Shown, Tabular, drawn
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ DEFAULT_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 10.0)
 DEFAULT_WAVELENGTH_NM.flags.writeable = False
 
 _LARGEST_BYTES = 1 << 22
-_MOST_COLUMNS = 3
+_COLUMNS = (2, 3)
 
 
 _SHORTEST_NM, _LONGEST_NM = 1e-3, 1e6
@@ -172,13 +173,15 @@ class SpectrumFile(Shown):
 
 
 def load_spectrum(path: str | PathLike[str]) -> SpectrumFile:
-    """Read a spectrum from a CSV file.
+    """Read a spectrum from a table of text.
 
     Parameters
     ----------
     path
-        UTF-8 text, comma-separated: wavelength in nm, increasing from line to line, value, and optionally the value's
-        standard uncertainty. A first line without numbers names the columns. Text after # is a comment.
+        UTF-8 text as people write tables (`photosite.files.text_table`): wavelength, increasing or decreasing from line
+        to line, value, and optionally the value's standard uncertainty, separated by commas, semicolons, tabs or
+        blanks. A first line without numbers names the columns; the first names the unit of the wavelengths, such as
+        `wavelength_nm` or `Wavelength [um]`, or they are in nm.
 
     Raises
     ------
@@ -196,45 +199,29 @@ def load_spectrum(path: str | PathLike[str]) -> SpectrumFile:
     ([0.12, 0.2], ('wavelength_nm', 'responsivity_a_per_w'))
     """
     file = Path(path)
-    rows: list[list[float]] = []
-    columns: tuple[str, ...] = ()
-    for number, line in enumerate(_text(file).splitlines(), start=1):
-        cells = [cell.strip() for cell in line.split("#", 1)[0].split(",")]
-        if cells == [""]:
-            continue
-        values = _numbers(cells)
-        if values is None and not rows and not columns:
-            columns = tuple(cell.lower() for cell in cells)
-            continue
-        if values is None or not 2 <= len(values) <= _MOST_COLUMNS or (rows and len(values) != len(rows[0])):
-            count = f"{len(rows[0])}" if rows else "two or three"
-            raise FileError(file, "line", number, value=line, expected=f"{count} finite numbers separated by commas")
-        if rows and values[0] <= rows[-1][0]:
-            expected = f"above {rows[-1][0]:g}, the line before"
-            raise FileError(file, "wavelength", number, value=values[0], expected=expected)
-        if len(values) > 2 and values[2] < 0:
-            raise FileError(file, "standard_uncertainty", number, value=values[2], expected="0 or above")
-        rows.append(values)
-    if not rows:
+    table = read_table(file, "a spectrum", _LARGEST_BYTES)
+    if not table.rows:
         raise FileError(file, "the file holds no spectrum", hint="Write lines of wavelength in nm and value: 550, 0.31")
-    table = np.array(rows)
+    numbers = np.array(table.numbers(_COLUMNS))
+    columns = tuple("_".join(re.findall(r"[^\W_]+", cell.lower())) for cell in table.heading or ())
+    if table.heading is not None:
+        is_wavelength, unit = heading_unit(table.heading[0])
+        if is_wavelength:
+            numbers[:, 0] *= NANOMETRES_PER[unit or camera_unit(numbers[:, 0]) or "nm"]
+            columns = ("wavelength_nm", *columns[1:])
+    lines = table.lines
+    if len(numbers) > 1 and numbers[1, 0] < numbers[0, 0]:
+        numbers, lines = numbers[::-1].copy(), lines[::-1]
+    if (odd := np.flatnonzero(np.diff(numbers[:, 0]) <= 0)).size:
+        at = int(odd[0])
+        expected = f"above {numbers[at, 0]:g}, that of line {lines[at]}"
+        raise FileError(file, "wavelength", lines[at + 1], value=float(numbers[at + 1, 0]), expected=expected)
+    uncertainty = numbers[:, 2] if numbers.shape[1] > 2 else np.zeros(len(numbers))
+    if (odd := np.flatnonzero(uncertainty < 0)).size:
+        at = int(odd[0])
+        raise FileError(file, "standard_uncertainty", lines[at], value=float(uncertainty[at]), expected="0 or above")
     try:
-        spectrum = Spectrum(table[:, 0], table[:, 1])
+        spectrum = Spectrum(numbers[:, 0], numbers[:, 1])
     except InputError as error:
         raise error.in_file(file) from None
-    return SpectrumFile(spectrum, table[:, 2] if table.shape[1] > 2 else np.zeros(len(table)), columns)
-
-
-def _text(file: Path) -> str:
-    try:
-        return read_small(file, "a spectrum", _LARGEST_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise FileError(file, "the file is not UTF-8 text") from None
-
-
-def _numbers(cells: list[str]) -> list[float] | None:
-    try:
-        values = [float(cell) for cell in cells]
-    except ValueError:
-        return None
-    return values if all(map(math.isfinite, values)) else None
+    return SpectrumFile(spectrum, uncertainty, columns)

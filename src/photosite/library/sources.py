@@ -186,7 +186,8 @@ def _file_sources(path: Path) -> Iterable[CameraSource]:
         return _json_cameras(path, *((0, 0) if state is None else (state.st_mtime_ns, state.st_size)))
     camera = csv_camera(path)
     name = full_name(camera.maker, camera.model)
-    return [CameraSource(name, "spectral sensitivity", path, NOT_STATED, camera.provenance or NOT_STATED, camera)]
+    texts = camera.license or NOT_STATED, camera.provenance or NOT_STATED
+    return [CameraSource(name, "spectral sensitivity", path, *texts, camera)]
 
 
 @lru_cache(maxsize=64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.color.wavelength_units import NANOMETRES_PER, camera_unit, heading_unit
 from photosite.errors import FileError
-from photosite.files.small_files import finite_number, read_small, valid_content
+from photosite.files.small_files import finite_number, valid_content
+from photosite.files.text_table import read_table
 from photosite.sensor.model import Sensor
 from photosite.sensor.sections import Channel
 from photosite.values.read_only import ReadOnly
@@ -23,7 +24,6 @@ _WHAT = "a table of spectral sensitivities"
 _LARGEST_CSV = 1 << 20
 _MOST_WAVELENGTHS = 10_000
 _RANGE_IN_NAME = re.compile(r"(?P<camera>.+?)_(?P<first>\d{3,4})_(?P<last>\d{3,4})_(?P<step>\d{1,3})")
-_WAVELENGTH_HEADING = re.compile(r"(wavelengths?|lambda|λ)( (in )?nm)?|nm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,69 +116,67 @@ def rawtoaces_camera(data: Mapping[str, Any], path: Path) -> SpectralFile:
 
 
 def csv_camera(path: Path) -> SpectralFile:
-    """Read a CSV file with a column for each channel; the name of the file is the camera's.
+    """Read a table of text with a column for each channel, as `photosite.files.text_table` reads tables.
 
-    With a heading, the first column is the wavelength in nm, headed wavelength, lambda or nm, with or without the unit
-    (`wavelength_nm`, `Wavelength (nm)`). Without one, the columns are R, G and B, and the name ends in first and last
-    wavelength and step, as that of rawtoaces' older file `Nikon_D200_380_780_5`.
+    The first column is the wavelength, in nm unless its heading states another unit: wavelength, lambda or nm, with or
+    without the unit (`wavelength_nm`, `Wavelength [um]`). Without a heading the channels are R, G and B, or M for one,
+    and the first column may be missing where the name of the file ends in first and last wavelength and step, as that
+    of rawtoaces' older file `Nikon_D200_380_780_5`. Comments such as `# camera: Nikon D200` state camera, maker, model
+    and license; otherwise the camera is the name of the file.
 
     Raises
     ------
     FileError
-        If the file is missing or is not such a table.
+        If the file is missing or is not such a table, with the line.
     """
-    try:
-        lines = read_small(path, _WHAT, _LARGEST_CSV).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise FileError(path, f"is not {_WHAT}: it is not text in UTF-8") from None
-    numbers = [k for k, line in enumerate(lines, 1) if line.strip()]
-    cells = [[cell.strip().strip('"') for cell in re.split(r"[,;\t]", lines[k - 1])] for k in numbers]
+    table = read_table(path, _WHAT, _LARGEST_CSV)
     named = _RANGE_IN_NAME.fullmatch(path.stem if path.suffix.lower() in (".csv", ".txt") else path.name)
-    camera = named["camera"] if named else path.stem
-    maker, _, model = camera.replace("-", "_").partition("_") if named else camera.partition("_")
-    with valid_content(path, _WHAT):
-        if not cells:
-            raise ValueError("it is empty")
-        has_heading = not _is_number(cells[0][0])
-        if has_heading:
-            _check_wavelength_heading(cells[0][0], path, numbers[0])
-            names, rows = [_channel(cell) for cell in cells[0][1:]], cells[1:]
-        elif named is not None:
-            names, rows = ["R", "G", "B"], cells
-        else:
-            raise ValueError("it has no heading, and its name does not end in first_last_step wavelengths in nm")
-        width = len(names) + has_heading
+    if len(table.rows) < 2:
+        found = "is empty" if not table.rows else "needs 2 or more wavelengths"
+        raise table.error(f"it {found}")
+    unit = None
+    if table.heading is not None:
+        is_wavelength, unit = heading_unit(table.heading[0])
+        if not is_wavelength:
+            expected = "the wavelength, such as wavelength, wavelength_nm, wavelength (um), nm or lambda"
+            what = "the heading of the first column"
+            raise FileError(path, what, table.heading_line, value=table.heading[0], expected=expected)
+        names = [_channel(cell) for cell in table.heading[1:]]
         if not names or len(set(names)) != len(names):
-            raise ValueError("it needs one column or more for channels, each with another heading")
-        if len(rows) < 2:
-            raise ValueError("it needs 2 or more wavelengths")
-        for line, row in zip(numbers[has_heading:], rows, strict=True):
-            _check_row(row, width, path, line)
-        table = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
-        if has_heading:
-            wavelength_nm, values = table[:, 0], table[:, 1:]
-        elif named is not None:
+            what = "it needs one column or more for channels, each with another heading"
+            raise table.error(what, table.heading_line)
+        values = np.array(table.numbers(len(names) + 1))
+    else:
+        values = np.array(table.numbers(_WITHOUT_HEADING if named is None else (3, *_WITHOUT_HEADING)))
+        if named is not None and values.shape[1] == 3:
             first, last, step = (int(named[part]) for part in ("first", "last", "step"))
-            wavelength_nm, values = np.arange(first, last + 1, max(step, 1), dtype=np.float64), table
-            if len(wavelength_nm) != len(values):
-                raise ValueError(f"it has {len(values)} rows, and its name means {len(wavelength_nm)} wavelengths")
-        return SpectralFile(maker, model.replace("_", " "), "", "", _sensitivity(wavelength_nm, names, values))
+            grid = np.arange(first, last + 1, max(step, 1), dtype=np.float64)
+            if len(grid) != len(values):
+                what = f"it has {len(values)} rows, its name means {len(grid)} wavelengths"
+                raise table.error(what)
+            values = np.column_stack([grid, values])
+        names = ["M"] if values.shape[1] == 2 else ["R", "G", "B"]
+    if unit is None and (unit := camera_unit(values[:, 0])) is None:
+        what = f"the first column is no wavelength in nm or um, {values[0, 0]:g}"
+        raise table.error(what, table.lines[0], hint="Write a heading such as wavelength_nm,R,G,B")
+    if (odd := np.flatnonzero(np.diff(values[:, 0]) <= 0)).size:
+        what = f"the wavelengths must increase, {values[odd[0] + 1, 0]:g} does not"
+        raise table.error(what, table.lines[odd[0] + 1])
+    with valid_content(path, _WHAT):
+        sensitivity = _sensitivity(values[:, 0] * NANOMETRES_PER[unit], names, values[:, 1:])
+    said = dict(table.stated)
+    stem = named["camera"].replace("-", "_") if named else path.stem
+    maker, _, model = stem.partition("_")
+    if stated := {"camera", "maker", "manufacturer", "model"} & said.keys():
+        maker = said.pop("maker", said.pop("manufacturer", ""))
+        model = said.pop("model", said.pop("camera", ""))
+    license_ = said.pop("license", "")
+    provenance = ", ".join(f"{name}: {text}" for name, text in said.items())
+    return SpectralFile(maker, model if stated else model.replace("_", " "), license_, provenance, sensitivity)
 
 
-def _check_wavelength_heading(heading: str, path: Path, line: int) -> None:
-    if not _WAVELENGTH_HEADING.fullmatch(" ".join(re.split(r"[\s_()\[\]/-]+", heading.lower())).strip()):
-        expected = "the wavelength in nm: wavelength, wavelength_nm, wavelength (nm), nm or lambda"
-        raise FileError(path, "the heading of the first column", line, value=heading, expected=expected)
-
-
-def _check_row(row: list[str], width: int, path: Path, line: int) -> None:
-    problem = None
-    if len(row) != width:
-        problem = f"the row has {len(row)} cells, not {width}"
-    elif (wrong := next((cell for cell in row if not _is_number(cell)), None)) is not None:
-        problem = f"a cell is not a finite number: {wrong[:40]!r}"
-    if problem is not None:
-        raise FileError(path, f"the file is not {_WHAT}: {problem}", line)
+_WITHOUT_HEADING = (2, 4)
+"""Columns of tables without a heading: wavelength, and M or R, G and B."""
 
 
 def _sensitivity(
@@ -192,13 +190,6 @@ def _sensitivity(
         raise ValueError("the values must be finite, and every channel needs one above 0")
     wavelength_nm.flags.writeable = values.flags.writeable = False
     return SpectralSensitivity(wavelength_nm, ReadOnly({name: values[:, k] for k, name in enumerate(names)}))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def _channel(heading: str) -> str:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.wavelength_units import NANOMETRES_PER, camera_unit, unit_name
 from photosite.errors import FileError
 from photosite.files.writing import TemporaryFolder
 from photosite.scene.units import Quantity
@@ -25,14 +26,6 @@ Block = tuple[int, Array]
 Interleave = Literal["bsq", "bil", "bip"]
 
 _LOWEST_NM, _HIGHEST_NM = 100.0, 30_000.0
-_NANOMETRES_PER = {"nm": 1.0, "um": 1e3, "m": 1e9, "angstrom": 0.1, "mm": 1e6}
-_UNIT_NAMES = {
-    **dict.fromkeys(("nm", "nanometer", "nanometers", "nanometre", "nanometres"), "nm"),
-    **dict.fromkeys(("um", "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"), "um"),
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
-    **dict.fromkeys(("angstrom", "angstroms", "a"), "angstrom"),
-    **dict.fromkeys(("mm", "millimeter", "millimeters"), "mm"),
-}
 _HINT: dict[str, Any] = {"hint": "Pass them in nm: {wavelength_nm}", "arguments": {"wavelength_nm": [400, 410, 420]}}
 
 
@@ -243,8 +236,8 @@ def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wa
     path
         The file, for messages.
     values, unit
-        (bands,) as in the file; None where it has none. Values from 200 to 2600 without a unit are nanometers: no other
-        unit puts them into a camera's range.
+        (bands,) as in the file; None where it has none. Values from 200 to 2600 without a unit are nanometers, and from
+        0.2 to 2.6 micrometers: no other unit puts them into a camera's range.
     wanted
         (bands,) nm, given by the caller for a file without them.
 
@@ -269,17 +262,16 @@ def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wa
             raise FileError(path, "states other wavelengths", hint="Omit {wavelength_nm}", arguments=arguments)
         return given
     if unit is None:
-        if not (np.isfinite(grid).all() and grid.size and grid.min() >= 200 and grid.max() <= 2600):
+        if (only := camera_unit(grid)) is None:
             raise FileError(path, f"has no unit of its wavelengths, {_ends(grid)}", **_HINT)
-        return grid
+        return grid * NANOMETRES_PER[only]
     return _checked_nm(path, grid * _factor(path, unit), f"in {unit}")
 
 
 def _factor(path: Path, unit: str) -> float:
-    name = _UNIT_NAMES.get(unit.strip().lower().replace("µ", "u").replace("μ", "u"))
-    if name is None:
+    if (name := unit_name(unit)) is None:
         raise FileError(path, f"has wavelengths in the unknown unit '{unit[:40]}'", **_HINT)
-    return _NANOMETRES_PER[name]
+    return NANOMETRES_PER[name]
 
 
 def _checked_nm(path: Path, grid: Array, what: str) -> Array:

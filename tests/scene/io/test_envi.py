@@ -131,6 +131,45 @@ def test_invalid_headers(tmp_path: Path, pattern: str, replacement: str, about: 
     assert about in error_of(path).what
 
 
+@pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.float32, np.float64])
+@pytest.mark.parametrize("order", [0, 1])
+def test_a_missing_byte_order_is_seen_in_the_data(tmp_path: Path, dtype: type, order: int) -> None:
+    """A smooth picture with shot noise is read in the order in which neighbors are alike, with a warning."""
+    smooth = 900 + 600 * np.sin(np.arange(40) / 9)[:, None, None] * np.cos(np.arange(30) / 7)[:, None]
+    array = RNG.poisson(np.broadcast_to(smooth, (40, 30, 5))).astype(dtype)
+    path = saved(tmp_path, array, byteorder=order)
+    path.write_text(re.sub(r"byte order.*\n", "", path.read_text()))
+    with warns("the header states no byte order", hint=f"Add the line 'byte order = {order}' to state it"):
+        found = whole(path)
+    assert_allclose(found, array)
+
+
+def test_a_missing_byte_order_that_the_data_do_not_show(tmp_path: Path) -> None:
+    path = saved(tmp_path, RNG.integers(0, 65536, (8, 6, 5)).astype(np.uint16))
+    path.write_text(re.sub(r"byte order.*\n", "", path.read_text()))
+    assert error_of(path).what == "states no byte order, and the data do not show it"
+    path = saved(tmp_path, RNG.integers(0, 256, (8, 6, 5)).astype(np.uint8))
+    path.write_text(re.sub(r"byte order.*\n", "", path.read_text()))
+    assert whole(path).shape == (8, 6, 5)
+
+
+@pytest.mark.parametrize(
+    ("names", "wanted"),
+    [
+        (["450 nm", "500 nm", "550 nm", "600 nm", "650 nm"], True),
+        ([f"Band {k} ({nm / 1000} um)" for k, nm in enumerate(GRID)], True),
+        (["450", "500", "550", "600", "650"], False),
+        (["450 nm", "500 nm", "550 nm", "600 nm", "far red"], False),
+    ],
+)
+def test_wavelengths_in_the_names_of_bands(tmp_path: Path, names: list[str], wanted: bool) -> None:
+    path = saved(tmp_path, np.ones((4, 3, 5), np.float32), {"band names": names, "data units": "W/sr/m2/nm"})
+    if not wanted:
+        assert "has no wavelengths" in error_of(path).what
+        return
+    assert_allclose(read_scene(path).wavelength_nm, GRID, rtol=1e-14)
+
+
 def test_a_missing_header_or_data_file(tmp_path: Path) -> None:
     path = saved(tmp_path, np.ones((4, 3, 5), np.float32))
     path.rename(tmp_path / "other.hdr")

@@ -64,7 +64,8 @@ def written(tmp_path: Path, text: str, name: str = "chart.txt") -> Path:
 
 
 @pytest.mark.parametrize(
-    "field", ["SPECTRAL_NM_{}", "SPECTRAL_NM{}", "SPECTRAL_{}", "SPEC_{}", "nm{}", "NM_{}", "R_{}nm", "R_{}"]
+    "field",
+    ["SPECTRAL_NM_{}", "SPECTRAL_NM{}", "SPECTRAL_{}", "SPEC_{}", "nm{}", "NM_{}", "R_{}nm", "R_{}", "S_{}", "{}"],
 )
 @pytest.mark.parametrize("between", [" ", "\t"])
 def test_fields_of_spectra(tmp_path: Path, field: str, between: str) -> None:
@@ -73,6 +74,18 @@ def test_fields_of_spectra(tmp_path: Path, field: str, between: str) -> None:
     assert [part.name for part in scene.regions] == NAMES
     assert_allclose(reflectances(scene), VALUES, atol=2e-5)
     assert scene.name.startswith("chart")
+
+
+def test_the_measurements_of_an_icc_profile(tmp_path: Path) -> None:
+    text = b"text\0\0\0\0" + cgats_text().encode() + b"\0"
+    head = bytes(36) + b"acsp" + bytes(88) + (2).to_bytes(4, "big")
+    tags = [(b"cprt", 156, 12), (b"targ", 168, len(text))]
+    table = b"".join(name + offset.to_bytes(4, "big") + size.to_bytes(4, "big") for name, offset, size in tags)
+    file = tmp_path / "printer.icc"
+    file.write_bytes(head + table + b"text\0\0\0\0abc\0" + text)
+    assert_allclose(reflectances(read_scene(file, **LIGHT)), VALUES, atol=2e-5)
+    file.write_bytes((head + table).replace(b"targ", b"xxxx"))
+    assert "tag targ" in error_of(file, **LIGHT).what
 
 
 def test_wavelength_and_value_in_turn(tmp_path: Path) -> None:
@@ -164,8 +177,26 @@ def test_csv_with_decimal_commas_and_other_columns(tmp_path: Path) -> None:
 def test_wavelengths_in_micrometers(tmp_path: Path) -> None:
     file = written(tmp_path, csv_text(heading="patch,0.4um,0.5um,0.6um,0.7um"), "a.csv")
     assert_allclose(chart_csv.read_patches(file).wavelength_nm, GRID)
-    error = error_of(written(tmp_path, csv_text(heading="patch,0.4,0.5,0.6,0.7"), "b.csv"), **LIGHT)
-    assert "wavelength" in error.what
+    file = written(tmp_path, csv_text(heading="patch,0.4,0.5,0.6,0.7"), "b.csv")
+    assert_allclose(read_scene(file, **LIGHT).wavelength_nm, GRID)
+    file = written(tmp_path, csv_text(heading="patch,0.04,0.5,0.6,0.7"), "c.csv")
+    assert "has no unit of its wavelengths" in error_of(file, **LIGHT).what
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "patch;R_400nm;R_500nm;R_600nm;R_700nm",
+        "patch;Band 400 nm;Band 500 nm;Band 600 nm;Band 700 nm",
+        "patch;0,4;0,5;0,6;0,7",
+    ],
+)
+def test_headings_of_wavelengths(tmp_path: Path, heading: str) -> None:
+    text = csv_text(heading=heading).replace(",", ";").replace("0.", "0,")
+    text = text.replace(text.splitlines()[0], heading)
+    scene = read_scene(written(tmp_path, text, "a.csv"), **LIGHT)
+    assert_allclose(scene.wavelength_nm, GRID, rtol=1e-14)
+    assert_allclose(reflectances(scene), VALUES, atol=2e-5)
 
 
 def test_measured_radiances_are_kept(tmp_path: Path) -> None:

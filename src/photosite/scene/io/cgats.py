@@ -1,25 +1,39 @@
 """Measured charts as CGATS text (CGATS.17, ISO 28178, IT8.7, Argyll's .ti3): tables of patches with spectra.
 
 Fields of a spectrum are named by wavelength (`SPECTRAL_NM_380`, `SPECTRAL_NM380`, `SPECTRAL_380`, `SPEC_380`, `nm380`,
-`R_380nm`), or wavelength and value alternate (`SPECTRAL_NM SPECTRAL_PCT`, or `SPECTRAL_DEC`).
+`R_380nm`, `S_380`, `380`), or wavelength and value alternate (`SPECTRAL_NM SPECTRAL_PCT`, or `SPECTRAL_DEC`). An ICC
+profile may hold such a text, the measurements that it was made from, in its tag `targ`.
 """
 
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from photosite.errors import FileError
+from photosite.files.small_files import read_small
 from photosite.files.writing import atomic_path
-from photosite.scene.io.patch_table import PatchTable, checked_names, number, patch_table, patches_across, read_text
+from photosite.scene.io.patch_table import (
+    LARGEST_BYTES,
+    PatchTable,
+    checked_names,
+    decoded_text,
+    number,
+    patch_table,
+    patches_across,
+)
 from photosite.scene.scene import Scene
 from photosite.scene.units import Units
 
 _TOKEN = re.compile(r'"([^"]*)"|(\S+)')
-_SPECTRAL = re.compile(r"(?:SPECTRAL_NM_?|SPECTRAL_|SPEC_|NM_?|R_?)(\d{3,4}(?:[._]\d+)?)(?:_?NM)?", re.IGNORECASE)
+_SPECTRAL = re.compile(
+    r"(?:SPECTRAL_NM_?|SPECTRAL_?|SPEC_?|NM_?|REFL_?|LAMBDA_?|WL_?|R_?|S_?)?(\d{3,4}(?:[._]\d+)?)(?:_?NM)?",
+    re.IGNORECASE,
+)
 _PAIR = {"SPECTRAL_PCT": Units("reflectance", 0.01), "SPECTRAL_DEC": Units("reflectance")}
 _NAMES = ("SAMPLE_NAME", "SAMPLENAME", "SAMPLE_LOC", "SAMPLE_ID", "SAMPLEID")
 
@@ -36,7 +50,8 @@ class _Section:
 
 def read_patches(path: Path) -> PatchTable:
     """Read the first table with spectra; errors have the line where it is known."""
-    sections = _sections(path, read_text(path))
+    content = read_small(path, "a chart's table", LARGEST_BYTES)
+    sections = _sections(path, decoded_text(_target(path, content) if content[36:40] == b"acsp" else content))
     if not sections:
         raise FileError(path, "is not a CGATS file: it has no BEGIN_DATA_FORMAT")
     for section in sections:
@@ -44,6 +59,16 @@ def read_patches(path: Path) -> PatchTable:
             return _table(path, section)
     fields = ", ".join(sections[0].fields[:8])
     raise FileError(path, f"has no spectra, only {fields}", hint="Export it with spectral data")
+
+
+def _target(path: Path, profile: bytes) -> bytes:
+    """Return the text of an ICC profile's tag `targ`: ICC.1, 7.3 and 10.24."""
+    count = int.from_bytes(profile[128:132], "big")
+    for at in range(132, min(132 + 12 * count, len(profile) - 11), 12):
+        name, offset, size = struct.unpack(">4sII", profile[at : at + 12])
+        if name == b"targ" and profile[offset : offset + 4] == b"text":
+            return profile[offset + 8 : offset + size].rstrip(b"\0")
+    raise FileError(path, "is an ICC profile without the measurements that it was made from (tag targ)")
 
 
 def _sections(path: Path, text: str) -> list[_Section]:

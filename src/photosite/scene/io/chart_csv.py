@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from photosite.color.wavelength_units import heading_unit
 from photosite.errors import FileError, InputError
 from photosite.files.writing import atomic_path
 from photosite.scene.cube import wavelengths_in_nm
@@ -25,9 +26,10 @@ from photosite.scene.units import Units, parse_units
 Line = tuple[int, list[str]]
 
 _COMMENT = re.compile(r"#\s*(units|cols|title)\s*[:=]\s*(.+)", re.IGNORECASE)
-_WAVELENGTH = re.compile(r"(?:lambda|wavelengths?|wl)?[ _]*(\d+(?:\.\d+)?) *(nm|um|µm)?", re.IGNORECASE)
-_AXIS = re.compile(
-    r"(?:lambda|wavelengths?|wl|nm)(?:[ _]*[\[(]?(nm|um|µm|nanometers?|nanometres?)[\])]?)?", re.IGNORECASE
+_WAVELENGTH = re.compile(
+    r"(?:(?:lambda|wavelengths?|wl|spectral|spec|refl(?:ectance)?|band|nm|r)[ _]*)*"
+    r"(\d+(?:[.,]\d+)?)[ _]*(nm|um|µm|μm)?",
+    re.IGNORECASE,
 )
 _EXPECTED = "a heading 'patch,400,410,...' with a line per patch, or 'wavelength_nm,first,second,...'"
 
@@ -42,10 +44,8 @@ def read_patches(path: Path) -> PatchTable:
         if len(cells) != len(heading[1]):
             expected = f"{len(heading[1])} as in the heading"
             raise FileError(path, "number of cells", line_number, value=len(cells), expected=expected)
-    if axis := _AXIS.fullmatch(heading[1][0]):
-        table = _by_lines(path, heading, body, axis[1])
-    else:
-        table = _by_columns(path, heading, body)
+    is_wavelength, unit = heading_unit(heading[1][0])
+    table = _by_lines(path, heading, body, unit) if is_wavelength else _by_columns(path, heading, body)
     try:
         units: Units | None = parse_units(comments["units"]) if "units" in comments else None
     except InputError as error:
@@ -77,7 +77,7 @@ def _by_columns(path: Path, heading: Line, body: list[Line]) -> PatchTable:
     units = {match[2] for _, match in found}
     if len(units) > 1:
         raise FileError(path, "the wavelengths in the heading have mixed units", heading[0])
-    grid = wavelengths_in_nm(path, [float(match[1]) for _, match in found], units.pop(), None)
+    grid = wavelengths_in_nm(path, [float(match[1].replace(",", ".")) for _, match in found], units.pop(), None)
     values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=True) for k, _ in found] for at, cells in body]
     names = checked_names(path, [cells[0] for _, cells in body], [at for at, _ in body])
     return PatchTable(path, names, grid, np.array(values))
@@ -89,7 +89,6 @@ def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> 
     if not names:
         raise FileError(path, f"the heading has no patches; expected {_EXPECTED}", heading[0])
     wavelengths = [number(path, cells[0], at, "a wavelength") for at, cells in body]
-    unit = "nm" if heading[1][0].lower() == "nm" else unit
     grid = wavelengths_in_nm(path, wavelengths, unit, None)
     values = [
         [number(path, cell, at, f"'{name[:30]}'", gaps=True) for name, cell in zip(names, cells[1:], strict=True)]

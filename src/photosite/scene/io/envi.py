@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -42,8 +43,10 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
     with _library_errors(header_path):
         from spectral.io import envi
 
-        envi.check_compatibility(header)
-        layout = envi.gen_params(header)
+        stated_order = "byte order" in header
+        whole = header if stated_order else {**header, "byte order": "0"}
+        envi.check_compatibility(whole)
+        layout = envi.gen_params(whole)
         bands = int(layout.nbands)
         shape = int(layout.nrows), int(layout.ncols), bands
         dtype = np.dtype(layout.dtype)
@@ -58,14 +61,18 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
         raise FileError(header_path, "lines, samples and bands", value=shape, expected="above 0")
     data_path = _data_of(path, header_path)
     _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
+    if not stated_order and dtype.itemsize > 1:
+        dtype = _guessed_order(header_path, data_path, dtype, offset)
     if "data digest" in header and str(header["data digest"]) != _digest(data_path):
         hint = "Write the cube again, or remove the line 'data digest' if the data were changed on purpose"
         raise FileError(data_path, f"holds other data than {header_path.name} was written with", hint=hint)
     stated = Stated(header_path, header)
-    values = stated.numbers("wavelength", bands)
+    values: Any = stated.numbers("wavelength", bands)
     unit = str(header["wavelength units"]) if "wavelength units" in header else None
     if unit is not None and unit.strip().lower() in ("", "unknown"):
         unit = None
+    if values is None and options.wavelength_nm is None:
+        values, unit = _named_wavelengths(header.get("band names"), bands)
     units = _units(header_path, header, stated.number("reflectance scale factor", above_0=True), options)
     gain, added = stated.numbers("data gain values", bands), stated.numbers("data offset values", bands)
     if added is not None and added.any():
@@ -85,6 +92,50 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
     )
     bbl = stated.numbers("bbl", bands)
     return cube if bbl is None or bbl.all() else select_bands(cube, _good_bands(header_path, bbl))
+
+
+_BAND_NAME = re.compile(r".*?\b(\d+(?:\.\d+)?) *(nm|um|µm|nanometers?|micrometers?)\b.*", re.IGNORECASE)
+
+
+def _named_wavelengths(names: Any, bands: int) -> tuple[list[float] | None, str | None]:
+    """Return the wavelengths in the names of bands, such as `Band 1 (450.2 nm)`, if all state them in one unit."""
+    found = [_BAND_NAME.fullmatch(str(name)) for name in names] if isinstance(names, list) else []
+    units = {match[2].lower() for match in found if match}
+    if len(found) != bands or not all(found) or len(units) != 1:
+        return None, None
+    return [float(match[1]) for match in found if match], units.pop()
+
+
+_GUESSED_BYTES = 1 << 20
+_CLEAR_RATIO = 4.0
+
+
+def _guessed_order(header_path: Path, data_path: Path, dtype: np.dtype[Any], offset: int) -> np.dtype[Any]:
+    """Return the data type in the byte order in which neighboring numbers are far more alike.
+
+    ENVI requires the field; some programs omit it.
+    """
+    with reading(data_path), data_path.open("rb") as file:
+        file.seek(offset)
+        content = file.read(_GUESSED_BYTES // dtype.itemsize * dtype.itemsize)
+    kinds = {"little": dtype.newbyteorder("<"), "big": dtype.newbyteorder(">")}
+    steps = {}
+    for name, kind in kinds.items():
+        values = np.frombuffer(content, kind).astype(np.float64)
+        with np.errstate(all="ignore"):
+            spread = float(np.abs(values - values.mean()).mean())
+            steps[name] = float(np.abs(np.diff(values)).mean()) / spread if spread > 0 else math.nan
+        if not np.isfinite(values).all():
+            steps[name] = math.inf
+    likely = min(steps, key=lambda name: math.inf if math.isnan(steps[name]) else steps[name])
+    other = steps["big" if likely == "little" else "little"]
+    if math.isnan(other) or math.isnan(steps[likely]) or not other > _CLEAR_RATIO * steps[likely]:
+        hint = "Add the line 'byte order = 0' (little-endian, as on PCs) or 'byte order = 1' (big-endian)"
+        raise FileError(header_path, "states no byte order, and the data do not show it", hint=hint)
+    what = f"the header states no byte order; {likely}-endian is used, in which neighboring values are alike"
+    hint = f"Add the line 'byte order = {int(likely == 'big')}' to state it"
+    warnings.warn(PhotositeWarning(what, where=str(header_path), hint=hint), stacklevel=3)
+    return kinds[likely]
 
 
 def _header_of(path: Path) -> Path:

@@ -147,7 +147,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "CGATS",
-        (".cgats", ".it8", ".ti3", ".txt"),
+        (".cgats", ".it8", ".ti3", ".txt", ".icc", ".icm"),
         "cgats",
         (CHART,),
         (b"CGATS", b"IT8.", b"CTI3", b"ISO28178"),

@@ -69,7 +69,11 @@ def read_text(path: Path) -> str:
 
     Unprintable characters become U+FFFD, so that messages can show them.
     """
-    content = read_small(path, "a chart's table", LARGEST_BYTES)
+    return decoded_text(read_small(path, "a chart's table", LARGEST_BYTES))
+
+
+def decoded_text(content: bytes) -> str:
+    """Return the text of a file's bytes, as `read_text` does."""
     marked = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
         text = content.decode(marked)
