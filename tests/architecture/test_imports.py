@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "calibration": VALUES | {"color", "engine", "sensor", "frames"},
     "metrics": VALUES | {"color", "engine", "sensor", "frames"},
     "develop": VALUES | {"color", "engine", "sensor", "frames"},
-    "library": VALUES | {"sensor", "frames", "calibration"},
+    "library": VALUES | {"color", "sensor", "frames", "calibration"},
     "training": STAGES,
     "validation": STAGES | {"calibration", "metrics", "develop"},
     "report": RESULTS | {"scene", "optics", "develop"},

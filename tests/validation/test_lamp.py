@@ -90,7 +90,7 @@ def test_files_and_names(tmp_path):
     ("text", "what"),
     [
         ("380,1\n780,1\n", "heading"),
-        ("nm,relative_energy\n380,1\n780,1\n", "heading"),
+        ("band,relative_energy\n380,1\n780,1\n", "heading"),
         ("wavelength_nm,spectral_iradiance_w_per_m2_nm\n380,1\n780,1\n", "heading of the second column"),
         ("wavelength_nm,relative_energy\n380,1\n500,-0.1\n780,1\n", "light at 500 nm"),
         ("wavelength_nm,relative_energy\n380,0\n780,0\n", "all values between 380 and 780 nm are 0"),
