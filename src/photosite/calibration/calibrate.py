@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any, Literal, TypeAlias
 
-from photosite.calibration.captures.combined import CombinedCalibration, calibrate_combined
-from photosite.calibration.captures.each_capture import CaptureCalibration, calibrate_captures
+from photosite.calibration.captures.combined import calibrate_combined
+from photosite.calibration.captures.each_capture import calibrate_captures
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
-from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError
 from photosite.calibration.reduction.frame_reader import Progress
-from photosite.calibration.result import Calibration
 from photosite.calibration.setting import calibrate_setting
+from photosite.calibration.settings_result import OneSetting, SettingsCalibration
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
 from photosite.calibration.withheld import SEVERAL_CAPTURES
-from photosite.errors import InputError
+from photosite.errors import CalibrationError, InputError
+from photosite.frames.conditions import label
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import Diagnostic
 
-CalibrationKind = Literal["setting", "series", "captures", "combined"]
-"""What frames hold: one gain setting and capture, several gain settings, the frames of each capture of one exposure, or
-frames that combine captures."""
+CalibrationKind = Literal["setting", "series", "captures", "combined", "settings"]
+"""What frames hold: one gain setting and capture, several gain settings, the frames of each capture of one exposure,
+frames that combine captures, or several settings that differ in more than the gain."""
 
-AnyCalibration: TypeAlias = Calibration | GainSeries | CaptureCalibration | CombinedCalibration
+AnyCalibration: TypeAlias = OneSetting | SettingsCalibration
 
 _OPTIONS: dict[CalibrationKind, tuple[str, ...]] = {
     "setting": ("outliers", "maps", "checkpoint", "processes", "scheduler"),
     "series": ("checkpoint",),
     "captures": ("outliers", "maps"),
     "combined": (),
+    "settings": ("outliers", "maps", "processes", "scheduler"),
 }
 """The options that each kind of calibration has."""
 
@@ -41,7 +42,7 @@ _DEFAULTS = {"maps": False, "processes": 1}
 
 
 def calibrate(
-    frames: FrameSet | Mapping[str, FrameSet],
+    frames: FrameSet | Mapping[str, FrameSet] | Sequence[FrameSet],
     sensor: Sensor | None = None,
     *,
     outliers: OutlierThresholds | None = None,
@@ -61,7 +62,7 @@ def calibrate(
     are calibrated one by one and analyzed together. The frames of each capture of one exposure (high dynamic range),
     in a mapping, give the captures and the ratios of their sensitivities. Frames that combine captures are those of
     more than 16 bits, of a sensor with captures, or with steps of the temporal variance; they show the captures by
-    their noise.
+    their noise. Several settings (`photosite.frames.open.open_settings`), in a list, are calibrated one by one.
 
     Parameters
     ----------
@@ -69,7 +70,8 @@ def calibrate(
         The measurement: dark frames, at least two of them at one exposure, and flat fields at two or more levels. Of
         an incomplete set, what it shows is estimated, and the other parameters have the reason why they are missing.
         Or one frame set for each capture, by name, from the most to the least sensitive. The light and the exposure
-        times are those of the frame that the captures belong to, the same for all.
+        times are those of the frame that the captures belong to, the same for all. Or a list of the frame sets of
+        settings that differ in the filter, the read mode or another condition.
     sensor
         The sensor as known before the measurement, for millivolts, for `Calibration.sensor` and for the companding
         table of combined frames; default `frames.sensor`. Of several gain settings, it describes the lowest.
@@ -93,7 +95,7 @@ def calibrate(
 
     Returns
     -------
-    Calibration, GainSeries, CaptureCalibration or CombinedCalibration
+    Calibration, GainSeries, CaptureCalibration, CombinedCalibration or SettingsCalibration
         Parameters that could not be estimated have a reason instead of a value.
 
     Raises
@@ -128,6 +130,8 @@ def calibrate(
     given = {"outliers": outliers, "maps": maps, "checkpoint": checkpoint, "processes": processes}
     given["scheduler"] = scheduler
     check_options(kind, given)
+    if not isinstance(frames, FrameSet | Mapping):
+        return _calibrate_settings(frames, sensor, {**given, "progress": progress})
     if not isinstance(frames, FrameSet):
         return calibrate_captures(frames, sensor, outliers=outliers, maps=maps, progress=progress)
     if kind == "series":
@@ -152,7 +156,28 @@ def calibrate(
         return replace(found, diagnostics=(seen, *found.diagnostics))
 
 
-def calibration_kind(frames: FrameSet | Mapping[str, FrameSet], sensor: Sensor | None = None) -> CalibrationKind:
+def _calibrate_settings(
+    settings: Sequence[FrameSet], sensor: Sensor | None, options: Mapping[str, Any]
+) -> SettingsCalibration:
+    found: dict[str, OneSetting] = {}
+    refused: dict[str, str] = {}
+    for frames in settings:
+        name = label(frames.conditions)
+        kind = calibration_kind(frames, sensor)
+        given = {key: value for key, value in options.items() if key in (*_OPTIONS[kind], "progress")}
+        try:
+            result = calibrate(frames, sensor, **given)
+        except CalibrationError as error:
+            refused[name] = str(error)
+        else:
+            assert not isinstance(result, SettingsCalibration)
+            found[name] = result
+    return SettingsCalibration(found, refused)
+
+
+def calibration_kind(
+    frames: FrameSet | Mapping[str, FrameSet] | Sequence[FrameSet], sensor: Sensor | None = None
+) -> CalibrationKind:
     """Return the kind of calibration that frames need, as far as their settings and the sensor show it.
 
     Frames of one setting may turn out to combine captures, once they are read.
@@ -160,7 +185,7 @@ def calibration_kind(frames: FrameSet | Mapping[str, FrameSet], sensor: Sensor |
     Raises
     ------
     InputError
-        If `frames` is neither a FrameSet nor a mapping of names to them.
+        If `frames` is neither a FrameSet nor a mapping of names to them, nor a list of several.
 
     Examples
     --------
@@ -172,6 +197,8 @@ def calibration_kind(frames: FrameSet | Mapping[str, FrameSet], sensor: Sensor |
     """
     if isinstance(frames, Mapping) and all(isinstance(each, FrameSet) for each in frames.values()):
         return "captures"
+    if isinstance(frames, Sequence) and frames and all(isinstance(each, FrameSet) for each in frames):
+        return "settings"
     if not isinstance(frames, FrameSet):
         path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
         hint = f"Open the frames with open_frames({path})"
@@ -203,4 +230,5 @@ _HOLDS: dict[CalibrationKind, str] = {
     "series": "several gain settings",
     "captures": "the frames of each capture",
     "combined": "frames that combine captures",
+    "settings": "several settings",
 }

@@ -17,11 +17,15 @@ from photosite.cli.output import Stages, held_warnings, not_listed, say, say_if_
 from photosite.errors import printable
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
     from photosite.calibration.calibrate import AnyCalibration
     from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
     from photosite.frames.frame_set import FrameSet
     from photosite.sensor.model import Sensor
+
+    _Frames: TypeAlias = FrameSet | dict[str, FrameSet] | list[FrameSet]
 
 
 @click.command("calibrate", cls=Command)
@@ -47,6 +51,7 @@ if TYPE_CHECKING:
     help="Checkpoint folder; an interrupted run resumes from it.",
 )
 @options.reading_options
+@options.where_option
 @click.option(
     "--linearize",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
@@ -134,6 +139,10 @@ def command(
     conversion gain and the two parts of the read noise. -o then writes one sensor file with all settings, for
     `photosite simulate --gain-setting 400`.
 
+    Settings that differ in camera, read mode, offset, binning, subframe, set-point temperature, filter, or amplifier or
+    chip of a file, as the files state them, are listed and calibrated one by one. --where chooses one, and then -o and
+    --report apply.
+
     \b
     Frames are read from
       DNG, camera raw   NEF, CR2, CR3, ARW, RAF, ...; exposure and ISO from their metadata
@@ -161,6 +170,7 @@ def command(
     from photosite.calibration.calibrate import calibrate, calibration_kind, check_options
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.cli.calibration_text import calibration_text
+    from photosite.frames.open import settings_text
     from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     if into is not None:
@@ -173,6 +183,8 @@ def command(
     held = click.get_current_context().with_resource(held_warnings())
     outputs = _Outputs.of(given)
     frames, sensor = _open(paths[0], sensor_name, given)
+    if isinstance(frames, list):
+        say(f"photosite: {paths[0]}: {settings_text(frames)}. Each is calibrated; --where chooses one")
     for option, wanted in (("--name", given["name"]), ("-o", outputs.sensor), ("--contribute", outputs.entry)):
         if wanted is not None and sensor is None:
             hint = "give --sensor (sensors new writes one)"
@@ -192,6 +204,8 @@ def command(
     check_options(kind, chosen)
     if kind in ("captures", "combined"):
         outputs.check_report_only()
+    if kind == "settings":
+        outputs.check_none()
     _check_memory(frames, maps, given["processes"])
     say_if_compiling("site_planes._high_passed", compile_statistics)
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
@@ -201,18 +215,18 @@ def command(
     return None
 
 
-def _check_memory(frames: FrameSet | Mapping[str, FrameSet], maps: bool, processes: int | None) -> None:
+def _check_memory(frames: _Frames, maps: bool, processes: int | None) -> None:
     """Warn if the memory is short."""
     from photosite.cli.memory_need import calibrate_bytes, megapixels, warn_if_short
 
-    sets = [*frames.values()] if isinstance(frames, Mapping) else [frames]
+    sets = [*frames.values()] if isinstance(frames, Mapping) else frames if isinstance(frames, list) else [frames]
     size = megapixels(sets[0].rows, sets[0].cols)
     less = "Omit --maps" if maps else "Use --processes 1" if processes != 1 else "Crop or bin the frames"
     need = calibrate_bytes(sets, processes, maps=maps)
     warn_if_short(f"a calibration of {size}", need, f"{less}, or use a machine with more memory")
 
 
-_READING = *options.READING, "dark", "light", "exposure_from_name"
+_READING = *options.READING, "where", "dark", "light", "exposure_from_name"
 _OF_ONE_CAMERA = (
     *("output", "name", "report", "checkpoint", "linearize", "contribute", "license_id", "camera", "attribution"),
     *("outlier_dark", "outlier_light", "captures"),
@@ -239,12 +253,21 @@ class _Outputs:
             if wanted is not None:
                 raise click.UsageError(f"{option} needs frames of one capture: several do not show all of a sensor")
 
+    def check_none(self) -> None:
+        """Raise a usage error for any file of several settings."""
+        for option, wanted in (("-o", self.sensor), ("--report", self.report), ("--contribute", self.entry)):
+            if wanted is not None:
+                raise click.UsageError(f"{option} needs frames of one setting: choose it with --where")
+
     def write(self, result: AnyCalibration) -> dict[str, Path | None]:
         """Write the files of a result and return them by their names in the JSON object."""
         from photosite.calibration.gain_series.result import GainSeries
         from photosite.calibration.result import Calibration
+        from photosite.calibration.settings_result import SettingsCalibration
         from photosite.sensor.io.sensor_file import maps_path
 
+        if isinstance(result, SettingsCalibration):
+            return {}
         if not isinstance(result, Calibration | GainSeries):
             self.check_report_only()
         if self.sensor is not None and isinstance(result, Calibration):
@@ -261,28 +284,26 @@ class _Outputs:
         return {"sensor": self.sensor, "maps": beside, "report": self.report, "entry": entry}
 
 
-def _open(
-    path: Path, sensor_name: str | None, given: Mapping[str, Any]
-) -> tuple[FrameSet | dict[str, FrameSet], Sensor | None]:
-    """Return the frames, or those of each capture, and the sensor as known before."""
+def _open(path: Path, sensor_name: str | None, given: Mapping[str, Any]) -> tuple[_Frames, Sensor | None]:
+    """Return the frames, those of each capture, or those of each setting, and the sensor as known before."""
     from photosite.frames.linearization import linearize as linearized
     from photosite.frames.linearization import read_linearization
-    from photosite.frames.open import capture_folders, open_frames
+    from photosite.frames.open import capture_folders, open_frames, open_settings
 
     table = None if given["linearize"] is None else read_linearization(given["linearize"])
     reading = {name: given[name] for name in _READING}
 
-    def opened(folder: Path) -> FrameSet:
-        frames = open_frames(folder, **reading)
+    def linear(frames: FrameSet) -> FrameSet:
         return frames if table is None else linearized(frames, table)
 
     captures = given["captures"]
     named = () if captures is None else tuple(name.strip() for name in captures.split(","))
     sensor = options.sensor_or(None, sensor_name)
     if names := capture_folders(path, sensor, named):
-        return {name: opened(path / name) for name in names}, sensor
-    frames = opened(path)
-    return frames, frames.sensor if sensor is None else sensor
+        return {name: linear(open_frames(path / name, **reading)) for name in names}, sensor
+    settings = [linear(each) for each in open_settings(path, **reading)]
+    known = settings[0].sensor if sensor is None else sensor
+    return (settings[0] if len(settings) == 1 else settings), known
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from photosite.calibration.finding import Finding
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration
+from photosite.calibration.settings_result import SHOWN, SettingsCalibration
 from photosite.cli.output import diagnostics_text, table
 from photosite.report.numbers import format_uncertain
 from photosite.report.tables import format_estimate, interval_text
@@ -40,6 +41,8 @@ def calibration_text(result: AnyCalibration, *, every: bool) -> str:
         parts = _calibration(result, every)
     elif isinstance(result, GainSeries):
         parts = _series(result)
+    elif isinstance(result, SettingsCalibration):
+        parts = _settings(result)
     else:
         content = result.to_dict()
         heads = ("parameter", "value", "standard_uncertainty", "lower_95", "upper_95", "reason")
@@ -47,6 +50,24 @@ def calibration_text(result: AnyCalibration, *, every: bool) -> str:
         cells = zip(part, *(content[name] for name in heads), strict=True)
         parts = [table([("part", *heads), *(tuple(map(_cell, row)) for row in cells)], "<<>>>><")]
     return "\n\n".join([*parts, *diagnostics_text(result.diagnostics, every=every)])
+
+
+def _settings(result: SettingsCalibration) -> list[str]:
+    """Return the main figures of each setting in a table, and those of settings that are no single calibration."""
+    single = {name: each for name, each in result.settings.items() if isinstance(each, Calibration)}
+    rows: list[Sequence[str]] = [
+        ("setting", *(f"{PARAMETER_LABELS[n].label}, {PARAMETER_LABELS[n].unit}" for n in SHOWN))
+    ]
+    for name, each in single.items():
+        entries = [getattr(each, parameter) for parameter in SHOWN]
+        rows.append(
+            (name, *(format_estimate(entry) if entry.value is not None else entry.reason_id for entry in entries))
+        )
+    parts = [table(rows, "<" * len(rows[0]))] if single else []
+    for name, found in result.settings.items():
+        if isinstance(found, GainSeries):
+            parts += [f"{name}:", *_series(found)]
+    return parts
 
 
 def _calibration(calibration: Calibration, every: bool) -> list[str]:

@@ -58,6 +58,7 @@ def _target(text: str) -> Path:
 )
 @options.sensor_option(text="Known properties of the sensor that took the frames.")
 @options.reading_options
+@options.where_option
 @options.json_option
 def command(
     source: str,

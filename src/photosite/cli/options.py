@@ -310,6 +310,16 @@ sensor_fields_option = click.option(
     "telegraph_noise={fraction: 0.01, amplitude_e: 20}); may be repeated.",
 )
 
+where_option = click.option(
+    "--where",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Frames of one setting, where files state several: filter=R, binning=2x2, read_mode, offset_setting, "
+    "subframe, set_temperature_c, camera, serial_number, part, gain_setting, unit (number in a file of several). May "
+    "be repeated.",
+)
+"""The option of `open_settings` and `open_frames` that selects frames by their conditions."""
+
 lens_fields_option = click.option(
     "--lens-option",
     "lens_fields",

@@ -41,6 +41,7 @@ def temperatures_of(text: str) -> tuple[float, ...]:
 )
 @options.file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Report to write, HTML or PDF by the suffix.")
 @options.reading_options
+@options.where_option
 @options.json_option
 def command(
     paths: tuple[Path, ...],
@@ -69,7 +70,7 @@ def command(
         raise click.UsageError("-o needs the sensor file to complete: give --sensor")
     if temperature_c is not None and len(temperature_c) != len(paths):
         raise click.UsageError(f"--at must have a temperature for each of {len(paths)} paths, got {len(temperature_c)}")
-    opened = sets = [open_frames(path, **reading) for path in paths]
+    opened = sets = [open_frames(path, together=("set_temperature_c",), **reading) for path in paths]
     if temperature_c is None:
         sets = [part for frames in sets for part in split_by_temperature(frames)]
     else:

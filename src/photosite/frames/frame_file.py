@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.frames.conditions import stated_conditions
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
 from photosite.frames.sections import Section
@@ -38,11 +41,14 @@ class FrameLocation:
         Name of the HDF5 dataset, number of the FITS unit, or byte offset of the TIFF directory.
     index
         Index of the frame in the part, counted from 0.
+    names
+        Texts that select the frame, such as "1", "1,3" and "AMP1" for `x.fits[1]`.
     """
 
     label: str
     part: str | int
     index: int = 0
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,16 @@ class FrameHeader:
     border: Border | None = None
     overscan: bool = False
     first_pixel: int | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Texts that select the frame in its file."""
+        return self.location.names if self.location else ("0",)
+
+    @property
+    def conditions(self) -> dict[str, str]:
+        """The conditions that the file states, by the names of `photosite.frames.conditions.CONDITIONS`."""
+        return stated_conditions(self.metadata)
 
     @property
     def settings(self) -> FrameSettings:
@@ -238,6 +254,10 @@ class FrameFile:
         Names that may state settings: the file's, then its folder's. Empty for files that a listing names.
     location
         Which frame of the file.
+    conditions
+        Conditions from the protocol, which override the file's.
+    selection
+        Text that names a part of the file, as in `photosite.frames.io.formats.select_headers`; None for all of it.
     """
 
     path: Path
@@ -246,6 +266,8 @@ class FrameFile:
     line: int | None = None
     names: tuple[str, ...] = ()
     location: FrameLocation | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
+    selection: str | None = None
 
     @property
     def name(self) -> str:
@@ -257,6 +279,25 @@ class FrameFile:
         if self.listed_in is None:
             return FileError(self.name, what, **fields)
         return FileError(self.listed_in, what, self.line, where=self.name, **fields)
+
+
+_SELECTION = re.compile(r"(.*?[^\]])\[([^\[\]]+)\]")
+
+
+def split_selection(path: str) -> tuple[str, str | None]:
+    """Return the path of a file and the text that names a part of it, in brackets; None without one.
+
+    A path that exists is a path.
+
+    Examples
+    --------
+    >>> split_selection("night/a.fits[2]"), split_selection("night/a.fits"), split_selection("night/a[0-9].fits")
+    (('night/a.fits', '2'), ('night/a.fits', None), ('night/a[0-9].fits', None))
+    """
+    found = _SELECTION.fullmatch(path)
+    if found is None or os.path.exists(path) or not Path(found[1]).suffix:
+        return path, None
+    return found[1], found[2].strip()
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -118,6 +118,8 @@ class FrameSet(Diagnosed, Tabular):
     border
         Lines without light around the frames, which only `FrameSource.whole` reads: rows at the top and at the bottom,
         columns at the left and at the right. None without them.
+    conditions
+        The conditions by which the frames differ from others of the measurement, such as the filter.
 
     Examples
     --------
@@ -138,6 +140,7 @@ class FrameSet(Diagnosed, Tabular):
     diagnostics: tuple[Diagnostic, ...] = ()
     white_level_dn: float | None = None
     border: Border | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def from_arrays(
@@ -266,7 +269,8 @@ def without_border(frames: FrameSet, border: Border) -> FrameSet:
         return replace(source, read=_PartRead(source, inside), whole=source.whole or source.read)
 
     groups = tuple(replace(group, frames=tuple(map(within, group.frames))) for group in frames.groups)
-    whole = border if frames.border is None else tuple(a + b for a, b in zip(border, frames.border, strict=True))
+    above, below, before, behind = frames.border or (0, 0, 0, 0)
+    whole = top + above, bottom + below, left + before, right + behind
     return replace(frames, groups=groups, rows=rows, cols=cols, cfa=shifted(frames.cfa, top, left), border=whole)
 
 

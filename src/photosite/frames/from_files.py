@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Never, TypeVar
@@ -15,6 +15,7 @@ import numpy as np
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import file_stamp
+from photosite.frames.conditions import label, selected, separated
 from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties, of_bits
 from photosite.frames.frame_set import (
     STEADY_TEMPERATURE_C,
@@ -25,7 +26,14 @@ from photosite.frames.frame_set import (
     without_border,
 )
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
-from photosite.frames.io.formats import open_stored_rows, read_frame, read_headers, read_pixels, read_whole
+from photosite.frames.io.formats import (
+    open_stored_rows,
+    read_frame,
+    read_headers,
+    read_pixels,
+    read_whole,
+    select_headers,
+)
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
 from photosite.frames.stored_rows import StoredRows
@@ -51,6 +59,15 @@ class _OpenedFrame:
     file: FrameFile
     header: FrameHeader
     stamp: tuple[int, ...] | None  # `file_stamp` before the header was read
+    conditions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> FrameSettings:
+        return self.file.settings
+
+    @property
+    def unit(self) -> str:
+        return self.header.names[0]
 
 
 KIND_BY_LEVEL = DiagnosticKind(
@@ -96,8 +113,14 @@ ASSUMED_BITS = DiagnosticKind(
 )
 
 
-def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: SetProperties) -> FrameSet:
-    """Return the frame set of listed files.
+def frame_sets_from_files(
+    files: Sequence[FrameFile],
+    source: str,
+    properties: SetProperties,
+    where: Mapping[str, str] | None = None,
+    together: Collection[str] = (),
+) -> list[FrameSet]:
+    """Return the frame set of each setting of listed files.
 
     Headers are read here; pixels only of one frame whose properties the header does not state, and for classification.
 
@@ -109,10 +132,21 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         What was opened, for messages and the frame set.
     properties
         Properties that the listing or the caller states.
+    where
+        Selection of frames by their conditions.
+    together
+        Conditions that do not separate settings.
     """
     _check_existing(files)
     _check_unique(files)
-    frames = [opened for file in files for opened in _open(file)]
+    frames = selected([opened for file in files for opened in _open(file)], where or {})
+    return [
+        replace(_frame_set(same, f"{source} ({label(found)})" if found else source, properties), conditions=found)
+        for found, same in separated(frames, together)
+    ]
+
+
+def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetProperties) -> FrameSet:
     frames, border_warnings = _complete_headers(frames)
     _warn_of_header_notes(frames)
     shape = _common("size", frames, [(f.header.rows, f.header.cols) for f in frames], properties.shape)
@@ -168,7 +202,7 @@ def _warned(found: Iterable[tuple[DiagnosticKind, PhotositeWarning | None]], sou
         if warning is not None:
             diagnostics.append(kind(str(warning)))
             warning.where = source
-            warnings.warn(warning, stacklevel=4)
+            warnings.warn(warning, stacklevel=7)
     return diagnostics
 
 
@@ -197,9 +231,9 @@ def _check_existing(files: Sequence[FrameFile]) -> None:
 
 def _check_unique(files: Sequence[FrameFile]) -> None:
     """Reject repeated files: a frame counted twice makes noise look smaller than it is."""
-    seen: dict[Path, FrameFile] = {}
+    seen: dict[tuple[Path, str | None], FrameFile] = {}
     for file in files:
-        before = seen.setdefault(file.path.resolve(), file)
+        before = seen.setdefault((file.path.resolve(), file.selection), file)
         if before is not file:
             place = f"line {before.line}" if before.line is not None else str(before.path)
             raise file.error(f"the frame is listed twice, first at {place}", hint="Remove one: it would hide noise")
@@ -208,7 +242,7 @@ def _check_unique(files: Sequence[FrameFile]) -> None:
 def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
     """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
     stamp = file_stamp(file.path)
-    for header in read_headers(file.path):
+    for header in select_headers(file.path, read_headers(file.path), file.selection):
         frame = replace(file, location=header.location)
         if file.names:
             settings = file.settings.or_else(header.settings)
@@ -224,7 +258,7 @@ def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
             settings = settings.validated()
         except InputError as error:
             raise frame.error(error.what, value=error.value, expected=error.expected) from None
-        yield _OpenedFrame(replace(frame, settings=settings), header, stamp)
+        yield _OpenedFrame(replace(frame, settings=settings), header, stamp, {**header.conditions, **file.conditions})
 
 
 def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], list[PhotositeWarning]]:
@@ -258,7 +292,7 @@ def _warn_of_header_notes(frames: Sequence[_OpenedFrame]) -> None:
     if noted:
         others = f" (and {len(noted) - 1} more frames)" if len(noted) > 1 else ""
         problem = f"{'; '.join(noted[0].header.notes)}{others}"
-        warnings.warn(PhotositeWarning(problem, where=noted[0].file.name), stacklevel=4)
+        warnings.warn(PhotositeWarning(problem, where=noted[0].file.name), stacklevel=7)
 
 
 def _common(what: str, frames: Sequence[_OpenedFrame], values: Sequence[Value], stated: Value | None) -> Value:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -11,13 +11,14 @@ from typing import Any
 
 from photosite.errors import FileError, InputError
 from photosite.files.small_files import check_stored_file
-from photosite.frames.frame_file import FrameFile, SetProperties
+from photosite.frames.conditions import Where, label, parse_where
+from photosite.frames.frame_file import FrameFile, SetProperties, split_selection
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import FrameSettings, Kind, exposure_by_pattern
-from photosite.frames.from_files import frame_set_from_files
+from photosite.frames.from_files import frame_sets_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
 from photosite.frames.io.format_table import NAMES, SUFFIXES
-from photosite.frames.io.formats import read_headers
+from photosite.frames.io.formats import read_headers, select_headers
 from photosite.frames.io.protocol import read_protocol
 from photosite.frames.raw_frame import MOST_BITS, check_bits
 from photosite.frames.sections import Section, parse_region
@@ -74,6 +75,8 @@ def open_frames(
     light: str | Sequence[str] = (),
     exposure_from_name: str | None = None,
     region: str | None = None,
+    where: Where = (),
+    together: Collection[str] = (),
 ) -> FrameSet:
     """Open the frames of a measurement, grouped by kind, exposure and gain setting.
 
@@ -94,6 +97,7 @@ def open_frames(
         A YAML protocol, an EMVA 1288 descriptor, a folder, or a file of several frames. A protocol.yaml or a single
         descriptor in a folder defines its frames; otherwise all frames in the folder are used. A folder without frames
         is searched one level down, unless a subfolder is a measurement with its own listing.
+        A part of a file is named in brackets: `"x.fits[1]"`.
     bits, cfa
         Bit depth of the converter and color filter array (`"rggb"` or its tile), if neither files nor protocol state
         them.
@@ -107,6 +111,12 @@ def open_frames(
     region
         Part of the stored images that receives light, if the files state none or more: `"[1:200,1:160]"`, columns
         then rows counted from 1 as in IRAF, or `"0:160,0:200"`, rows then columns as in NumPy.
+    where
+        The setting to open, if there are several that differ in read mode, binning, filter or another condition
+        (`photosite.frames.conditions`): `"filter=R"`, or `{"filter": "R", "binning": "2x2"}`. `unit` and
+        `gain_setting` select frames too.
+    together
+        Conditions that do not separate settings, such as "set_temperature_c" for a series of temperatures.
 
     Returns
     -------
@@ -120,7 +130,7 @@ def open_frames(
         If bits or cfa are invalid, or patterns are given with a protocol or descriptor.
     FileError
         If a file is missing, truncated, listed twice, or inconsistent with the others or with stated properties, or its
-        kind or exposure is unknown.
+        kind or exposure is unknown; if there are several settings.
 
     Examples
     --------
@@ -135,23 +145,99 @@ def open_frames(
     >>> [(group.kind, group.exposure_s, len(group)) for group in frames.groups], frames.bits
     ([('dark', 0.1, 2)], 12)
     """
+    found = open_settings(
+        path,
+        together=together,
+        bits=bits,
+        cfa=cfa,
+        dark=dark,
+        light=light,
+        exposure_from_name=exposure_from_name,
+        region=region,
+        where=where,
+    )
+    if len(found) > 1:
+        choice = {"where": label(found[0].conditions)}
+        raise FileError(path, f"the frames have {settings_text(found)}", hint="Pass {where}", arguments=choice)
+    return found[0]
+
+
+def settings_text(settings: Sequence[FrameSet]) -> str:
+    """Return the settings of frames in words, with the number of frames of each."""
+    counts = [(label(each.conditions), each.frame_count) for each in settings[:_MOST_SETTINGS]]
+    names = "; ".join(f"{name} ({count} frame{'s' * (count > 1)})" for name, count in counts)
+    more = f"; {len(settings) - _MOST_SETTINGS} more" if len(settings) > _MOST_SETTINGS else ""
+    return f"{len(settings)} settings: {names}{more}"
+
+
+_MOST_SETTINGS = 8
+
+
+def open_settings(
+    path: str | PathLike[str],
+    *,
+    bits: int | None = None,
+    cfa: str | Sequence[Sequence[str]] | None = None,
+    dark: str | Sequence[str] = (),
+    light: str | Sequence[str] = (),
+    exposure_from_name: str | None = None,
+    region: str | None = None,
+    where: Where = (),
+    together: Collection[str] = (),
+) -> list[FrameSet]:
+    """Open the frames of a measurement of one or several settings, a frame set each.
+
+    Settings differ in a condition of `photosite.frames.conditions`: camera, read mode, binning, filter, part of a file,
+    ... Frames of different ones are never in one set. Gain settings are not separated: they are a series.
+
+    Parameters
+    ----------
+    path, bits, cfa, dark, light, exposure_from_name, region, where, together
+        As for `open_frames`; `where` may leave several settings.
+
+    Returns
+    -------
+    list of FrameSet
+        `FrameSet.conditions` has the conditions by which each differs from the others.
+
+    Raises
+    ------
+    InputError, FileError
+        As for `open_frames`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from photosite.frames.raw_frame import RawFrame
+    >>> dn = np.full((2, 3), 64, np.uint16)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for mode in ("fast", "slow"):
+    ...         RawFrame(dn, 12, exposure_s=1.0, metadata={"read_mode": mode}).save(f"{folder}/dark_{mode}.png")
+    ...     settings = open_settings(folder)
+    >>> [dict(each.conditions) for each in settings]
+    [{'read_mode': 'fast'}, {'read_mode': 'slow'}]
+    """
     check_bits(bits, MOST_BITS)
     part = None if region is None else parse_region(region)
     given = SetProperties(bits, None if cfa is None else cfa_from(cfa), region=part)
     patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
-    place = Path(path)
+    name, selection = split_selection(os.fspath(path))
+    choice = parse_where(where), together
+    place = Path(name)
     if not os.path.exists(place):  # which is False, too, for a name that the system refuses
         raise FileError(place, "there is no such file or folder")
     if not place.is_dir():
         check_stored_file(place)
     listing = _find_listing(place) if place.is_dir() else place
     if listing is None:
-        return frame_set_from_files(_frame_files_in_folder(place, patterns, exposure_from_name), str(place), given)
+        files = _frame_files_in_folder(place, patterns, exposure_from_name)
+        return frame_sets_from_files(files, str(place), given, *choice)
     if exposure_from_name is not None:
         what = "exposure_from_name applies to folders without a protocol or descriptor"
         raise InputError(what, hint=f"Omit it: {listing} states the exposure times")
     if listing is place and place.suffix.lower() in SUFFIXES:
-        return frame_set_from_files([_stack(place, patterns)], str(place), given)
+        return frame_sets_from_files([_stack(place, patterns, selection)], str(path), given, *choice)
     if any(patterns.values()):
         raise InputError("patterns for dark and light frames apply to folders only", hint=f"{listing} states the kinds")
     if listing.suffix.lower() in (".yaml", ".yml"):
@@ -166,18 +252,19 @@ def open_frames(
     else:
         hint = "A descriptor's first command is 'v' or 'n'"
         raise FileError(place, "the file is neither a YAML protocol nor an EMVA 1288 descriptor", hint=hint)
-    return frame_set_from_files(files, str(listing), _agreed(listing, stated, given, kind))
+    return frame_sets_from_files(files, str(listing), _agreed(listing, stated, given, kind), *choice)
 
 
 def _texts(patterns: str | Sequence[str]) -> tuple[str, ...]:
     return (patterns,) if isinstance(patterns, str) else tuple(patterns)
 
 
-def _stack(file: Path, patterns: KindPatterns) -> FrameFile:
-    if len(read_headers(file)) == 1:
+def _stack(file: Path, patterns: KindPatterns, selection: str | None) -> FrameFile:
+    if len(select_headers(file, read_headers(file), selection)) == 1:
         hint = "A measurement is a folder, an EMVA 1288 descriptor or a YAML protocol"
         raise FileError(file, "the file holds a single frame", hint=hint)
-    return FrameFile(file, FrameSettings(kind=_kind_by_pattern(file, patterns)), names=(file.stem,))
+    settings = FrameSettings(kind=_kind_by_pattern(file, patterns))
+    return FrameFile(file, settings, names=(file.stem,), selection=selection)
 
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:

@@ -17,7 +17,7 @@ from photosite.calibration.result import Calibration
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, PhotositeError, message_of, printable
 from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
-from photosite.frames.open import open_frames
+from photosite.frames.open import open_settings
 from photosite.sensor.model import Sensor
 
 ERROR = "error"
@@ -60,7 +60,7 @@ def calibrate_cameras(
     progress
         Called with (cameras done, cameras in total).
     **reading
-        Options of `open_frames`.
+        Options of `open_settings`.
 
     Returns
     -------
@@ -148,8 +148,9 @@ class _Camera:
 
     def _calibrated(self, name: str, path: str) -> tuple[AnyCalibration, bool]:
         """Return what was found, and whether the properties of the sensor are known."""
-        frames = open_frames(path, **self.reading)
-        sensor = self.sensor or frames.sensor
+        settings = open_settings(path, **self.reading)
+        frames = settings[0] if len(settings) == 1 else settings
+        sensor = self.sensor or settings[0].sensor
         if sensor is not None:
             sensor = sensor.with_(name=printable(name))
         maps = self.maps and calibration_kind(frames, sensor) == "setting"

@@ -35,7 +35,7 @@ from photosite.files.yaml import check_version, line_at, line_of, read_yaml, val
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.frame_settings import FrameSettings, Kind
-from photosite.frames.from_files import frame_set_from_files
+from photosite.frames.from_files import frame_sets_from_files
 from photosite.frames.io.protocol import matching_files
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.quantity import NotNegative, Positive
@@ -189,8 +189,11 @@ def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
             line = line_at(data, (key, number))
             settings = FrameSettings(kind, entry.exposure)
             files.append([FrameFile(found, settings, file, line) for found in entry.paths(file, line)])
-    together = frame_set_from_files(
-        [one for entry in files for one in entry], str(file), SetProperties(protocol.bits, protocol.cfa)
+    (together,) = frame_sets_from_files(
+        [one for entry in files for one in entry],
+        str(file),
+        SetProperties(protocol.bits, protocol.cfa),
+        together=("filter",),  # a monochromator may state its filters
     )
     if len(together.gain_settings) > 1:
         raise FileError(file, "gain settings of the frames", value=together.gain_settings, expected="all the same")

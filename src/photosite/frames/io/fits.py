@@ -1,10 +1,10 @@
 """Frames in FITS (version 4.0), read by astropy: the extra `fits`.
 
-Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes. Unsigned numbers are stored minus
-BZERO, 2^15 or 2^31, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP or
-SET-TEMP (degrees Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF,
-YBAYROFF and ROWORDER. The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in the order in
-which they are stored.
+Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes; units of one chip are joined, units of
+others are its parts (`photosite.frames.io.fits_units`). Unsigned numbers are stored minus BZERO, 2^15 or 2^31, as FITS
+requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP or SET-TEMP (degrees Celsius),
+IMAGETYP (words as in file names: "Dark Frame"), BAYERPAT with XBAYROFF, YBAYROFF and ROWORDER, and `_CONDITIONS`.
+The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in the order in which they are stored.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,75 +22,92 @@ import numpy as np
 
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import reading
+from photosite.frames.conditions import cooled
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.frame_settings import kinds_in_name
+from photosite.frames.io.fits_units import JoinedUnits, Keywords, Unit, are_parts, image_unit, image_units, joined_units
 from photosite.frames.raw_frame import Numbers
-from photosite.frames.sections import Section, parse_section, section_with_light
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
 """Bytes of a block, blocks of a header, its last keyword; astropy reads on until it finds that."""
 
-_ZEROS = {8: (0,), 16: (0, 1 << 15), 32: (0, 1 << 31)}
-"""BZERO of the numbers by their bits: signed, unsigned."""
-
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of all frames in a FITS file."""
-    found: list[tuple[int, tuple[int, ...], FrameHeader]] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy's; the relevant ones are errors below
-        with _open_fits(path) as units:
+        with _open_fits(path) as opened:
             size = path.stat().st_size
-            for number, unit in enumerate(units):
+            for number, unit in enumerate(opened):
                 place = unit.fileinfo()
                 if (end := place["datLoc"] + place["datSpan"]) > size:
                     problem = f"the file is truncated: unit {number} ends at byte {end}, the file at {size}"
                     raise FileError(path, problem)
-                if unit.is_image and unit.header.get("NAXIS"):
-                    shape = _shape(path, number, unit.header)
-                    found.append((number, shape, _header(path, shape, _Keywords(path, unit.header, units[0].header))))
-    if not found:
-        raise FileError(path, "the FITS file holds no image")
-    single = len(found) == 1 and len(found[0][1]) == 2
-    return tuple(
-        replace(header, location=FrameLocation("" if single else f"[{number}, {index}]", number, index))
-        for number, shape, header in found
-        for index in range(shape[0] if len(shape) == 3 else 1)
-    )
+            units = image_units(path, opened)
+            images = joined_units(units)
+            return tuple(header for image in images for header in _headers(image, units, images))
+
+
+def _headers(image: JoinedUnits, units: list[Unit], images: list[JoinedUnits]) -> Iterator[FrameHeader]:
+    """Yield the header of each frame of a stack."""
+    first = image.units[0]
+    header = _header(image)
+    parts = {"part": image.name} if len(images) > 1 and are_parts(units) else {}
+    single = len(images) == 1 and len(first.shape) == 2
+    number = "+".join(str(unit.number) for unit in image.units)
+    for index in range(first.shape[0] if len(first.shape) == 3 else 1):
+        names = (number, f"{number},{index}", *((image.name,) if image.name else ()))
+        label = "" if single else f"[{number}, {index}]"
+        part = first.number if len(image.units) == 1 else number
+        location = FrameLocation(label, part, index, names)
+        yield replace(header, location=location, metadata={**header.metadata, **parts})
 
 
 def read_pixels(path: Path, location: FrameLocation) -> Numbers:
     """Read the (rows, cols) digital numbers of one frame."""
-    dn, header = _stored_numbers(path, location)
-    light = _light(path, dn.shape, header)
-    return dn if light.shape == dn.shape else np.ascontiguousarray(dn[light.slices])
+    with _open_fits(path) as opened:
+        if isinstance(location.part, int):
+            light = image_unit(path, opened, location.part).light
+            dn = _stored_numbers(path, opened, location.part, location.index)
+            part: Numbers = dn[light.slices]
+            return dn if light.shape == dn.shape else part.copy()
+        first = int(location.part.partition("+")[0])
+        image = next(image for image in joined_units(image_units(path, opened)) if image.units[0].number == first)
+        deep = any(unit.keywords.own["BITPIX"] == 32 for unit in image.units)
+        out = np.zeros(image.shape, np.uint32 if deep else np.uint16)
+        for unit, source, target in zip(image.units, image.sources, image.targets, strict=True):
+            dn = _stored_numbers(path, opened, unit.number, location.index)[source.slices]
+            rows, cols = (slice(None, None, -1 if flip else None) for flip in target.flipped)
+            out[target.slices] = dn[rows, cols]
+        return out
 
 
 def read_whole(path: Path, location: FrameLocation) -> Numbers:
     """Read the digital numbers of a frame with those around the lines with light."""
-    return _stored_numbers(path, location)[0]
+    with _open_fits(path) as opened:
+        return _stored_numbers(path, opened, location.part, location.index)
 
 
 def overscan_level(path: Path, location: FrameLocation) -> float:
     """Return the mean of the pixels of BIASSEC."""
-    dn, header = _stored_numbers(path, location)
-    overscan = _section(path, dn.shape, header, "BIASSEC")
-    return float(dn[overscan.slices].mean()) if overscan else 0.0
+    with _open_fits(path) as opened:
+        unit = image_unit(path, opened, int(location.part))
+        overscan = unit.keywords.section("BIASSEC", unit.size)
+        dn = _stored_numbers(path, opened, unit.number, location.index)
+        return float(dn[overscan.slices].mean()) if overscan else 0.0
 
 
-def _stored_numbers(path: Path, location: FrameLocation) -> tuple[Numbers, _Keywords]:
-    """Read all digital numbers of a frame, with the keywords of its unit."""
-    with _open_fits(path) as units:
-        unit = units[location.part]
-        keywords = _Keywords(path, unit.header.copy(), units[0].header.copy())
-        zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
-        stored = np.asarray(unit.section[location.index] if unit.header["NAXIS"] == 3 else unit.data)
-        dn = stored.astype(np.int64 if unit.header["BITPIX"] == 32 else np.int32) + zero
-        deep = unit.header["BITPIX"] == 32
+def _stored_numbers(path: Path, units: Any, number: int | str, index: int) -> Numbers:
+    """Read all digital numbers of a frame of a unit."""
+    unit = units[number]
+    zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
+    deep = unit.header["BITPIX"] == 32
+    stored = np.asarray(unit.section[index] if unit.header["NAXIS"] == 3 else unit.data)
+    dn = stored.astype(np.int64 if deep else np.int32) + zero
     if dn.min() < 0:
         raise FileError(path, "dn", value=int(dn.min()), expected="0 or above")
-    return np.ascontiguousarray(dn, np.uint32 if deep else np.uint16), keywords
+    return np.ascontiguousarray(dn, np.uint32) if deep else np.ascontiguousarray(dn, np.uint16)
 
 
 @contextmanager
@@ -161,107 +178,75 @@ def _begins_header(path: Path, offset: int) -> bool:
     return False
 
 
-def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
-    """Return (rows, cols) or (frames, rows, cols) of an image unit that can hold raw frames."""
-    where = f"unit {number}"
-    axes, bits = int(header["NAXIS"]), header.get("BITPIX")
-    shape = tuple(int(header[f"NAXIS{axis}"]) for axis in range(axes, 0, -1))
-    if axes not in (2, 3) or min(shape) < 1:
-        raise FileError(path, "shape", where=where, value=shape, expected="(rows, cols) or (frames, rows, cols)")
-    if axes == 3 and shape[0] in (3, 4):
-        problem = f"{shape[0]} planes are those of a color picture"
-        raise FileError(path, problem, where=where, hint=f"Write {shape[0]} raw frames as one unit each")
-    zero, scale = header.get("BZERO", 0), header.get("BSCALE", 1)
-    if bits not in _ZEROS or scale != 1 or zero not in _ZEROS[bits]:
-        found = f"BITPIX {bits}, BZERO {zero}, BSCALE {scale}"
-        expected = "8, 16 or 32 bits with BZERO 0, 2^15 or 2^31 and BSCALE 1"
-        raise FileError(path, "pixels", where=where, value=found, expected=expected)
-    return shape
+_CONDITIONS = {
+    "camera": ("INSTRUME", "CAMERA"),
+    "serial_number": ("SERIALNO", "CAMSN", "CAMERAID", "CAMID", "DETSERNO"),
+    "read_mode": ("READOUTM", "READMODE"),
+    "offset_setting": ("OFFSET", "BLKLEVEL"),
+    "set_temperature_c": ("SET-TEMP", "SETTEMP"),
+    "filter": ("FILTER", "FILTERS", "FILTNAME"),
+}
+"""Keywords of the conditions by which settings differ; each program has its own."""
 
 
-@dataclass(frozen=True)
-class _Keywords:
-    """The keywords of a unit, completed by those of the first unit."""
-
-    path: Path
-    own: Any
-    first: Any
-
-    def get(self, *names: str) -> Any:
-        """Return the first keyword that exists, or None."""
-        for header in (self.own, self.first):
-            for name in names:
-                if (value := header.get(name)) is not None:
-                    return value
-        return None
-
-    def number(self, *names: str) -> float | None:
-        value = self.get(*names)
-        if value is None:
-            return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise FileError(self.path, names[0], value=str(value), expected="a finite number")
-        return float(value)
-
-    def text(self, name: str) -> str | None:
-        value = self.get(name)
-        return value.strip() or None if isinstance(value, str) else None
-
-
-def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHeader:
+def _header(image: JoinedUnits) -> FrameHeader:
+    unit = image.units[0]
+    keywords = unit.keywords
     image_type = keywords.text("IMAGETYP")
     kinds = kinds_in_name(image_type or "")
-    size = shape[-2], shape[-1]
-    light = _light(path, size, keywords)
-    border = light.border(size)
+    joined = len(image.units) > 1
+    border = unit.light.border(unit.size)
+    gains = {each.keywords.number("ISO", "ISOSPEED", "GAIN") for each in image.units}
     metadata = {
-        "gain_setting": keywords.number("ISO", "ISOSPEED", "GAIN"),
+        "gain_setting": gains.pop() if len(gains) == 1 else None,
         "temperature_c": keywords.number("CCD-TEMP", "SET-TEMP"),
-        "camera": keywords.text("INSTRUME"),
         "kind": kinds.pop() if len(kinds) == 1 else None,
         "image_type": image_type,
+        "binning": _binning(keywords),
+        "subframe": _subframe(unit.size, keywords),
+        **{name: keywords.plain(*names) for name, names in _CONDITIONS.items()},
     }
+    if keywords.get("CCD-TEMP") is None and not cooled(metadata["set_temperature_c"]):
+        del metadata["temperature_c"]
     return FrameHeader(
-        *light.shape,
+        *image.shape,
         int(keywords.own["BITPIX"]),
-        cfa=_cfa(path, size[0], light, keywords),
+        cfa=None if joined else _cfa(unit),
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
         metadata={name: value for name, value in metadata.items() if value is not None},
-        border=border if any(border) else None,
-        overscan=keywords.text("BIASSEC") is not None,
+        border=border if any(border) and not joined else None,
+        overscan=not joined and keywords.text("BIASSEC") is not None,
     )
 
 
-def _light(path: Path, size: tuple[int, int], keywords: _Keywords) -> Section:
-    """Return the lines with light (IRAF's ccdproc: TRIMSEC is kept, BIASSEC is overscan)."""
-    found = (_section(path, size, keywords, name) for name in ("DATASEC", "TRIMSEC", "BIASSEC"))
-    try:
-        return section_with_light(size, *found)
-    except InputError as error:
-        raise error.in_file(path) from None
+def _binning(keywords: Keywords) -> str | None:
+    """Return columns x rows of XBINNING and YBINNING, or of IRAF's CCDSUM."""
+    stated = (keywords.text("CCDSUM") or "").split()
+    numbers = stated if len(stated) == 2 else [keywords.plain("XBINNING"), keywords.plain("YBINNING")]
+    return (
+        None
+        if None in numbers
+        else "x".join(f"{number:g}" if isinstance(number, float) else str(number) for number in numbers)
+    )
 
 
-def _section(path: Path, size: tuple[int, int], keywords: _Keywords, name: str) -> Section | None:
-    """Return a section of the stored image that a keyword states, or None."""
-    text = keywords.text(name)
-    if text is None:
-        return None
-    try:
-        return parse_section(text, size)
-    except InputError as error:
-        raise FileError(path, name, value=text, expected=error.expected) from None
+def _subframe(size: tuple[int, int], keywords: Keywords) -> str | None:
+    """Return the columns and rows of the image with their first ones, XORGSUBF and YORGSUBF."""
+    first = keywords.plain("XORGSUBF"), keywords.plain("YORGSUBF")
+    return None if None in first else f"{size[1]}x{size[0]}+{first[0]}+{first[1]}"
 
 
-def _cfa(path: Path, rows: int, light: Section, keywords: _Keywords) -> Cfa | None:
+def _cfa(unit: Unit) -> Cfa | None:
     """Return the tile at the first pixel with light; BAYERPAT describes the upright picture."""
+    keywords, light = unit.keywords, unit.light
     pattern = keywords.text("BAYERPAT")
     if pattern is None:
         return None
     try:
         tile = cfa_from(pattern)
     except InputError as error:
-        raise error.within("BAYERPAT").in_file(path) from None
+        raise error.within("BAYERPAT").in_file(keywords.path) from None
     down, right = int(keywords.number("YBAYROFF") or 0), int(keywords.number("XBAYROFF") or 0)
     if (keywords.text("ROWORDER") or "").upper() == "BOTTOM-UP":  # the last stored row is the top one
-        tile, down = tile[::-1], -down - rows % len(tile)
+        tile, down = tile[::-1], -down - unit.size[0] % len(tile)
     return shifted(tile, down + light.top, right + light.left)

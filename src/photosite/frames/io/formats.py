@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ from pathlib import Path
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import reading
 from photosite.files.writing import atomic_path
-from photosite.frames.frame_file import FrameHeader, FrameLocation
+from photosite.frames.frame_file import FrameHeader, FrameLocation, split_selection
 from photosite.frames.io.format_table import (
     DEEP_SUFFIXES,
     FORMATS,
@@ -53,7 +54,7 @@ def read_raw(
     Parameters
     ----------
     path
-        The file.
+        The file, or a part of it: `"x.fits[1]"`, `"x.fits[AMP1]"`, `"pages.tif[3]"`, `"x.h5[dark]"`.
     bits
         Bit depth of the converter, for files that do not state it; 17 to 24 for pixels of 32 bits. Default: the 8 or 16
         bits that TIFF and PNG store; as many bits as the white level of camera raw needs.
@@ -89,10 +90,17 @@ def read_raw(
     (12, (2, 3), ('R', 'G', 'B'))
     """
     check_bits(bits, MOST_BITS)
-    file = Path(path)
+    name, selection = split_selection(os.fspath(path))
+    file = Path(name)
     part = None if region is None else parse_region(region)
     location = None
-    headers = read_headers(file) if index is not None or part is not None else ()
+    headers: tuple[FrameHeader, ...] = ()
+    if index is not None or part is not None or selection is not None:
+        headers = select_headers(file, read_headers(file), selection)
+    if selection is not None and index is None:
+        if len(headers) > 1:
+            raise _several(path, headers)
+        index = 0
     if index is not None:
         if not 0 <= index < len(headers):
             raise FileError(path, "index", value=index, expected=f"0 to {len(headers) - 1}")
@@ -101,6 +109,12 @@ def read_raw(
     for note in notes:
         warnings.warn(PhotositeWarning(note, where=str(path)), stacklevel=2)
     return frame if part is None else _cropped(frame, part, file, headers[index or 0].border)
+
+
+def _several(path: str | PathLike[str], headers: Sequence[FrameHeader]) -> FileError:
+    name = split_selection(os.fspath(path))[0]
+    hint = f"Name one of them: {Path(name).name}[{headers[0].names[-1]}]"
+    return FileError(path, f"the file holds {len(headers)} frames", hint=hint)
 
 
 def _cropped(frame: RawFrame, region: Section, path: Path, border: Border | None) -> RawFrame:
@@ -122,8 +136,7 @@ def read_frame(
     if location is not None:
         headers = tuple(header for header in headers if header.location == location)
     if len(headers) != 1:
-        problem = f"the file holds {len(headers)} frames"
-        raise FileError(path, problem, hint="Pass {index}, or open the file with open_frames", arguments={"index": 0})
+        raise _several(path, module.read_headers(path))
     header: FrameHeader = headers[0]
     if header.overscan and header.black_level_dn is None:
         level = module.overscan_level(path, header.location)
@@ -161,6 +174,31 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of all frames in a file, without pixels."""
     headers: tuple[FrameHeader, ...] = detect_format(path).load().read_headers(path)
     return headers
+
+
+def select_headers(path: Path, headers: tuple[FrameHeader, ...], selection: str | None) -> tuple[FrameHeader, ...]:
+    """Return the headers of the frames that a text names.
+
+    It is the number of a unit or page ("1"), with the number of a frame in it ("1,3"), the name of a unit ("AMP1") or
+    of a dataset ("/dark").
+
+    Raises
+    ------
+    FileError
+        If the file has no such part.
+    """
+    if selection is None:
+        return headers
+    wanted = re.sub(r"\s*,\s*", ",", selection.strip().strip("/")).casefold()
+    found = tuple(header for header in headers if wanted in map(str.casefold, header.names))
+    if not found:
+        names = list(dict.fromkeys(name for header in headers for name in header.names))
+        shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
+        raise FileError(f"{path}[{selection}]", "the file has no such part", hint=f"Its parts are {shown}")
+    return found
+
+
+_MOST_NAMES = 12
 
 
 def detect_format(path: Path) -> Format:

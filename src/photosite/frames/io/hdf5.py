@@ -199,13 +199,14 @@ def _headers(path: Path, part: _Part, single: bool) -> Iterator[FrameHeader]:
     for index in range(part.frames or 1):
         own = {name: part.of_frame(path, name, index) for name in per_frame}
         number = "" if part.frames is None else f"[{index}]"
+        names = (part.name, f"{part.name},{index}")
         yield FrameHeader(
             part.shape[-2],
             part.shape[-1],
             part.stored_bits,
             exposure_s=_exposure_s(path, part, own),
             metadata=metadata | _settings(own),
-            location=FrameLocation("" if single else f":/{part.name}{number}", part.name, index),
+            location=FrameLocation("" if single else f":/{part.name}{number}", part.name, index, names),
             **fields,
         )
 

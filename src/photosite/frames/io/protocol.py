@@ -12,6 +12,7 @@ frames:
   - {kind: light, exposure: 0.04, files: [flat/a.dng, flat/b.dng], photons_per_pixel: 12000}
   - {kind: light, exposure: 1/60, files: iso400/*.dng, gain_setting: 400, temperature_c: 21.5}
   - {kind: dark, files: more/*.nef}     # exposures, gain settings and temperatures from the files' metadata
+  - {kind: light, exposure: 1, files: r/*.fits, filter: R}   # or read_mode, binning, part, ... (frames/conditions.py)
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,8 @@ from typing import Any
 from photosite.errors import FileError, InputError
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import check_keys, check_version, dump_yaml, line_of, optional_text, read_yaml
-from photosite.frames.frame_file import FrameFile
+from photosite.frames.conditions import CONDITIONS, stated_conditions
+from photosite.frames.frame_file import FrameFile, split_selection
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.sections import Section, parse_region
 from photosite.values.cfa import NAMED, Cfa, cfa_from
@@ -37,7 +39,7 @@ VERSION_KEY = "photosite_protocol"
 
 _KEYS = (VERSION_KEY, "name", "bits", "cfa", "black_level_dn", "region", "sensor", "frames")
 _NUMBERS = ("photons_per_pixel", "gain_setting", "temperature_c")
-_FRAME_KEYS = ("kind", "exposure", "files", *_NUMBERS)
+_FRAME_KEYS = ("kind", "exposure", "files", *_NUMBERS, *CONDITIONS)
 _WILDCARDS = frozenset("*?[")
 
 
@@ -53,11 +55,14 @@ class ProtocolFrames:
         The kind, and the settings that the protocol states; None for those in the files' metadata.
     line
         Line of the protocol, counted from 1.
+    conditions
+        Conditions that the protocol states, by the names of `photosite.frames.conditions.CONDITIONS`.
     """
 
     files: tuple[str, ...]
     settings: FrameSettings
     line: int | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,9 +94,9 @@ class Protocol:
     def frame_files(self, path: Path) -> list[FrameFile]:
         """List the files of the protocol at `path`, with patterns expanded, in its order."""
         return [
-            FrameFile(file, frames.settings, path, frames.line)
+            FrameFile(file, frames.settings, path, frames.line, conditions=frames.conditions, selection=selection)
             for frames in self.frames
-            for pattern in frames.files
+            for pattern, selection in map(split_selection, frames.files)
             for file in matching_files(path, pattern, frames.line)
         ]
 
@@ -138,7 +143,7 @@ def _entry(frames: ProtocolFrames) -> dict[str, Any]:
         entry["exposure"] = text if "/" in text else exposure_s
     entry["files"] = frames.files[0] if len(frames.files) == 1 else frames.files
     numbers = {key: getattr(frames.settings, key) for key in _NUMBERS}
-    return entry | {key: value for key, value in numbers.items() if value is not None}
+    return entry | {key: value for key, value in numbers.items() if value is not None} | dict(frames.conditions)
 
 
 def read_protocol(path: str | PathLike[str]) -> Protocol:
@@ -187,7 +192,8 @@ def _frames(file: Path, number: int, entry: Any, line: int | None) -> ProtocolFr
     except InputError as error:
         key = "exposure" if error.what == "exposure_s" else error.what
         raise error.within(where).in_file(file, line_of(entry, key) or line) from None
-    return ProtocolFrames(tuple(str(pattern) for pattern in patterns), settings, line)
+    conditions = stated_conditions({name: entry[name] for name in CONDITIONS if name in entry})
+    return ProtocolFrames(tuple(str(pattern) for pattern in patterns), settings, line, conditions)
 
 
 def matching_files(path: Path, pattern: str, line: int | None) -> list[Path]:

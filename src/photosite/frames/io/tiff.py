@@ -262,7 +262,7 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
         return (replace(first, first_pixel=_first_pixel(pages[0], first.stored_bits)),)
     headers = [first, *(_header(path, page, first) for page in pages[1:])]
     return tuple(
-        replace(header, location=FrameLocation(f"[{number}]", page.offset))
+        replace(header, location=FrameLocation(f"[{number}]", page.offset, names=(str(number),)))
         for number, (page, header) in enumerate(zip(pages, headers, strict=True))
     )
 

@@ -1,0 +1,181 @@
+"""Settings that differ in more than kind, exposure and gain are never merged."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from raising import raises
+
+import photosite as ps
+from photosite.calibration.settings_result import SettingsCalibration
+from photosite.cli.calibrate import command
+from photosite.errors import FileError, InputError
+from photosite.frames.conditions import CONDITIONS, label, parse_where, stated_conditions
+from photosite.frames.open import open_settings
+
+fits = pytest.importorskip("astropy.io.fits")
+
+
+def put(folder, name, shape=(4, 6), **keywords):
+    folder.mkdir(exist_ok=True)
+    header = fits.Header({"EXPTIME": 1.0, **{key.replace("_", "-"): value for key, value in keywords.items()}})
+    fits.PrimaryHDU(np.full(shape, 64, np.uint16), header).writeto(folder / f"{name}.fits")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "found"),
+    [
+        ({"READOUTM": "Fast"}, {"READOUTM": "High Gain"}, ["read_mode=Fast", "read_mode=High Gain"]),
+        ({"OFFSET": 10}, {"OFFSET": 50}, ["offset_setting=10", "offset_setting=50"]),
+        ({"BLKLEVEL": 10}, {"BLKLEVEL": 50}, ["offset_setting=10", "offset_setting=50"]),
+        ({"XBINNING": 1, "YBINNING": 1}, {"XBINNING": 2, "YBINNING": 2}, ["binning=1x1", "binning=2x2"]),
+        ({"CCDSUM": "1 1"}, {"CCDSUM": "2 1"}, ["binning=1x1", "binning=2x1"]),
+        ({"XORGSUBF": 0, "YORGSUBF": 0}, {"XORGSUBF": 8, "YORGSUBF": 2}, ["subframe=6x4+0+0", "subframe=6x4+8+2"]),
+        ({"SET_TEMP": -10.0}, {"SET_TEMP": -20.0}, ["set_temperature_c=-10", "set_temperature_c=-20"]),
+        ({"FILTER": "B"}, {"FILTER": "R"}, ["filter=B", "filter=R"]),
+        ({"INSTRUME": "ASI1600"}, {"INSTRUME": "ASI294"}, ["camera=ASI1600", "camera=ASI294"]),
+        ({"SERIALNO": "A1"}, {"SERIALNO": "A2"}, ["serial_number=A1", "serial_number=A2"]),
+    ],
+)
+def test_conditions_of_fits(tmp_path, first, second, found):
+    put(tmp_path, "a", IMAGETYP="FLAT", **first)
+    put(tmp_path, "b", IMAGETYP="FLAT", **second)
+    settings = open_settings(tmp_path)
+    assert [label(each.conditions) for each in settings] == found
+    assert [each.frame_count for each in settings] == [1, 1]
+    with raises(FileError, f"the frames have 2 settings: {found[0]} (1 frame); {found[1]} (1 frame)"):
+        ps.open_frames(tmp_path)
+    one = ps.open_frames(tmp_path, where=found[1])
+    assert one.groups[0].frames[0].name.endswith("b.fits")
+
+
+def test_settings_may_differ_in_size(tmp_path):
+    put(tmp_path, "a", (4, 6), IMAGETYP="FLAT", XBINNING=1, YBINNING=1)
+    put(tmp_path, "b", (2, 3), IMAGETYP="FLAT", XBINNING=2, YBINNING=2)
+    assert [(each.rows, each.cols) for each in open_settings(tmp_path)] == [(4, 6), (2, 3)]
+
+
+def test_dark_frames_go_with_each_filter(tmp_path):
+    for mode in ("fast", "slow"):
+        put(tmp_path, f"dark_{mode}", IMAGETYP="DARK", FILTER="none", READOUTM=mode)
+        for color in "RG":
+            put(tmp_path, f"{color}_{mode}", IMAGETYP="FLAT", FILTER=color, READOUTM=mode)
+    settings = open_settings(tmp_path)
+    names = {
+        label(each.conditions): sorted(f.path.stem for group in each.groups for f in group.frames) for each in settings
+    }
+    assert names == {
+        f"read_mode={mode},filter={color}": [f"{color}_{mode}", f"dark_{mode}"]
+        for mode in ("fast", "slow")
+        for color in "GR"
+    }
+    chosen = ps.open_frames(tmp_path, where={"filter": "r", "read_mode": "slow"})
+    assert [group.kind for group in chosen.groups] == ["dark", "light"]
+
+
+def test_dark_frames_without_flat_fields_of_their_setting_are_listed(tmp_path):
+    put(tmp_path, "dark_1", IMAGETYP="DARK", XBINNING=1, YBINNING=1)
+    put(tmp_path, "flat_R", IMAGETYP="FLAT", XBINNING=1, YBINNING=1, FILTER="R")
+    put(tmp_path, "flat_G", IMAGETYP="FLAT", XBINNING=1, YBINNING=1, FILTER="G")
+    put(tmp_path, "dark_2", IMAGETYP="DARK", XBINNING=2, YBINNING=2)
+    assert sorted((label(each.conditions), each.frame_count) for each in open_settings(tmp_path)) == [
+        ("binning=1x1,filter=G", 2),
+        ("binning=1x1,filter=R", 2),
+        ("binning=2x2,filter=not stated", 1),
+    ]
+
+
+def test_what_one_frame_states_alone_does_not_separate(tmp_path):
+    put(tmp_path, "a", IMAGETYP="DARK")
+    put(tmp_path, "b", IMAGETYP="FLAT", READOUTM="fast")
+    assert ps.open_frames(tmp_path).frame_count == 2
+    put(tmp_path, "c", IMAGETYP="FLAT", READOUTM="slow")
+    assert [label(each.conditions) for each in open_settings(tmp_path)] == [
+        "read_mode=fast",
+        "read_mode=not stated",
+        "read_mode=slow",
+    ]
+    assert len(open_settings(tmp_path, together=("read_mode",))) == 1
+
+
+def test_set_point_of_a_camera_without_cooler():
+    """N.I.N.A. wrote -1.8e308 for an unknown one."""
+    assert stated_conditions({"set_temperature_c": -1.7e308, "camera": "x"}) == {"camera": "x"}
+
+
+def test_a_model_is_a_camera():
+    assert stated_conditions({"make": "A", "model": "B"}) == {"camera": "B"}
+
+
+def test_a_protocol_states_conditions(tmp_path):
+    for name in "ab":
+        put(tmp_path, name, FILTER="L")
+    text = "photosite_protocol: 1\nframes:\n- {kind: light, files: a.fits%s}\n- {kind: light, files: b.fits%s}\n"
+    (tmp_path / "protocol.yaml").write_text(text % (", filter: R", ", filter: 2"))
+    assert [label(each.conditions) for each in open_settings(tmp_path)] == ["filter=2", "filter=R"]
+    (tmp_path / "protocol.yaml").write_text(text % ("", ""))
+    assert ps.open_frames(tmp_path).frame_count == 2
+
+
+@pytest.mark.parametrize(("where", "what"), [("filter", "where"), ("color=R", "where"), ("filter=U", "where filter")])
+def test_invalid_selections(tmp_path, where, what):
+    put(tmp_path, "a", IMAGETYP="FLAT", FILTER="R")
+    with raises(InputError, what):
+        ps.open_frames(tmp_path, where=where)
+
+
+def test_selections():
+    assert parse_where(["filter=R,binning=2x2", "part=A"]) == {"filter": "R", "binning": "2x2", "part": "A"}
+    assert parse_where({"set_temperature_c": -10.0}) == {"set_temperature_c": "-10"}
+    assert set(parse_where(",".join(f"{name}=1" for name in CONDITIONS))) == set(CONDITIONS)
+
+
+def test_gain_settings_are_selected_and_not_separated(tmp_path):
+    for gain in (0, 100):
+        put(tmp_path, f"g{gain}", IMAGETYP="FLAT", GAIN=gain)
+    assert ps.open_frames(tmp_path).gain_settings == (0, 100)
+    assert ps.open_frames(tmp_path, where="gain_setting=100").gain_settings == (100,)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Two read modes of 0.25 and 0.5 DN/e-, and dark frames of a third one."""
+    rng, folder = np.random.default_rng(1), tmp_path_factory.mktemp("modes")
+    for mode, gain in (("high", 0.5), ("low", 0.25)):
+        for kind, electrons in (("dark", 0), *(("flat", n) for n in range(500, 4500, 500))):
+            for number in range(3):
+                dn = 64.5 + gain * (rng.poisson(electrons, (48, 48)) + 3 * rng.standard_normal((48, 48)))
+                metadata = {"read_mode": mode, "kind": "dark" if kind == "dark" else "light"}
+                frame = ps.RawFrame(dn.astype(np.uint16), 12, exposure_s=(electrons or 500) / 1e4, metadata=metadata)
+                frame.save(folder / f"{mode}_{electrons}_{number}.tif")
+    ps.RawFrame(np.zeros((48, 48), np.uint16), 12, exposure_s=1.0, metadata={"read_mode": "odd", "kind": "dark"}).save(
+        folder / "odd.tif"
+    )
+    return folder
+
+
+def test_calibration_of_each_setting(measured):
+    found = ps.calibrate(open_settings(measured))
+    assert isinstance(found, SettingsCalibration)
+    assert list(found.settings) == ["read_mode=high", "read_mode=low"]
+    for each, gain in zip(found.settings.values(), (0.5, 0.25), strict=True):
+        low, high = each.system_gain_dn_per_e.interval_95
+        assert low < gain < high < 1.1 * gain
+    assert list(found.refused) == ["read_mode=odd"]
+    assert found.diagnostics[0].id == "setting-not-calibrated"
+
+
+def test_command_lists_settings_and_calibrates_each_or_one(measured, tmp_path):
+    done = CliRunner().invoke(command, [str(measured), "--json"])
+    assert done.exit_code == 0, done.output
+    assert "3 settings: read_mode=high (27 frames); read_mode=low (27 frames); read_mode=odd (1 frame)" in done.stderr
+    assert [each["conditions"][10:] for each in json.loads(done.stdout)["settings"]] == ["high", "low", "odd"]
+    refused = CliRunner().invoke(command, [str(measured), "--report", str(tmp_path / "a.html")])
+    assert refused.exit_code == 2
+    assert "--where" in refused.stderr
+    one = CliRunner().invoke(command, [str(measured), "--json", "--where", "read_mode=low"])
+    low, high = json.loads(one.stdout)["parameters"]["system_gain_dn_per_e"]["interval_95"]
+    assert low < 0.25 < high
