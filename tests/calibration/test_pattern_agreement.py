@@ -26,6 +26,7 @@ def stack(
     *,
     warmer: float = 1.0,
     leak: float = 0.0,
+    stray_e: float = 0.0,
     dark_e_per_s: float = DARK_E_PER_S,
     light_e_per_s: float = LIGHT_E_PER_S,
     exposure_s: float | None = None,
@@ -38,8 +39,8 @@ def stack(
 ) -> FrameSet:
     """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs.
 
-    `leak` is the light in the dark frames, e-/s; `exposure_s` that of all flat fields, whose light then changes. `of`
-    makes one flat field of three.
+    `leak` is the light in the dark frames, e-/s; `stray_e` what flat fields have at no light; `exposure_s` that of all
+    flat fields, whose light then changes. `of` makes one flat field of three.
     """
     rng = np.random.default_rng([seed, 77])
     response = 1.0 + rng.normal(0.0, 0.01, shape)
@@ -51,7 +52,8 @@ def stack(
 
     def frame(kind: str, seconds: float) -> np.ndarray:
         mean = rate * seconds if kind == "dark" else rate * (exposure_s or seconds) * warmer
-        mean = mean + (light_e_per_s if kind == "light" else leak) * seconds * response * colors
+        light_e = light_e_per_s * seconds + stray_e if kind == "light" else leak * seconds
+        mean = mean + light_e * response * colors
         electrons = rng.poisson(mean) + offset + rng.normal(0.0, READ_E, shape)
         return np.clip(np.rint(change(kind, GAIN * electrons + BLACK)), 0, 4095).astype(np.uint16)
 
@@ -90,6 +92,21 @@ def test_light_in_dark_frames_is_named_by_its_colors() -> None:
     (entry,) = (entry for entry in found.diagnostics if entry.id == "light-in-darks")
     assert entry.size == pytest.approx((1.0 - 0.4) / 2.0, abs=0.02)
     assert "dark_current_e_per_s" in entry.parameters
+
+
+@pytest.mark.parametrize("exposure_s", [None, 0.5], ids=["times", "one time"])
+@pytest.mark.parametrize("stray_e", [200.0, 800.0, -100.0])
+def test_light_that_does_not_grow_is_named_and_leaves_the_gain(stray_e: float, exposure_s: float | None) -> None:
+    """The size is that at no light over the brightest level in the linear range, to four standard errors."""
+    frames = stack(2, stray_e=stray_e, exposure_s=exposure_s, light_s=tuple(0.1 * k for k in range(2, 9)))
+    found = calibrate(frames)
+    (entry,) = (entry for entry in found.diagnostics if entry.id == "constant-light")
+    (used,) = found.linear_range.values()
+    brightest_e = used.highest * (LIGHT_E_PER_S if exposure_s is None else 1.0)
+    assert entry.size == pytest.approx(stray_e / (brightest_e + stray_e), rel=0.1)
+    assert not {"unclear-bend", "nonlinear-light", "bent-response"} & set(sizes(frames))
+    gain = found.system_gain_dn_per_e
+    assert abs((gain.value or 0.0) - GAIN) < 4.0 * (gain.standard_uncertainty or 0.0) < 0.03 * GAIN
 
 
 def mirrored(kind: str, numbers: np.ndarray) -> np.ndarray:
@@ -140,7 +157,9 @@ def test_frames_of_one_state_agree(cfa: Cfa) -> None:
     """Eight stacks: by chance, one of 300 runs of this test raises one of the diagnostics."""
     for seed in range(8):
         found = limits(calibrate(stack(10 + seed, cfa=cfa, shape=(64, 80))))
-        assert not {"other-offsets", "other-dark-current", "unlit-lines", "light-in-darks"} & set(found), seed
+        assert not {"other-offsets", "other-dark-current", "unlit-lines", "light-in-darks", "constant-light"} & set(
+            found
+        ), seed
 
 
 def test_flat_fields_that_were_divided_are_named_by_their_saturated_pixels() -> None:

@@ -14,7 +14,7 @@ from photosite.calibration.photon_transfer.dark_noise_ratio import PROCESSED_FRA
 from photosite.calibration.photon_transfer.full_well import FULL_WELLS
 from photosite.calibration.photon_transfer.level_outliers import LIGHT_OUTLIERS, outlier_warning
 from photosite.calibration.photon_transfer.noise_covariance import CORRELATION_P_VALUE, SHARED_NOISE
-from photosite.calibration.photon_transfer.response_shape import BEND_P_VALUE, TONE_CURVE
+from photosite.calibration.photon_transfer.response_shape import BEND_P_VALUE, TONE_CURVE, constant_light
 from photosite.calibration.spatial.nonuniformity import is_large
 from photosite.calibration.withheld import RESPONSE
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
@@ -154,6 +154,37 @@ UNCLEAR_BEND = DiagnosticKind(
 )
 
 
+CONSTANT_LIGHT = DiagnosticKind(
+    "constant-light",
+    "warning",
+    "The flat fields have a signal that does not grow with the stated light.",
+    "The responsivity contains it. The system gain does not: the response is straight.",
+    "Keep other light away; check whether the shutter stays open longer, or shorter, than stated.",
+    (*RESPONSE, "linearity_*"),
+    "signal at no light, relative to the brightest level in the linear range",
+    "none in 400 straight and 2000 bent sets of levels; a bend below the dimmest level only looks the same",
+)
+
+
+def constant_signal(evidence: Evidence) -> Iterator[Diagnostic]:
+    """Light that all flat fields have in addition to what is stated."""
+    found = [
+        (constant, float(channel.levels.signal[channel.used].max()), name)
+        for name, channel in evidence.channels.items()
+        if (constant := constant_light(channel.levels, channel.used)) is not None
+    ]
+    if found:
+        constant, brightest, name = max(found, key=lambda each: abs(each[0].value) / each[1])
+        yield CONSTANT_LIGHT(
+            f"the flat fields have {constant.value:.3g} ± {constant.standard_uncertainty:.1g} DN at no light"
+            f"{evidence.reduction.channel_label(name, ' in channel {}')}, {100 * constant.value / brightest:.2g} % of "
+            f"the brightest level in the linear range: stray light that does not change with the stated light, or "
+            f"exposure times that are off by a constant (or a response that bends below the dimmest level only). The "
+            f"responsivity contains it, the system gain does not",
+            constant.value / brightest,
+        )
+
+
 def response(evidence: Evidence) -> Iterator[Diagnostic]:
     """The channel whose gain a bend changes most, if it changes value or uncertainty by half."""
     found = [
@@ -282,5 +313,6 @@ CHECKS = (
     Check("result", 160, bend_or_light, linear=True),
     Check("result", 170, shared_noise, linear=True),
     Check("result", 210, uneven_light, linear=True),
+    Check("result", 215, constant_signal, linear=True),
     Check("result", 220, response, linear=True),
 )

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
-from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, find_shape
+from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, constant_light, find_shape
 from photosite.calibration.withheld import WRONG_PROPORTION
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.block_diagonal import block_diagonal
@@ -184,7 +184,10 @@ def fit_bent_gain(
         levels.signal if top is None else np.append(levels.signal, top)
         for levels, top in zip(channels, saturation_dn, strict=True)
     ]
-    shapes = [find_shape(*entry) for entry in zip(channels, used, signals, strict=True)]
+    shapes = [
+        None if constant_light(levels, mask) is not None else find_shape(levels, mask, signal)
+        for levels, mask, signal in zip(channels, used, signals, strict=True)
+    ]
     bent = any(shape is not None for shape in shapes)
     joint = _Joint.of(channels, used, signals, shapes)
     if joint.largest_bend > LARGEST_BEND:

@@ -25,8 +25,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.photon_transfer.fit import fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_FRACTION, LightLevels
 from photosite.values.diagnostic import DiagnosticKind
+from photosite.values.uncertain import Uncertain
 
 Array = NDArray[np.float64]
 
@@ -59,6 +61,34 @@ class ResponseShape:
     offset: float
 
 
+LEAST_CONSTANT = 0.005
+"""Signal that does not grow with the light, relative to the brightest level, from which it is distinguished."""
+_CONSTANT_CHI_SQUARE, _BEND_CHI_SQUARE = 25.0, 9.0
+"""Decrease of chi square by a constant signal; the same relative to a bend of the second order without one."""
+
+
+def constant_light(levels: LightLevels, used: NDArray[np.bool_]) -> Uncertain | None:
+    """Return the signal of flat fields, DN, that does not grow with the stated light; None where none is seen.
+
+    Shutters that stay open longer than stated, and stray light, add it; it may be negative. It must explain the means
+    better than proportion does, and than a smooth bend, by more than the scatter of the levels.
+    """
+    points = _Points.of(levels, used)
+    if points is None or len(points.t) <= LEAST_LEVELS:
+        return None
+    covariance = levels.signal_covariance[np.ix_(points.taken, points.taken)]
+    x, y = levels.x[points.taken], levels.signal[points.taken]
+    line, proportional = (fit_linear(design, y, covariance) for design in (np.vander(x, 2), x[:, None]))
+    scatter = max(1.0, line.chi_square / line.degrees_of_freedom)
+    constant = line.uncertain[1]
+    seen = (
+        proportional.chi_square - line.chi_square > _CONSTANT_CHI_SQUARE * scatter
+        and points.chi_square(2) - line.chi_square > _BEND_CHI_SQUARE * scatter
+        and abs(constant.value) > LEAST_CONSTANT * float(y.max())
+    )
+    return constant if seen else None
+
+
 LEAST_LEVELS = 4
 """Different light levels that a bend needs."""
 LEAST_SIGNAL = 20.0
@@ -71,14 +101,10 @@ def find_shape(levels: LightLevels, used: NDArray[np.bool_], signals: Array) -> 
     Levels are compared with a constant ln(x / y), and polynomials of t with it. False alarms of all these chi-square
     tests together are `BEND_P_VALUE` at most.
     """
-    variance = np.diag(levels.signal_covariance)
-    take = used & levels.trusted & (levels.x > 0.0) & (levels.signal > LEAST_SIGNAL * np.sqrt(variance))
-    x, y = levels.x[take], levels.signal[take]
-    if len(np.unique(np.round(np.log(x), 6))) < LEAST_LEVELS:
+    points = _Points.of(levels, used)
+    if points is None or points.straight():
         return None
-    unit = float(y.max())
-    points = _Points(y / unit, np.log(x / y), levels.signal_covariance[np.ix_(take, take)] / np.outer(y, y))
-    return None if points.straight() else points.shape_at(np.maximum(signals, 0.0) / unit)
+    return points.shape_at(np.maximum(signals, 0.0) / float(levels.signal[points.taken].max()))
 
 
 BEND_P_VALUE = 1e-3
@@ -91,22 +117,35 @@ _NEGLIGIBLE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """(m,) t and ln(x / y) of the levels, and the (m, m) covariance of the latter from sampling."""
+    """(m,) t and ln(x / y) of the levels that are taken, and the (m, m) covariance of the latter from sampling."""
 
     t: Array
     log_ratio: Array
     covariance: Array
+    taken: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, levels: LightLevels, used: NDArray[np.bool_]) -> _Points | None:
+        """Return the levels that show the shape, None where they are too few."""
+        variance = np.diag(levels.signal_covariance)
+        take = used & levels.trusted & (levels.x > 0.0) & (levels.signal > LEAST_SIGNAL * np.sqrt(variance))
+        x, y = levels.x[take], levels.signal[take]
+        if len(np.unique(np.round(np.log(x), 6))) < LEAST_LEVELS:
+            return None
+        covariance = levels.signal_covariance[np.ix_(take, take)] / np.outer(y, y)
+        return cls(y / float(y.max()), np.log(x / y), covariance, take)
 
     def straight(self) -> bool:
         from scipy.special import chdtrc
 
         m = len(self.t)
         orders = range(min(HIGHEST_ORDER, m - 2) + 1)
-        squares = [self._chi_square(order) for order in orders]
+        squares = [self.chi_square(order) for order in orders]
         chances = [chdtrc(m - 1, squares[0]), *(chdtrc(k, squares[0] - squares[k]) for k in orders[1:])]
         return bool(min(chances) * len(chances) > BEND_P_VALUE)
 
-    def _chi_square(self, order: int) -> float:
+    def chi_square(self, order: int) -> float:
+        """Return chi square of a polynomial of some order."""
         root = np.linalg.cholesky(self.covariance)
         design = np.linalg.solve(root, np.vander(self.t, order + 1, increasing=True))
         y = np.linalg.solve(root, self.log_ratio)
