@@ -27,6 +27,7 @@ from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import Kind
 from photosite.studies.plain_camera import Disturbance, PlainCamera, bent, convolved
 from photosite.studies.protocol import ShootingProtocol, Step
+from photosite.values.cfa import cfa_from
 from photosite.values.estimate import Estimate
 
 SHAPE = (96, 128)
@@ -151,6 +152,15 @@ def test_responsivity_includes_the_dark_current_that_one_exposure_leaves_open(da
     calibration = calibrate(frames_of(("dark", 1e-5, 8), *flats, camera=camera))
     missing(calibration, "responsivity_dn_per_photon", "quantum_efficiency_percent", reason="dark current is not known")
     holds(calibration.system_gain_dn_per_e, GAIN)
+
+
+def test_the_dark_current_that_one_exposure_leaves_open_is_that_of_all_channels() -> None:
+    """Without dark current the truth is at the end of the interval in all three channels."""
+    camera = replace(CAMERA, dark_e_per_s=0.0, cfa=cfa_from("rggb"))
+    flats = [("light", 0.01 * t, 4) for t in range(1, 8)]
+    found = calibrate(frames_of(("dark", 0.005, 8), *flats, camera=camera)).responsivity_dn_per_photon
+    low, high = found.interval_95
+    assert low < 0.5 * GAIN < high
 
 
 def test_single_dark_frame() -> None:
@@ -335,3 +345,22 @@ def test_a_saved_file_warns_of_assumed_values_that_remain(tmp_path: Path) -> Non
     assert "well_capacity_e" in text
     assert "read_noise_mv" not in text
     assert ps.load_sensor(tmp_path / "single.sensor.yaml").measured("well_capacity_e") == well
+
+
+def test_a_channel_of_unknown_dark_current_leaves_no_mean_responsivity() -> None:
+    """Green has two levels below saturation; red and blue bend by a dark current of 36 DN/s, which is not known.
+
+    Before, the responsivity was that of green alone, 20 % above the mean, and the bend was blamed on lamp and shutter.
+    """
+    flats = [("light", 0.09 * t, 8) for t in range(1, 5)]
+    camera = replace(CAMERA, cfa=cfa_from("grbg"), gain=0.66, black_dn=173.0, read_noise_e=12.6, dsnu_dn=3.9)
+    camera = replace(camera, electrons_per_s=6146.0, dark_e_per_s=55.0, shape=(70, 74))
+    color = np.tile([[1.0, 0.75], [0.6, 1.0]], (35, 37))
+    change = Disturbance(
+        light=lambda values, *_: np.asarray(values * color), charge=lambda values, *_: np.minimum(values, 2004.0)
+    )
+    found = calibrate(frames_of(("dark", 0.09, 8), *flats, camera=camera, disturbance=change))
+    assert found.channels["R"].responsivity_dn_per_photon.reason_id == "unknown-dark-current"
+    assert found.responsivity_dn_per_photon.reason_id == "unknown-dark-current"
+    assert found.quantum_efficiency_percent.reason_id == "unknown-dark-current"
+    assert "unclear-bend" not in limits(found)

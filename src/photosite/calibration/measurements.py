@@ -236,8 +236,9 @@ def pool_channels(
 ) -> Measurements:
     """Return all channels as one, weighted by their pixels, with a gain fitted to all of them.
 
-    A channel that lacks a measurement is left out of its mean, and `from_channels` names the others. A measurement that
-    no channel has is missing for the reason of the channel with the most measurements. Black level, dark slope, read
+    A channel that lacks a measurement is left out of its mean, and `from_channels` names the others. The responsivity,
+    which differs between channels, has no mean then. A measurement that no channel has is missing for the reason of the
+    channel with the most measurements. Black level, dark slope, read
     variance (at `exposure_s`) and dark variance come from `dark`, all pixels together, because channels share the drift
     of the black level.
     """
@@ -254,7 +255,9 @@ def pool_channels(
         known = {k: m for k, m in by_name.items() if not isinstance(getattr(m, name), Missing)}
         lacking = [channel for channel in names if channel not in known]
         values, weights = [getattr(m, name) for m in known.values()], [float(m.pixels) for m in known.values()]
-        if not known:
+        if name == "responsivity" and lacking:
+            changed[name] = getattr(by_name[lacking[0]], name)
+        elif not known:
             changed[name] = getattr(fullest, name)
         else:
             changed[name] = (pool_components if isinstance(values[0], VarianceComponents) else weighted_mean)(

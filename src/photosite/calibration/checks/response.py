@@ -151,6 +151,7 @@ UNCLEAR_BEND = DiagnosticKind(
     "Take more frames, or check lamp and shutter.",
     ("system_gain_dn_per_e", "*_e", *RESPONSE),
     "half of the range of signal over light, relative",
+    "none where dark frames of one exposure time leave open a dark current that explains it",
 )
 
 
@@ -229,7 +230,7 @@ def response(evidence: Evidence) -> Iterator[Diagnostic]:
             f"quantum efficiency include it",
             math.expm1(-light.value),
         )
-    if not (by_sensor or by_light):
+    if not (by_sensor or by_light or channel.dark_current_can_bend):
         yield UNCLEAR_BEND(
             f"the signals are not in proportion to the stated light, by {100 * channel.disproportion:.2g} %, and the "
             f"variances cannot tell a bend of the response from errors of the light: the uncertainty of the system "

@@ -36,7 +36,7 @@ from photosite.calibration.withheld import FEW_LEVELS, NO_LINEAR_LEVEL, UNKNOWN_
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Missing, Uncertain, Value, derive
+from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive
 
 _UNSATURATED = 0.9
 """Fraction of the signal at saturation below which pixels do not saturate, but for very uneven ones."""
@@ -47,6 +47,9 @@ NO_PHOTONS = UNKNOWN_PHOTONS.missing("the photons per pixel are not known; give 
 CURRENT_SIGMA, LARGEST_DARK = 3.0, 0.1
 """Standard uncertainties to the largest dark current that the means allow; fraction of the signal up to which it may be
 unknown."""
+
+_UNKNOWN_CURRENT = Source()
+"""The dark current that dark frames of one exposure time leave open: that of all channels."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ class Channel:
                 f"the dark current is not known, and may be a part of the signal of more than {100 * LARGEST_DARK:.0f} "
                 f"%: all dark frames have the exposure time {format_exposure(dark_s)} s; take some at a second one"
             )
-        return Uncertain.of(0.5 * (low + high), 0.5 * (high - low) / math.sqrt(3.0))
+        return Uncertain.of(0.5 * (low + high), 0.5 * (high - low) / math.sqrt(3.0), _UNKNOWN_CURRENT)
 
     def _dark_seconds(self, take: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return by how much the exposure times of some levels exceed that of the dark frames of one exposure time."""
@@ -177,6 +180,16 @@ class Channel:
         take = self.used & self.levels.trusted & (self.levels.x > 0.0)
         ratio = self.levels.signal[take] / self.levels.x[take]
         return float(np.ptp(ratio) / (2.0 * ratio.mean()))
+
+    @property
+    def dark_current_can_bend(self) -> bool:
+        """Whether the dark current that one dark exposure time leaves open explains the disproportion."""
+        current = self.unknown_dark_current()
+        if not isinstance(current, Uncertain):
+            return current is not None
+        take = self.used & self.levels.trusted & (self.levels.x > 0.0)
+        most = current.value + math.sqrt(3.0) * current.standard_uncertainty
+        return bool(0.5 * most * np.ptp(self._dark_seconds(take) / self.levels.signal[take]) >= self.disproportion)
 
     def stretch_at_saturation(self) -> Uncertain:
         """Return the electrons of fully clipped pixels over those of a straight response with the gain."""
