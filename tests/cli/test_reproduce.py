@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from photosite.studies import imperfect_stacks
+from photosite.studies import imperfect_stacks, random_sensors
 from photosite.studies.conditions import CONDITIONS
 from photosite.studies.defective_pixels import DefectCoverage
+from photosite.studies.drawn_sensors import draw_sensor
 from photosite.studies.farrell2008 import fill_factor
+from photosite.studies.outcome import Outcome
+from photosite.studies.random_sensors import SensorResult
 
 
 @pytest.mark.smoke("reproduce coverage")
@@ -84,6 +88,22 @@ def test_defective_pixels(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> No
     assert done.status == 0
     assert "96.2 %" in done.out
     assert "3 of 120" in done.out
+
+
+@pytest.mark.smoke("reproduce random-sensors")
+def test_random_sensors(photosite: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    outcome = Outcome(3.0, 1.0, 1.0, False)
+    result = SensorResult(draw_sensor(7), {"prnu_percent": outcome, "dsnu_e": "none"}, frozenset({"jpeg-frames"}))
+    monkeypatch.setattr(random_sensors, "_measure", lambda number: result)
+    done = photosite("reproduce", "random-sensors", "--sensor", 7, "--figure", tmp_path / "errors.png")
+    assert done.status == 0
+    assert "0.0 % of all intervals" in done.out
+    assert "jpeg-frames" in done.out
+    assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
+    assert photosite("reproduce", "random-sensors", "--sensor", 7, "--json").json["false_alarms"] == {
+        "jpeg-frames": [7]
+    }
+    assert photosite("reproduce", "random-sensors", "--sensor", 7, "--sensors", 8).status == 2
 
 
 @pytest.mark.smoke("reproduce detection")
