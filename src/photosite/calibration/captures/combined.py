@@ -19,7 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
-from photosite.calibration.photon_transfer.knees import Piece, find_noise_step, find_pieces, line_through, linear_end
+from photosite.calibration.photon_transfer.knees import (
+    OTHER_CODES,
+    Piece,
+    find_noise_step,
+    find_pieces,
+    line_through,
+    linear_end,
+)
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION
 from photosite.calibration.withheld import (
     CLIPPED_TOO_FAR,
@@ -356,10 +363,6 @@ def _distance_of_codes(dn: NDArray[Any]) -> float | None:
     return float(steps.mean()) if np.ptp(steps) <= 1.0 else None
 
 
-_OTHER_CODES = 0.3
-"""Relative difference of the distances of the codes of two captures."""
-
-
 def _split(levels: Sequence[_Level], piece: Piece) -> Iterator[tuple[int, int]]:
     """Yield the first and last level of the captures of a piece, which the distances of the codes tell apart."""
     first, last, own = piece.first, piece.last, None
@@ -367,7 +370,7 @@ def _split(levels: Sequence[_Level], piece: Piece) -> Iterator[tuple[int, int]]:
         codes = levels[k].codes
         if codes is None:
             continue
-        if own is not None and abs(codes / own - 1.0) > _OTHER_CODES and min(last - first, piece.last - k) > 1:
+        if own is not None and abs(codes / own - 1.0) > OTHER_CODES and min(last - first, piece.last - k) > 1:
             yield first, last
             first = k
         own, last = codes, k
@@ -381,8 +384,8 @@ def _split_by_noise(
     part = slice(first, last + 1)
     darks = max((k + 1 for k, level in enumerate(levels[part]) if level.kind == "dark"), default=0)
     codes = [level.codes for level in levels[part] if level.codes is not None]
-    other_codes = bool(codes) and max(codes) > (1.0 + _OTHER_CODES) * min(codes)
-    place = find_noise_step(signal[part], variance[part], uncertainty[part], max(darks, 1), 1, other_codes)
+    known = np.array([level.codes or min(codes) for level in levels[part]]) if codes else None
+    place = find_noise_step(signal[part], variance[part], uncertainty[part], max(darks, 1), 1, known)
     if place is None:
         return ((first, last),)
     return (first, first + place - 1), (first + place, last)

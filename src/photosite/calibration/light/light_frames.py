@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.dark.dark_result import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
@@ -112,8 +113,7 @@ def measure_light_frames(
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
     if not dark.level_unknown:
-        other_codes = any(steps is not None and not steps.uniform for steps in reduction.steps)
-        check_knees(channels, reduction.frames.source, other_codes=other_codes)
+        check_knees(channels, reduction.frames.source, _distances_of_codes(reduction))
     if noise.shared is not None:
         channels = [replace(each, levels=noise.shared.means(each.levels, each.index)) for each in channels]
         if noise.shared.neighbors is not None:
@@ -137,6 +137,15 @@ def measure_light_frames(
     if (unequal := _unequal_gains(reduction)) is not None:
         pooled = replace(pooled, gain=unequal, line_gain=unequal)
     return replace(pooled, channels=measured, noise=noise, outliers=tuple(outliers))
+
+
+def _distances_of_codes(reduction: Reduction) -> list[tuple[float, NDArray[np.float64]]] | None:
+    """Return the distance of the numbers of each channel in the dark, and in each light group; None if it is one."""
+    if all(steps is None or steps.uniform for steps in reduction.steps):
+        return None
+    darks, groups = len(reduction.darks), len(reduction.darks) + len(reduction.lights)
+    distances = [np.ones(groups) if steps is None else np.array(steps.by_group) for steps in reduction.steps]
+    return [(float(each[:darks].min(initial=1.0)), each[darks:]) for each in distances]
 
 
 def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:

@@ -22,6 +22,9 @@ from photosite.sensor.noise_terms import QUANTIZATION_DN2
 
 _Array = NDArray[np.float64]
 
+_Codes = tuple[float, _Array]
+"""Distance of the numbers of a channel in the dark, and that in each light group."""
+
 
 class SeveralCapturesError(CalibrationError):
     """Frames combine several captures, or are companded: their photon transfer curve has knees."""
@@ -150,16 +153,34 @@ _SMOOTH_ERROR = 0.002
 """Relative deviation of the variance from a straight line that is no step of the noise."""
 _STEP_CHI_SQUARE, _WITH_OTHER_CODES = 9.0, 4.0
 """Decrease of chi square by a step of the noise: 1 of 3000 sets of clean or bent levels without a step reaches 10. And
-where the distance of the numbers changes with the level, as that of the captures' converters: 1 of 400."""
+where the distance of the numbers changes with the level, as that of the captures' converters: 1 of 400; or 1 of 44
+where it changes once, so that the place of the step is known."""
+OTHER_CODES = 0.3
+"""Relative difference of the distances of the numbers of two captures."""
+
+
+def _place_of_codes(codes: _Array) -> int | None:
+    """Return the first point of larger distances of the numbers, where there are two distances, one after the other."""
+    larger = codes > (1.0 + OTHER_CODES) * codes.min()
+    place = int(larger.argmax())
+    parts = codes[:place], codes[place:]
+    once = larger[place:].all() and all(np.ptp(part) < 0.1 * part.min() for part in parts if part.size)
+    return place if place and once else None
 
 
 def find_noise_step(
-    signal: _Array, variance: _Array, uncertainty: _Array, darks: int = 1, least: int = 1, other_codes: bool = False
+    signal: _Array,
+    variance: _Array,
+    uncertainty: _Array,
+    darks: int = 1,
+    least: int = 1,
+    codes: _Array | None = None,
 ) -> int | None:
     """Return the first point above a step of the read noise on one line's slope, None if no such step is seen.
 
     Captures that read one charge, put on one scale, have the same slope and another read noise. The step must explain
     the points better than a bend (a quadratic or a cubic term), or one deviating point, or another dark variance.
+    Where the distance of the numbers changes once, the step is there, and must be seen beside a quadratic term.
 
     Parameters
     ----------
@@ -167,8 +188,8 @@ def find_noise_step(
         (points,) ascending signals above black, the temporal variances and their standard uncertainties.
     darks, least
         Points of dark frames, the first ones; least number of points of flat fields below a step.
-    other_codes
-        Whether the distance of the numbers changes with the level.
+    codes
+        Distance of the numbers at each point.
 
     Examples
     --------
@@ -193,15 +214,23 @@ def find_noise_step(
     def step_at(place: int) -> _Array:
         return np.asarray((np.arange(count) >= place).astype(np.float64))
 
+    def upward(place: int, *columns: _Array) -> bool:
+        design = np.stack([*line, *columns, step_at(place)], axis=1) * weight[:, None]
+        return bool(np.linalg.lstsq(design, variance * weight, rcond=None)[0][-1] > 0.0)
+
+    known = None if codes is None else _place_of_codes(codes)
+    if known is not None and first <= known <= last:
+        without, with_step = chi_square(x**2), chi_square(x**2, step_at(known))
+        seen = without - with_step > _WITH_OTHER_CODES * max(1.0, with_step / max(count - 4, 1))
+        return known if seen and upward(known, x**2) else None
     chances = {place: chi_square(step_at(place)) for place in range(first, last + 1)}
     place = min(chances, key=chances.__getitem__)
     points = np.eye(count)
     others = min(chi_square(x**2), chi_square(x**2, x**3), *(chi_square(point) for point in points))
     scatter = max(1.0, chances[place] / max(count - 4, 1))
-    design = np.stack([*line, step_at(place)], axis=1) * weight[:, None]
-    upward = np.linalg.lstsq(design, variance * weight, rcond=None)[0][2] > 0.0
+    other_codes = codes is not None and codes.max() > (1.0 + OTHER_CODES) * codes.min()
     limit = _WITH_OTHER_CODES if other_codes else _STEP_CHI_SQUARE
-    return place if upward and others - chances[place] > limit * scatter else None
+    return place if others - chances[place] > limit * scatter and upward(place) else None
 
 
 BELOW_SATURATION = 0.85
@@ -227,10 +256,10 @@ _MOST_BETWEEN = 2
 """Points of each channel between the pieces at a knee."""
 
 
-def check_knees(channels: Sequence[Channel], source: str, *, other_codes: bool = False) -> None:
+def check_knees(channels: Sequence[Channel], source: str, codes: Sequence[_Codes] | None = None) -> None:
     """Raise `SeveralCapturesError` if the variance steps by a factor, or an amount, that biases the system gain.
 
-    `other_codes` is whether the distance of the numbers changes with the level.
+    `codes` are the distances of the numbers of each channel, where they change with the level.
     """
     levels = [channel.levels for channel in channels]
     if not levels:
@@ -258,7 +287,7 @@ def check_knees(channels: Sequence[Channel], source: str, *, other_codes: bool =
         if near and not 1.0 / _LARGE_STEP < step < _LARGE_STEP:
             found.append((0.5 * float(signal[before.last] + signal[after.first]), step))
     if not found:
-        _check_noise_step(channels, signal[:end], source, other_codes)
+        _check_noise_step(channels, signal[:end], source, codes)
         return
     where = ", ".join(f"{at:.4g} DN (factor {step:.3g})" for at, step in found)
     cause = "the frames combine several captures"
@@ -269,26 +298,32 @@ def check_knees(channels: Sequence[Channel], source: str, *, other_codes: bool =
     raise SeveralCapturesError(what, where=source, hint=hint, id=SEVERAL_CAPTURES.id)
 
 
-def _check_noise_step(channels: Sequence[Channel], below: _Array, source: str, other_codes: bool) -> None:
+def _check_noise_step(channels: Sequence[Channel], below: _Array, source: str, codes: Sequence[_Codes] | None) -> None:
     """Raise `SeveralCapturesError` if the read noise steps, at signals up to the last one given."""
     if not below.size:
         return
     points = []
-    for channel in channels:
+    for k, channel in enumerate(channels):
         levels, dark = channel.levels, channel.dark.variance
         if dark.reason:
             return
         shortest = int(np.argmin(dark.exposure_s))
         dark_e2 = float(dark.y[shortest])
-        points.append((0.0, dark_e2 - QUANTIZATION_DN2, float(np.sqrt(dark.variance[shortest]))))
+        of_dark, of_lights = (1.0, np.ones(len(levels.x))) if codes is None else codes[k]
+        points.append((0.0, dark_e2 - QUANTIZATION_DN2, float(np.sqrt(dark.variance[shortest])), of_dark))
         kept = levels.repeated & (levels.signal > 0.0) & (levels.signal <= below.max())
-        values = levels.signal, levels.shot + dark_e2 - QUANTIZATION_DN2, levels.noise_uncertainty
+        values = (
+            levels.signal,
+            levels.shot + dark_e2 - QUANTIZATION_DN2,
+            levels.noise_uncertainty,
+            of_lights[levels.group],
+        )
         points += list(zip(*(each[kept].tolist() for each in values), strict=True))
-    signal, variance, uncertainty = np.array(sorted(points)).T
+    signal, variance, uncertainty, distances = np.array(sorted(points)).T
     count = len(channels)
     if not ((variance > 0.0) & (uncertainty > 0.0)).all():
         return
-    place = find_noise_step(signal, variance, uncertainty, count, count, other_codes)
+    place = find_noise_step(signal, variance, uncertainty, count, count, None if codes is None else distances)
     if place is not None:
         raise SeveralCapturesError(
             f"the temporal variance steps at {0.5 * (signal[place - 1] + signal[place]):.4g} DN above black with the "
