@@ -83,18 +83,12 @@ def test_eight_and_signed_bits(tmp_path):
     assert read_headers(tmp_path / "a.fits")[0].stored_bits == 8
     put(tmp_path / "b.fits", (dn() >> 1).astype(np.int16))
     assert np.array_equal(read_raw(tmp_path / "b.fits").dn, dn() >> 1)
-    put(tmp_path / "c.fits", np.array([[5, -3]], np.int16))
-    with raises(FileError, "dn", value=-3):
-        read_raw(tmp_path / "c.fits")
 
 
 @pytest.mark.parametrize(
     ("data", "keywords", "what"),
     [
-        (np.zeros((4, 5), np.float32), {}, "pixels"),
-        (np.zeros((4, 5), np.int64), {}, "pixels"),
-        (np.zeros((4, 5), np.int16), {"BSCALE": 2.0}, "pixels"),
-        (np.zeros((4, 5), np.int8), {}, "pixels"),
+        (np.zeros((4, 5), np.int64), {}, "the file does not state its bit depth"),
         (np.zeros((3, 4, 5), np.uint16), {}, "3 planes are those of a color picture"),
         (np.zeros(5, np.uint16), {}, "shape"),
         (np.zeros((4, 5), np.uint16), {"EXPTIME": "long"}, "EXPTIME"),

@@ -106,7 +106,7 @@ def made(path, data=None, name="data", **attributes):
 @pytest.mark.parametrize(
     ("make", "what"),
     [
-        ({"data": np.zeros((4, 5))}, "the file holds no frames, but /data (4, 5) float64"),
+        ({"data": np.zeros((4, 5), complex)}, "the file holds no frames, but /data (4, 5) complex128"),
         ({"data": np.zeros(7, np.uint16)}, "the file holds no frames, but /data (7,) uint16"),
         ({"data": np.zeros((40, 50, 3), np.uint8)}, "the shape (40, 50, 3) is that of a color picture"),
         ({"data": np.zeros((0, 5), np.uint8)}, "the dataset is empty"),

@@ -24,6 +24,7 @@ from photosite.frames.conditions import stated_conditions
 from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
 from photosite.frames.sections import Section
+from photosite.frames.stored_numbers import NumberKind
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
 from photosite.values.region import Border
@@ -60,7 +61,7 @@ class FrameHeader:
     rows, cols
         Size of the frame.
     stored_bits
-        Bits per pixel in the file, 8, 16 or 32; None if only decoding shows the bit depth (camera raw).
+        Bits per pixel in the file, 8, 16 or 32; 16 for floats; None if only decoding shows the bit depth (camera raw).
     bits, cfa, black_level_dn, white_level_dn, exposure_s, color_matrix, color_matrix_a, noise_profile, metadata
         As in `RawFrame`. The metadata kind, gain_setting (or iso), temperature_c and photons_per_pixel are settings.
     notes
@@ -73,6 +74,8 @@ class FrameHeader:
         Lines around the frame, as in `FrameSet`, that `read_whole` reads with it.
     overscan
         Whether the file states overscan, whose level `read_frame` takes for the black level if none is stated.
+    numbers
+        How the numbers are stored. Those of signed ones and floats are converted (`photosite.frames.stored_numbers`).
     first_pixel
         Position in the file, in bytes, of the first pixel of uint16, if all follow as they do in memory; else None.
     """
@@ -94,6 +97,7 @@ class FrameHeader:
     masked_border: bool = False
     border: Border | None = None
     overscan: bool = False
+    numbers: NumberKind = "unsigned"
     first_pixel: int | None = None
 
     @property

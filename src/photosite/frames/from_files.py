@@ -36,6 +36,14 @@ from photosite.frames.io.formats import (
 )
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
+from photosite.frames.stored_numbers import (
+    Conversion,
+    NumberKind,
+    NumberRange,
+    conversion_diagnostics,
+    conversion_of,
+    joined,
+)
 from photosite.frames.stored_rows import StoredRows
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
@@ -151,6 +159,10 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
     _warn_of_header_notes(frames)
     shape = _common("size", frames, [(f.header.rows, f.header.cols) for f in frames], properties.shape)
     bits = _bits(frames, properties)
+    stated_bits = _stated_bits(frames, properties)
+    conversion, numbers = _conversion(frames, stated_bits) or (None, None)
+    if conversion is not None and numbers is not None:
+        bits = conversion.bits(bits, numbers) or bits
     cfas = [f.header.resolve_cfa(f.file.path, properties.cfa) for f in frames]
     cfa = _common("color filter array", frames, cfas, None)
     if properties.sensor is not None:
@@ -160,10 +172,10 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
     sources = [
         FrameSource(
             f.file.name,
-            _FrameReading(f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp),
+            _FrameReading(f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp, conversion),
             True,
             path=f.file.path,
-            whole=partial(read_whole, f.file.path, f.file.location) if beside else None,
+            whole=partial(_read_whole, f.file, conversion) if beside else None,
         )
         for f in frames
     ]
@@ -176,7 +188,11 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
     found = [(KIND_BY_LEVEL, level_warning), (OTHER_EXPOSURE, _exposure_warning(frames))]
     found += [(TEMPERATURE_VARIED, _temperature_warning(settings)), *((LIT_BORDER, each) for each in border_warnings)]
     diagnostics = (*_warned(found, source), *_other_orientations(frames), *_assumed_bits(frames, properties))
+    if conversion is not None and numbers is not None:
+        diagnostics += conversion_diagnostics(conversion, numbers, stated_bits)
     stated_black = _shared([f.header.black_level_dn for f in frames])
+    if stated_black is not None and conversion is not None:
+        stated_black += conversion.added
     opened = FrameSet(
         groups,
         *shape,
@@ -344,6 +360,49 @@ def _other_orientations(frames: Sequence[_OpenedFrame]) -> tuple[Diagnostic, ...
     )
 
 
+def _conversion(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conversion, NumberRange] | None:
+    """Return the conversion of stored to digital numbers, and their range; None for unsigned numbers as they are.
+
+    The frames of the shortest and of the longest exposure, which show darkness and the most light, are read first; all
+    frames are read where these have negative numbers or fractions.
+    """
+    kinds, stored_bits = {frame.header.numbers for frame in frames}, frames[0].header.stored_bits
+    if kinds == {"unsigned"} and (bits is None or stored_bits is None or bits >= stored_bits):
+        return None
+
+    def found(some: Sequence[_OpenedFrame]) -> NumberRange:
+        pixels = ((f.file.name, read_pixels(f.file.path, f.file.location)) for f in some)
+        return joined(NumberRange.of(name, stored) for name, stored in pixels)
+
+    brightest = max([frame for frame in frames if frame.settings.kind != "dark"] or frames, key=_exposure)
+    if kinds == {"unsigned"}:
+        first = found([brightest])
+        conversion = conversion_of(first, "unsigned", bits, stored_bits)
+        return None if conversion.plain else (conversion, first)
+    kind: NumberKind = "float" if "float" in kinds else "signed"
+    first = found([min(frames, key=_exposure), brightest])
+    if first.lowest < 0 or not first.whole:
+        first = found(frames)
+    return conversion_of(first, kind, bits, stored_bits), first
+
+
+def _stated_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int | None:
+    """Return the bits of files that do not state them, from the listing, the caller or the sensor."""
+    if any(frame.header.bits is not None for frame in frames):
+        return None
+    if properties.bits is None and properties.sensor is not None:
+        return properties.sensor.readout.bits
+    return properties.bits
+
+
+def _exposure(frame: _OpenedFrame) -> float:
+    return frame.settings.exposure_s or 0.0
+
+
+def _read_whole(file: FrameFile, conversion: Conversion | None) -> Numbers:
+    return (conversion or Conversion()).apply(file.name, read_whole(file.path, file.location))
+
+
 def _assumed_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> tuple[Diagnostic, ...]:
     """Return a diagnostic if the bit depth is assumed and larger than that of most converters."""
     assumed = [f.header.stored_bits for f in frames if f.header.bits is None]
@@ -379,17 +438,23 @@ class _FrameReading:
     shape: tuple[int, int]
     first_pixel: int | None  # as in `FrameHeader`, while the file has the stamp
     stamp: tuple[int, ...] | None
+    conversion: Conversion | None = None  # None for numbers that are stored as unsigned integers
 
     def __call__(self) -> Numbers:
         """Return the digital numbers."""
-        if self.location is None:
+        if self.conversion is not None:
+            stored = self.conversion.apply(self._name, read_pixels(self.path, self.location))
+            dn = of_bits(self._name, stored, self.bits)
+        elif self.location is None:
             dn = read_frame(self.path, self.bits, self.cfa)[0].dn
         else:
-            dn = of_bits(self._name, read_pixels(self.path, self.location), self.bits)
+            dn = of_bits(self._name, Conversion().apply(self._name, read_pixels(self.path, self.location)), self.bits)
         return dn if dn.shape == self.shape else self._changed(dn.shape)
 
     def open_rows(self) -> StoredRows | None:
         """Open the frame to read some rows at a time; None where its pixels are not stored as they are."""
+        if self.conversion is not None:
+            return None
         if self.first_pixel is not None and self.stamp is not None and self.stamp == file_stamp(self.path):
             return StoredRows(self.path, self.first_pixel, self.shape)
         opened = open_stored_rows(self.path, self.location, self.bits, self.cfa)

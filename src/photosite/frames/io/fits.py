@@ -1,6 +1,6 @@
 """Frames in FITS (version 4.0), read by astropy: the extra `fits`.
 
-Every image unit of 8, 16 or 32 bits is a frame, or a stack if it has three axes; units of one chip are joined, units of
+Every image unit is a frame, or a stack if it has three axes; units of one chip are joined, units of
 others are its parts (`photosite.frames.io.fits_units`). Unsigned numbers are stored minus BZERO, 2^15 or 2^31, as FITS
 requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP or SET-TEMP (degrees Celsius),
 IMAGETYP (words as in file names: "Dark Frame"), BAYERPAT with XBAYROFF, YBAYROFF and ROWORDER, and `_CONDITIONS`.
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import reading
@@ -26,7 +27,7 @@ from photosite.frames.conditions import cooled
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.frame_settings import kinds_in_name
 from photosite.frames.io.fits_units import JoinedUnits, Keywords, Unit, are_parts, image_unit, image_units, joined_units
-from photosite.frames.raw_frame import Numbers
+from photosite.frames.stored_numbers import StoredNumbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
@@ -64,29 +65,31 @@ def _headers(image: JoinedUnits, units: list[Unit], images: list[JoinedUnits]) -
         yield replace(header, location=location, metadata={**header.metadata, **parts})
 
 
-def read_pixels(path: Path, location: FrameLocation) -> Numbers:
+def read_pixels(path: Path, location: FrameLocation) -> StoredNumbers:
     """Read the (rows, cols) digital numbers of one frame."""
     with _open_fits(path) as opened:
         if isinstance(location.part, int):
-            light = image_unit(path, opened, location.part).light
-            dn = _stored_numbers(path, opened, location.part, location.index)
-            part: Numbers = dn[light.slices]
+            single = image_unit(path, opened, location.part)
+            light, dn = single.light, _stored_numbers(single, opened, location.index)
+            part: StoredNumbers = dn[light.slices]
             return dn if light.shape == dn.shape else part.copy()
         first = int(location.part.partition("+")[0])
         image = next(image for image in joined_units(image_units(path, opened)) if image.units[0].number == first)
-        deep = any(unit.keywords.own["BITPIX"] == 32 for unit in image.units)
-        out = np.zeros(image.shape, np.uint32 if deep else np.uint16)
-        for unit, source, target in zip(image.units, image.sources, image.targets, strict=True):
-            dn = _stored_numbers(path, opened, unit.number, location.index)[source.slices]
+        parts = [
+            _stored_numbers(unit, opened, location.index)[source.slices]
+            for unit, source in zip(image.units, image.sources, strict=True)
+        ]
+        out: Any = np.zeros(image.shape, np.result_type(*parts))
+        for part, target in zip(parts, image.targets, strict=True):
             rows, cols = (slice(None, None, -1 if flip else None) for flip in target.flipped)
-            out[target.slices] = dn[rows, cols]
-        return out
+            out[target.slices] = part[rows, cols]
+        return out  # type: ignore[no-any-return]
 
 
-def read_whole(path: Path, location: FrameLocation) -> Numbers:
+def read_whole(path: Path, location: FrameLocation) -> StoredNumbers:
     """Read the digital numbers of a frame with those around the lines with light."""
     with _open_fits(path) as opened:
-        return _stored_numbers(path, opened, location.part, location.index)
+        return _stored_numbers(image_unit(path, opened, int(location.part)), opened, location.index)
 
 
 def overscan_level(path: Path, location: FrameLocation) -> float:
@@ -94,20 +97,24 @@ def overscan_level(path: Path, location: FrameLocation) -> float:
     with _open_fits(path) as opened:
         unit = image_unit(path, opened, int(location.part))
         overscan = unit.keywords.section("BIASSEC", unit.size)
-        dn = _stored_numbers(path, opened, unit.number, location.index)
+        dn = _stored_numbers(unit, opened, location.index)
         return float(dn[overscan.slices].mean()) if overscan else 0.0
 
 
-def _stored_numbers(path: Path, units: Any, number: int | str, index: int) -> Numbers:
-    """Read all digital numbers of a frame of a unit."""
-    unit = units[number]
-    zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
-    deep = unit.header["BITPIX"] == 32
-    stored = np.asarray(unit.section[index] if unit.header["NAXIS"] == 3 else unit.data)
-    dn = stored.astype(np.int64 if deep else np.int32) + zero
-    if dn.min() < 0:
-        raise FileError(path, "dn", value=int(dn.min()), expected="0 or above")
-    return np.ascontiguousarray(dn, np.uint32) if deep else np.ascontiguousarray(dn, np.uint16)
+def _stored_numbers(unit: Unit, opened: Any, index: int) -> StoredNumbers:
+    """Read all numbers of a frame of a unit, with BZERO and BSCALE."""
+    numbers, (zero, scale) = unit.numbers, unit.zero_and_scale  # reading the data can change the header
+    image = opened[unit.number]
+    stored = np.asarray(image.section[index] if len(unit.shape) == 3 else image.data)
+    bits = 8 * stored.dtype.itemsize
+    if numbers == "float":
+        plain = (zero, scale) == (0, 1)
+        floats: Any = stored.astype(stored.dtype.newbyteorder("=") if plain else np.float64)
+        return floats if plain else floats * scale + zero  # type: ignore[no-any-return]
+    dn: NDArray[np.signedinteger] = stored.astype(np.int64 if bits >= 32 else np.int32) + int(zero)
+    if numbers == "signed":
+        return dn
+    return np.ascontiguousarray(dn, np.uint32) if bits == 32 else np.ascontiguousarray(dn, np.uint16)
 
 
 @contextmanager
@@ -210,7 +217,8 @@ def _header(image: JoinedUnits) -> FrameHeader:
         del metadata["temperature_c"]
     return FrameHeader(
         *image.shape,
-        int(keywords.own["BITPIX"]),
+        16 if unit.numbers == "float" else min(int(keywords.own["BITPIX"]), 32),
+        numbers=unit.numbers,
         cfa=None if joined else _cfa(unit),
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
         metadata={name: value for name, value in metadata.items() if value is not None},

@@ -18,9 +18,10 @@ from typing import Any
 
 from photosite.errors import FileError, InputError
 from photosite.frames.sections import Section, parse_section, section_with_light
+from photosite.frames.stored_numbers import NumberKind
 
-_ZEROS = {8: (0,), 16: (0, 1 << 15), 32: (0, 1 << 31)}
-"""BZERO of the numbers by their bits: signed, unsigned."""
+_UNSIGNED_ZERO = {8: 0, 16: 1 << 15, 32: 1 << 31}
+"""BZERO of unsigned numbers by their bits (FITS 4.0, section 5.2.5)."""
 
 _NO_FRAMES = {"ERR", "DQ", "WHT", "VAR", "UNCERT", "MASK", "CTX", "SAMP", "TIME"}
 """Names of units with uncertainties, flags and weights (Hubble Space Telescope, ccdproc)."""
@@ -97,6 +98,20 @@ class Unit:
         return self.shape[-2], self.shape[-1]
 
     @property
+    def zero_and_scale(self) -> tuple[float, float]:
+        """BZERO and BSCALE."""
+        header = self.keywords.own
+        return header.get("BZERO", 0), header.get("BSCALE", 1)
+
+    @property
+    def numbers(self) -> NumberKind:
+        """How the numbers are stored."""
+        bits, (zero, scale) = self.keywords.own["BITPIX"], self.zero_and_scale
+        if bits < 0 or scale != 1 or zero != int(zero):
+            return "float"
+        return "unsigned" if zero == _UNSIGNED_ZERO.get(bits) else "signed"
+
+    @property
     def name(self) -> str:
         """EXTNAME, with EXTVER where it is not 1."""
         name, version = self.keywords.own.get("EXTNAME"), self.keywords.own.get("EXTVER", 1)
@@ -160,11 +175,8 @@ def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
     if axes == 3 and shape[0] in (3, 4):
         problem = f"{shape[0]} planes are those of a color picture"
         raise FileError(path, problem, where=where, hint=f"Write {shape[0]} raw frames as one unit each")
-    zero, scale = header.get("BZERO", 0), header.get("BSCALE", 1)
-    if bits not in _ZEROS or scale != 1 or zero not in _ZEROS[bits]:
-        found = f"BITPIX {bits}, BZERO {zero}, BSCALE {scale}"
-        expected = "8, 16 or 32 bits with BZERO 0, 2^15 or 2^31 and BSCALE 1"
-        raise FileError(path, "pixels", where=where, value=found, expected=expected)
+    if bits not in (8, 16, 32, 64, -32, -64):
+        raise FileError(path, "BITPIX", where=where, value=bits, expected="8, 16, 32, 64, -32 or -64")
     return shape
 
 

@@ -24,8 +24,9 @@ from photosite.frames.io.format_table import (
     Format,
     format_to_write,
 )
-from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, Numbers, RawFrame, check_bits
+from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, RawFrame, check_bits
 from photosite.frames.sections import Section, lines_around, parse_region
+from photosite.frames.stored_numbers import NumberRange, StoredNumbers, conversion_diagnostics, conversion_of
 from photosite.frames.stored_rows import StoredRows
 from photosite.values.cfa import Cfa, cfa_from, shifted
 from photosite.values.region import Border
@@ -141,21 +142,39 @@ def read_frame(
     if header.overscan and header.black_level_dn is None:
         level = module.overscan_level(path, header.location)
         header = replace(header, black_level_dn=level, metadata={**header.metadata, MASKED_BORDER: level})
-    return header.to_frame(path, module.read_pixels(path, header.location), bits, cfa), header.notes
+    stored = module.read_pixels(path, header.location)
+    found = number_range(path, stored, header, bits)
+    if found is None:
+        return header.to_frame(path, stored, bits, cfa), header.notes
+    conversion = conversion_of(found, header.numbers, bits, header.stored_bits)
+    notes = tuple(entry.text for entry in conversion_diagnostics(conversion, found, bits))
+    if conversion.added:
+        header = replace(header, black_level_dn=(header.black_level_dn or 0.0) + conversion.added)
+    dn = conversion.apply(path, stored)
+    return header.to_frame(path, dn, conversion.bits(bits, found), cfa), (*header.notes, *notes)
 
 
-def read_pixels(path: Path, location: FrameLocation) -> Numbers:
-    """Read the (rows, cols) digital numbers of one frame of a file of several, without its header."""
+def number_range(
+    path: str | PathLike[str], stored: StoredNumbers, header: FrameHeader, bits: int | None
+) -> NumberRange | None:
+    """Return the range of numbers that may need a conversion: signed ones, floats, more bits than are stated."""
+    if header.numbers == "unsigned" and (bits is None or header.bits is not None or header.stored_bits in (None, bits)):
+        return None
+    return NumberRange.of(path, stored)
+
+
+def read_pixels(path: Path, location: FrameLocation | None) -> StoredNumbers:
+    """Read the (rows, cols) stored numbers of one frame, without its header."""
     kind = detect_format(path)
     if not hasattr(kind.load(), "read_pixels"):
         raise FileError(path, f"the file is now {kind.name}; it had another format when it was opened")
-    numbers: Numbers = kind.load().read_pixels(path, location)
+    numbers: StoredNumbers = kind.load().read_pixels(path, location)
     return numbers
 
 
-def read_whole(path: Path, location: FrameLocation | None = None) -> Numbers:
-    """Read the digital numbers of a frame with its border, which `FrameHeader.border` states."""
-    numbers: Numbers = detect_format(path).load().read_whole(path, location)
+def read_whole(path: Path, location: FrameLocation | None = None) -> StoredNumbers:
+    """Read the stored numbers of a frame with its border, which `FrameHeader.border` states."""
+    numbers: StoredNumbers = detect_format(path).load().read_whole(path, location)
     return numbers
 
 

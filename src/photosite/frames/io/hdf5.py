@@ -1,7 +1,8 @@
 """Frames in HDF5: every dataset of unsigned integers with the shape of a frame or of a stack of frames.
 
-A dataset (rows, cols) of uint8, uint16 or uint32 is a frame, one of (frames, rows, cols) a stack. Attributes of the
-dataset, of the groups above it and of the file state the other fields; the nearest one counts:
+A dataset (rows, cols) of uint8, uint16 or uint32 is a frame, one of (frames, rows, cols) a stack; in a file without
+them, datasets of signed integers or floats are. Attributes of the dataset, of the groups above it and of the file state
+the other fields; the nearest one counts:
 
     exposure_s          exposure time in seconds (or exposure_ms, exposure_us, exposure_ns)
     kind                "dark" or "light"
@@ -31,7 +32,8 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.hdf5 import Hdf5File, check_stored, create_hdf5, open_hdf5, plain
 from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
-from photosite.frames.raw_frame import Numbers, RawFrame
+from photosite.frames.raw_frame import RawFrame
+from photosite.frames.stored_numbers import NumberKind, StoredNumbers
 from photosite.values.cfa import NAMED, Cfa, cfa_from, tile_name
 
 _DATASET = "frame"
@@ -40,6 +42,7 @@ _GAINS = ("gain_setting", "iso", "gain")
 _PER_FRAME = ("kind", "temperature_c", "photons_per_pixel", *_SECONDS, *_GAINS)
 _WITHOUT_UNIT = ("exposure", "exposure_time", "exposuretime", "exptime", "integration_time")
 _MOST_COLORS = 4
+_NUMBERS: Mapping[str, NumberKind] = {"u": "unsigned", "i": "signed", "f": "float"}
 _DEFLATE, _SHUFFLE = 1, 2
 """Numbers of the filters of HDF5."""
 
@@ -67,8 +70,9 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of all frames in an HDF5 file, by the names of the datasets."""
     with open_hdf5(path) as file:
         datasets = file.datasets.values()
-        parts = [_read_part(file, item) for item in datasets if _can_be_frames(item)]
-        others = [f"{item.name} {item.shape} {item.dtype}" for item in datasets if not _can_be_frames(item)]
+        unsigned = [item for item in datasets if _can_be_frames(item, "u")]
+        parts = [_read_part(file, item) for item in unsigned or datasets if _can_be_frames(item, "uif")]
+        others = [f"{item.name} {item.shape} {item.dtype}" for item in datasets if not _can_be_frames(item, "u")]
     if not parts:
         found = ", ".join(others[:8]) or "no datasets"
         hint = "A frame is (rows, cols), a stack (frames, rows, cols), of uint8, uint16 or uint32"
@@ -77,8 +81,8 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     return tuple(header for part in parts for header in _headers(path, part, single))
 
 
-def read_pixels(path: Path, location: FrameLocation) -> Numbers:
-    """Read the (rows, cols) digital numbers of one frame."""
+def read_pixels(path: Path, location: FrameLocation) -> StoredNumbers:
+    """Read the (rows, cols) numbers of one frame."""
     with open_hdf5(path) as file:
         data = file.datasets[str(location.part)]
         chunks = _compressed_chunks(data, location.index if data.ndim == 3 else None)
@@ -86,6 +90,8 @@ def read_pixels(path: Path, location: FrameLocation) -> Numbers:
             dn = data[location.index] if data.ndim == 3 else data[()]
     if chunks is not None:
         dn = chunks.decoded(path)
+    if dn.dtype.kind != "u":
+        return np.ascontiguousarray(dn, dn.dtype.newbyteorder("="))
     return np.ascontiguousarray(dn, np.uint32) if dn.dtype.itemsize == 4 else np.ascontiguousarray(dn, np.uint16)
 
 
@@ -101,7 +107,7 @@ class _Chunks:
     shuffled: bool
     parts: list[tuple[tuple[int, int], bytes]]  # first row and column, and compressed bytes
 
-    def decoded(self, path: Path) -> NDArray[np.unsignedinteger]:
+    def decoded(self, path: Path) -> NDArray[Any]:
         """Decode the chunks into (rows, cols) numbers."""
         from imagecodecs import zlib_decode
 
@@ -156,6 +162,7 @@ class _Part:
     shape: tuple[int, ...]
     stored_bits: int
     attributes: Mapping[str, Any]
+    numbers: NumberKind = "unsigned"
 
     @property
     def frames(self) -> int | None:
@@ -173,8 +180,8 @@ class _Part:
         return plain(value[index])
 
 
-def _can_be_frames(item: Any) -> bool:
-    return item.ndim in (2, 3) and item.dtype.kind == "u" and item.dtype.itemsize <= 4
+def _can_be_frames(item: Any, kinds: str) -> bool:
+    return item.ndim in (2, 3) and item.dtype.kind in kinds and item.dtype.itemsize <= (8 if kinds != "u" else 4)
 
 
 def _read_part(file: Hdf5File, item: Any) -> _Part:
@@ -185,7 +192,9 @@ def _read_part(file: Hdf5File, item: Any) -> _Part:
         hint = "A stack is (frames, rows, cols)"
         raise FileError(path, f"the shape {item.shape} is that of a color picture", where=where, hint=hint)
     check_stored(path, item)
-    return _Part(item.name.lstrip("/"), item.shape, 8 * item.dtype.itemsize, file.attributes(item, inherited=True))
+    numbers = _NUMBERS[item.dtype.kind]
+    bits = 16 if numbers == "float" else min(8 * item.dtype.itemsize, 32)
+    return _Part(item.name.lstrip("/"), item.shape, bits, file.attributes(item, inherited=True), numbers)
 
 
 def _headers(path: Path, part: _Part, single: bool) -> Iterator[FrameHeader]:
@@ -206,6 +215,7 @@ def _headers(path: Path, part: _Part, single: bool) -> Iterator[FrameHeader]:
             part.stored_bits,
             exposure_s=_exposure_s(path, part, own),
             metadata=metadata | _settings(own),
+            numbers=part.numbers,
             location=FrameLocation("" if single else f":/{part.name}{number}", part.name, index, names),
             **fields,
         )
