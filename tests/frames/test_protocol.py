@@ -92,9 +92,9 @@ def test_properties_from_the_sensor(tmp_path):
     assert (frames.bits, frames.cfa) == (12, cfa_from("rggb"))
     assert frames.sensor is not None
     assert frames.sensor.pixel.width_um.value == 6.05
-    with raises(FileError, "the frames have 14 bits, but the sensor 'Nikon D200' 12"):
+    with raises(FileError, "14 bits are stated for the frames, but the sensor 'Nikon D200' has 12"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\nbits: 14\nsensor: mine.sensor.yaml\n" + entry))
-    with raises(FileError, "the frames have the color filter array GB/RG"):
+    with raises(FileError, "the frames are stated to have the color filter array GB/RG"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\ncfa: gbrg\nsensor: mine.sensor.yaml\n" + entry))
     with pytest.raises(FileError, match=r"nowhere\.yaml"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\nsensor: nowhere.yaml\n" + entry))

@@ -151,9 +151,9 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
         if names := capture_folders(path, sensor, request.captures):
             if request.groups:
                 raise InputError("groups", expected="left as they are found with the frames of each capture")
-            frames = {name: open_frames(path / name) for name in names}
+            frames = {name: open_frames(path / name, sensor=sensor) for name in names}
         else:
-            frames = edited(open_frames(path), request.groups)
+            frames = edited(open_frames(path, sensor=sensor), request.groups)
         result = result_of(calibrate(frames, sensor, maps=request.maps, progress=report), places)
     return replace(result, warnings=tuple(dict.fromkeys([*result.warnings, *texts]))).to_dict()
 

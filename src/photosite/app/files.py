@@ -16,6 +16,7 @@ from photosite.app.places import Part, is_plain
 from photosite.color.illuminants import load_illuminant
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.child import ChildError, call_in_child
+from photosite.files.hdf5 import open_hdf5
 from photosite.frames.io.format_table import SUFFIXES as RAW_SUFFIXES
 from photosite.frames.io.formats import read_headers, read_raw
 from photosite.optics.io.formats import load_optics
@@ -94,13 +95,39 @@ _HEAD_BYTES = 1 << 16
 
 
 def _may_hold(path: Path, kind: FileKind) -> bool:
-    """Return whether a path is a file and, of YAML, names its format at its beginning."""
+    """Return whether a path is a file of a kind, as far as its beginning shows it.
+
+    YAML names its format. Frames, maps and noise-free mosaics of photosite are no scenes.
+    """
+    if path.is_file() and kind == "scene":
+        return not _is_frame_or_maps(path)
     if not path.is_file() or kind not in _YAML:
         return path.is_file()
     try:
         with path.open("rb") as file:
             return _YAML[kind] in file.read(_HEAD_BYTES)
     except OSError:
+        return False
+
+
+_OF_FRAMES = (b'{"photosite_frame"', b'{"photosite_clean"')
+_TIFF_AND_PNG, _HDF5 = (".tif", ".tiff", ".png"), (".h5", ".hdf5", ".hdf")
+
+
+def _is_frame_or_maps(path: Path) -> bool:
+    """Return whether a file is a raw frame, maps of a chip or a noise-free mosaic that photosite wrote."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix in _TIFF_AND_PNG:
+            with path.open("rb") as file:
+                head = file.read(_HEAD_BYTES)
+            return any(mark in head for mark in _OF_FRAMES)
+        if suffix not in _HDF5:
+            return False
+        with open_hdf5(path) as opened:
+            names = set(opened.datasets)
+            return "photosite_maps" in opened.file.attrs or names in ({"frame"}, {"clean"})
+    except (OSError, FileError):
         return False
 
 

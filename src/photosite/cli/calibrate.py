@@ -300,8 +300,8 @@ def _open(path: Path, sensor_name: str | None, given: Mapping[str, Any]) -> tupl
     named = () if captures is None else tuple(name.strip() for name in captures.split(","))
     sensor = options.sensor_or(None, sensor_name)
     if names := capture_folders(path, sensor, named):
-        return {name: linear(open_frames(path / name, **reading)) for name in names}, sensor
-    settings = [linear(each) for each in open_settings(path, **reading)]
+        return {name: linear(open_frames(path / name, sensor=sensor, **reading)) for name in names}, sensor
+    settings = [linear(each) for each in open_settings(path, sensor=sensor, **reading)]
     known = settings[0].sensor if sensor is None else sensor
     return (settings[0] if len(settings) == 1 else settings), known
 

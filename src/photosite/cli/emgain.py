@@ -62,7 +62,7 @@ def command(
     if unity.resolve() == multiplied.resolve():
         raise click.UsageError(f"UNITY and MULTIPLIED must be two measurements, got {unity} twice")
     held = click.get_current_context().with_resource(held_warnings())
-    sets = [open_frames(path, **reading) for path in (unity, multiplied)]
+    sets = [open_frames(path, sensor=options.sensor_or(None, sensor_name), **reading) for path in (unity, multiplied)]
     sensor = options.sensor_or(sets[0].sensor, sensor_name)
     if output is not None and sensor is None:
         raise click.UsageError("-o needs pixel size, volts and spectra, which frames lack: give --sensor")

@@ -135,7 +135,7 @@ class _Source:
         if is_preset or (may_be_sensor and _is_sensor_file(path)):
             options.not_for("a sensor, which has no frames", "sensor_name", *self.reading)
             return None
-        return open_frames(path, **self.reading)
+        return open_frames(path, sensor=options.sensor_or(None, self.sensor_name), **self.reading)
 
     def calibrated(self, frames: FrameSet) -> Calibration | GainSeries:
         """Return the calibration of a measurement of one capture."""

@@ -70,7 +70,9 @@ def command(
         raise click.UsageError("-o needs the sensor file to complete: give --sensor")
     if temperature_c is not None and len(temperature_c) != len(paths):
         raise click.UsageError(f"--at must have a temperature for each of {len(paths)} paths, got {len(temperature_c)}")
-    opened = sets = [open_frames(path, together=("set_temperature_c",), **reading) for path in paths]
+    sensor = options.sensor_or(None, sensor_name)
+    reading |= {"sensor": sensor, "together": ("set_temperature_c",)}
+    opened = sets = [open_frames(path, **reading) for path in paths]
     if temperature_c is None:
         sets = [part for frames in sets for part in split_by_temperature(frames)]
     else:
@@ -81,7 +83,6 @@ def command(
                 raise click.UsageError(f"{path}: the frames state temperatures from {spread}; leave out --at")
     if len(sets) < 2:
         raise click.UsageError("dark frames of two temperatures or more are needed, got one; name further paths")
-    sensor = options.sensor_or(None, sensor_name)
     say_if_compiling()
     calibrations = [calibrate_setting(frames, sensor, progress=Stages()) for frames in sets]
     found = dark_temperature(calibrations, temperature_c)

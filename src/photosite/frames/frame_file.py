@@ -173,6 +173,17 @@ def of_bits(name: str | PathLike[str], dn: Numbers, bits: int) -> Numbers:
     return dn.astype(np.uint16, copy=False) if bits <= 16 else dn.astype(np.uint32, copy=False)
 
 
+class OwnOutputError(FileError):
+    """The file is an output of photosite that is no frame: maps, a picture, a scene, a noise-free mosaic."""
+
+    def __init__(self, path: str | PathLike[str], kind: str) -> None:
+        self.kind = kind
+        super().__init__(path, f"the file is {kind} that photosite wrote, not a frame")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.path, self.kind)
+
+
 MARK = "photosite_frame"
 """The description's first key; its value is the version of the format."""
 

@@ -16,7 +16,14 @@ import numpy as np
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import file_stamp
 from photosite.frames.conditions import label, selected, separated
-from photosite.frames.frame_file import FrameFile, FrameHeader, FrameLocation, SetProperties, of_bits
+from photosite.frames.frame_file import (
+    FrameFile,
+    FrameHeader,
+    FrameLocation,
+    OwnOutputError,
+    SetProperties,
+    of_bits,
+)
 from photosite.frames.frame_set import (
     STEADY_TEMPERATURE_C,
     TEMPERATURE_VARIED,
@@ -45,7 +52,6 @@ from photosite.frames.stored_numbers import (
     joined,
 )
 from photosite.frames.stored_rows import StoredRows
-from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, tile_text
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 
@@ -111,6 +117,15 @@ LIT_BORDER = DiagnosticKind(
     "Take dark frames: a calibration measures the black level from them.",
     ("black_level_dn",),
 )
+OWN_OUTPUTS = DiagnosticKind(
+    "own-outputs-skipped",
+    "note",
+    "The folder has outputs of photosite, such as maps and pictures.",
+    "They are skipped.",
+    "None. Outputs in another folder are not listed.",
+    size="number of files",
+    false_alarms="none: the files state it",
+)
 ASSUMED_BITS = DiagnosticKind(
     "assumed-bit-depth",
     "warning",
@@ -147,19 +162,44 @@ def frame_sets_from_files(
     """
     _check_existing(files)
     _check_unique(files)
-    frames = selected([opened for file in files for opened in _open(file)], where or {})
-    return [
-        replace(_frame_set(same, f"{source} ({label(found)})" if found else source, properties), conditions=found)
-        for found, same in separated(frames, together)
-    ]
+    opened, skipped = _open_all(files)
+    frames = selected(opened, where or {})
+    settings = []
+    for found, same in separated(frames, together):
+        one = _frame_set(same, f"{source} ({label(found)})" if found else source, properties)
+        settings.append(replace(one, conditions=found, diagnostics=(*one.diagnostics, *skipped)))
+    return settings
+
+
+def _open_all(files: Sequence[FrameFile]) -> tuple[list[_OpenedFrame], tuple[Diagnostic, ...]]:
+    """Open the files; in a folder, outputs of photosite are skipped, and named in a diagnostic."""
+    opened: list[_OpenedFrame] = []
+    skipped: list[OwnOutputError] = []
+    for file in files:
+        try:
+            opened += _open(file)
+        except OwnOutputError as error:
+            if file.listed_in is not None or not file.names:
+                raise
+            skipped.append(error)
+    if not opened and skipped:
+        raise skipped[0]
+    if not skipped:
+        return opened, ()
+    names = ", ".join(f"{Path(error.path).name} ({error.kind})" for error in skipped[:_MOST_NAMED])
+    more = f" and {len(skipped) - _MOST_NAMED} more" if len(skipped) > _MOST_NAMED else ""
+    return opened, (OWN_OUTPUTS(f"skipped {names}{more}, which photosite wrote", float(len(skipped))),)
+
+
+_MOST_NAMED = 6
 
 
 def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetProperties) -> FrameSet:
     frames, border_warnings = _complete_headers(frames)
     _warn_of_header_notes(frames)
     shape = _common("size", frames, [(f.header.rows, f.header.cols) for f in frames], properties.shape)
-    bits = _bits(frames, properties)
     stated_bits = _stated_bits(frames, properties)
+    bits = _bits(frames, properties, stated_bits)
     conversion, numbers = _conversion(frames, stated_bits) or (None, None)
     if conversion is not None and numbers is not None:
         bits = conversion.bits(bits, numbers) or bits
@@ -167,7 +207,7 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
     cfa = _common("color filter array", frames, cfas, None)
     if properties.sensor is not None:
         cfa = cfa or properties.sensor.array.cfa
-        _check_sensor(source, properties.sensor, bits, cfa)
+        _check_sensor(frames, source, properties, bits, cfa)
     beside = _common("border without light", frames, [f.header.border for f in frames], None)
     sources = [
         FrameSource(
@@ -335,10 +375,11 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int:
-    stated = properties.bits
-    if stated is None and properties.sensor is not None and all(f.header.bits is None for f in frames):
-        stated = properties.sensor.readout.bits
+def _bits(frames: Sequence[_OpenedFrame], properties: SetProperties, stated: int | None) -> int:
+    stored = frames[0].header.stored_bits
+    if properties.bits is None and properties.sensor is not None and stated is not None and stated > (stored or stated):
+        what = f"the files store {stored} bits, but the sensor '{properties.sensor.name}' has {stated}"
+        raise frames[0].file.error(what, hint=_WHICH_SENSOR)
     return _common("bit depth", frames, [f.header.resolve_bits(f.file.path, stated) for f in frames], None)
 
 
@@ -367,7 +408,8 @@ def _conversion(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conve
     frames are read where these have negative numbers or fractions.
     """
     kinds, stored_bits = {frame.header.numbers for frame in frames}, frames[0].header.stored_bits
-    if kinds == {"unsigned"} and (bits is None or stored_bits is None or bits >= stored_bits):
+    known = bits is None or stored_bits is None or bits >= stored_bits or frames[0].header.bits is not None
+    if kinds == {"unsigned"} and known:
         return None
 
     def found(some: Sequence[_OpenedFrame]) -> NumberRange:
@@ -388,7 +430,7 @@ def _conversion(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conve
 
 def _stated_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int | None:
     """Return the bits of files that do not state them, from the listing, the caller or the sensor."""
-    if any(frame.header.bits is not None for frame in frames):
+    if properties.bits is None and any(frame.header.bits is not None for frame in frames):
         return None
     if properties.bits is None and properties.sensor is not None:
         return properties.sensor.readout.bits
@@ -418,13 +460,24 @@ def _assumed_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> 
     )
 
 
-def _check_sensor(source: str, sensor: Sensor, bits: int, cfa: Cfa) -> None:
+def _check_sensor(frames: Sequence[_OpenedFrame], source: str, properties: SetProperties, bits: int, cfa: Cfa) -> None:
+    """Check that the sensor has the bits and the mosaic of the frames; an error names where these are from."""
+    sensor = properties.sensor
+    assert sensor is not None
     if bits not in (known := {sensor.readout.bits, sensor.output_bits}):
         theirs = " or ".join(map(str, sorted(known)))
-        raise FileError(source, f"the frames have {bits} bits, but the sensor '{sensor.name}' {theirs}")
+        stated = any(frame.header.bits is not None for frame in frames)
+        own = f"the files state {bits} bits" if stated else f"{bits} bits are stated for the frames"
+        raise FileError(source, f"{own}, but the sensor '{sensor.name}' has {theirs}", hint=_WHICH_SENSOR)
     if sensor.array.cfa != cfa:
-        theirs = f"the sensor '{sensor.name}' {tile_text(sensor.array.cfa)}"
-        raise FileError(source, f"the frames have the color filter array {tile_text(cfa)}, but {theirs}")
+        stated = any(frame.header.cfa is not None for frame in frames)
+        own = "the files state the" if stated else "the frames are stated to have the"
+        theirs = f"the sensor '{sensor.name}' has {tile_text(sensor.array.cfa)}"
+        what = f"{own} color filter array {tile_text(cfa)}, but {theirs}"
+        raise FileError(source, what, hint=_WHICH_SENSOR)
+
+
+_WHICH_SENSOR = "Name the sensor that took the frames, or correct its file"
 
 
 @dataclass(frozen=True)

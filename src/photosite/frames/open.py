@@ -77,6 +77,7 @@ def open_frames(
     region: str | None = None,
     where: Where = (),
     together: Collection[str] = (),
+    sensor: Sensor | None = None,
 ) -> FrameSet:
     """Open the frames of a measurement, grouped by kind, exposure and gain setting.
 
@@ -117,6 +118,8 @@ def open_frames(
         `gain_setting` select frames too.
     together
         Conditions that do not separate settings, such as "set_temperature_c" for a series of temperatures.
+    sensor
+        The sensor that took the frames, for bits and mosaic that they do not state. Default: that of the protocol.
 
     Returns
     -------
@@ -148,6 +151,7 @@ def open_frames(
     found = open_settings(
         path,
         together=together,
+        sensor=sensor,
         bits=bits,
         cfa=cfa,
         dark=dark,
@@ -184,6 +188,7 @@ def open_settings(
     region: str | None = None,
     where: Where = (),
     together: Collection[str] = (),
+    sensor: Sensor | None = None,
 ) -> list[FrameSet]:
     """Open the frames of a measurement of one or several settings, a frame set each.
 
@@ -192,7 +197,7 @@ def open_settings(
 
     Parameters
     ----------
-    path, bits, cfa, dark, light, exposure_from_name, region, where, together
+    path, bits, cfa, dark, light, exposure_from_name, region, where, together, sensor
         As for `open_frames`; `where` may leave several settings.
 
     Returns
@@ -220,7 +225,7 @@ def open_settings(
     """
     check_bits(bits, MOST_BITS)
     part = None if region is None else parse_region(region)
-    given = SetProperties(bits, None if cfa is None else cfa_from(cfa), region=part)
+    given = SetProperties(bits, None if cfa is None else cfa_from(cfa), sensor=sensor, region=part)
     patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
     name, selection = split_selection(os.fspath(path))
     choice = parse_where(where), together
@@ -242,13 +247,15 @@ def open_settings(
         raise InputError("patterns for dark and light frames apply to folders only", hint=f"{listing} states the kinds")
     if listing.suffix.lower() in (".yaml", ".yml"):
         protocol = read_protocol(listing)
-        sensor = None if protocol.sensor is None else load_sensor(listing.parent / protocol.sensor)
+        if sensor is None and protocol.sensor is not None:
+            sensor = load_sensor(listing.parent / protocol.sensor)
         stated = SetProperties(
             protocol.bits, protocol.cfa, None, protocol.black_level_dn, sensor, region=protocol.region
         )
         files, kind = protocol.frame_files(listing), "protocol"
     elif looks_like_descriptor(listing):
         (files, stated), kind = read_descriptor(listing), "descriptor"
+        stated = replace(stated, sensor=sensor)
     else:
         hint = "A descriptor's first command is 'v' or 'n'"
         raise FileError(place, "the file is neither a YAML protocol nor an EMVA 1288 descriptor", hint=hint)

@@ -148,7 +148,7 @@ class _Camera:
 
     def _calibrated(self, name: str, path: str) -> tuple[AnyCalibration, bool]:
         """Return what was found, and whether the properties of the sensor are known."""
-        settings = open_settings(path, **self.reading)
+        settings = open_settings(path, sensor=self.sensor, **self.reading)
         frames = settings[0] if len(settings) == 1 else settings
         sensor = self.sensor or settings[0].sensor
         if sensor is not None:

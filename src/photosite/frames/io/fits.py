@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import reading
@@ -111,9 +110,9 @@ def _stored_numbers(unit: Unit, opened: Any, index: int) -> StoredNumbers:
         plain = (zero, scale) == (0, 1)
         floats: Any = stored.astype(stored.dtype.newbyteorder("=") if plain else np.float64)
         return floats if plain else floats * scale + zero  # type: ignore[no-any-return]
-    dn: NDArray[np.signedinteger] = stored.astype(np.int64 if bits >= 32 else np.int32) + int(zero)
+    dn: Any = stored.astype(np.int64 if bits >= 32 else np.int32) + int(zero)
     if numbers == "signed":
-        return dn
+        return dn  # type: ignore[no-any-return]
     return np.ascontiguousarray(dn, np.uint32) if bits == 32 else np.ascontiguousarray(dn, np.uint16)
 
 

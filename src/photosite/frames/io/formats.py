@@ -13,7 +13,7 @@ from pathlib import Path
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import reading
 from photosite.files.writing import atomic_path
-from photosite.frames.frame_file import FrameHeader, FrameLocation, split_selection
+from photosite.frames.frame_file import FrameHeader, FrameLocation, OwnOutputError, split_selection
 from photosite.frames.io.format_table import (
     DEEP_SUFFIXES,
     FORMATS,
@@ -33,13 +33,30 @@ from photosite.values.region import Border
 
 
 def raw_files(path: Path) -> list[Path]:
-    """Return the raw frames in a folder, by name; a file is returned itself. Raise `FileError` for an empty folder."""
+    """Return the raw frames in a folder, by name; a file is returned itself. Raise `FileError` for an empty folder.
+
+    Outputs of photosite that are no frames, such as pictures and maps, are left out.
+    """
     if not os.path.isdir(path):
         return [path]
-    files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
+    listed = (f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
+    files = sorted(file for file in listed if not is_own_output(file))
     if not files:
         raise FileError(path, f"has no raw frames ({NAMES})")
     return files
+
+
+def is_own_output(path: Path) -> bool:
+    """Return whether a file is an output of photosite that is no frame: a picture, maps, a noise-free mosaic."""
+    if path.suffix.lower() not in (".png", ".h5", ".hdf5", ".tif", ".tiff"):
+        return False
+    try:
+        read_headers(path)
+    except OwnOutputError:
+        return True
+    except FileError:
+        return False
+    return False
 
 
 def read_raw(

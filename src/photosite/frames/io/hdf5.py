@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.hdf5 import Hdf5File, check_stored, create_hdf5, open_hdf5, plain
-from photosite.frames.frame_file import FrameHeader, FrameLocation, check_metadata
+from photosite.frames.frame_file import FrameHeader, FrameLocation, OwnOutputError, check_metadata
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import NumberKind, StoredNumbers
 from photosite.values.cfa import NAMED, Cfa, cfa_from, tile_name
@@ -70,6 +70,8 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of all frames in an HDF5 file, by the names of the datasets."""
     with open_hdf5(path) as file:
         datasets = file.datasets.values()
+        if kind := _own_output(file):
+            raise OwnOutputError(path, kind)
         unsigned = [item for item in datasets if _can_be_frames(item, "u")]
         parts = [_read_part(file, item) for item in unsigned or datasets if _can_be_frames(item, "uif")]
         others = [f"{item.name} {item.shape} {item.dtype}" for item in datasets if not _can_be_frames(item, "u")]
@@ -79,6 +81,25 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
         raise FileError(path, f"the file holds no frames, but {found}", hint=hint)
     single = len(parts) == 1 and len(parts[0].shape) == 2
     return tuple(header for part in parts for header in _headers(path, part, single))
+
+
+_OWN_OUTPUTS = {
+    "photosite_maps": "a file of a chip's maps",
+    "photosite_scene": "a scene",
+}
+"""Outputs of photosite, by an attribute of the file."""
+
+_OWN_DATASETS = {
+    frozenset(("clean",)): "a noise-free mosaic",
+    frozenset(("s0", "s1", "s2", "dolp", "aolp_deg")): "a file of polarization maps",
+}
+"""Outputs of photosite, by their datasets."""
+
+
+def _own_output(file: Hdf5File) -> str | None:
+    if (found := next((kind for name, kind in _OWN_OUTPUTS.items() if name in file.file.attrs), None)) is not None:
+        return found
+    return _OWN_DATASETS.get(frozenset(file.datasets))
 
 
 def read_pixels(path: Path, location: FrameLocation) -> StoredNumbers:

@@ -22,7 +22,13 @@ import numpy as np
 from photosite.errors import FileError, message_of
 from photosite.files.small_files import reading
 from photosite.files.tiff_pages import bytes_held, decoded
-from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
+from photosite.frames.frame_file import (
+    FrameHeader,
+    FrameLocation,
+    OwnOutputError,
+    describe_frame,
+    parse_description,
+)
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import NumberKind, StoredNumbers
 from photosite.frames.stored_rows import StoredRows
@@ -285,6 +291,8 @@ def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHead
         stored_bits = 16
     if (own := parse_description(path, page.text(DESCRIPTION) or "", rows, cols, stored_bits)) is not None:
         return own
+    if (page.text(DESCRIPTION) or "").startswith('{"photosite_clean"'):
+        raise OwnOutputError(path, "a noise-free mosaic")
     exposure_s, metadata = exposure_of(page), camera_settings(page)
     if first is None:
         return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_s, metadata=metadata, numbers=numbers)
