@@ -42,6 +42,9 @@ from .scene.io.formats import convert_scene as convert_scene
 from .scene.io.formats import read_scene as read_scene
 from .scene.io.formats import write_scene as write_scene
 from .scene.scene import Scene as Scene
+from .sensor.chip import MeasuredChip as MeasuredChip
+from .sensor.io.camera_maps import read_camera_maps as read_camera_maps
+from .sensor.io.camera_maps import write_camera_maps as write_camera_maps
 from .sensor.io.sensor_file import load_sensor as load_sensor
 from .sensor.io.sensor_file import preset_names as preset_names
 from .sensor.model import Sensor as Sensor

@@ -116,6 +116,35 @@ def test_a_gain_setting_that_the_frames_do_not_have(
     assert "--gain-setting must be one of the frames': 400, got 100" in done.err
 
 
+def test_maps_in_and_out(photosite: Any, tmp_path: Path) -> None:
+    """Maps of single files become a sensor file, whose export has them in SMAP's units."""
+    from scipy.io import loadmat, savemat
+
+    rng = np.random.default_rng(2)
+    gain, variance = rng.normal(2.2, 0.1, (6, 8)), 3 + rng.exponential(9, (6, 8))
+    savemat(tmp_path / "gain.mat", {"map": gain})
+    savemat(tmp_path / "variance.mat", {"map": variance})
+    files, sensor = (tmp_path / "variance.mat", tmp_path / "gain.mat"), tmp_path / "mine.sensor.yaml"
+    shown = photosite("import", "maps", *files, "--json").json
+    assert (shown["rows"], shown["cols"]) == (6, 8)
+    assert shown["maps"]["gain_dn_per_e"]["median"] == pytest.approx(np.median(gain), rel=1e-12)
+    assert photosite("import", "maps", *files, "--sensor", "nikon-d200", "-o", sensor).status == 0
+    assert ps.load_sensor(sensor).system_gain_dn_per_e == pytest.approx(np.median(gain), rel=1e-6)
+    assert photosite("export", sensor, "smap", "-o", tmp_path / "smap.mat").status == 0
+    written = loadmat(tmp_path / "smap.mat")
+    np.testing.assert_allclose(written["gainmap"], 1 / gain, rtol=1e-5)
+    np.testing.assert_allclose(written["varmap"], variance, rtol=1e-4)
+    assert "the sensor has no maps" in photosite("export", "nikon-d200", "gdsc", "-o", tmp_path / "a.tif").err
+    assert (
+        "--exposure applies to maps only"
+        in photosite(
+            "export", "nikon-d200", "darktable", "--exposure", 1, "--gain-setting", 100, "-o", tmp_path / "a.json"
+        ).err
+    )
+    assert "--gain applies to maps only" in photosite("import", files[0], "--gain", 2).err
+    assert "several maps are read by: photosite import maps" in photosite("import", *files).err
+
+
 def test_wrong_imports(photosite: Any, tmp_path: Path) -> None:
     done = photosite("import", tmp_path / "none.json")
     assert (done.status, done.out) == (2, "")

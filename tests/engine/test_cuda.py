@@ -87,6 +87,7 @@ for size, lines, read_e, seconds in (((1, 1), (1, 1), 0.0, 1.0), (chip, shape, 1
 
 MEASURED = """
 maps = [rng.normal(at, spread, shape).astype(np.float32) for at, spread in ((0, 0.5), (0, 9), (0, 5), (4, 5))]
+maps.append(rng.uniform(0.6, 1.7, shape).astype(np.float32))
 lines = [rng.normal(0, 3, count) for count in shape]
 maps = pixel_model.MeasuredMaps(*map(read_only, maps), *lines, 2.5, 0.3)
 frame = check(pixel_model.expose_measured, mean, maps, exposure)

@@ -135,7 +135,8 @@ def measured_maps(shape: tuple[int, int] = (3, 1300)) -> tuple[NDArray[np.float3
         for center, spread in ((-0.2, 0.6), (0, 20), (0.5, 1), (2, 2))
     )
     lines = rng.normal(0, 1, shape[0]), rng.normal(0, 1, shape[1])
-    return photo, MeasuredMaps(prnu, offset, dark, read, *lines, LINE_VARIANCE, MAP_GAIN)
+    ratio = read_only(rng.uniform(0.6, 1.7, shape).astype(np.float32))
+    return photo, MeasuredMaps(prnu, offset, dark, read, ratio, *lines, LINE_VARIANCE, MAP_GAIN)
 
 
 def measured_in_python(r: int, c: int, photo: Any, maps: MeasuredMaps, state: Any = None) -> int:
@@ -153,7 +154,12 @@ def measured_in_python(r: int, c: int, photo: Any, maps: MeasuredMaps, state: An
     noise = math.sqrt(max(math.copysign(spread**2, spread) - LINE_VARIANCE, 0))
     z = normal(philox4x32(number, FRAME, EXPOSURE, np.uint32(0), *KEY)[2])
     gain = SHARED.gain_dn_per_e
-    dn = math.floor(electrons * gain + (level + noise * z) * gain / MAP_GAIN + SHARED.black_level_dn + 0.5)
+    dn = math.floor(
+        electrons * gain * float(maps.gain_ratio[r, c])
+        + (level + noise * z) * gain / MAP_GAIN
+        + SHARED.black_level_dn
+        + 0.5
+    )
     return int(min(max(dn, 0), SHARED.white_level_dn))
 
 
@@ -192,7 +198,7 @@ def test_measured_chip_with_a_drawn_chips_maps_gives_its_frame() -> None:
     gain = SHARED.gain_dn_per_e
     prnu, offset, dark = (at_frame(m, photo.shape) for m in drawn[:3])
     maps = [prnu * 1e-5, offset * 2e-3 * gain, dark * gain]
-    maps.append(np.full(photo.shape, READ_E * gain))
+    maps += [np.full(photo.shape, READ_E * gain), np.ones((1, 1))]
     measured = MeasuredMaps(*(read_only(m.astype(np.float32)) for m in maps), drawn.row_dn, drawn.column_dn, 0.0, gain)
     # 32-bit maps shift a number by 1e-7 of itself.
     assert_nearly_equal(

@@ -1,4 +1,4 @@
-"""`photosite export`: noise profiles and EMVA 1288 files for other programs."""
+"""`photosite export`: noise profiles, EMVA 1288 files and maps for other programs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,24 @@ if TYPE_CHECKING:
     from photosite.frames.frame_set import FrameSet
     from photosite.sensor.noise_profile import NoiseProfile
 
-SUFFIXES = {"darktable": (".json",), "libcamera": (".json",), "dng": (".dng",), "emva-xml": (".xml",), "emva": ()}
+MAP_SUFFIXES: dict[str, tuple[str, ...]] = {
+    "smite": (".mat",),
+    "smap": (".mat",),
+    "accent": (".calb",),
+    "gdsc": (".tif", ".tiff"),
+    "ome": (".tif", ".tiff"),
+    "pyme": (),
+    "decode": (),
+}
+"""Forms of maps, as in `photosite.sensor.io.camera_maps`; those without suffixes are folders."""
+SUFFIXES = {
+    "darktable": (".json",),
+    "libcamera": (".json",),
+    "dng": (".dng",),
+    "emva-xml": (".xml",),
+    "emva": (),
+    **MAP_SUFFIXES,
+}
 
 
 def _is_sensor_file(path: Path) -> bool:
@@ -43,7 +60,14 @@ def _target(text: str) -> Path:
 @click.command("export", cls=Command)
 @click.argument("source", metavar="FOLDER|FILE|SENSOR")
 @click.argument("form", metavar="FORMAT", type=click.Choice(list(SUFFIXES)))
-@click.option("-o", "--output", type=_target, metavar="FILE", required=True, help="File to write; a folder for emva.")
+@click.option(
+    "-o",
+    "--output",
+    type=_target,
+    metavar="FILE",
+    required=True,
+    help="File to write; a folder for emva, pyme and decode.",
+)
 @options.quantity("--gain-setting", unit="ISO", text="Gain setting to export, or that of a sensor file. Default: all.")
 @options.path_option("--into", text="For dng: the DNG file to copy.")
 @click.option("--maker", default="photosite", help="For darktable: the camera's maker, as its raw files state it.")
@@ -56,6 +80,13 @@ def _target(text: str) -> Path:
     default="bcm2835",
     help="For libcamera: bcm2835 (up to Pi 4) or pisp (Pi 5).",
 )
+@options.quantity(
+    "--exposure",
+    "exposure_s",
+    unit="s",
+    zero=True,
+    text="For maps: exposure time of the frames to analyze.  [default: 0]",
+)
 @options.sensor_option(text="Known properties of the sensor that took the frames.")
 @options.reading_options
 @options.where_option
@@ -66,11 +97,12 @@ def command(
     output: Path,
     gain_setting: float | None,
     into: Path | None,
+    exposure_s: float | None,
     sensor_name: str | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Write a noise profile or an EMVA 1288 file for another program.
+    """Write a noise profile, an EMVA 1288 file, or maps of offset, variance and gain for another program.
 
     The source is a measurement (folder, protocol, EMVA descriptor), which is calibrated, or a sensor (preset or file).
     Standard error lists what the format cannot hold.
@@ -82,10 +114,12 @@ def command(
       dng        a copy of the DNG file --into with its NoiseProfile tag
       emva-xml   EMVA 1288 results XML of a measurement, every parameter with its uncertainty
       emva       a folder with an EMVA 1288 descriptor and the frames of a measurement
+      smite, smap, accent, gdsc, ome, pyme, decode
+                 maps of a measurement, or of a sensor file with maps, for localization microscopy
 
     Example: photosite export stack darktable --gain-setting 100 --maker Acme --model X-1 -o noiseprofiles.json
     """
-    if form == "emva":
+    if not SUFFIXES[form]:
         options.output_folder(str(output))
     else:
         options.output_file(*SUFFIXES[form])(str(output))
@@ -98,9 +132,13 @@ def command(
             options.only_for(f"the format {of_form}", name)
     if form == "emva":
         options.not_for("the format emva, which holds frames", "sensor_name")
+    if form not in MAP_SUFFIXES:
+        options.only_for("maps", "exposure_s")
     maker, model, target = (reading.pop(name) for name in ("maker", "model", "target"))
     measured = _Source(source, gain_setting, sensor_name, reading)
-    if form.startswith("emva"):
+    if form in MAP_SUFFIXES:
+        loss = _write_maps(measured, form, output, exposure_s or 0.0)
+    elif form.startswith("emva"):
         loss = _write_emva(measured, form, output)
     elif into is not None:
         loss = _write_dng(measured, into, output)
@@ -171,6 +209,32 @@ class _Source:
             return [calibration_noise_profile(found, stated if self.gain_setting is None else self.gain_setting)]
         profiles = [calibration_noise_profile(step.calibration, step.setting) for step in found.steps]
         return profiles if self.gain_setting is None else [profile_at_setting(profiles, self.gain_setting)]
+
+
+def _write_maps(source: _Source, form: str, output: Path, exposure_s: float) -> str:
+    from photosite.calibration.calibrate import calibrate
+    from photosite.calibration.result import Calibration
+    from photosite.sensor.io.camera_maps import MAP_FORMS, write_camera_maps
+    from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
+
+    frames = source.frames()
+    if frames is None:
+        chip = load_measured_chip(load_sensor(source.name))
+        if chip is None:
+            hint = "Calibrate its frames with --maps"
+            raise InputError("the sensor has no maps", where=source.name, hint=hint)
+    else:
+        say_if_compiling()
+        if source.gain_setting is not None:
+            frames = frames.at_gain(source.gain_setting)
+        found = calibrate(frames, options.sensor_or(frames.sensor, source.sensor_name), maps=True, progress=Stages())
+        if not isinstance(found, Calibration):
+            raise click.UsageError("maps are of one gain setting and capture; choose it with --gain-setting")
+        if found.chip is None:
+            raise InputError("the frames give no maps", where=frames.source, hint=found.no_maps_reason)
+        chip = found.chip
+    write_camera_maps(chip, output, form, exposure_s=exposure_s)
+    return MAP_FORMS[form].loss
 
 
 def _write_dng(source: _Source, into: Path, output: Path) -> str:

@@ -38,6 +38,7 @@ from photosite.engine.pixel_model import (
     MeasuredConstants,
     MeasuredMaps,
     blinking_state,
+    constant_or,
     drawn_pixel,
     expose_pixel,
     measured_pixel,
@@ -56,7 +57,7 @@ _TABLE = types.Array(types.float64, 2, "C")
 _NUMBERS, _CODES = types.Array(types.uint16, 2, "C"), types.Array(types.uint16, 1, "C")
 _EXPOSURE = types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure)
 _DRAWN = types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS, _LINES, _LINES], DrawnMaps)
-_MEASURED = types.NamedTuple([_FLOATS] * 4 + [_LINES] * 2 + [types.float64] * 2, MeasuredMaps)
+_MEASURED = types.NamedTuple([_FLOATS] * 5 + [_LINES] * 2 + [types.float64] * 2, MeasuredMaps)
 _BLINKING = types.NamedTuple([types.Array(types.int64, 2, "C"), *[_LINES] * 3], BlinkingPixels)
 _CONVERSION = types.NamedTuple(
     [*[_FLOATS] * 2, *[_LINES] * 2, _GROUPS, *[_TABLE] * 2, _LINES, types.float64, _LINES, _CODES], ConversionMaps
@@ -208,7 +209,8 @@ def expose_measured_thread(photo_e: Any, maps: Any, exposure: Any, out: Any) -> 
     )
     shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
     row_dn, column_dn = maps.row_dn[r], maps.column_dn[c]
-    pixel = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, shared, exposure)
+    ratio = constant_or(maps.gain_ratio, r, c)
+    pixel = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, ratio, row_dn, column_dn, shared, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
 
 
@@ -221,7 +223,8 @@ def expose_blinking_thread(out: Any, blinking: Any, photo_e: Any, maps: Any, exp
     prnu, offset_dn, dark_rate = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
     shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
     row_dn, column_dn, noise_dn = maps.row_dn[r], maps.column_dn[c], blinking.noise_dn[j]
-    mean = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, row_dn, column_dn, shared, exposure)
+    ratio = constant_or(maps.gain_ratio, r, c)
+    mean = measured_pixel(prnu, offset_dn, dark_rate, noise_dn, ratio, row_dn, column_dn, shared, exposure)
     pixel = blinking_state(mean, blinking.amplitude_dn[j], blinking.high_fraction[j], r, c, exposure)
     out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
 

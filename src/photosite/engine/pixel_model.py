@@ -4,7 +4,7 @@ For pixel i of frame n::
 
     mean_i = photo_i response_i + dark_i                                        electrons
     e_i    = min(Poisson(mean_i), well capacity)
-    dn_i   = gain (e_i + offset_e_i + noise_e_i z_in)                           before the amplifier
+    dn_i   = gain gain_ratio_i (e_i + offset_e_i + noise_e_i z_in)              before the amplifier
              + map_gain_ratio (offset_dn_i + noise_dn_i z_in) + black level     after it
     dn_i   = clip(floor(dn_i + 1/2), 0, white level)
 
@@ -104,7 +104,7 @@ class DrawnMaps(NamedTuple):
 class MeasuredMaps(NamedTuple):
     """Maps of a measured chip, (rows, cols) float32, and the line noise of one frame."""
 
-    prnu: F32  # relative deviation of the response; a response measured below 0 counts as 0
+    prnu: F32  # relative deviation of the response in electrons; a response measured below 0 counts as 0
     # Deviation from the black level, and dark current. A dark current measured below 0 lowers the level and has no shot
     # noise, so that the mean is as measured.
     offset_dn: F32
@@ -112,6 +112,8 @@ class MeasuredMaps(NamedTuple):
     # Temporal standard deviation, line noise included. A variance measured below 0 is stored as minus the root of its
     # magnitude, and counts as 0.
     read_noise_dn: F32
+    # Gain of the pixel over `gain_dn_per_e`, by which dark currents above 0 are divided; (1, 1) for the same everywhere
+    gain_ratio: F32
     # (rows,), (cols,) float64 offset of each line in this frame
     row_dn: F64
     column_dn: F64
@@ -148,6 +150,7 @@ class Pixel(NamedTuple):
     offset_dn: float
     noise_dn: float
     map_gain_ratio: float
+    gain_ratio: float
 
 
 @compiled(inline=True)
@@ -161,7 +164,7 @@ def unrounded_dn(electrons: float, deviate: float, pixel: Pixel, exposure: Expos
     """Return the digital number of a pixel plus 1/2, not yet rounded and clipped."""
     charge_e = min(electrons, exposure.well_capacity_e) + pixel.offset_e + pixel.noise_e * deviate
     after_gain = (pixel.offset_dn + pixel.noise_dn * deviate) * pixel.map_gain_ratio
-    return charge_e * exposure.gain_dn_per_e + after_gain + exposure.black_level_dn + 0.5
+    return charge_e * (exposure.gain_dn_per_e * pixel.gain_ratio) + after_gain + exposure.black_level_dn + 0.5
 
 
 @compiled(inline=True)
@@ -180,7 +183,7 @@ def digital_number(electrons: float, deviate: float, pixel: Pixel, exposure: Exp
 @compiled(inline=True)
 def may_round_differently(dn: float, pixel: Pixel, exposure: Exposure) -> np.uint8:
     """Return 1 if the exact deviate could give another number than that from `short_normals`, which gave `dn`; or 0."""
-    noise_dn = pixel.noise_e * exposure.gain_dn_per_e + pixel.noise_dn * pixel.map_gain_ratio
+    noise_dn = pixel.noise_e * (exposure.gain_dn_per_e * pixel.gain_ratio) + pixel.noise_dn * pixel.map_gain_ratio
     error = NORMAL_ERROR * noise_dn + (_DN_ROUNDING if noise_dn > 0.0 else 0.0)
     above = dn - np.floor(dn)
     clipped = (dn < -error) | (dn > exposure.white_level_dn + error)
@@ -209,6 +212,7 @@ def drawn_pixel(
         line_dn,
         0.0,
         1.0,
+        1.0,
     )
 
 
@@ -218,6 +222,7 @@ def measured_pixel(
     offset_dn: np.float32,
     dark_rate: np.float32,
     noise_dn: float,
+    gain_ratio: np.float32,
     row_dn: float,
     column_dn: float,
     shared: MeasuredConstants,
@@ -234,6 +239,7 @@ def measured_pixel(
         float(offset_dn) + min(dark, 0.0) * exposure.exposure_s + row_dn + column_dn,
         math.sqrt(max(noise * abs(noise) - shared.line_variance_dn2, 0.0)),
         exposure.gain_dn_per_e / shared.gain_dn_per_e,
+        float(gain_ratio),
     )
 
 
@@ -260,7 +266,17 @@ def blinking_state(mean: Pixel, amplitude_dn: float, high_fraction: float, r: in
     word, _, _, _ = philox4x32(number, exposure.frame, BLINKING, np.uint32(0), exposure.k0, exposure.k1)
     high = 1.0 if uniform(word) < high_fraction else 0.0
     offset_dn = mean.offset_dn + amplitude_dn * (high - high_fraction)
-    return Pixel(mean.response, mean.dark_e, mean.offset_e, mean.noise_e, offset_dn, mean.noise_dn, mean.map_gain_ratio)
+    return Pixel(
+        *(mean.response, mean.dark_e, mean.offset_e, mean.noise_e, offset_dn, mean.noise_dn),
+        mean.map_gain_ratio,
+        mean.gain_ratio,
+    )
+
+
+@compiled(inline=True)
+def constant_or(values: NDArray[Any], r: int, c: int) -> Any:
+    """Return a value of a map, or the only one of a map of shape (1, 1)."""
+    return values[0, 0] if values.shape[0] == 1 and values.shape[1] == 1 else values[r, c]
 
 
 @compiled(inline=True)
@@ -448,7 +464,7 @@ def _expose_measured(
     shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
     height, width = run_shape(cols)
     for block in range(start, stop):
-        run = new_run(RUN)
+        run, ratio_1 = new_run(RUN), constant_run(maps.gain_ratio)
         marks = run.marks
         end = min((block + 1) * ROWS, rows)
         for top in range(block * ROWS, end, height):
@@ -461,7 +477,9 @@ def _expose_measured(
                     prnu, dark = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
                     random_words(pixel_number(r, c, exposure), at, n, frame, EXPOSURE, k0, k1, run)
                     for i in range(n):
-                        pixel = measured_pixel(prnu[i], np.float32(0.0), dark[i], 0.0, 0.0, 0.0, shared, exposure)
+                        pixel = measured_pixel(
+                            prnu[i], np.float32(0.0), dark[i], 0.0, np.float32(1.0), 0.0, 0.0, shared, exposure
+                        )
                         mean[i] = mean_electrons(float(photo[i]), pixel)
                 count = (bottom - top) * n
                 poisson_run(count, run, frame, k0, k1)
@@ -472,14 +490,19 @@ def _expose_measured(
                     words, target = run.words[2, at:], out[r, c:]
                     prnu, dark, row = maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:], maps.row_dn[r]
                     offset, noise, column = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
+                    ratio = row_from(maps.gain_ratio, r, c, ratio_1)
                     for i in range(n):
-                        pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)
+                        pixel = measured_pixel(
+                            prnu[i], offset[i], dark[i], noise[i], ratio[i], row, column[i], shared, exposure
+                        )
                         dn = unrounded_dn(electrons[i], np.float64(deviates[i]), pixel, exposure)
                         target[i] = rounded_dn(dn, exposure)
                         marks[i] = may_round_differently(dn, pixel, exposure)
                     for j in range(marked(marks, n, run.few)):
                         i = run.few[j]
-                        pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row, column[i], shared, exposure)
+                        pixel = measured_pixel(
+                            prnu[i], offset[i], dark[i], noise[i], ratio[i], row, column[i], shared, exposure
+                        )
                         target[i] = digital_number(electrons[i], normal(words[i]), pixel, exposure)
 
 
@@ -496,7 +519,8 @@ def expose_blinking(
         prnu, offset, dark = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
         noise_dn, row_dn, column_dn = blinking.noise_dn[j], maps.row_dn[r], maps.column_dn[c]
         shared = MeasuredConstants(maps.line_variance_dn2, maps.gain_dn_per_e)
-        mean = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, shared, exposure)
+        ratio = constant_or(maps.gain_ratio, r, c)
+        mean = measured_pixel(prnu, offset, dark, noise_dn, ratio, row_dn, column_dn, shared, exposure)
         pixel = blinking_state(mean, blinking.amplitude_dn[j], blinking.high_fraction[j], r, c, exposure)
         out[r, c] = expose_pixel(float(photo_e[r, c]), pixel, r, c, exposure)
     return out

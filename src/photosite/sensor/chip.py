@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from functools import lru_cache
 from os import PathLike
@@ -238,12 +238,14 @@ class MeasuredChip(Shown):
         Temporal standard deviation without rounding, shot noise of the dark current and shifts of whole frames. A
         negative variance estimate -v is stored as -sqrt(v).
     read_noise_freedom
-        Degrees of freedom of each pixel's temporal variance.
+        Degrees of freedom of each pixel's temporal variance; None if it is not known.
+    pixel_gain_dn_per_e
+        System gain of each pixel, above 0. None: all have `system_gain_dn_per_e`.
     dark_rate_dn_per_s, dark_rate_uncertainty_dn_per_s
         Dark current; None with dark frames of one exposure time, or where the black level moved between the exposures.
     prnu, prnu_uncertainty
-        Relative deviation of the response to light from the channel's mean, including the fall-off of lamp and lens.
-        None without light frames.
+        Relative deviation of the response to light, in digital numbers, from the channel's mean, including the fall-off
+        of lamp and lens. None without light frames: each pixel turns the same light into the same mean electrons.
     row_noise_dn, column_noise_dn
         Temporal noise common to a row or a column, part of `read_noise_dn`; negative if its variance estimate is.
     black_level_dn
@@ -252,28 +254,38 @@ class MeasuredChip(Shown):
         System gain of these maps, or None.
     reference_exposure_s
         Exposure time of the dark frames for `read_noise_dn`.
+    defects, blinking
+        Defective and blinking pixels.
 
     Raises
     ------
     InputError
         If the maps differ in size or type or have values that are not finite, or another value is invalid.
+
+    Examples
+    --------
+    >>> offset, noise = (np.full((4, 6), value, np.float32) for value in (0, 2))
+    >>> chip = MeasuredChip(offset_dn=offset, read_noise_dn=noise, pixel_gain_dn_per_e=noise, black_level_dn=100)
+    >>> chip.shape, list(chip.maps())
+    ((4, 6), ['offset_dn', 'read_noise_dn', 'pixel_gain_dn_per_e'])
     """
 
     offset_dn: FloatMap
-    offset_uncertainty_dn: FloatMap
     read_noise_dn: FloatMap
-    read_noise_freedom: int
+    offset_uncertainty_dn: FloatMap | None = None
+    read_noise_freedom: int | None = None
+    pixel_gain_dn_per_e: FloatMap | None = None
     dark_rate_dn_per_s: FloatMap | None = None
     dark_rate_uncertainty_dn_per_s: FloatMap | None = None
     prnu: FloatMap | None = None
     prnu_uncertainty: FloatMap | None = None
     row_noise_dn: float = 0.0
     column_noise_dn: float = 0.0
-    black_level_dn: float
-    system_gain_dn_per_e: float | None
-    reference_exposure_s: float
-    defects: Defects
-    blinking: Blinking
+    black_level_dn: float = 0.0
+    system_gain_dn_per_e: float | None = None
+    reference_exposure_s: float = 0.0
+    defects: Defects = field(default_factory=no_defects)
+    blinking: Blinking = field(default_factory=no_blinking)
 
     def __post_init__(self) -> None:
         for name, values in self.maps().items():
@@ -283,6 +295,8 @@ class MeasuredChip(Shown):
             # The sum is finite if all values are, and needs no temporary array.
             if not np.isfinite(values.sum(dtype=np.float64)):
                 raise InputError(name, expected="finite everywhere")
+        if (gain := self.pixel_gain_dn_per_e) is not None and not gain.min() > 0:
+            raise InputError("pixel_gain_dn_per_e", value=float(gain.min()), expected="above 0 everywhere")
         if self.system_gain_dn_per_e is not None and not 0 < self.system_gain_dn_per_e < np.inf:
             raise InputError("system_gain_dn_per_e", value=self.system_gain_dn_per_e, expected="finite and above 0")
         for what, listed in (("defects", self.defects), ("blinking", self.blinking)):
@@ -296,6 +310,24 @@ class MeasuredChip(Shown):
         """(rows, cols)."""
         rows, cols = self.offset_dn.shape
         return rows, cols
+
+    def gain_dn_per_e(self, otherwise: float) -> float:
+        """Return the system gain, the median of the pixels' gains, or that of a description, in this order."""
+        if self.system_gain_dn_per_e is not None:
+            return float(self.system_gain_dn_per_e)
+        return otherwise if self.pixel_gain_dn_per_e is None else float(np.median(self.pixel_gain_dn_per_e))
+
+    def gain_ratio(self, gain: float, part: tuple[slice, slice]) -> FloatMap:
+        """Return the gain of the pixels of a rectangle over a gain, (1, 1) if all have the same."""
+        if self.pixel_gain_dn_per_e is None:
+            return np.ones((1, 1), np.float32)
+        return np.ascontiguousarray(self.pixel_gain_dn_per_e[part] / np.float32(gain))
+
+    def response_e(self, gain: float, part: tuple[slice, slice]) -> FloatMap | None:
+        """Return the relative deviation of the pixels' response in electrons; None if it is 0 everywhere."""
+        if self.prnu is None or self.pixel_gain_dn_per_e is None:
+            return None if self.prnu is None else self.prnu[part]
+        return np.asarray((1 + self.prnu[part]) / self.gain_ratio(gain, part) - 1, np.float32)
 
     def maps(self) -> dict[str, FloatMap]:
         """Return the maps that are not None, by name."""
@@ -315,6 +347,7 @@ MAP_UNITS = {
     "offset_dn": "DN",
     "offset_uncertainty_dn": "DN",
     "read_noise_dn": "DN",
+    "pixel_gain_dn_per_e": "DN/e-",
     "dark_rate_dn_per_s": "DN/s",
     "dark_rate_uncertainty_dn_per_s": "DN/s",
     "prnu": "1",

@@ -216,12 +216,15 @@ def add_telegraph_noise(
 
 
 def add_measured_blinking(
-    offset_e: FloatMap, blinking: Blinking, gain: float, cols: int, part: Part, exposure: Exposure
+    offset_e: FloatMap, blinking: Blinking, gain: _Floats, cols: int, part: Part, exposure: Exposure
 ) -> tuple[NDArray[np.bool_], tuple[_Numbers, _Numbers]]:
-    """Add the states of a measured chip's blinking pixels; return which are in the rectangle, and where."""
+    """Add the states of a measured chip's blinking pixels; return which are in the rectangle, and where.
+
+    `gain` is that of each of them.
+    """
     numbers = blinking.row * cols + blinking.col
     inside, place = _within(numbers, cols, part)
-    amplitude_e = blinking.amplitude_dn[inside] / gain
+    amplitude_e = blinking.amplitude_dn[inside] / gain[inside]
     offset_e[place] += _shift(numbers[inside], amplitude_e, blinking.high_fraction[inside], 0.0, exposure)
     return inside, place
 

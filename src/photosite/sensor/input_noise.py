@@ -121,7 +121,7 @@ def drawn_maps(sensor: Sensor, part: Part, exposure: Exposure) -> MeasuredMaps:
         np.broadcast_to(values, count).copy()
         for values, count in zip(line_noise(line_noise_dn(sensor), part, exposure), shape, strict=True)
     )
-    return MeasuredMaps(prnu, offset, rate, noise, row_dn, column_dn, 0.0, gain)
+    return MeasuredMaps(prnu, offset, rate, noise, np.ones((1, 1), np.float32), row_dn, column_dn, 0.0, gain)
 
 
 def missing_light(electrons: Map, own: InputNoise) -> Map:
@@ -141,9 +141,9 @@ def with_missing_noise(
     gain = np.float32(maps.gain_dn_per_e)
     rest_e = electrons - missing_light(electrons, own)
     excess_e2 = np.float32(own.floor_e2) - np.float32(1.0 - own.shot) * np.minimum(electrons, np.float32(0.0))
-    variance = maps.read_noise_dn * np.abs(maps.read_noise_dn) - excess_e2 * gain**2
+    variance = maps.read_noise_dn * np.abs(maps.read_noise_dn) - excess_e2 * (gain * maps.gain_ratio) ** 2
     noise = np.copysign(np.sqrt(np.abs(variance)), variance)
-    offset = maps.offset_dn + rest_e * np.maximum(1 + maps.prnu, np.float32(0.0)) * gain
+    offset = maps.offset_dn + rest_e * np.maximum(1 + maps.prnu, np.float32(0.0)) * (gain * maps.gain_ratio)
     # The well holds all electrons, of which the kernel sees a part.
     white = min(exposure.white_level_dn, exposure.black_level_dn + exposure.well_capacity_e * exposure.gain_dn_per_e)
     return (

@@ -221,12 +221,17 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: Part, exposure: Exp
     The maps replace read noise, DSNU, PRNU and dark voltage of the sensor's description. A map that was not measured is
     constant: no PRNU, or the dark current of the description.
     """
-    gain = float(chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e)
+    gain = chip.gain_dn_per_e(sensor.system_gain_dn_per_e)
     constant_dark = np.float32(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain)
     shape = part[0].stop - part[0].start, part[1].stop - part[1].start
+    ratio, dark = read_only(chip.gain_ratio(gain, part)), chip.dark_rate_dn_per_s
+    if dark is not None:
+        dark = dark[part]
+        if chip.pixel_gain_dn_per_e is not None:  # the kernel takes electrons from the gain that pixels share
+            dark = np.where(dark > 0, dark / ratio, dark)
     prnu, offset, dark_rate = (
-        read_only(np.full(shape, constant, np.float32) if values is None else values[part])
-        for values, constant in ((chip.prnu, 0), (chip.offset_dn, 0), (chip.dark_rate_dn_per_s, constant_dark))
+        read_only(np.full(shape, constant, np.float32) if values is None else values)
+        for values, constant in ((chip.response_e(gain, part), 0), (chip.offset_dn[part], 0), (dark, constant_dark))
     )
     # A variance that was measured below 0 counts as 0.
     spreads = max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)
@@ -236,7 +241,7 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: Part, exposure: Exp
         for values, count in zip(line_noise(spreads, part, exposure), shape, strict=True)
     )
     read_noise = read_only(chip.read_noise_dn[part])
-    return MeasuredMaps(prnu, offset, dark_rate, read_noise, row_dn, column_dn, math.hypot(*spreads) ** 2, gain)
+    return MeasuredMaps(prnu, offset, dark_rate, read_noise, ratio, row_dn, column_dn, math.hypot(*spreads) ** 2, gain)
 
 
 def _blinking_within(blinking: Blinking, corner: tuple[int, int], shape: tuple[int, ...]) -> BlinkingPixels:

@@ -44,13 +44,17 @@ _ANY_CHARGE_E = 1e15
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """Maps of a rectangle in electrons, (rows, cols) float32 or (1, 1); spreads of row and column noise in DN."""
+    """Maps of a rectangle in electrons, (rows, cols) float32 or (1, 1); spreads of row and column noise in DN.
+
+    `gain_ratio` is the gain of each pixel over that of the exposure; None if all have it.
+    """
 
     prnu: NDArray[np.float32]
     dark_rate_e_per_s: NDArray[np.float32]
     offset_e: NDArray[np.float32]
     noise_e: NDArray[np.float32]
     line_noise_dn: tuple[float, float]
+    gain_ratio: NDArray[np.float32] | None = None
 
 
 def staged_frame(
@@ -146,7 +150,7 @@ def _lightless_border(pattern: FixedPattern, sensor: Sensor, part: Part) -> Fixe
             rate, offset_e = whole(rate, part), whole(offset_e, part)
             rate[empty] = offset_e[empty] = 0.0
     prnu, rate, offset_e, noise_e = (_frozen(values) for values in (prnu, rate, offset_e, pattern.noise_e))
-    return FixedPattern(prnu, rate, offset_e, noise_e, pattern.line_noise_dn)
+    return replace(pattern, prnu=prnu, dark_rate_e_per_s=rate, offset_e=offset_e, noise_e=noise_e)
 
 
 def _frozen(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -238,7 +242,9 @@ def _with_earlier(first: int, last: int, lines: int, late: int, order: slice) ->
 
 def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: Exposure) -> FixedPattern:
     """Return the maps of a rectangle of a measured chip; see `pixel_model.measured_pixel` for values below 0."""
-    gain = np.float32(chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e)
+    shared = np.float32(chip.gain_dn_per_e(sensor.system_gain_dn_per_e))
+    ratio_of = chip.gain_ratio(float(shared), part)
+    gain = shared * ratio_of
     lines = max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)
     noise_dn = chip.read_noise_dn[part]
     variance = noise_dn * np.abs(noise_dn) - np.float32(math.hypot(*lines) ** 2)
@@ -246,19 +252,23 @@ def _measured_pattern(sensor: Sensor, chip: MeasuredChip, part: Part, exposure: 
     dark_rate = _one(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value)) if dark is None else dark[part] / gain
     offset = chip.offset_dn[part] / gain + np.minimum(dark_rate, 0.0) * np.float32(exposure.exposure_s)
     noise = np.sqrt(np.maximum(variance, np.float32(0.0))) / gain
-    ratio = exposure.gain_dn_per_e / float(gain)
+    ratio = exposure.gain_dn_per_e / float(shared)
     if len(chip.blinking):
         offset, cols = whole(offset, part), sensor.array.cols
-        inside, place = add_measured_blinking(offset, chip.blinking, float(gain), cols, part, exposure)
+        gains, own = np.full(len(chip.blinking), float(shared)), chip.pixel_gain_dn_per_e
+        if own is not None:
+            gains = own[chip.blinking.row, chip.blinking.col].astype(np.float64)
+        inside, place = add_measured_blinking(offset, chip.blinking, gains, cols, part, exposure)
         within_level = chip.blinking.noise_dn[inside]
         variance = np.maximum(within_level * np.abs(within_level) - math.hypot(*lines) ** 2, 0.0)
-        noise[place] = np.sqrt(variance) / gain
+        noise[place] = np.sqrt(variance) / np.broadcast_to(gain, offset.shape)[place]
     return FixedPattern(
-        _one(0.0) if chip.prnu is None else read_only(chip.prnu[part]),
+        _one(0.0) if (response := chip.response_e(float(shared), part)) is None else read_only(response),
         np.maximum(dark_rate, np.float32(0.0)),
         offset,
         noise,
         (lines[0] * ratio, lines[1] * ratio),
+        None if chip.pixel_gain_dn_per_e is None else ratio_of,
     )
 
 
@@ -267,6 +277,9 @@ def _conversion(
 ) -> ConversionMaps:
     """Return what converts the charge of a rectangle."""
     row_group, gain, offset_e = np.zeros(1, np.int64), np.ones((1, 1)), np.zeros((1, 1))
+    if pattern.gain_ratio is not None:  # each row is a group of readout channels, one a pixel
+        row_group, gain = np.arange(len(pattern.gain_ratio)), pattern.gain_ratio.astype(np.float64)
+        offset_e = np.zeros_like(gain)
     drawn = sensor.maps is None  # measured maps hold the pattern of channels, rows and columns
     if drawn and (channels := effects.readout_channels) is not None:
         row_group, column_group = channels.groups(sensor.array.rows, sensor.array.cols)

@@ -340,7 +340,8 @@ def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
     with atomic_path(path) as temporary:
         with create_hdf5(temporary) as file:
             file.attrs["photosite_maps"] = MAPS_FORMAT
-            file.attrs["read_noise_freedom"] = chip.read_noise_freedom
+            if chip.read_noise_freedom is not None:
+                file.attrs["read_noise_freedom"] = chip.read_noise_freedom
             for name in _NUMBERS:
                 file.attrs[name] = getattr(chip, name)
             if chip.system_gain_dn_per_e is not None:
@@ -428,14 +429,15 @@ def _chip(file: Any) -> MeasuredChip:
     if version != MAPS_FORMAT:
         raise InputError("photosite_maps", value=version, expected=f"{MAPS_FORMAT}, the version of the format")
     arguments: dict[str, Any] = {name: _number(file, name) for name in _NUMBERS}
-    freedom = _number(file, "read_noise_freedom")
-    if freedom < 1:
-        raise InputError("read_noise_freedom", value=freedom, expected="1 or above")
-    arguments["read_noise_freedom"] = int(freedom)
+    if "read_noise_freedom" in file.attrs:
+        freedom = _number(file, "read_noise_freedom")
+        if freedom < 1:
+            raise InputError("read_noise_freedom", value=freedom, expected="1 or above")
+        arguments["read_noise_freedom"] = int(freedom)
     gain = _number(file, "system_gain_dn_per_e") if "system_gain_dn_per_e" in file.attrs else None
     for name in MAP_UNITS:
         arguments[name] = _values(file, name, 2, np.float32) if name in file else None
-    for name in ("offset_dn", "offset_uncertainty_dn", "read_noise_dn"):
+    for name in ("offset_dn", "read_noise_dn"):
         if arguments[name] is None:
             raise InputError(f"the map {name} is missing")
     for name, kind in _LISTS.items():
