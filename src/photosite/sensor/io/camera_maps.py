@@ -309,6 +309,16 @@ def write_camera_maps(chip: MeasuredChip, path: str | PathLike[str], form: str, 
         If the form is unknown, or the chip has no gain.
     FileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> offset, noise = (np.full((4, 6), value, np.float32) for value in (0, 2))
+    >>> chip = MeasuredChip(offset_dn=offset, read_noise_dn=noise, black_level_dn=100, system_gain_dn_per_e=2.2)
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> write_camera_maps(chip, f"{folder.name}/maps.mat", "smap")
+    >>> round(float(read_camera_maps([f"{folder.name}/maps.mat"]).gain_dn_per_e.mean()), 6)
+    2.2
     """
     if form not in MAP_FORMS:
         raise InputError("form", value=form, expected=f"one of {', '.join(MAP_FORMS)}")
@@ -352,6 +362,16 @@ def read_camera_maps(
         If a file is missing or invalid, it is not clear which map it has, or maps differ in size.
     InputError
         If two maps are of one kind, or a gain is missing.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> for name, value in (("variance", 4.25), ("gain", 2.2)):
+    ...     np.save(f"{folder.name}/{name}.npy", np.full((4, 6), value))
+    >>> chip = read_camera_maps([f"{folder.name}/variance.npy", f"{folder.name}/gain.npy"]).chip()
+    >>> chip.shape, round(float(chip.read_noise_dn[0, 0]), 3)  # without rounding
+    ((4, 6), 2.041)
     """
     found: dict[str, tuple[Path, Array]] = {}
     for path in map(Path, paths):
