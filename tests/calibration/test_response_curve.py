@@ -157,6 +157,24 @@ def test_channels_are_fitted_together():
     assert [len(curve.bend) for curve in bent.curves] == [12, 8, 12]
 
 
+@pytest.mark.parametrize("size", [-0.05, -0.03, 0.03])
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_bend_that_two_or_three_levels_show_is_in_the_uncertainty(count, size):
+    """The line through the origin is 7 to 13 standard errors off. 95 % of 80 intervals, less 4 standard deviations."""
+    rng, held = np.random.default_rng(14), 0
+    for _ in range(80):
+        low, high = analyzed(light_levels(rng, size=size, levels=count))[1].gain.interval_95
+        held += low <= GAIN <= high < 1.15 * low
+    assert held >= 69
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_levels_of_a_straight_response_keep_the_line(count):
+    """One in 1000 sets is analyzed as bent: three of 80 or more in 1 of 12 000 tests."""
+    rng = np.random.default_rng(15)
+    assert sum(analyzed(light_levels(rng, levels=count))[1] is not None for _ in range(80)) <= 2
+
+
 @pytest.mark.parametrize("lights", [1, 2, 3])
 def test_few_different_levels_show_no_bend_of_the_means(lights):
     levels = light_levels(np.random.default_rng(9), levels=20)

@@ -107,7 +107,8 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
         if (levels := int((channel.used & channel.levels.trusted).sum())) < 3:
             known = not isinstance(channel.gain, Missing)
             what = (
-                "the system gain comes from one level of light, and is too low if that level is close to saturation"
+                "the system gain comes from one level of light, and is too low if that level is close to saturation, "
+                "or by three times a bend of the response at that level"
                 if levels == 1 and known
                 else "its linearity could not be checked"
             )

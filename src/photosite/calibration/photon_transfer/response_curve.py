@@ -31,7 +31,12 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, LightLevels, effect_of_darks, fit_gain
-from photosite.calibration.photon_transfer.response_shape import LEAST_LEVELS, ResponseShape, constant_light, find_shape
+from photosite.calibration.photon_transfer.response_shape import (
+    SHOWING_LEVELS,
+    ResponseShape,
+    constant_light,
+    find_shape,
+)
 from photosite.calibration.withheld import WRONG_PROPORTION
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.block_diagonal import block_diagonal
@@ -279,7 +284,7 @@ class _Joint:
 
     def may_bend(self) -> bool:
         """Return whether a parabola through the variances differs from the line by two of its uncertainties."""
-        if len(self.y) < LEAST_LEVELS:
+        if len(self.y) < SHOWING_LEVELS:
             return False
         t = self.t[self.at]
         fit = fit_linear(np.column_stack([self.y, self.y * t]), self.v, self.shot)

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 _ROUGHNESS = np.append(0.0, np.geomspace(1e-3, 30.0, 11))
 _SCATTER = np.append(0.0, np.geomspace(1e-5, 0.05, 7))
 _CONSTANT_LIGHT = np.array([0.0, 1e-4, 1e-3, 1e-2])
+_UNSEEN_SCATTER, _UNSEEN_ROUGHNESS = np.array([3e-3]), np.array([0.006])
+"""Scatter of the light of two levels, and roughness of the bend of three or fewer, which do not show them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ def constant_light(levels: LightLevels, used: NDArray[np.bool_]) -> Uncertain | 
     better than proportion does, and than a smooth bend, by more than the scatter of the levels.
     """
     points = _Points.of(levels, used)
-    if points is None or len(points.t) <= LEAST_LEVELS:
+    if points is None or len(points.t) <= SHOWING_LEVELS:
         return None
     covariance = levels.signal_covariance[np.ix_(points.taken, points.taken)]
     x, y = levels.x[points.taken], levels.signal[points.taken]
@@ -89,8 +91,9 @@ def constant_light(levels: LightLevels, used: NDArray[np.bool_]) -> Uncertain | 
     return constant if seen else None
 
 
-LEAST_LEVELS = 4
-"""Different light levels that a bend needs."""
+LEAST_LEVELS, SHOWING_LEVELS = 2, 4
+"""Different light levels whose means may contradict a straight response under proportional light; and those that show
+the form of a bend, or a constant signal. Fewer levels show a bend that grows with the signal."""
 LEAST_SIGNAL = 20.0
 """Signal of a level, in its standard uncertainties, from which it shows the shape."""
 
@@ -130,7 +133,8 @@ class _Points:
         variance = np.diag(levels.signal_covariance)
         take = used & levels.trusted & (levels.x > 0.0) & (levels.signal > LEAST_SIGNAL * np.sqrt(variance))
         x, y = levels.x[take], levels.signal[take]
-        if len(np.unique(np.round(np.log(x), 6))) < LEAST_LEVELS:
+        different = len(np.unique(np.round(np.log(x), 6)))
+        if different < max(LEAST_LEVELS, min(len(x), SHOWING_LEVELS)):
             return None
         covariance = levels.signal_covariance[np.ix_(take, take)] / np.outer(y, y)
         return cls(y / float(y.max()), np.log(x / y), covariance, take)
@@ -184,7 +188,10 @@ class _Points:
         """
         identity, constant = np.eye(len(self.t)), 1.0 / np.outer(self.t, self.t)
         grid, likelihood = [], []
-        for rough, scatter, amount in product(_ROUGHNESS**2, _SCATTER**2, _CONSTANT_LIGHT**2):
+        m = len(self.t)
+        roughness = _ROUGHNESS if m >= SHOWING_LEVELS else _UNSEEN_ROUGHNESS
+        scatters, amounts = (_SCATTER, _CONSTANT_LIGHT) if m > LEAST_LEVELS else (_UNSEEN_SCATTER, _CONSTANT_LIGHT[:1])
+        for rough, scatter, amount in product(roughness**2, scatters**2, amounts**2):
             noise = self.covariance + scatter * identity + amount * constant
             root = np.linalg.cholesky(noise + rough * wiener)
             solved = np.linalg.solve(root, np.column_stack([design, self.log_ratio]))
