@@ -331,7 +331,7 @@ def test_curves_hold_the_points_and_the_line(mono, calibration):
     curves = calibration.curves["M"]
     assert set(curves) == {"dark_signal", "dark_variance", "response", "photon_transfer"}
     transfer = curves["photon_transfer"]
-    assert transfer.slope == calibration.system_gain_dn_per_e.value
+    assert transfer.slope == calibration.by_line.system_gain_dn_per_e.value
     assert transfer.used.sum() == calibration.linear_range["M"].levels
     assert len(curves["response"].x) == len(frames.of_kind("light"))
     assert isinstance(frames, FrameSet)

@@ -38,7 +38,7 @@ def test_figures_in_the_sections_of_the_reference(measured):
     found = reference_reading(path)
     assert set(found) == {"sensitivity", "linearity", "dark_current", "spatial", "photosite"}
     assert sum(map(len, found.values())) == sum(map(len, FIGURES.values())) + len(calibration.estimates())
-    sensitivity, gain = found["sensitivity"], calibration.system_gain_dn_per_e.value
+    sensitivity, gain = found["sensitivity"], calibration.by_line.system_gain_dn_per_e.value
     assert sensitivity["K"] == gain
     assert sensitivity["inverse_K"] == pytest.approx(1 / gain, rel=1e-14)
     noise_dn = math.sqrt((sensitivity["sigma_d"] * gain) ** 2 + 1 / 12)
@@ -52,7 +52,7 @@ def test_figures_in_the_sections_of_the_reference(measured):
     assert sensitivity["u_e_min"] == pytest.approx(capacity / sensitivity["DR"], rel=1e-12)
     assert sensitivity["u_e_sat_area"] == pytest.approx(capacity / 25.0, rel=1e-12)  # 5 um pixels
     assert found["spatial"]["DSNU1288_DN"] == pytest.approx(found["spatial"]["DSNU1288"] * gain, rel=1e-12)
-    assert found["spatial"]["PRNU1288"] == calibration.prnu1288_unfiltered_percent.value
+    assert found["spatial"]["PRNU1288"] == calibration.by_line.prnu1288_unfiltered_percent.value
     assert found["linearity"]["LE_min"] == calibration.linearity_error_min_percent.value
     assert found["linearity"]["LE_max"] == calibration.linearity_error_max_percent.value
     for name in ("u_I_mean", "u_I_var"):
@@ -79,7 +79,8 @@ def test_uncertainties_units_and_reasons(measured):
         assert figure.findtext("method") == entry.method
     assert root.findtext("photosite/system_gain_dn_per_e/unit") == "DN/e⁻"
     inverse = root.find("sensitivity/inverse_K")
-    relative = calibration.system_gain_dn_per_e.standard_uncertainty / calibration.system_gain_dn_per_e.value
+    gain = calibration.by_line.system_gain_dn_per_e
+    relative = gain.standard_uncertainty / gain.value
     assert float(inverse.findtext("standard_uncertainty")) / float(inverse.findtext("value")) == pytest.approx(relative)
     assert inverse.findtext("unit") == "$e^-/DN$"
     assert "without the high-pass" in root.findtext("spatial/PRNU1288/method")

@@ -251,9 +251,12 @@ def test_the_standard_s_figures_stay_those_of_lines(bent):
 
 def test_both_agree_where_the_response_is_straight():
     clean = calibrate(stack(2, rows=64, cols=64))
-    differing = {name for name, entry in clean.by_line.estimates().items() if entry != clean.estimates()[name]}
-    # The standard's saturation is at the largest variance, that of the others where all pixels clip.
-    assert differing == {"saturation_capacity_e", "saturation_capacity_photons", "snr_max_db", "dynamic_range_db"}
+    # The standard weights all levels equally, and its saturation is at the largest variance.
+    for name, line in clean.by_line.estimates().items():
+        best = clean.estimates()[name]
+        if best.value is None or name.startswith("saturation_capacity") or name in {"snr_max_db", "dynamic_range_db"}:
+            continue
+        assert abs(line.value - best.value) <= 2.0 * line.standard_uncertainty, name
     assert clean.by_line.saturation_capacity_e.value < clean.saturation_capacity_e.value
     assert clean.response_curve == {}
     assert not clean.warnings

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.dark.black_level_change import Contradiction, contradiction
+from photosite.calibration.dark.dark_frames import with_standard_lines
 from photosite.calibration.dark.dark_result import DarkResult, with_shared_charge, without_mean_slope
 from photosite.calibration.light.light_frames import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
@@ -116,9 +117,7 @@ def collect_evidence(
     dark = without_mean_slope(dark, _contradiction(dark, light.gain))
     scale, mv_per_dn = _electrical_scale(sensor)
     measured, pooled = _measurements(reduction, dark, light, patterns.channels, by_line=False)
-    lines = pooled
-    if any(channel.gain is not channel.line_gain for channel in light.channels) or light.gain is not light.line_gain:
-        lines = _measurements(reduction, dark, light, patterns.channels, by_line=True)[1]
+    lines = _measurements(reduction, with_standard_lines(dark), light, patterns.channels, by_line=True)[1]
     return Evidence(
         reduction=reduction,
         dark=dark,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, get_type_hints
 
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.linearity import linearity_estimates
 from photosite.calibration.reduction.groups import LEAST_DARK_VARIANCE
-from photosite.calibration.spatial.nonuniformity import VarianceComponents
 from photosite.calibration.withheld import HIDDEN_NOISE, NEGATIVE_DARK_VARIANCE, NO_DARK_CURRENT
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
@@ -181,7 +180,7 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value, *, standard: bool = F
     return Parameters(
         **_noise_and_pattern(m, mv_per_dn, per_e),
         **_emva(m, per_e, standard=standard),
-        **_emva_pattern(m, per_e),
+        **_emva_pattern(m, per_e, standard=standard),
         **linearity_estimates(m.linearity),
         system_gain_dn_per_e=Estimate.of(m.gain, gain_method),
         conversion_gain_uv_per_e=Estimate.of(volts, "system gain times volts per digital number"),
@@ -389,7 +388,7 @@ def _emva(m: Measurements, per_e: Value, *, standard: bool) -> dict[str, Estimat
     }
 
 
-def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+def _emva_pattern(m: Measurements, per_e: Value, *, standard: bool) -> dict[str, Estimate]:
     clipping = _clipping_note(m)
     times = ", ".join(f"{t:g}" for t in sorted(set(m.dsnu1288_exposures_s)))
     dark = f"spatial variance of the dark level at {times} s less temporal noise{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
@@ -403,8 +402,8 @@ def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
         ("prnu1288_unfiltered", "percent", m.prnu1288_unfiltered, percent, light.format("no high-pass", "R3.1")),
     ):
         method = m.method(text, prefix)
-        for part in fields(VarianceComponents):
-            name = f"{prefix}_{unit}" if part.name == "total" else f"{prefix}_{part.name}_{unit}"
-            variance = parts if isinstance(parts, Missing) else getattr(parts, part.name)
+        for part in ("total", "row", "column", "pixel"):
+            name = f"{prefix}_{unit}" if part == "total" else f"{prefix}_{part}_{unit}"
+            variance = parts if isinstance(parts, Missing) else getattr(parts.by_standard if standard else parts, part)
             result[name] = _deviation(variance, scale, method)
     return result

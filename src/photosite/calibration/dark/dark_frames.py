@@ -23,6 +23,7 @@ from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.dark.dark_result import DarkResult, GroupMean, SlopeMap, dark_exposure
 from photosite.calibration.dark.single_frames import measure_single_darks, unknown_darks
 from photosite.calibration.measurements import Measurements, mean_for_sensor
+from photosite.calibration.photon_transfer.photon_transfer import temporal_series
 from photosite.calibration.photon_transfer.without_darks import NO_DARK_FRAMES
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
@@ -201,12 +202,41 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
 
 
 def dark_lines(
-    groups: Sequence[GroupStatistics], channel: int | None, change: BlackLevelChange | None = None
+    groups: Sequence[GroupStatistics],
+    channel: int | None,
+    change: BlackLevelChange | None = None,
+    *,
+    plain: bool = False,
 ) -> DarkLines:
-    """Return the dark lines of one channel, or of all pixels together (None)."""
+    """Return the dark lines of one channel, or of all pixels together (None); with equal weights if `plain`."""
     levels = [pooled_level(entry.levels) if channel is None else entry.levels[channel] for entry in groups]
     moved = 0.0 if change is None else change.variance(np.array([entry.frames for entry in groups]))
-    return DarkLines.of([entry.group.exposure_s for entry in groups], levels, moved)
+    return DarkLines.of([entry.group.exposure_s for entry in groups], levels, moved, plain=plain)
+
+
+def with_standard_lines(dark: DarkResult) -> DarkResult:
+    """Return the result with dark variance and slopes by EMVA 1288's lines: its temporal series, with equal weights.
+
+    Measurements of clipped dark frames, and those withheld, stay as they are.
+    """
+    series = temporal_series(np.array([entry.frames for entry in dark.groups]))
+    groups = [entry for entry, taken in zip(dark.groups, series, strict=True) if taken]
+    known = dark.clipped is None and dark.cut is None and not dark.noise_unknown and not dark.level_unknown
+    if not known or len({entry.group.exposure_s for entry in groups}) < 2:
+        return dark
+
+    def by_line(measured: Measurements, k: int | None) -> Measurements:
+        lines = dark_lines(groups, k, dark.change, plain=True)
+        values: dict[str, Any] = {
+            "dark_slope": lines.mean.line[1],
+            "dark_variance": lines.variance.at_zero,
+            "dark_variance_slope": lines.variance.line[1],
+        }
+        shown = [name for name in values if isinstance(getattr(measured, name), Uncertain)]
+        return replace(measured, **{name: values[name] for name in shown})
+
+    channels = tuple(by_line(measured, k) for k, measured in enumerate(dark.channels))
+    return replace(dark, channels=channels, pooled=by_line(dark.pooled, None))
 
 
 def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> SlopeSpread:

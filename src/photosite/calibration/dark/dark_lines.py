@@ -83,20 +83,22 @@ class DarkLine:
         shared: Array,
         points: Sequence[Uncertain] = (),
         differing: float = 0.0,
+        *,
+        plain: bool = False,
     ) -> DarkLine:
         """Fit the line, if there are two exposures or more.
 
         Points with sources are temporal variances, whose uncertainty grows with their value. Their weights come from
-        the fitted line, for the reason given in `photon_transfer.fit_gain`.
+        the fitted line, for the reason given in `photon_transfer.fit_gain`. With `plain`, all have equal weights.
         """
         if len(np.unique(exposure_s)) < 2:
             return cls(exposure_s, y, variance, None, shared, tuple(points), differing)
         design, shared_covariance = _design(exposure_s), np.outer(shared, shared)
-        fit = fit_linear(design, y, np.diag(variance) + shared_covariance)
+        fit = fit_linear(design, y, np.diag(variance) + shared_covariance, plain=plain)
         expected = design @ fit.parameters
         if points and (expected > 0.0).all() and (y > 0.0).all():
             variance = variance * (expected / y) ** 2
-            fit = fit_linear(design, y, np.diag(variance) + shared_covariance)
+            fit = fit_linear(design, y, np.diag(variance) + shared_covariance, plain=plain)
         return cls(exposure_s, y, variance, fit, shared, tuple(points), differing)
 
     @property
@@ -235,10 +237,18 @@ class DarkLines:
         return cls(mean, variance)
 
     @classmethod
-    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level], moved: Array | float = 0.0) -> DarkLines:
+    def of(
+        cls,
+        exposure_s: Sequence[float],
+        levels: Sequence[Level],
+        moved: Array | float = 0.0,
+        *,
+        plain: bool = False,
+    ) -> DarkLines:
         """Return the lines through a channel's dark levels; single frames have a mean only.
 
-        `moved` is the variance of each mean from changes of the black level, DN^2.
+        `moved` is the variance of each mean from changes of the black level, DN^2. With `plain`, all levels have equal
+        weights.
         """
         t = np.asarray(exposure_s, dtype=np.float64)
         repeated = np.array([level.repeated for level in levels])
@@ -262,7 +272,7 @@ class DarkLines:
             else differing_fraction(y / best_known.step, best_known.rounding_pixel / best_known.step)
         )
         sampling = np.where(corrected, own, np.maximum(temporal, uncertainty) / samples) + moved
-        mean = DarkLine.through(t, y, sampling, shared_means, differing=differing)
+        mean = DarkLine.through(t, y, sampling, shared_means, differing=differing, plain=plain)
         noise = DarkLine.through(
             t[repeated],
             np.array([level.noise.value for level in levels if level.repeated]),
@@ -270,6 +280,7 @@ class DarkLines:
             shared_variances[repeated],
             [level.noise for level in levels if level.repeated],
             differing,
+            plain=plain,
         )
         return cls(mean, noise)
 

@@ -179,9 +179,7 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     """Return the gains and curves that fit some channels."""
     if (why := _no_photon_transfer(channels)) is not None:
         return LightResult(tuple(channels), None, why, why, NoiseStructure())
-    plain, used = [channel.levels for channel in channels], [channel.used for channel in channels]
-    levels = _with_rounded_darks(channels)
-    alike = shared is None and all(a is b for a, b in zip(levels, plain, strict=True))
+    used, levels = [channel.used for channel in channels], _with_rounded_darks(channels)
     factor: Value = Uncertain(1.0)
     if shared is not None:
         levels, factor = shared.summed_covariances(levels, [channel.index for channel in channels])
@@ -202,11 +200,12 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     if bent is None and channels[0].dark.mean.reason:
         shared_by_charge = brighter_fatter(levels, used)
         factor, of_single = (derive(lambda a: a * shared_by_charge, each) for each in (factor, of_single))
-    gain = line_gain = straight = _times(gain_value(line), factor)
+    gain = straight = _times(gain_value(line), factor)
     if bent is not None:
         gain = _times(gain_value(bent.fit, bent.gain), factor)
-    if not alike:  # the standard takes the variances of single pixels, and those of the dark frames as they are
-        line_gain = _times(gain_value(fit_gain(plain, used)), of_single)
+    # The standard takes the variances of single pixels, and those of the dark frames as they are.
+    in_series = [channel.in_series for channel in channels]
+    line_gain = _times(gain_value(fit_gain([channel.levels for channel in channels], in_series, plain=True)), of_single)
     if bent is None or isinstance(gain, Missing):
         return LightResult(
             tuple(channels),

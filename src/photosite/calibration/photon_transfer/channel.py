@@ -28,6 +28,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     gain_value,
     light_levels,
     linear_levels,
+    temporal_series,
 )
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
 from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
@@ -103,6 +104,13 @@ class Channel:
         return inside
 
     @property
+    def in_series(self) -> NDArray[np.bool_]:
+        """Whether (levels,) a level of the linear range belongs to the standard's temporal measurements."""
+        pairs = self.used.copy()
+        pairs[self.used] = temporal_series(self.levels.frames[self.used])
+        return pairs
+
+    @property
     def saturation_signal(self) -> float | None:
         """Signal of fully clipped pixels, DN; None where it is not known."""
         top = self.saturation.level_dn
@@ -118,12 +126,13 @@ class Channel:
         """
         if not self.levels.photons_known:
             return NO_PHOTONS
-        fit = fit_response(self.levels, self.used)
+        taken = self.in_series if by_line else self.used
+        fit = fit_response(self.levels, taken, plain=by_line)
         if fit is None:
             return NO_LINEAR_LEVEL.missing("no light level lies in the linear range")
         if (why := self.no_slope_of_light()) is not None:
             return why
-        take = self.used & self.levels.trusted
+        take = taken & self.levels.trusted
         value = fit.uncertain[0] if by_line or self.curve is None else self.curve.responsivity(self.levels, take)
         current = self.unknown_dark_current()
         if current is None:
@@ -312,7 +321,10 @@ class LinearRange(Shown):
 
 
 def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]:
-    """Return one channel's curves: "dark_signal", "dark_variance" and, with light, "response", "photon_transfer"."""
+    """Return one channel's curves: "dark_signal", "dark_variance" and, with light, "response", "photon_transfer".
+
+    The lines of the last two are those of EMVA 1288.
+    """
     curves = {}
     for kind, line, title, y_label in (
         ("dark_signal", dark.mean, "Dark signal", "mean (DN)"),
@@ -325,8 +337,8 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
         return curves
     levels, used = channel.levels, channel.used
     axis = "photons per pixel" if levels.photons_known else "exposure (s)"
-    level, x_label = levels.signal, "signal (DN)"
-    uncertainty, fit = np.sqrt(np.diag(levels.signal_covariance)), fit_response(levels, used)
+    level, x_label, series = levels.signal, "signal (DN)", channel.in_series
+    uncertainty, fit = np.sqrt(np.diag(levels.signal_covariance)), fit_response(levels, series, plain=True)
     if dark.mean.reason:
         level, x_label = levels.mean, "mean (DN)"
         uncertainty = np.sqrt(np.maximum(uncertainty**2 - dark.mean.variance, 0.0))
@@ -335,7 +347,7 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
     curves["response"] = Curve.of_fit("Response", axis, x_label, points, fit)
     known = levels.repeated
     noise, uncertainty, y_label = levels.shot, np.sqrt(np.diag(levels.shot_covariance)), "temporal variance less dark"
-    fit = fit_gain([levels], [used])
+    fit = fit_gain([levels], [series], plain=True)
     if dark.variance.reason:
         noise, uncertainty, y_label = levels.noise, levels.noise_uncertainty, "temporal variance"
         fit = _free_line(level, noise, uncertainty, used & known)

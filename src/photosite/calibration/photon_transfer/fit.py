@@ -64,7 +64,7 @@ def _solve(design: Array, y: Array, covariance: Array) -> tuple[Array, Array, Ar
     return parameters, normal, estimator, float(residual @ residual)
 
 
-def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
+def fit_linear(design: Array, y: Array, covariance: Array, *, plain: bool = False) -> Fit:
     """Fit by least squares, weighted by the covariance of the points and, where they scatter more, an extra variance.
 
     The extra variance, equal for all points, is the one at which chi square equals its expectation, the degrees of
@@ -78,6 +78,8 @@ def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
     ----------
     design, y, covariance
         (m, p) design matrix; (m,) measured points; their (m, m) covariance, positive definite.
+    plain
+        Weight all points equally, as EMVA 1288 does. The covariance of the parameters is still that of the points.
 
     Raises
     ------
@@ -100,6 +102,9 @@ def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
     if freedom > 0 and chi_square > float(chdtri(freedom, SCATTER_P_VALUE)):
         extra = _extra_variance(design, y, covariance)
         parameters, normal, estimator, _ = _solve(design, y, covariance + extra * np.eye(m))
+    if plain:
+        estimator = np.asarray(np.linalg.solve(design.T @ design, design.T), np.float64)
+        parameters, normal = estimator @ y, estimator @ (covariance + extra * np.eye(m)) @ estimator.T
     return Fit(parameters, normal, estimator, extra, chi_square, freedom)
 
 

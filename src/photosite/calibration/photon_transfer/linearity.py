@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.photon_transfer import temporal_series
 from photosite.calibration.withheld import (
     FEW_LEVELS,
     NO_FLAT_FIELDS,
@@ -120,7 +121,8 @@ def channel_linearity(channel: Channel) -> Linearity | Missing:
         return NO_SATURATION.missing(
             "linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation"
         )
-    levels = levels.take(np.flatnonzero(levels.trusted & (np.arange(len(levels.x)) <= saturation.index)))
+    inside = levels.trusted & (np.arange(len(levels.x)) <= saturation.index)
+    levels = levels.take(np.flatnonzero(inside & temporal_series(levels.frames)))
     return linearity(levels.x, levels.signal, levels.signal_covariance, saturation.signal, levels.abscissa)
 
 

@@ -291,6 +291,21 @@ def with_rounded_darks(levels: LightLevels, dark: DarkLines, gain: float) -> Lig
     )
 
 
+def temporal_series(frames: Array) -> NDArray[np.bool_]:
+    """Return (m,) which levels, with so many frames each, are those of EMVA 1288's temporal measurements.
+
+    The standard takes two frames of each exposure, and more of one exposure for the fixed pattern alone. Without three
+    pairs, all levels count.
+
+    Examples
+    --------
+    >>> temporal_series(np.array([2.0, 2.0, 50.0, 2.0])).tolist()
+    [True, True, False, True]
+    """
+    pairs = frames == 2.0
+    return pairs if np.count_nonzero(pairs) > 2 else np.ones_like(pairs)
+
+
 def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.bool_]:
     """Return (m,) whether each light level is in the linear range.
 
@@ -319,13 +334,16 @@ class GainFit(Fit):
         return (Uncertain.of(float(self.parameters[0]), math.sqrt(own), source) + self.dark,)
 
 
-def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]]) -> GainFit | None:
+def fit_gain(
+    channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], *, plain: bool = False
+) -> GainFit | None:
     """Fit the system gain K: the slope through the origin of shot variance against signal, all channels together.
 
     K is one number for a chip, because all channels share the converter. The signal's uncertainty enters by its effect
     K u(signal) on the variance axis (effective variance). A variance that is low by chance also has a low estimated
     uncertainty, and weights from such uncertainties bias the line downwards by twice the relative variance. So the
-    relative uncertainty of each level is applied to the value of the line there. None where no level can be used.
+    relative uncertainty of each level is applied to the value of the line there. With `plain`, all levels have equal
+    weights, as in EMVA 1288. None where no level can be used.
     """
     masked = [(levels, mask & levels.repeated) for levels, mask in zip(channels, used, strict=True)]
     y, v, noise, uncertainty = (
@@ -340,7 +358,7 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
     for _ in range(3):
         expected = np.maximum(noise - v + gain * y, 0.0)
         change = uncertainty**2 * ((expected / noise) ** 2 - 1.0)
-        fit = fit_linear(y[:, None], v, shot + np.diag(change) + gain**2 * signal)
+        fit = fit_linear(y[:, None], v, shot + np.diag(change) + gain**2 * signal, plain=plain)
         gain = float(fit.parameters[0])
     return GainFit(**vars(fit), dark=effect_of_darks(masked, fit))
 
@@ -370,9 +388,13 @@ def gain_value(fit: GainFit | None, gain: Uncertain | None = None) -> Value:
     return fit.uncertain[0] if gain is None else gain
 
 
-def fit_response(levels: LightLevels, used: NDArray[np.bool_]) -> Fit | None:
-    """Fit the responsivity: the slope through the origin of signal against the light levels' axis."""
+def fit_response(levels: LightLevels, used: NDArray[np.bool_], *, plain: bool = False) -> Fit | None:
+    """Fit the responsivity: the slope through the origin of signal against the light levels' axis.
+
+    With `plain`, all levels have equal weights.
+    """
     take = used & levels.trusted
     if not take.any():
         return None
-    return fit_linear(levels.x[take][:, None], levels.signal[take], levels.signal_covariance[np.ix_(take, take)])
+    covariance = levels.signal_covariance[np.ix_(take, take)]
+    return fit_linear(levels.x[take][:, None], levels.signal[take], covariance, plain=plain)

@@ -108,7 +108,7 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     the largest noise, where clipping removes the noise.
     """
     levels, gain, photons = channel.levels, channel.line_gain, channel.levels.photons_known
-    fit = fit_response(levels, channel.used)
+    fit = fit_response(levels, channel.in_series, plain=True)
     if isinstance(gain, Missing):
         return gain
     if fit is None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -141,23 +141,43 @@ def spread_sample(plane: Map, most: int = 1 << 18) -> NDArray[np.floating]:
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """Spatial variance less temporal noise, in DN^2 or relative to a squared signal: total = row + column + pixel."""
+    """Spatial variance less temporal noise, in DN^2 or relative to a squared signal: total = row + column + pixel.
+
+    `standard` holds the parts by the equations of EMVA 1288 R4.0, which count the noise of rows and columns as that of
+    pixels; None where they are the same.
+    """
 
     total: Uncertain
     row: Uncertain
     column: Uncertain
     pixel: Uncertain
+    standard: VarianceComponents | None = None
+
+    @property
+    def by_standard(self) -> VarianceComponents:
+        """The parts by the equations of EMVA 1288 R4.0."""
+        return self.standard or self
+
+    def each(
+        self, change: Callable[[Uncertain, Uncertain], Uncertain], other: VarianceComponents | None = None
+    ) -> VarianceComponents:
+        """Return all parts changed, each with the same part of other components."""
+        other = other or self
+        total, row, column, pixel = (change(one, two) for one, two in zip(self.values, other.values, strict=True))
+        differs = self.standard is not None or other.standard is not None
+        standard = self.by_standard.each(change, other.by_standard) if differs else None
+        return VarianceComponents(total, row, column, pixel, standard)
 
     def __sub__(self, other: VarianceComponents) -> VarianceComponents:
-        return VarianceComponents(*(one - two for one, two in zip(self.values, other.values, strict=True)))
+        return self.each(lambda one, two: one - two, other)
 
     def scaled(self, factor: Uncertain | float) -> VarianceComponents:
         """Return all parts multiplied by a factor."""
-        return VarianceComponents(*(part * factor for part in self.values))
+        return self.each(lambda part, _: part * factor)
 
     def with_rounding(self, pixel_error: float) -> VarianceComponents:
         """Return all parts with the uncertainty from rounding (`quantization.with_rounding`)."""
-        return VarianceComponents(*(with_rounding(part, pixel_error) for part in self.values))
+        return self.each(lambda part, _: with_rounding(part, pixel_error))
 
     @property
     def values(self) -> tuple[Uncertain, ...]:
@@ -167,9 +187,11 @@ class VarianceComponents:
 
 def pool_components(parts: list[VarianceComponents], weights: list[float]) -> VarianceComponents:
     """Return the weighted mean of each part."""
-    return VarianceComponents(
-        *(weighted_mean(one, weights) for one in zip(*(entry.values for entry in parts), strict=True))
-    )
+    values = zip(*(entry.values for entry in parts), strict=True)
+    total, row, column, pixel = (weighted_mean(one, weights) for one in values)
+    differs = any(entry.standard is not None for entry in parts)
+    standard = pool_components([entry.by_standard for entry in parts], weights) if differs else None
+    return VarianceComponents(total, row, column, pixel, standard)
 
 
 @dataclass(frozen=True)
@@ -188,6 +210,11 @@ class _Fractions:
     def plain(cls, rows: int, cols: int) -> _Fractions:
         """Return the fractions of an unfiltered plane: the two-way analysis of variance."""
         return cls(1.0, 1.0, 1 / rows, 1 / cols, 1 / (rows * cols), 1 / cols, 1 / rows)
+
+    @classmethod
+    def standard(cls, rows: int, cols: int) -> _Fractions:
+        """Return the fractions in the equations of EMVA 1288 R4.0, which leave the variance of the mean out."""
+        return cls(1.0, 1.0, 1 / rows, 1 / cols, 0.0, 0.0, 0.0)
 
     @classmethod
     def filtered(cls, rows: int, cols: int) -> _Fractions:
@@ -244,14 +271,25 @@ class MapPlanes:
 def _site_components(moments: PlaneMoments, noise: TemporalComponents, *, filtered: bool) -> VarianceComponents:
     """Split the spatial variance of the color plane of one site of the tile into row, column and pixel parts.
 
-    EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
-    function uses the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
+    EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. The best
+    estimates use the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
     unbiased, and have independent left sides. If the plane was high-pass filtered, the equations contain the gains of
     the filter, so that the parts are not attenuated. The temporal noise in the mean frame, DN^2, is subtracted part by
-    part.
+    part; the standard's equations subtract all of it from the pixels.
     """
+    rows, cols = moments[0]
+    if filtered:
+        return _solved(moments, noise, _Fractions.filtered(rows, cols))
+    none = noise.pixel * 0.0
+    pixels_only = TemporalComponents(noise.total, none, none)
+    return replace(
+        _solved(moments, noise, _Fractions.plain(rows, cols)),
+        standard=_solved(moments, pixels_only, _Fractions.standard(rows, cols)),
+    )
+
+
+def _solved(moments: PlaneMoments, noise: TemporalComponents, fraction: _Fractions) -> VarianceComponents:
     (rows, cols), lines, columns, square, fourth = moments
-    fraction = (_Fractions.filtered if filtered else _Fractions.plain)(rows, cols)
     sampling = max(fourth - square**2, 0.0) / (rows * cols)  # rounding, on constant planes
     left = fraction.pixel - fraction.column_mean - fraction.row_mean + fraction.mean
     pixel_variance = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
@@ -300,7 +338,8 @@ def without_neighbors(
     across, down = correlation
     row = parts.pixel * (2.0 * across * fraction.row_mean / (fraction.line - fraction.rows_mean))
     column = parts.pixel * (2.0 * down * fraction.column_mean / (fraction.line - fraction.columns_mean))
-    return VarianceComponents(parts.total, parts.row - row, parts.column - column, parts.pixel + row + column)
+    without = parts.row - row, parts.column - column, parts.pixel + row + column
+    return VarianceComponents(parts.total, *without, parts.standard)
 
 
 def channel_components(
