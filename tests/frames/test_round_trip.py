@@ -222,8 +222,6 @@ def other_kind(path: Path, kind: str) -> None:
             grey.convert("LA").save(path)
         case "one-bit.png" | "one-bit.tif":
             grey.convert("1").save(path)
-        case "float.tif":
-            grey.convert("F").save(path)
         case "pages.tif":
             grey.save(path, save_all=True, append_images=[grey])
         case "text.dng" | "text.nef" | "text.png" | "text.txt":
@@ -244,7 +242,6 @@ def other_kind(path: Path, kind: str) -> None:
         ("alpha.png", "gray with alpha"),
         ("one-bit.png", "1 bits"),
         ("one-bit.tif", "1 bits"),
-        ("float.tif", "32 bits"),
         ("text.dng", "is not a frame"),
         ("text.png", "is not a frame"),
         ("text.txt", "is not a frame"),

@@ -377,7 +377,7 @@ def virtual_light_options(photons: str) -> Callable[[F], F]:
 ILLUMINANT_HELP = "CIE illuminant (A, D65, ...) or blackbody (3200K)."
 
 
-READING = ("bits", "cfa", "region")
+READING = ("bits", "cfa", "region", "layout")
 """Names of the options that `reading_options` adds, which are those of `read_raw` and `open_frames`."""
 
 
@@ -397,6 +397,12 @@ reading_options = stacked(
         metavar="SECTION",
         help="Pixels with light, for files that do not state them. '[1:1920,1:1080]' is columns, then rows, from 1 on, "
         "as in IRAF; 0:1080,0:1920 is rows, then columns, as in NumPy.",
+    ),
+    click.option(
+        "--layout",
+        metavar="LAYOUT",
+        help="Pixels of headerless files: 3280x2464,uint16,little,offset=0,stride=6560 or "
+        "4056x3040,packed=mipi12,stride=6112. Also packed=mipi10, packed=nikon12, uint8, big.",
     ),
 )
 """The options of `READING`."""

@@ -41,6 +41,7 @@ from photosite.frames.io.formats import (
     read_whole,
     select_headers,
 )
+from photosite.frames.io.headerless import LAYOUT, Layout
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
 from photosite.frames.stored_numbers import (
@@ -142,6 +143,7 @@ def frame_sets_from_files(
     properties: SetProperties,
     where: Mapping[str, str] | None = None,
     together: Collection[str] = (),
+    layout: Layout | None = None,
 ) -> list[FrameSet]:
     """Return the frame set of each setting of listed files.
 
@@ -159,10 +161,12 @@ def frame_sets_from_files(
         Selection of frames by their conditions.
     together
         Conditions that do not separate settings.
+    layout
+        Layout of headerless files.
     """
     _check_existing(files)
     _check_unique(files)
-    opened, skipped = _open_all(files)
+    opened, skipped = _open_all(files, layout)
     frames = selected(opened, where or {})
     settings = []
     for found, same in separated(frames, together):
@@ -171,13 +175,13 @@ def frame_sets_from_files(
     return settings
 
 
-def _open_all(files: Sequence[FrameFile]) -> tuple[list[_OpenedFrame], tuple[Diagnostic, ...]]:
+def _open_all(files: Sequence[FrameFile], layout: Layout | None) -> tuple[list[_OpenedFrame], tuple[Diagnostic, ...]]:
     """Open the files; in a folder, outputs of photosite are skipped, and named in a diagnostic."""
     opened: list[_OpenedFrame] = []
     skipped: list[OwnOutputError] = []
     for file in files:
         try:
-            opened += _open(file)
+            opened += _open(file, layout)
         except OwnOutputError as error:
             if file.listed_in is not None or not file.names:
                 raise
@@ -295,15 +299,15 @@ def _check_unique(files: Sequence[FrameFile]) -> None:
             raise file.error(f"the frame is listed twice, first at {place}", hint="Remove one: it would hide noise")
 
 
-def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
+def _open(file: FrameFile, layout: Layout | None) -> Iterator[_OpenedFrame]:
     """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
     stamp = file_stamp(file.path)
-    for header in select_headers(file.path, read_headers(file.path), file.selection):
+    for header in select_headers(file.path, read_headers(file.path, layout), file.selection):
         frame = replace(file, location=header.location)
         if file.names:
             settings = file.settings.or_else(header.settings)
             part = header.location.part if header.location else ""
-            parts = part.split("/")[::-1] if isinstance(part, str) else []
+            parts = part.split("/")[::-1] if isinstance(part, str) and layout is None else []
             settings = settings.or_else(settings_from_names(Path(frame.name), (*parts, *file.names), settings))
         else:
             settings = file.settings.or_else(replace(header.settings, photons_per_pixel=None))
@@ -510,6 +514,8 @@ class _FrameReading:
             return None
         if self.first_pixel is not None and self.stamp is not None and self.stamp == file_stamp(self.path):
             return StoredRows(self.path, self.first_pixel, self.shape)
+        if self.location is not None and str(self.location.part).startswith(LAYOUT):
+            return None
         opened = open_stored_rows(self.path, self.location, self.bits, self.cfa)
         return opened if opened is None or opened.shape == self.shape else self._changed(opened.shape)
 

@@ -19,7 +19,10 @@ from photosite.frames.from_files import frame_sets_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
 from photosite.frames.io.format_table import NAMES, SUFFIXES
 from photosite.frames.io.formats import read_headers, select_headers
+from photosite.frames.io.headerless import SUFFIXES as HEADERLESS_SUFFIXES
+from photosite.frames.io.headerless import Layout, guess_text, parse_layout
 from photosite.frames.io.protocol import read_protocol
+from photosite.frames.io.raspberry_pi import has_raw_data
 from photosite.frames.raw_frame import MOST_BITS, check_bits
 from photosite.frames.sections import Section, parse_region
 from photosite.sensor.io.sensor_file import load_sensor
@@ -78,6 +81,7 @@ def open_frames(
     where: Where = (),
     together: Collection[str] = (),
     sensor: Sensor | None = None,
+    layout: str | None = None,
 ) -> FrameSet:
     """Open the frames of a measurement, grouped by kind, exposure and gain setting.
 
@@ -120,6 +124,9 @@ def open_frames(
         Conditions that do not separate settings, such as "set_temperature_c" for a series of temperatures.
     sensor
         The sensor that took the frames, for bits and mosaic that they do not state. Default: that of the protocol.
+    layout
+        How the pixels of headerless files are stored, such as `"3280x2464,packed=mipi10,stride=4128"`
+        (`photosite.frames.io.headerless`). All files of a folder with their suffixes (.raw, .bin, ...) are frames then.
 
     Returns
     -------
@@ -152,6 +159,7 @@ def open_frames(
         path,
         together=together,
         sensor=sensor,
+        layout=layout,
         bits=bits,
         cfa=cfa,
         dark=dark,
@@ -189,6 +197,7 @@ def open_settings(
     where: Where = (),
     together: Collection[str] = (),
     sensor: Sensor | None = None,
+    layout: str | None = None,
 ) -> list[FrameSet]:
     """Open the frames of a measurement of one or several settings, a frame set each.
 
@@ -197,7 +206,7 @@ def open_settings(
 
     Parameters
     ----------
-    path, bits, cfa, dark, light, exposure_from_name, region, where, together, sensor
+    path, bits, cfa, dark, light, exposure_from_name, region, where, together, sensor, layout
         As for `open_frames`; `where` may leave several settings.
 
     Returns
@@ -228,7 +237,8 @@ def open_settings(
     given = SetProperties(bits, None if cfa is None else cfa_from(cfa), sensor=sensor, region=part)
     patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
     name, selection = split_selection(os.fspath(path))
-    choice = parse_where(where), together
+    stored = None if layout is None else parse_layout(layout)
+    choice = parse_where(where), together, stored
     place = Path(name)
     if not os.path.exists(place):  # which is False, too, for a name that the system refuses
         raise FileError(place, "there is no such file or folder")
@@ -236,13 +246,13 @@ def open_settings(
         check_stored_file(place)
     listing = _find_listing(place) if place.is_dir() else place
     if listing is None:
-        files = _frame_files_in_folder(place, patterns, exposure_from_name)
+        files = _frame_files_in_folder(place, patterns, exposure_from_name, stored is not None)
         return frame_sets_from_files(files, str(place), given, *choice)
     if exposure_from_name is not None:
         what = "exposure_from_name applies to folders without a protocol or descriptor"
         raise InputError(what, hint=f"Omit it: {listing} states the exposure times")
-    if listing is place and place.suffix.lower() in SUFFIXES:
-        return frame_sets_from_files([_stack(place, patterns, selection)], str(path), given, *choice)
+    if listing is place and place.suffix.lower() in (SUFFIXES if stored is None else HEADERLESS_SUFFIXES):
+        return frame_sets_from_files([_stack(place, patterns, selection, stored)], str(path), given, *choice)
     if any(patterns.values()):
         raise InputError("patterns for dark and light frames apply to folders only", hint=f"{listing} states the kinds")
     if listing.suffix.lower() in (".yaml", ".yml"):
@@ -266,8 +276,8 @@ def _texts(patterns: str | Sequence[str]) -> tuple[str, ...]:
     return (patterns,) if isinstance(patterns, str) else tuple(patterns)
 
 
-def _stack(file: Path, patterns: KindPatterns, selection: str | None) -> FrameFile:
-    if len(select_headers(file, read_headers(file), selection)) == 1:
+def _stack(file: Path, patterns: KindPatterns, selection: str | None, layout: Layout | None) -> FrameFile:
+    if len(select_headers(file, read_headers(file, layout), selection)) == 1:
         hint = "A measurement is a folder, an EMVA 1288 descriptor or a YAML protocol"
         raise FileError(file, "the file holds a single frame", hint=hint)
     settings = FrameSettings(kind=_kind_by_pattern(file, patterns))
@@ -304,11 +314,13 @@ def _find_listing(folder: Path) -> Path | None:
     return descriptors[0] if descriptors else None
 
 
-def _frame_files_in_folder(folder: Path, patterns: KindPatterns, times: str | None) -> list[FrameFile]:
+def _frame_files_in_folder(
+    folder: Path, patterns: KindPatterns, times: str | None, headerless: bool
+) -> list[FrameFile]:
     """List the frames in a folder, or in its subfolders if it has none itself."""
-    images = [p for p in _files(folder) if p.suffix.lower() in SUFFIXES]
+    images = [p for p in _files(folder) if _is_frame(p, headerless)]
     names: dict[Path, tuple[str, ...]] = {image: (image.stem,) for image in images} or {
-        image: (image.stem, image.parent.name) for image in _images_in_subfolders(folder)
+        image: (image.stem, image.parent.name) for image in _images_in_subfolders(folder, headerless)
     }
     for pattern in (pattern for texts in patterns.values() for pattern in texts):
         if not any(image.match(pattern) for image in names):
@@ -335,17 +347,29 @@ def _files(folder: Path) -> list[Path]:
     return sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
 
 
-def _images_in_subfolders(folder: Path) -> list[Path]:
+def _is_frame(path: Path, headerless: bool) -> bool:
+    """Return whether a file of a folder is taken for a frame; of JPEG files, those with raw data are."""
+    suffix = path.suffix.lower()
+    if headerless:
+        return suffix in HEADERLESS_SUFFIXES
+    return suffix in SUFFIXES or (suffix in (".jpg", ".jpeg") and has_raw_data(path))
+
+
+def _images_in_subfolders(folder: Path, headerless: bool) -> list[Path]:
     subfolders = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
     files = [file for subfolder in subfolders for file in _files(subfolder)]
     listings = [p for p in files if p.name in PROTOCOL_NAMES or _is_descriptor(p)]
-    images = [p for p in files if p.suffix.lower() in SUFFIXES]
+    images = [p for p in files if _is_frame(p, headerless)]
     if images and not listings:
         return images
     problem = f"the folder has no frames ({NAMES}), no protocol.yaml and no EMVA 1288 descriptor"
     if listings:
         hint = f"Its subfolder {listings[0].parent.name} is a separate measurement: open that"
         raise FileError(folder, problem, hint=hint)
+    unknown = next((p for p in (*_files(folder), *files) if p.suffix.lower() in HEADERLESS_SUFFIXES), None)
+    if unknown is not None and (guess := guess_text(unknown)):
+        what = f"{problem}; {unknown.name} can be headerless, of the layout {guess}"
+        raise FileError(folder, what, hint="Pass {layout}", arguments={"layout": guess.split(" or ")[0]})
     if subfolders:
         problem += f"; its subfolders ({', '.join(p.name for p in subfolders)}) have none either"
     raise FileError(folder, problem)

@@ -180,7 +180,7 @@ def conversion_of(found: NumberRange, kind: NumberKind, bits: int | None, stored
         Bits per number in the file.
     """
     if kind == "unsigned":
-        if bits is None or stored_bits is None or found.highest < 1 << bits or found.clear_bits < stored_bits - bits:
+        if bits is None or stored_bits is None or found.highest < 1 << bits or found.clear_bits != stored_bits - bits:
             return Conversion()
         return Conversion(shift=max(stored_bits - bits, 0))
     if kind == "signed" and stored_bits == 16 and found.lowest <= _WRAPS_BELOW:

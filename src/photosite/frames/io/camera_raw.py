@@ -7,6 +7,7 @@ ARW, ...), otherwise from LibRaw.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,16 @@ from numpy.typing import NDArray
 from photosite.errors import FileError
 from photosite.frames.frame_file import FrameHeader
 from photosite.frames.io.format_table import CAMERA_RAW, TIFF
-from photosite.frames.io.tiff import Directory, camera_settings, exposure_of, read_directories
+from photosite.frames.io.tiff import (
+    LENGTH,
+    SUB_IFDS,
+    WIDTH,
+    Directory,
+    camera_settings,
+    exposure_of,
+    image_end,
+    read_directories,
+)
 from photosite.frames.raw_frame import MASKED_BORDER, RawFrame, masked_border_level, neutral_text
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
@@ -56,13 +66,14 @@ def read_headers(path: Path) -> tuple[FrameHeader]:
     """Read the header of a camera's raw file without decoding it: size, exposure, ISO."""
     import rawpy
 
+    tags = _tags(path)
     try:
         with rawpy.imread(str(path)) as decoder:
             rows, cols = decoder.sizes.height, decoder.sizes.width
+            check_size(path, decoder.sizes)
             shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
     except rawpy.LibRawError as error:
         raise FileError(path, f"LibRaw cannot open the file: {_reason(error)}") from None
-    tags = _tags(path)
     metadata = _metadata(tags, iso)
     return (FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata),)
 
@@ -72,8 +83,11 @@ def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> t
 
     By default, the bit depth is the bits that the white level needs.
     """
+    tags = _tags(path)
     with open_libraw(path) as decoder:
+        check_size(path, decoder.sizes)
         dn = decoder.raw_image_visible.copy()  # the view is invalid once the decoder is closed
+        check_filled(path, decoder.raw_image)
         colors = _tile(decoder)
         names = decoder.color_desc.decode("ascii")
         levels = [int(level) for level in decoder.black_level_per_channel]
@@ -83,7 +97,6 @@ def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> t
         border_dn = masked_border_level(_border(decoder))
         gains = [float(gain) for gain in decoder.camera_whitebalance[:3]]
     tile = MONOCHROME if colors is None else tuple(tuple(names[c] for c in row) for row in colors)
-    tags = _tags(path)
     used = [0] if colors is None else sorted({int(c) for c in colors.ravel()})
     black_level_dn, notes = _black_level(levels, colors)
     metadata = _metadata(tags, iso) | ({} if border_dn is None else {MASKED_BORDER: border_dn})
@@ -135,11 +148,45 @@ def _color_matrix(matrix: NDArray[np.float64], names: str, used: list[int], cfa:
 
 
 def _tags(path: Path) -> Directory:
-    """Return the first directory of a raw file based on TIFF; an empty one for other formats."""
+    """Return the first directory of a raw file based on TIFF, an empty one for other formats.
+
+    Raises
+    ------
+    FileError
+        If the largest image ends beyond the end of the file: LibRaw fills what is missing with zeros.
+    """
     try:
-        return read_directories(path, strict=False)[0]
+        directories = read_directories(path, strict=False)
     except FileError:
         return Directory()
+    every = [child for page in directories for child in (page, *page.children.get(SUB_IFDS, ()))]
+    largest = max(every, key=lambda page: (page.number(WIDTH) or 0) * (page.number(LENGTH) or 0))
+    size, end = os.path.getsize(path), image_end(largest)
+    if end > size:
+        raise FileError(path, f"is truncated: its image data end at byte {end}, the file at {size}")
+    return directories[0]
+
+
+_LEAST_BITS = 0.5
+"""Bits of a pixel that a compressed raw file holds at least; lossless ones of darkness need about 2."""
+_FILLED_ROWS = 8
+"""Rows of zeros at the end of a frame that are not those of a dark frame without a black level."""
+
+
+def check_size(path: Path, sizes: Any) -> None:
+    """Raise `FileError` for a file that is too short to hold its pixels."""
+    size, pixels = os.path.getsize(path), sizes.raw_height * sizes.raw_width
+    if 8 * size < _LEAST_BITS * pixels:
+        what = f"is truncated: {size} bytes cannot hold {sizes.raw_height} x {sizes.raw_width} pixels"
+        raise FileError(path, what)
+
+
+def check_filled(path: Path, raw: NDArray[np.uint16]) -> None:
+    """Raise `FileError` where LibRaw filled the last rows with zeros because the file ends before them."""
+    lit = np.flatnonzero(raw.any(axis=1)) if not raw[-_FILLED_ROWS:].any() else np.arange(len(raw))
+    if len(lit) and len(raw) - 1 - lit[-1] >= _FILLED_ROWS:
+        what = f"is truncated: the last {len(raw) - 1 - lit[-1]} of {len(raw)} rows have no data and are zeros"
+        raise FileError(path, what)
 
 
 def _exposure_s(tags: Directory, shutter_s: float) -> float | None:

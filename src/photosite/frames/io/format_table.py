@@ -74,10 +74,12 @@ FORMATS = (
     Format("PNG", (".png",), "png", (b"\x89PNG\r\n\x1a\n",), writes=(".png",)),
     Format("HDF5", (".h5", ".hdf5", ".hdf"), "hdf5", (b"\x89HDF\r\n\x1a\n",), writes=(".h5", ".hdf5"), most_bits=32),
     Format("FITS", (".fits", ".fit", ".fts"), "fits", (b"SIMPLE  =",)),
+    Format("Raspberry Pi's JPEG with raw data", (), "raspberry_pi", (b"\xff\xd8\xff",)),
 )
 """The formats, in the order in which a file is compared with them."""
 
-NAMES = f"{', '.join(format.name for format in FORMATS[:-1])} or {FORMATS[-1].name}"
+_BY_SUFFIX = [format.name for format in FORMATS if format.suffixes]
+NAMES = f"{', '.join(_BY_SUFFIX[:-1])} or {_BY_SUFFIX[-1]}"
 
 SUFFIXES = frozenset(suffix for format in FORMATS for suffix in format.suffixes)
 """Suffixes of files that are taken for frames."""

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import reading
 from photosite.files.writing import atomic_path
 from photosite.frames.frame_file import FrameHeader, FrameLocation, OwnOutputError, split_selection
+from photosite.frames.io import headerless
 from photosite.frames.io.format_table import (
     DEEP_SUFFIXES,
     FORMATS,
@@ -24,6 +26,7 @@ from photosite.frames.io.format_table import (
     Format,
     format_to_write,
 )
+from photosite.frames.io.headerless import Layout, parse_layout
 from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, RawFrame, check_bits
 from photosite.frames.sections import Section, lines_around, parse_region
 from photosite.frames.stored_numbers import NumberRange, StoredNumbers, conversion_diagnostics, conversion_of
@@ -66,6 +69,7 @@ def read_raw(
     cfa: str | Sequence[Sequence[str]] | None = None,
     index: int | None = None,
     region: str | None = None,
+    layout: str | None = None,
 ) -> RawFrame:
     """Read one raw frame from a file of one of the formats in `photosite.frames.io.format_table`.
 
@@ -82,6 +86,9 @@ def read_raw(
         Index of the frame in a file of several (pages of TIFF, stacks of HDF5 and FITS), counted from 0.
     region
         Part of the stored image that receives light, as in `photosite.frames.open.open_frames`.
+    layout
+        How the pixels of a headerless file are stored, such as `"3280x2464,packed=mipi10,stride=4128"`
+        (`photosite.frames.io.headerless`).
 
     Raises
     ------
@@ -111,11 +118,12 @@ def read_raw(
     name, selection = split_selection(os.fspath(path))
     file = Path(name)
     part = None if region is None else parse_region(region)
+    stored = None if layout is None else parse_layout(layout)
     location = None
     headers: tuple[FrameHeader, ...] = ()
-    if index is not None or part is not None or selection is not None:
-        headers = select_headers(file, read_headers(file), selection)
-    if selection is not None and index is None:
+    if index is not None or part is not None or selection is not None or stored is not None:
+        headers = select_headers(file, read_headers(file, stored), selection)
+    if (selection is not None or stored is not None) and index is None:
         if len(headers) > 1:
             raise _several(path, headers)
         index = 0
@@ -146,15 +154,19 @@ def read_frame(
     path: Path, bits: int | None = None, cfa: Cfa | None = None, location: FrameLocation | None = None
 ) -> tuple[RawFrame, tuple[str, ...]]:
     """Read one raw frame, as `read_raw` does, and return the notes for warnings with it."""
-    module = detect_format(path).load()
-    if hasattr(module, "read_frame"):
-        frame, notes = module.read_frame(path, bits, cfa)
-        return frame, notes
-    headers = module.read_headers(path)
+    module: Any = headerless
+    if location is not None and str(location.part).startswith(headerless.LAYOUT):
+        headers = read_headers(path, parse_layout(str(location.part).removeprefix(headerless.LAYOUT)))
+    else:
+        module = detect_format(path).load()
+        if hasattr(module, "read_frame"):
+            frame, notes = module.read_frame(path, bits, cfa)
+            return frame, notes
+        headers = module.read_headers(path)
     if location is not None:
         headers = tuple(header for header in headers if header.location == location)
     if len(headers) != 1:
-        raise _several(path, module.read_headers(path))
+        raise _several(path, headers)
     header: FrameHeader = headers[0]
     if header.overscan and header.black_level_dn is None:
         level = module.overscan_level(path, header.location)
@@ -182,6 +194,8 @@ def number_range(
 
 def read_pixels(path: Path, location: FrameLocation | None) -> StoredNumbers:
     """Read the (rows, cols) stored numbers of one frame, without its header."""
+    if location is not None and str(location.part).startswith(headerless.LAYOUT):
+        return headerless.read_pixels(path, location)
     kind = detect_format(path)
     if not hasattr(kind.load(), "read_pixels"):
         raise FileError(path, f"the file is now {kind.name}; it had another format when it was opened")
@@ -206,8 +220,10 @@ def open_stored_rows(
     return None if open_rows is None else open_rows(path, location, bits, cfa)
 
 
-def read_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """Read the headers of all frames in a file, without pixels."""
+def read_headers(path: Path, layout: Layout | None = None) -> tuple[FrameHeader, ...]:
+    """Read the headers of all frames in a file, without pixels; of a headerless file by its layout."""
+    if layout is not None:
+        return headerless.read_headers(path, layout)
     headers: tuple[FrameHeader, ...] = detect_format(path).load().read_headers(path)
     return headers
 
@@ -255,7 +271,12 @@ def detect_format(path: Path) -> Format:
     for format in FORMATS:
         if format.by_suffix and path.suffix.lower() in format.suffixes:
             return format
-    raise FileError(path, "the file is not a frame", hint=f"A raw frame is {NAMES}")
+    hint = f"A raw frame is {NAMES}"
+    if path.suffix.lower() in headerless.SUFFIXES and (guess := headerless.guess_text(path)):
+        arguments = {"layout": guess.split(" or ")[0]}
+        what = f"the file is not a frame, or a headerless one; its size is that of {guess}"
+        raise FileError(path, what, hint="Pass {layout}", arguments=arguments)
+    raise FileError(path, "the file is not a frame", hint=hint)
 
 
 def check_holds(path: Path, bits: int, cfa: Cfa | None = None) -> None:

@@ -224,14 +224,23 @@ class _Reader:
         directory.tags[tag] = values
 
     def check_image_data(self, directory: Directory) -> None:
-        for offsets_tag, counts_tag in ((273, 279), (324, 325)):
+        for offsets_tag, counts_tag in _SEGMENTS:
             offsets, counts = directory.numbers(offsets_tag), directory.numbers(counts_tag)
-            if not offsets:
-                continue
-            if counts is None or len(counts) != len(offsets):
+            if offsets and (counts is None or len(counts) != len(offsets)):
                 self.fail("is damaged: the image data's lengths are missing")
-            elif (end := max(map(sum, zip(offsets, counts, strict=True)))) > self.size:
-                self.fail(f"is truncated: image data end at byte {end}, the file at {self.size}")
+        if (end := image_end(directory)) > self.size:
+            self.fail(f"is truncated: image data end at byte {end}, the file at {self.size}")
+
+
+_SEGMENTS = ((273, 279), (324, 325))
+"""Tags of the offsets and lengths of strips, and of tiles."""
+
+
+def image_end(directory: Directory) -> int:
+    """Return the byte after the image data of a directory; 0 without them."""
+    pairs = [(directory.numbers(offsets), directory.numbers(counts)) for offsets, counts in _SEGMENTS]
+    ends = [max(map(sum, zip(offsets, counts, strict=False))) for offsets, counts in pairs if offsets and counts]
+    return int(max(ends, default=0))
 
 
 WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
