@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from copied_code import executed, json_of
+from raising import raises
 
 import photosite as ps
 from photosite.app.calibrate_results import ReportRequest, write_report
@@ -33,7 +34,7 @@ from photosite.app.views import (
     run_sweep,
     sweep_code,
 )
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError
 from photosite.frames.io.libcamera import read_libcamera
 from photosite.frames.raw_frame import RawFrame
 from photosite.report.numbers import format_duration
@@ -111,6 +112,30 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
             dn = np.uint16(64.5 + 0.5 * electrons + noise.normal(0, 2, (64, 64)))
             RawFrame(dn, bits=12).save(folder / f"{kind}_{time_ms}ms_{number}.png")
     return served
+
+
+def test_what_the_files_do_not_state_is_asked_for(tmp_path: Path) -> None:
+    noise = np.random.default_rng(2)
+    (tmp_path / "plain").mkdir()
+    for time_ms, kind in [(1, "dark"), *((time_ms, "flat") for time_ms in (10, 20, 30))]:
+        for number in range(2):
+            electrons = 0 if kind == "dark" else noise.poisson(100 * time_ms, (64, 80))
+            dn = np.uint16(64.5 + 0.5 * electrons + noise.normal(0, 2, (64, 80)))
+            dn[:, :16] = 9  # covered
+            dn.tofile(tmp_path / "plain" / f"{kind}_{time_ms}ms_{number}.raw")
+    places = Places(folder=tmp_path, results=tmp_path / "results")
+    asked = {"folder": "plain", "bits": 12, "layout": "80x64", "region": "0:64,16:80"}
+    listing = list_frames(FolderRequest(**asked), places)
+    assert (listing["rows"], listing["cols"], listing["bits"]) == (64, 64, 12)
+    request = CalibrationRequest(**asked)
+    (part,) = run_calibration(request, places)["parts"]
+    gain = next(row for row in part["parameters"] if row["name"] == "system_gain_dn_per_e")
+    assert gain["interval_95"][0] < 0.5 < gain["interval_95"][1]
+    python, command = calibration_code(request, places)
+    assert "bits=12, region='0:64,16:80', layout='80x64'" in python
+    assert "--bits 12 --region 0:64,16:80 --layout 80x64" in command
+    with raises(FileError, "the folder has no frames"):
+        list_frames(FolderRequest(folder="plain"), places)
 
 
 MONO = {"channels": {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}}

@@ -99,6 +99,15 @@ def test_a_calibration_names_taps_with_their_size():
     assert "steps-between-taps" not in limits(calibrate(stack(0.0, 0.0)))
 
 
+def test_the_system_gain_of_taps_with_other_gains_is_named():
+    """Gains of 0.3 and 0.42 DN/e-: variance over signal is 2.8 % above their mean."""
+    found = calibrate(stack(0.4, 0.0))
+    (entry,) = (entry for entry in found.diagnostics if entry.id == "steps-between-taps")
+    assert "system_gain_dn_per_e" in entry.parameters
+    assert "the system gain is 2.8 % above the mean of the taps'" in entry.text
+    assert found.system_gain_dn_per_e.value / 0.36 == pytest.approx(1.0278, rel=0.01)
+
+
 def test_a_calibration_returns_gain_and_offset_of_the_taps():
     """Within 4 standard uncertainties; the right half has 1.02 of the gain of the left one, and 1 DN more."""
     channels = calibrate(stack(0.02, 1.0)).readout_channels

@@ -26,6 +26,17 @@ class FolderRequest(Part):
     """A folder of the served folder, or an uploaded one."""
 
     folder: Text = Field("", description="Name in the served folder, or upload:ID; empty is the served folder itself.")
+    bits: int | None = Field(None, ge=1, le=16, description="Bit depth, for files that do not state it.")
+    cfa: Text = Field("", description="Color filter array, for files that do not state it.")
+    region: Text = Field("", description="Pixels with light, for files that do not state them.")
+    layout: Text = Field("", description="Pixels of headerless files.")
+    where: Text = Field("", description="Setting to choose, where the files state several: filter=R.")
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """The options of `open_frames` that are given."""
+        given = {name: getattr(self, name) for name in ("bits", "cfa", "region", "layout", "where")}
+        return {name: value for name, value in given.items() if value not in (None, "")}
 
 
 class GroupEdit(Part):
@@ -65,7 +76,7 @@ def list_frames(request: FolderRequest, places: Places, progress: Progress | Non
     """Return the groups of frames of a folder as `open_frames` understands them, and subfolders with both kinds."""
     path = folder_path(request.folder, places)
     with recorded_warnings() as texts:
-        frames = open_frames(path)
+        frames = open_frames(path, **request.reading)
     groups = [
         {
             "kind": group.kind,
@@ -151,9 +162,9 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
         if names := capture_folders(path, sensor, request.captures):
             if request.groups:
                 raise InputError("groups", expected="left as they are found with the frames of each capture")
-            frames = {name: open_frames(path / name, sensor=sensor) for name in names}
+            frames = {name: open_frames(path / name, sensor=sensor, **request.reading) for name in names}
         else:
-            frames = edited(open_frames(path, sensor=sensor), request.groups)
+            frames = edited(open_frames(path, sensor=sensor, **request.reading), request.groups)
         result = result_of(calibrate(frames, sensor, maps=request.maps, progress=report), places)
     return replace(result, warnings=tuple(dict.fromkeys([*result.warnings, *texts]))).to_dict()
 
@@ -163,16 +174,17 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
     path = str(folder_path(request.folder, places))
     lines = ["import photosite as ps", ""]
     sensor, maps = "", ", maps=True" if request.maps else ""
+    reading = "".join(f", {name}={value!r}" for name, value in request.reading.items())
     if request.sensor is not None:
         lines += sensor_lines(request.sensor, places)
         sensor = ", sensor"
     if request.captures:
         lines += [
             f"folder, names = {path!r}, {list(request.captures)!r}",
-            'frames = {name: ps.open_frames(f"{folder}/{name}") for name in names}',
+            f'frames = {{name: ps.open_frames(f"{{folder}}/{{name}}"{reading}) for name in names}}',
         ]
     else:
-        lines.append(f"frames = ps.open_frames({path!r})")
+        lines.append(f"frames = ps.open_frames({path!r}{reading})")
         if request.groups:
             lines[0] = "from dataclasses import replace\n\nimport photosite as ps"
             lines += _edit_lines(request.groups)
@@ -181,6 +193,8 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
     changed = request.sensor is not None and (request.sensor.changed or request.sensor.gain_setting is not None)
     if not request.groups and not changed:
         words = ["photosite", "calibrate", path]
+        for name, value in request.reading.items():
+            words += [f"--{name}", str(value)]
         if request.sensor is not None:
             words += ["--sensor", source_name(request.sensor.source, places)]
             if not request.captures and changed_sensor(request.sensor, places).captures is None:

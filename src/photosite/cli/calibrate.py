@@ -13,7 +13,7 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.compilation import compile_statistics
-from photosite.cli.output import Stages, held_warnings, not_listed, say, say_if_compiling, show, table
+from photosite.cli.output import Stages, held_warnings, many, not_listed, say, say_if_compiling, show, table
 from photosite.errors import printable
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def command(
     from photosite.calibration.calibrate import calibrate, calibration_kind, check_options
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.cli.calibration_text import calibration_text
-    from photosite.frames.open import settings_text
+    from photosite.frames.conditions import label
     from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     if into is not None:
@@ -184,7 +184,9 @@ def command(
     outputs = _Outputs.of(given)
     frames, sensor = _open(paths[0], sensor_name, given)
     if isinstance(frames, list):
-        say(f"photosite: {paths[0]}: {settings_text(frames)}. Each is calibrated; --where chooses one")
+        say(f"photosite: {paths[0]} has {len(frames)} settings. Each is calibrated; --where chooses one")
+        for each in frames:
+            say(f"  {label(each.conditions)}: {many(each.frame_count, 'frame')}")
     for option, wanted in (("--name", given["name"]), ("-o", outputs.sensor), ("--contribute", outputs.entry)):
         if wanted is not None and sensor is None:
             hint = "give --sensor (sensors new writes one)"

@@ -6,7 +6,8 @@ import { folderDrop } from "./folder.js";
 import { jobBar } from "./jobview.js";
 import { drawResults } from "./results.js";
 
-const fresh = { groups: [], maps: false, captures: [] };
+const unstated = [["bits", "Bit depth", "12"], ["cfa", "Color filter array", "rggb"], ["region", "Pixels with light", "0:1080,0:1920"], ["layout", "Layout of headerless files", "3280x2464,packed=mipi10"], ["where", "One of several settings", "filter=R"]];
+const fresh = { groups: [], maps: false, captures: [], bits: null, cfa: "", region: "", layout: "", where: "" };
 let request = { folder: "", sensor: null, ...fresh };
 let built = false, found = null, listing = 0, forget = () => {};
 window.addEventListener(DELETED, ({ detail }) => forget(detail));
@@ -25,6 +26,7 @@ export async function show(content) {
     if (![...folder.options].some((option) => option.value === name)) folder.append(element("option", { value: name }, label));
     folder.value = name;
     request = { ...request, folder: name, ...fresh };
+    for (const [each, box] of boxes) box.value = request[each] ?? "";
     list();
   }
   const noFolder = () => groups.replaceChildren(element("p", { class: "hint" }, "No folder is served. Drop one above, or start the server with one: photosite serve FOLDER"));
@@ -39,12 +41,21 @@ export async function show(content) {
   const known = [["", "that of the frames' protocol, or none"], ...sensors.map((name) => [name, name]), ...files.map((file) => [`file:${file.name}`, file.name])];
   const sensor = element("select", { onchange: () => { request.sensor = sensor.value ? { source: sensor.value } : null; } }, ...known.map(([value, text]) => element("option", { value }, text)));
   sensor.value = request.sensor?.source ?? "";
+  const boxes = new Map(unstated.map(([name, , example]) => {
+    const box = element("input", { type: name === "bits" ? "number" : "text", placeholder: example, ...(name === "bits" ? { min: 1, max: 16 } : {}), onchange: () => {
+      if (!box.validity.valid) return;
+      request = { ...request, groups: [], [name]: name === "bits" ? (box.value ? Number(box.value) : null) : box.value.trim() };
+      if (server.folder || request.folder) list();
+    } });
+    box.value = request[name] ?? "";
+    return [name, box];
+  }));
   async function list() {
     const mine = ++listing;
     groups.replaceChildren(element("p", { class: "hint", role: "status" }, "Reading the names and headers of the frames …"));
     results.replaceChildren();
     try {
-      const ended = await finished(await post(`/api/frames-of-folder?tab=${tab}`, { folder: request.folder }));
+      const ended = await finished(await post(`/api/frames-of-folder?tab=${tab}`, { folder: request.folder, ...Object.fromEntries(unstated.map(([name]) => [name, request[name]])) }));
       if (mine !== listing) return; // another folder was chosen
       if (ended.status !== "done") throw new Error(ended.error || "cancelled");
       showError("");
@@ -61,6 +72,7 @@ export async function show(content) {
     element("p", { class: "hint" }, "Dark frames and flat fields in a folder give the sensor's parameters with 95 % intervals. Frames are grouped by kind, exposure time and gain setting; change what was understood wrongly before you calibrate."),
     element("div", { class: "card" }, element("div", { class: "fields" }, element("label", {}, "Folder on this machine", folder), element("label", {}, "Sensor as known before", sensor)),
       element("p", { class: "hint" }, "Pixel size, volts and spectra come from a sensor file; without one the results are in DN and electrons."),
+      element("details", {}, element("summary", {}, "What the files do not state"), element("div", { class: "fields" }, ...unstated.map(([name, label]) => element("label", {}, label, boxes.get(name))))),
       folderDrop(open)),
     groups, bar, results);
   if (server.folder || request.folder) {

@@ -33,9 +33,10 @@ TAP_STEPS = DiagnosticKind(
     "steps-between-taps",
     "warning",
     "Halves or quadrants of the frames differ.",
-    "Taps have different gains or offsets; PRNU or DSNU includes the step.",
-    "Nothing: the sensor file has the readout channels.",
-    ("prnu*", "dsnu*"),
+    "Taps have different gains or offsets; PRNU or DSNU includes the step. The system gain is that of the mean "
+    "variance and the mean signal, which is above the mean of different gains.",
+    "Nothing: the sensor file has the readout channels. --region calibrates one of them.",
+    ("prnu*", "dsnu*", "system_gain_dn_per_e", "*_e", "*_e_per_s"),
     "step as a fraction of the signal, or in DN for dark frames",
     f"below {one_in(TAPS_P_VALUE)} mean frames",
 )
@@ -50,6 +51,10 @@ FAR_PIXELS = DiagnosticKind(
 )
 
 
+_LEAST_EXCESS = 1e-3
+"""Difference of the system gain from the mean of the taps' that is told, as a fraction."""
+
+
 def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
     """Periods, steps between taps and far pixels of the mean frames."""
     found = evidence.patterns
@@ -59,7 +64,13 @@ def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
     if (dark := found.dark_structure) is not None:
         yield PERIODIC_OFFSET(str(dark), dark.difference)
     for taps in found.taps:
-        yield TAP_STEPS(str(taps), taps.step, ("dsnu*",) if taps.dark else ("prnu*",))
+        # Taps of gains k have the mean variance <k^2> n at the mean signal <k> n.
+        excess = 0.0 if taps.dark else float((taps.level**2).mean())
+        if excess > _LEAST_EXCESS:
+            text = f"{taps}. If their gains differ, the system gain is {100 * excess:.2g} % above the mean of the taps'"
+            yield TAP_STEPS(text, taps.step, ("prnu*", "system_gain_dn_per_e", "*_e", "*_e_per_s"))
+        else:
+            yield TAP_STEPS(str(taps), taps.step, ("dsnu*",) if taps.dark else ("prnu*",))
     for far in found.far:
         explained = found.unlit is not None if far.what == "PRNU" else evidence.dark.rounding_shows
         if explained:

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ class Keywords:
 
     def get(self, *names: str) -> Any:
         """Return the first keyword that exists, or None."""
-        for header in (self.own, self.first):
+        for header in (self.own,) if self.own is self.first else (self.own, self.first):
             for name in names:
                 if (value := header.get(name)) is not None:
                     return value
@@ -117,7 +118,7 @@ class Unit:
         name, version = self.keywords.own.get("EXTNAME"), self.keywords.own.get("EXTVER", 1)
         return f"{name.strip()}{'' if version == 1 else f',{version}'}" if isinstance(name, str) else ""
 
-    @property
+    @cached_property
     def light(self) -> Section:
         """The lines with light (IRAF's ccdproc: TRIMSEC is kept, BIASSEC is overscan)."""
         found = (self.keywords.section(name, self.size) for name in ("DATASEC", "TRIMSEC", "BIASSEC"))
