@@ -35,6 +35,7 @@ def stack(
     cfa: Cfa = MONOCHROME,
     shape: tuple[int, int] = (96, 128),
     light_s: tuple[float, ...] = LIGHT_S,
+    dark_s: tuple[float, ...] = DARK_S,
     of: Callable[[list[np.ndarray]], np.ndarray] | None = None,
 ) -> FrameSet:
     """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs.
@@ -57,7 +58,7 @@ def stack(
         electrons = rng.poisson(mean) + offset + rng.normal(0.0, READ_E, shape)
         return np.clip(np.rint(change(kind, GAIN * electrons + BLACK)), 0, 4095).astype(np.uint16)
 
-    taken: list[tuple[Any, ...]] = [("dark", t, frame("dark", t)) for t in DARK_S for _ in range(10)]
+    taken: list[tuple[Any, ...]] = [("dark", t, frame("dark", t)) for t in dark_s for _ in range(10)]
     for t in (t for t in light_s for _ in range(6)):
         dn = frame("light", t) if of is None else of([frame("light", t) for _ in range(3)])
         taken.append(("light", t, dn) if exposure_s is None else ("light", exposure_s, dn, light_e_per_s * t))
@@ -180,3 +181,8 @@ def test_medians_of_flat_fields_concern_the_gain() -> None:
     found = calibrate(stack(4, of=lambda taken: np.median(taken, axis=0).astype(np.uint16)))
     assert found.system_gain_dn_per_e.value == pytest.approx(GAIN * 0.45, rel=0.05)
     assert any(entry.id == "implausible" and "system_gain_dn_per_e" in entry.parameters for entry in found.diagnostics)
+
+
+def test_darks_at_the_times_of_the_flat_fields_are_extrapolated_to_no_light() -> None:
+    """The shortest dark frames have 5 e- of spread in their dark current, and a DSNU of 4 e-."""
+    assert "other-offsets" not in sizes(stack(4, dark_s=LIGHT_S))

@@ -233,8 +233,8 @@ class DarkResult:
         """Why the level of the dark frames is unknown; empty where it is known."""
         return self.lines[0].mean.reason
 
-    def at(self, exposure_s: float) -> GroupMean | None:
-        """Return the mean dark frame at an exposure time within the range of the dark frames.
+    def at(self, exposure_s: float, *, beyond: bool = False) -> GroupMean | None:
+        """Return the mean dark frame at an exposure time within the range of the dark frames, or `beyond` it.
 
         It is that of the reference group, moved along each pixel's dark slope where the spread of the slopes is known
         and not negligible. None without dark frames.
@@ -242,7 +242,7 @@ class DarkResult:
         if self.mean is None or self.slope_map is None or self.slopes is None:
             return self.mean
         times = [entry.group.exposure_s for entry in self.groups]
-        exposure_s = min(max(exposure_s, min(times)), max(times))
+        exposure_s = max(exposure_s, 0.0) if beyond else min(max(exposure_s, min(times)), max(times))
         square = (exposure_s - self.mean.exposure_s) ** 2
         for slope, m in zip(self.slopes, self.channels, strict=True):
             dsnu, spread = m.dsnu_variance, slope.variance

@@ -150,7 +150,7 @@ class PixelLines:
         times = [entry.group.exposure_s for entry in lights]
         varied = max(times) > (1.0 + SAME_EXPOSURE) * min(times)
         for channel, seconds in self._compared(channels, lights):
-            known = dark.at(seconds[0])
+            known = dark.at(seconds[0], beyond=True)
             assert known is not None
             pattern = known.mean[self._rows]
             for site in np.argwhere(self._tile == channel.index):
@@ -190,7 +190,7 @@ class PixelLines:
                 continue
             moments = []
             for channel, seconds in self._compared(channels, lights):
-                known = dark.at(seconds[0])
+                known = dark.at(seconds[0], beyond=True)
                 assert known is not None
                 rows = self._rows if name == LEFT_TO_RIGHT else slice(shape[0] - last, shape[0] - first)
                 pattern = np.asarray(turn(known.mean[rows]), np.float64)
