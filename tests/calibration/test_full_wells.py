@@ -48,3 +48,20 @@ def test_straight_and_bent_responses_have_no_full_wells(bend: float) -> None:
     """By chance, one of 10 000 runs fails."""
     of_seed = partial(measured, means=EVEN, bend=bend)
     assert not any(full_wells(of_seed(seed))[0].size for seed in range(40))
+
+
+def test_one_level_of_four_is_found() -> None:
+    found, fall = full_wells(measured(1, [2500.0, 5000.0, 7500.0, 10_000.0], well=10_050.0))
+    assert (found.tolist(), fall > 0.1) == ([3], True)
+
+
+def test_a_few_full_pixels_are_found() -> None:
+    """The well is 1.9 standard deviations above the brightest level: 3 % of its electrons are at it."""
+    found, fall = full_wells(measured(2, EVEN, well=10_420.0))
+    assert (found.tolist(), 0.02 < fall < 0.07) == ([9], True)
+
+
+@pytest.mark.parametrize("means", [[2500.0, 5000.0, 7500.0, 10_000.0], EVEN[4:], [0.4 * mean for mean in EVEN]])
+@pytest.mark.parametrize("bend", [0.0, 0.08, -0.08])
+def test_few_levels_have_no_full_wells(means: list[float], bend: float) -> None:
+    assert not any(full_wells(measured(seed, means, bend=bend))[0].size for seed in range(40, 60))

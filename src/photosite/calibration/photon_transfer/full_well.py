@@ -16,11 +16,16 @@ from photosite.values.diagnostic import DiagnosticKind, one_in
 MOST_LEVELS = 3
 """Levels that may be partly full; with more, the largest variance is passed, which is saturation."""
 
-LEAST_OTHERS = 4
-"""Other levels that the line through the ratios needs: two more than it has parameters."""
+LEAST_OTHERS = 3
+"""Other levels that the line through the ratios needs: one more than it has parameters."""
 
-LEAST_FALL = 0.07
-"""Fall of the variance that matters: 5 % of numbers at the well. Less changes the gain by less than its uncertainty."""
+MANY_OTHERS = 6
+"""Other levels from which a parabola through the ratios takes the place of the line: it follows a bend of the response
+that grows with the third power."""
+
+LEAST_FALLS = 0.07, 0.02
+"""Least fall of the variance below the line, and below the parabola, which bends explain less: 5 and 1.5 % of numbers
+at the well."""
 
 P_VALUE = 1e-6
 """Fraction of sets without full wells that are reported."""
@@ -49,24 +54,24 @@ def full_wells(levels: LightLevels) -> tuple[NDArray[np.intp], float]:
     for count in range(1, min(MOST_LEVELS, len(order) - LEAST_OTHERS) + 1):
         expected, limit = _extrapolated(signal, ratio, covariance, len(order) - count)
         fall = expected - ratio[-count:]
-        if (fall > np.maximum(limit, LEAST_FALL * expected)).all():
+        if (fall > np.maximum(limit, LEAST_FALLS[len(order) - count >= MANY_OTHERS] * expected)).all():
             return order[-count:], float(fall[-1] / expected[-1])
     return order[:0], 0.0
 
 
 def _extrapolated(signal: Array, ratio: Array, covariance: Array, known: int) -> tuple[Array, Array]:
-    """Return the ratios of the levels from `known` on by the line through the others, and the limit of their distance.
+    """Return the ratios of the levels from `known` on by the curve through the others, and the limit of their distance.
 
-    Where the others scatter beyond chance about the line, their scatter counts, by Student's t.
+    Where the others scatter beyond chance about the curve, their scatter counts, by Student's t.
     """
-    design = np.column_stack([np.ones_like(signal), signal / signal[-1]])
+    design = np.vander(signal / signal[-1], 2 + (known >= MANY_OTHERS), increasing=True)
     weights = np.linalg.inv(covariance[:known, :known])
     inner = np.linalg.inv(design[:known].T @ weights @ design[:known])
     gain = design[known:] @ inner @ design[:known].T @ weights
     left = ratio[:known] - design[:known] @ inner @ design[:known].T @ weights @ ratio[:known]
     away = np.column_stack([-gain, np.eye(len(signal) - known)])
     uncertainty = np.sqrt(np.diag(away @ covariance @ away.T))
-    freedom, square = known - 2, float(left @ weights @ left)
+    freedom, square = known - design.shape[1], float(left @ weights @ left)
     if square <= float(chdtri(freedom, 0.01)):
         return gain @ ratio[:known], -float(ndtri(P_VALUE)) * uncertainty
     return gain @ ratio[:known], float(stdtrit(freedom, 1.0 - P_VALUE)) * np.sqrt(square / freedom) * uncertainty
