@@ -57,7 +57,7 @@ LEAK_FRACTION = 0.3
 LIGHT_LEAK = DiagnosticKind(
     "light-leak",
     "warning",
-    f"The dark signal grows with the exposure time by {100 * LEAK_FRACTION:.0f} % of the dimmest flat fields or more.",
+    f"The dark signal grows with the exposure time by {100 * LEAK_FRACTION:.0f} % of the flat fields' rate or more.",
     "If light falls on the dark frames, dark current and its nonuniformity are too large.",
     "Cover the lens, switch the lamp off, and compare with dark frames in a dark room.",
     DARK_CURRENT,
@@ -68,7 +68,8 @@ LIGHT_LEAK = DiagnosticKind(
 def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
     """A dark signal that grows with time nearly as the flat fields do: a light leak looks like dark current.
 
-    The slope is compared with the smallest signal per second in the linear range of the flat fields.
+    The slope is compared with the median signal per second in the linear range of the flat fields, whose light may
+    have been dimmed.
     """
     for channel in evidence.light.channels:
         _, slope = channel.dark.mean.line
@@ -76,11 +77,11 @@ def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
         take = channel.used & levels.trusted & (levels.signal > 0.0)
         if isinstance(slope, Missing) or not take.any():
             continue
-        rate = float(np.min(levels.signal[take] / levels.exposure_s[take]))
+        rate = float(np.median(levels.signal[take] / levels.exposure_s[take]))
         if slope.value > LEAK_FRACTION * rate and slope.value > BEYOND_CHANCE * (slope.value - slope.interval_95[0]):
             longest = max(evidence.dark.groups, key=lambda entry: entry.group.exposure_s)
             yield LIGHT_LEAK(
-                f"the dark signal grows by {slope.value:.3g} DN/s, {100 * slope.value / rate:.2g} % of the dimmest "
+                f"the dark signal grows by {slope.value:.3g} DN/s, {100 * slope.value / rate:.2g} % of that of the "
                 f"flats (to {longest.levels[channel.index].mean:.4g} DN at {format_exposure(longest.group.exposure_s)} "
                 f"s), unusually high for dark current; a light leak would bias dark current and DCNU",
                 slope.value,
