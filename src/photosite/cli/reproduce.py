@@ -235,7 +235,8 @@ def defective_pixels(sensors: int, processes: int, scheduler: str | None, as_jso
 
 
 @command.command("random-sensors")
-@click.option("--sensors", type=options.Whole(1), help="Virtual sensors, with numbers 0, 1, ...  [default: 400]")
+@click.option("--sensors", type=options.Whole(1), help="Number of virtual sensors.  [default: 400]")
+@click.option("--first", type=options.Whole(0), help="Number of the first sensor.  [default: 0]")
 @click.option(
     "--sensor", "numbers", type=options.Whole(0), multiple=True, help="Measure the sensor of this number; repeatable."
 )
@@ -244,6 +245,7 @@ def defective_pixels(sensors: int, processes: int, scheduler: str | None, as_jso
 @options.json_option
 def random_sensors(
     sensors: int | None,
+    first: int | None,
     numbers: tuple[int, ...],
     figure: Path | None,
     processes: int,
@@ -262,11 +264,11 @@ def random_sensors(
     """
     from photosite.studies.random_sensors import random_sensors as study
 
-    if numbers and sensors is not None:
-        raise click.UsageError("give one of --sensors and --sensor")
+    if numbers and (sensors, first) != (None, None):
+        raise click.UsageError("--sensors and --first do not apply to --sensor; omit them")
     stages = Stages()
     say_if_compiling()
-    chosen = numbers or range(sensors or 400)
+    chosen = numbers or range(first or 0, (first or 0) + (sensors or 400))
     stages.stage(f"measuring {len(chosen)} virtual sensors")
     found = study(
         chosen,

@@ -142,7 +142,7 @@ class DrawnSensor:
         names = 4 * "M" if self.tile == "mono" else self.tile.upper()
         return {(place // 2, place % 2): name for place, name in enumerate(names)}
 
-    def truth(self, dsnu1288_exposure_s: Mapping[str, float]) -> dict[str, float]:
+    def truth(self, dsnu1288_exposure_s: Mapping[str, float], *, hidden: bool = False) -> dict[str, float]:
         """Return the true parameters by name, as EMVA 1288 R4.0 and the 2008 paper define them.
 
         Nonuniformities are those of the population that the chip is drawn from. With dark frames of one exposure time,
@@ -152,6 +152,9 @@ class DrawnSensor:
         ----------
         dsnu1288_exposure_s
             Exposure time of the dark frames of DSNU1288, which contains their dark current, by channel.
+        hidden
+            Whether quantization hides the read noise: sensitivity threshold and dynamic range are then those of the
+            standard's least dark variance, 0.24 DN^2.
         """
         times = self.dark_times_s
         time_s = times[0] if len(times) == 1 else 0.0
@@ -161,7 +164,8 @@ class DrawnSensor:
         black_dn = self.black_dn + self.gain * charge_e
         seconds = [dsnu1288_exposure_s.get(name, math.nan) for name in self.sites.values()]
         dsnu1288_e = math.sqrt(self.dsnu_e**2 + spread_e**2 * float(np.mean(np.square(seconds))))
-        threshold_e = math.sqrt(read_e**2 + 1.0 / (12.0 * self.gain**2) + 0.25) + 0.5
+        dark_variance_e2 = 0.24 / self.gain**2 if hidden else read_e**2 + 1.0 / (12.0 * self.gain**2)
+        threshold_e = math.sqrt(dark_variance_e2 + 0.25) + 0.5
         capacity_e = self.saturation_e - charge_e
         efficiency = float(np.mean([self.efficiency[name] for name in self.sites.values()]))
         truth = {

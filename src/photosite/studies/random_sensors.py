@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.result import Calibration
+from photosite.calibration.spatial.nonuniformity import SMALLEST_SIDE
 from photosite.engine.threads import threads_for
 from photosite.engine.workers import in_order, run_tasks
 from photosite.errors import PhotositeError, PhotositeWarning
@@ -67,6 +68,11 @@ def _few_linear_levels(sensor: DrawnSensor) -> bool:
     return bool(np.count_nonzero(unsaturated < 0.69 * unsaturated.max(initial=0.0)) < 3)
 
 
+def _small_planes(sensor: DrawnSensor) -> bool:
+    """Return whether the planes of a color, or the frame, are too small for the standard's high-pass."""
+    return min(sensor.shape) // (1 if sensor.tile == "mono" else 2) < SMALLEST_SIDE
+
+
 def _weak_dark_current(sensor: DrawnSensor) -> bool:
     """Return whether the dark signal of the longest dark frames is below six standard errors, or 1 DN if rounded."""
     longest = next(level for level in sensor.levels if level.exposure_s == sensor.dark_times_s[-1])
@@ -84,6 +90,7 @@ TRUE: Mapping[str, Callable[[DrawnSensor], bool]] = {
     "partly-full-wells": _level_near_full_well,
     "few-light-levels": _few_linear_levels,
     "no-dark-current": _weak_dark_current,
+    "small-frames": _small_planes,
 }
 """When diagnostics, and reasons of missing values, are true of clean frames. All others are false alarms."""
 
@@ -290,8 +297,9 @@ def measure_sensor(sensor: DrawnSensor) -> SensorResult:
             return SensorResult(sensor, refused=str(error))
     if not isinstance(calibration, Calibration):
         return SensorResult(sensor, refused=f"calibrated as {type(calibration).__name__}")
-    truth = sensor.truth(calibration.dsnu1288_exposure_s)
     estimates = calibration.estimates()
+    hidden = estimates["read_noise_e"].reason_id == "noise-hidden-by-quantization"
+    truth = sensor.truth(calibration.dsnu1288_exposure_s, hidden=hidden)
     return SensorResult(
         sensor,
         {name: _compare(name, estimates[name], true) for name, true in truth.items()},
