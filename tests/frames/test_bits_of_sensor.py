@@ -31,7 +31,7 @@ def test_numbers_that_are_shifted_by_the_bits_of_the_sensor(tmp_path):
     tifffile.imwrite(tmp_path / "dark_1s.tif", DN * 16, photometric="minisblack")
     frames = ps.open_frames(tmp_path, sensor=SENSOR)
     np.testing.assert_array_equal(next(iter(frames.groups[0])), DN)
-    assert [entry.id for entry in frames.diagnostics] == ["shifted-numbers"]
+    assert [entry.id for entry in frames.diagnostics] == ["numbers-shifted-down"]
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def test_numbers_shifted_by_bits(tmp_path):
     np.testing.assert_array_equal(next(iter(frames.groups[0])), dark)
     np.testing.assert_array_equal(next(iter(frames.groups[1])), DN)
     assert frames.groups[0].frames[0].open_rows() is None
-    assert [(entry.id, entry.size) for entry in frames.diagnostics] == [("shifted-numbers", 4.0)]
+    assert [(entry.id, entry.size) for entry in frames.diagnostics] == [("numbers-shifted-down", 4.0)]
     frame, told = read(tmp_path / "flat_2s.tif", bits=12)
     np.testing.assert_array_equal(frame.dn, DN)
     assert "shifted up by 4" in told[0]

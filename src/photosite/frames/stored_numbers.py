@@ -51,7 +51,7 @@ FRACTIONAL_NUMBERS = DiagnosticKind(
     "none: numbers are compared",
 )
 SHIFTED_NUMBERS = DiagnosticKind(
-    "shifted-numbers",
+    "numbers-shifted-down",
     "note",
     "The numbers are those of the stated bits, shifted up to fill more bits.",
     "They are shifted down, without loss.",
