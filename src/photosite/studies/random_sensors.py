@@ -6,7 +6,7 @@ import math
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from photosite.errors import PhotositeError, PhotositeWarning
 from photosite.frames.open import open_frames
 from photosite.studies.drawn_sensors import NO_PATTERN, DrawnSensor, draw_sensor
 from photosite.studies.outcome import Outcome, compare_estimate
-from photosite.values.estimate import Estimate
 
 EACH_COVERAGE = 0.92, 0.98
 """Goal for the coverage of each parameter."""
@@ -74,11 +73,11 @@ def _small_planes(sensor: DrawnSensor) -> bool:
 
 
 def _weak_dark_current(sensor: DrawnSensor) -> bool:
-    """Return whether the dark signal of the longest dark frames is below six standard errors, or 1 DN if rounded."""
+    """Return whether the dark signal of the longest dark frames is below six standard errors, or 3 DN if rounded."""
     longest = next(level for level in sensor.levels if level.exposure_s == sensor.dark_times_s[-1])
     noise_dn = math.hypot(sensor.gain * sensor.read_noise_e, 0.3)
     error_dn = noise_dn * math.sqrt(2.0 / (longest.count * sensor.shape[0] * sensor.shape[1]))
-    return sensor.gain * sensor.dark_e_per_s * longest.exposure_s < (1.0 if _coarse(sensor) else 6.0 * error_dn)
+    return sensor.gain * sensor.dark_e_per_s * longest.exposure_s < (3.0 if _coarse(sensor) else 6.0 * error_dn)
 
 
 TRUE: Mapping[str, Callable[[DrawnSensor], bool]] = {
@@ -148,7 +147,8 @@ class ParameterResult:
     intervals, covered
         Numbers of intervals, and of those that contain the truth.
     rms_z, largest_z, sensor
-        Root mean square and largest error in standard uncertainties, and the sensor of the largest.
+        Root mean square and largest error in standard uncertainties, and the sensor of the largest. NaN and None for
+        standard deviations whose truth is 0, which are not normal.
     exact, wrong, withheld
         Numbers of exact values, of those that are wrong, and of sensors without a value.
     """
@@ -184,12 +184,13 @@ class RandomSensors:
         entries = [(r.sensor.number, r.outcomes[name]) for r in self.results if name in r.outcomes]
         known = [(number, entry) for number, entry in entries if isinstance(entry, Outcome)]
         exact = [entry for _, entry in known if not entry.standard_uncertainty]
-        z = {number: _z(entry) for number, entry in known if entry.standard_uncertainty}
+        uncertain = {number: entry for number, entry in known if entry.standard_uncertainty}
+        z = {} if name in NO_PATTERN else {number: _z(entry) for number, entry in uncertain.items()}
         worst = max(z, key=lambda number: abs(z[number]), default=None)
         return ParameterResult(
             name,
-            len(z),
-            sum(entry.covered for _, entry in known if entry.standard_uncertainty),
+            len(uncertain),
+            sum(entry.covered for entry in uncertain.values()),
             float(np.sqrt(np.mean(np.square(list(z.values()))))) if z else math.nan,
             math.nan if worst is None else z[worst],
             worst,
@@ -200,8 +201,8 @@ class RandomSensors:
 
     @property
     def errors(self) -> list[float]:
-        """Errors of all parameters in standard uncertainties."""
-        outcomes = [entry for result in self.results for entry in result.outcomes.values()]
+        """Errors in standard uncertainties, except of standard deviations whose truth is 0."""
+        outcomes = [x for result in self.results for name, x in result.outcomes.items() if name not in NO_PATTERN]
         return [_z(entry) for entry in outcomes if isinstance(entry, Outcome) and entry.standard_uncertainty]
 
     @property
@@ -302,20 +303,12 @@ def measure_sensor(sensor: DrawnSensor) -> SensorResult:
     truth = sensor.truth(calibration.dsnu1288_exposure_s, hidden=hidden)
     return SensorResult(
         sensor,
-        {name: _compare(name, estimates[name], true) for name, true in truth.items()},
+        {name: compare_estimate(estimates[name], true) for name, true in truth.items()},
         frozenset(
             [each.id for each in calibration.diagnostics if each.severity != "withheld"]
             + [id for name in truth if (id := estimates[name].reason_id)]
         ),
     )
-
-
-def _compare(name: str, estimate: Estimate, truth: float) -> Outcome | str:
-    """Compare an estimate with the truth: the variances s^2 if that is 0, whose uncertainty is 2 s u(s)."""
-    outcome = compare_estimate(estimate, truth)
-    if isinstance(outcome, str) or name not in NO_PATTERN:
-        return outcome
-    return replace(outcome, standard_uncertainty=2.0 * outcome.standard_uncertainty)
 
 
 def _figure(study: RandomSensors) -> Figure:
@@ -330,7 +323,7 @@ def _figure(study: RandomSensors) -> Figure:
         x = np.linspace(-5.0, 5.0, 201)
         left.plot(x, np.exp(-(x**2) / 2.0) / math.sqrt(2.0 * math.pi), color=VERMILION, label="normal")
         left.set(xlabel="error / standard uncertainty", ylabel="density")
-        left.legend(loc="upper left")
+        left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
         rows = [row for row in study.parameters if row.intervals][::-1]
         places = np.arange(len(rows))
         share = np.array([row.covered / row.intervals for row in rows])
@@ -340,5 +333,5 @@ def _figure(study: RandomSensors) -> Figure:
         right.errorbar(100.0 * share, places, xerr=100.0 * spread, fmt="o", color=BLUE, markersize=3.5)
         right.set_yticks(places, [row.parameter for row in rows], fontsize=7.0)
         right.set_ylim(-0.7, len(rows) - 0.3)
-        right.set_xlabel("95 % intervals that contain the truth, %")
+        right.set_xlabel("intervals with the truth, %")
     return figure
