@@ -72,7 +72,7 @@ def unrendered_figures(undrawn: Any) -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def output_without_notices(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the output of a command independent of compiled kernels and of the speed of the machine."""
-    monkeypatch.setattr("photosite.engine.kernel_cache.is_cached", lambda kernel: True)
+    monkeypatch.setattr("photosite.engine.kernel_folder.is_cached", lambda kernel: True)
     monkeypatch.setattr("photosite.cli.output._LOG_EVERY_S", float("inf"))
 
 

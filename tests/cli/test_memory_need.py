@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,34 @@ def test_simulate_and_develop_warn_in_a_line_and_go_on(photosite: Any, tmp_path:
         assert [line for line in done.err.splitlines() if "memory" in line]
 
 
+@pytest.mark.usefixtures("short")
+def test_measurements_and_their_calibrations_warn_in_a_line_and_go_on(photosite: Any, tmp_path: Path) -> None:
+    for call in (
+        ("shoot", "--rows", 48, "--cols", 64, "-o", tmp_path / "camera"),
+        ("calibrate", tmp_path / "camera", "--into", tmp_path / "results"),
+    ):
+        done = photosite(*call)
+        assert done.status == 0, done.err
+        (line,) = [line for line in done.err.splitlines() if "memory" in line]
+        assert "0.00307 megapixels" in line
+
+
+@pytest.mark.usefixtures("short")
+def test_processes_count_for_cameras_that_are_calibrated_at_the_same_time(photosite: Any, tmp_path: Path) -> None:
+    assert photosite("shoot", "--rows", 48, "--cols", 64, "-o", tmp_path / "camera").status == 0
+    shutil.copytree(tmp_path / "camera", tmp_path / "other")
+    done = photosite("calibrate", tmp_path / "camera", tmp_path / "other", "--into", tmp_path / "out", "--processes", 4)
+    assert done.status == 0, done.err
+    assert "2 at a time of 2 calibrations" in done.err
+
+
 def test_needs_grow_with_what_is_asked_for() -> None:
     d200, phone = ps.load_sensor("nikon-d200"), ps.load_sensor("dual-gain-phone")
     plain = memory_need.simulate_bytes(d200)
     assert plain < memory_need.simulate_bytes(d200, 3)
     assert plain < memory_need.simulate_bytes(d200, preview=True)
     assert plain < memory_need.simulate_bytes(phone)
+    assert memory_need.shoot_bytes(d200) < memory_need.shoot_bytes(phone)
     frames = FrameSet.from_arrays([("dark", 0.1, np.zeros((100, 200), np.uint16))] * 2, bits=12)
     assert memory_need.calibrate_bytes([frames]) < memory_need.calibrate_bytes([frames], maps=True)
 

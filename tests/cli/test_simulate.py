@@ -16,7 +16,7 @@ import tifffile
 from PIL import Image
 
 import photosite as ps
-from photosite.engine.kernel_cache import kernel_folder
+from photosite.engine.kernel_folder import kernel_folder
 from photosite.values.exposure import format_exposure
 
 SMALL = ("--rows", 66, "--cols", 98)
@@ -38,7 +38,7 @@ def test_json_tells_what_was_written(photosite: Any, tmp_path: Path) -> None:
 
 
 def test_the_first_run_says_what_it_waits_for(photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photosite.engine.kernel_cache.is_cached", lambda kernel: False)
+    monkeypatch.setattr("photosite.engine.kernel_folder.is_cached", lambda kernel: False)
     done = photosite("simulate", *SMALL, "-o", tmp_path / "shot.dng", "--json")
     assert str(kernel_folder()) in done.err
     assert done.json["rows"] == 66

@@ -14,7 +14,7 @@ from PIL import Image
 from raising import raises
 
 from photosite.color.colorimetry import D65_WHITE_XYZ, colour_science, encode_srgb
-from photosite.develop.develop import develop, save_picture
+from photosite.develop.develop import AUTO_EXPOSURE_PERCENTILE, _auto_exposure, develop, save_picture
 from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import NAMED, channel_mask, channel_names, plane_names
@@ -216,7 +216,7 @@ def test_16_bits(picture: np.ndarray, tmp_path: Path) -> None:
     with Image.open(tmp_path / "p.png") as image:
         image.verify()
         assert image.info["srgb"] == 0
-    values = imagecodecs.png_decode((tmp_path / "p.png").read_bytes())
+    values = imagecodecs.imagecodecs.png_decode((tmp_path / "p.png").read_bytes())
     assert values.dtype == np.uint16
     np.testing.assert_array_equal(values, np.rint(picture * 65535))
 
@@ -252,3 +252,23 @@ def test_invalid_pictures_and_paths(shape: tuple[int, ...], value: float, name: 
 def test_missing_folder(picture: np.ndarray, tmp_path: Path) -> None:
     with pytest.raises(FileError):
         save_picture(picture, tmp_path / "nowhere" / "p.png")
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_large_picture_is_read_back_exactly(tmp_path: Path, bits: int, noise: float) -> None:
+    """It is compressed in bands, whose streams and checksums are joined."""
+    ramp = np.linspace(0, 1, 901 * 1100 * 3).reshape(901, 1100, 3)
+    picture = (np.random.default_rng(3).random(ramp.shape) * noise + ramp * (1 - noise)).astype(np.float32)
+    save_picture(picture, tmp_path / "a.png", bits)
+    codes = imagecodecs.png_decode((tmp_path / "a.png").read_bytes())
+    assert codes.dtype == np.dtype(f"uint{bits}")
+    assert (codes == np.rint(picture * (2**bits - 1))).all()
+
+
+@pytest.mark.parametrize("values", [1, 3, 200, 99_999, 250_007])
+def test_automatic_exposure_is_the_percentile_of_all_pixels(values: int) -> None:
+    rng = np.random.default_rng(values)
+    for seen in (rng.random(values, np.float32), np.round(5 * rng.random(values, np.float32)) + 1):
+        picture = np.repeat(seen[None, :, None], 3, axis=2)
+        assert _auto_exposure(picture) == 1 / float(np.percentile(seen, AUTO_EXPOSURE_PERCENTILE))

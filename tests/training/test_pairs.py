@@ -231,3 +231,13 @@ def test_items_are_asked_for_by_whole_numbers(index: Any) -> None:
     with pytest.raises(TypeError):
         pairs()[index]
     assert (pairs()[np.int64(1)].noisy == pairs()[1].noisy).all()
+
+
+@pytest.mark.parametrize("name", ["nikon-d200", "vendor-1.4um", "dual-gain-phone"])
+def test_the_white_level_is_that_of_simulated_frames(name: str) -> None:
+    """Where wells fill before the converter saturates, it is below the range of the converter."""
+    sensor = ps.load_sensor(name).with_(rows=8, cols=8)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    frame = camera.expose(np.zeros((8, 8), np.float32), 0.01, seed=0)
+    facts = PairDataset(Electrons([np.zeros((8, 8))]), sensor)[0].metadata
+    assert facts["white_level_dn"] == frame.white_level_dn

@@ -23,7 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.sampled_otf import MapTransfers, Progress, SampledOtf, sample_otf
-from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+from photosite.engine.transfer import (
+    RadialTransfer,
+    Sampling,
+    Transfer,
+    fold_coefficients,
+    keep_fold_coefficients,
+)
 from photosite.files.cache import Arrays, cached_arrays
 from photosite.optics.point_spread import FieldPsf, PointSpread
 from photosite.values.block_diagonal import block_diagonal
@@ -113,10 +119,10 @@ def reduced_transfers(
 
         def compute() -> Arrays:
             otf = sample_otf(spread, wavelength_nm, sampling, progress)
-            return _to_arrays(_reduce(otf, coupling, node_fractions, tolerance))
+            return _to_arrays(_reduce(otf, coupling, node_fractions, tolerance), sampling)
 
         inputs = (spread, *arrays, sampling, tolerance)
-        found = _from_arrays(cached_arrays("transfers", inputs, compute))
+        found = _from_arrays(cached_arrays("transfers", inputs, compute), sampling)
     with _cache_lock:
         cached.pop(key, None)
         cached[key] = found  # the most recently used entry is last
@@ -125,7 +131,7 @@ def reduced_transfers(
     return found
 
 
-def _to_arrays(parts: Sequence[ReducedTransfer]) -> Arrays:
+def _to_arrays(parts: Sequence[ReducedTransfer], sampling: Sampling) -> Arrays:
     arrays: dict[str, Any] = {}
     for n, part in enumerate(parts):
         radial = part.transfer.radial
@@ -134,6 +140,7 @@ def _to_arrays(parts: Sequence[ReducedTransfer]) -> Arrays:
             "padding_m": part.padding_m,
             "table": None if radial is None else radial.table,
             "step_per_m": None if radial is None else radial.step_per_m,
+            "folds": None if radial is None else fold_coefficients(radial, sampling),
             "kernels": part.transfer.kernels,
             "channel": part.channel,
         }
@@ -142,7 +149,7 @@ def _to_arrays(parts: Sequence[ReducedTransfer]) -> Arrays:
     return arrays
 
 
-def _from_arrays(arrays: Arrays) -> tuple[ReducedTransfer, ...]:
+def _from_arrays(arrays: Arrays, sampling: Sampling) -> tuple[ReducedTransfer, ...]:
     """Return the parts of `_to_arrays`."""
     parts: list[ReducedTransfer] = []
     while f"{len(parts)}.mixing" in arrays:
@@ -151,6 +158,7 @@ def _from_arrays(arrays: Arrays) -> tuple[ReducedTransfer, ...]:
         radial, nodes = None, [name for name in of_part if name.startswith("node_maps_")]
         if "table" in of_part:
             radial = RadialTransfer(of_part["table"], float(of_part["step_per_m"]))
+            keep_fold_coefficients(radial, sampling, of_part["folds"])
         parts.append(
             ReducedTransfer(
                 Transfer(radial, of_part.get("kernels")),

@@ -16,8 +16,8 @@ from photosite.optics.lens import Optics
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.io.sensor_file import load_measured_chip
 from photosite.sensor.model import Sensor
+from photosite.values.choice import check_choice
 from photosite.values.shown import Shown
-from photosite.values.validated import check_choice
 
 
 @dataclass(frozen=True)

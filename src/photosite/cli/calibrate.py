@@ -14,7 +14,7 @@ from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.compilation import compile_statistics
 from photosite.cli.output import Stages, held_warnings, many, not_listed, say, say_if_compiling, show, table
-from photosite.errors import printable
+from photosite.errors import PhotositeError, printable
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -228,6 +228,23 @@ def _check_memory(frames: _Frames, maps: bool, processes: int | None) -> None:
     warn_if_short(f"a calibration of {size}", need, f"{less}, or use a machine with more memory")
 
 
+def _check_memory_of_cameras(paths: tuple[Path, ...], maps: bool, given: Mapping[str, Any]) -> None:
+    """Warn if the memory is short for as many cameras at a time as there are processes, all like the first."""
+    from photosite.cli.memory_need import calibrate_bytes, megapixels, warn_if_short
+    from photosite.engine.threads import cores
+    from photosite.frames.open import open_frames
+
+    try:
+        frames = open_frames(paths[0], **{name: given[name] for name in _READING})
+    except PhotositeError:  # it is reported as the result of this camera
+        return
+    together = min(cores() if given["processes"] is None else given["processes"], len(paths))
+    what = f"{together} at a time of {len(paths)} calibrations of {megapixels(frames.rows, frames.cols)}"
+    less = "Use fewer --processes" if together > 1 else "Omit --maps" if maps else "Crop or bin the frames"
+    need = together * calibrate_bytes([frames], maps=maps)
+    warn_if_short(what, need, f"{less}, or a machine with more memory")
+
+
 _READING = *options.READING, "where", "dark", "light", "exposure_from_name"
 _OF_ONE_CAMERA = (
     *("output", "name", "report", "checkpoint", "linearize", "contribute", "license_id", "camera", "attribution"),
@@ -344,6 +361,8 @@ def _calibrate_cameras(
     """Calibrate several cameras, show a line for each, and return the exit status."""
     from photosite.calibration.export.cameras import ERROR, calibrate_cameras
 
+    if given["scheduler"] is None:
+        _check_memory_of_cameras(paths, maps, given)
     found = calibrate_cameras(
         paths,
         into,

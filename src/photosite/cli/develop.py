@@ -104,7 +104,6 @@ def command(
     """
     from photosite.cli.memory_need import develop_bytes, megapixels, warn_if_short
     from photosite.develop.develop import develop, save_picture
-    from photosite.develop.polarization import polarization_picture, save_stokes, stokes
     from photosite.frames.binning import bin_frame
     from photosite.frames.io.formats import read_raw
     from photosite.values.orientation import turned_upright
@@ -126,6 +125,8 @@ def command(
         f"a picture of {megapixels(rows, cols)}", develop_bytes(rows * cols), "Use --bin, or a machine with more memory"
     )
     if polarization is not None:
+        from photosite.develop.polarization import polarization_picture, save_stokes, stokes
+
         seen = stokes(frame, color, options.sensor_or(None, sensor_name))
         if polarization == "stokes":
             save_stokes(seen, output)

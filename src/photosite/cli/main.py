@@ -6,6 +6,7 @@ A command's module is imported only when that command runs, so that `photosite -
 from __future__ import annotations
 
 import errno
+import gc
 import importlib
 import io
 import keyword
@@ -147,6 +148,7 @@ def main() -> NoReturn:
         sys.stderr.flush()
     except OSError:
         _discard(sys.stderr)
+    gc.freeze()  # otherwise the interpreter searches all objects for cycles before it ends, for up to 0.3 s
     sys.exit(status)
 
 

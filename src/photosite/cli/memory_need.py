@@ -39,6 +39,19 @@ def simulate_bytes(sensor: Sensor, cells_per_pixel: int = 1, *, preview: bool = 
     return PROCESS_BYTES + pixels * max(frame, image, 60 if preview else 0)
 
 
+def shoot_bytes(sensor: Sensor) -> int:
+    """Return the memory that `photosite shoot` takes at most, in bytes: frames wait to be written.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> shoot_bytes(ps.load_sensor("nikon-d200")) / 1e9
+    0.65090624
+    """
+    frame = 80 if sensor.effects is not None or sensor.captures is not None else 25
+    return PROCESS_BYTES + frame * sensor.array.rows * sensor.array.cols
+
+
 def develop_bytes(pixels: int) -> int:
     """Return the memory that `photosite develop` takes at most, in bytes.
 

@@ -169,7 +169,7 @@ def say_if_compiling(kernel: str = "*", beside: Callable[[], None] | None = None
     `kernel` is one that the command needs, "module.function". `beside` is a function of `compilation` for a second
     process, which compiles while this one is still at other work.
     """
-    from photosite.engine.kernel_cache import is_cached, kernel_folder
+    from photosite.engine.kernel_folder import is_cached, kernel_folder
 
     if is_cached(kernel):
         return

@@ -48,6 +48,7 @@ def command(
 
     Example: photosite shoot --rows 648 --cols 968 -o stack && photosite calibrate stack
     """
+    from photosite.cli.memory_need import megapixels, shoot_bytes, warn_if_short
     from photosite.studies.protocol import paper_d200_protocol
     from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, TRUTH_NAME, virtual_lab
 
@@ -58,6 +59,9 @@ def command(
     protocol = paper_d200_protocol()
     if note:
         protocol = replace(protocol, name=f"{protocol.name}; {note}")
+    size = megapixels(sensor.array.rows, sensor.array.cols)
+    hint = "Use fewer --rows and --cols, or a machine with more memory"
+    warn_if_short(f"a measurement of {size}", shoot_bytes(sensor), hint)
     say_if_compiling()
     if sensor.maps is not None and not options.is_given(ctx, "seed"):
         say(

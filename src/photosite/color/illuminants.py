@@ -25,7 +25,7 @@ from photosite.color.spectrum import (
 )
 from photosite.color.tables import rows, spectra
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.values.validated import check_choice
+from photosite.values.choice import check_choice
 
 __all__ = [
     "ENERGY_COLUMNS",

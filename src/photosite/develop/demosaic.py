@@ -12,7 +12,7 @@ from photosite.color.colorimetry import colour_science
 from photosite.engine.threads import parallel_for
 from photosite.errors import InputError
 from photosite.values.cfa import Cfa, plane_names, tile_name, tile_text
-from photosite.values.validated import check_choice
+from photosite.values.choice import check_choice
 
 Demosaic = Literal["bilinear", "malvar", "menon"]
 """Ways to demosaic; the first serves every tile, the others Bayer mosaics."""

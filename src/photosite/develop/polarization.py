@@ -18,8 +18,8 @@ from photosite.files.writing import atomic_path
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import plane_names
+from photosite.values.choice import check_choice
 from photosite.values.shown import Shown
-from photosite.values.validated import check_choice
 
 Map = NDArray[np.float32]
 

@@ -6,17 +6,28 @@ import sys
 from typing import Any, cast
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from photosite.engine.jit import I64, compiled, pointer
+from photosite.engine.jit import I64, compiled, intrinsic, pointer
 
 CAN_READ = sys.platform == "linux"
 """Whether the functions of this module can be called."""
 
-_pread: Any = cast(Any, types).ExternalFunction(
-    "pread", types.intp(types.intc, types.voidptr, types.uintp, types.int64)
-)
+
+@intrinsic
+def _pread(typingctx: Any, file: Any, to: Any, size: Any, place: Any) -> Any:
+    """Return the number of bytes that `pread` of the C library reads."""
+    from llvmlite import ir  # type: ignore[import-untyped]
+    from numba import types
+    from numba.core import cgutils
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, number, byte = ir.IntType(32), ir.IntType(64), ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(number, (word, byte, number, number))
+        function = cast(Any, cgutils).get_or_insert_function(builder.module, kind, "pread")
+        return builder.call(function, arguments)
+
+    return types.int64(types.int32, types.voidptr, types.uint64, types.int64), codegen
 
 
 @compiled()

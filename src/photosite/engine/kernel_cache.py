@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import atexit
 import hashlib
 import os
 import pickle
-import shutil
-import stat
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from numba.core.caching import FunctionCache
-from platformdirs import user_cache_path
+from numba.core.runtime.nrt import rtsys
 
 try:
     import fcntl
@@ -48,9 +44,10 @@ class KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled form for a signature; None if there is no valid one.
 
-        While another process compiles the same, wait for its result.
+        While another process compiles the same, wait for its result. A compiled form needs numba's runtime, and none of
+        the functions that it can compile: numba loads these, which takes 0.3 s, before it compiles.
         """
-        target_context.refresh()
+        rtsys.initialize(target_context)
         path = self._path(sig, target_context.codegen())
         data = _checked(path)
         if data is None:
@@ -67,7 +64,7 @@ class KernelCache(FunctionCache):
         path = self._path(sig, data.codegen)
         try:
             if self._impl.check_cachable(data):
-                _write(path, self._cache_file._dump(self._impl.reduce(data)))  # type: ignore[no-untyped-call]
+                _write(path, self._cache_file._dump(_without_modules(self._impl.reduce(data))))  # type: ignore[no-untyped-call]
         finally:
             if (lock := self._locks.pop(path, None)) is not None:
                 _unlock(path, lock)
@@ -77,6 +74,16 @@ class KernelCache(FunctionCache):
         key = self._cache_file._version, self._impl.locator.get_source_stamp(), compiled_for
         name = hashlib.sha256(repr(key).encode()).hexdigest()[:20]
         return Path(self.cache_path) / f"{self._impl.filename_base}.{name}.nbc"
+
+
+def _without_modules(reduced: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return what numba stores of a compiled form without environments that hold no objects.
+
+    One is stored for each function that was compiled with it. It holds the objects of Python that the function uses,
+    here none, and the module of the function: loading it would import parts of numba that are needed to compile.
+    """
+    *parts, environments = reduced
+    return *parts, tuple(each for each in environments if each.consts)
 
 
 def _checked(path: Path) -> bytes | None:
@@ -142,53 +149,3 @@ def _remove_abandoned(folder: Path) -> None:
         with suppress(OSError):  # another process may rename or remove it at the same time
             if time.time() - path.stat().st_mtime > _ABANDONED_S:
                 path.unlink()
-
-
-@lru_cache(maxsize=1)
-def kernel_folder() -> Path:
-    """Return the folder of compiled kernels, a different one for each state of the engine's sources.
-
-    numba itself compares only the file of a kernel, so that a kernel would stay in use after a function that it calls
-    has changed in another file. Where the user's cache cannot be written, the folder is in one of the user's own among
-    temporary files; if that is not safe, or cannot be written, one for the lifetime of the process.
-    """
-    sources = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        sources.update(path.read_bytes())
-    name = f"kernels-{sources.hexdigest()[:16]}"
-    folder = user_cache_path("photosite", appauthor=False) / name
-    if _is_writable(folder):
-        return folder
-    own = _own_temporary_folder()
-    if own is not None and _is_writable(own / name):
-        return own / name
-    passing = tempfile.mkdtemp(prefix="photosite-kernels-")
-    atexit.register(shutil.rmtree, passing, ignore_errors=True)
-    return Path(passing)
-
-
-def _is_writable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
-
-
-def _own_temporary_folder() -> Path | None:
-    """Return a folder among temporary files that this user alone can write; None if another has its name."""
-    if not hasattr(os, "getuid"):
-        return None
-    folder = Path(tempfile.gettempdir()) / f"photosite-{os.getuid()}"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
-    except OSError:
-        return None
-    safe = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
-    return folder if safe else None
-
-
-def is_cached(kernel: str = "*") -> bool:
-    """Return whether a kernel of this state of the sources, "module.function", or any, has been compiled before."""
-    return any(kernel_folder().glob(f"*/{kernel}-*.nbc"))

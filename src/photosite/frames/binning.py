@@ -12,7 +12,7 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.binning import mean_offset_dn
 from photosite.values.cfa import binned
-from photosite.values.validated import check_choice
+from photosite.values.choice import check_choice
 
 DigitalBinning = Literal["sum", "mean"]
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,11 @@ from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
 from photosite.frames.sections import Section
 from photosite.frames.stored_numbers import NumberKind
-from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
 from photosite.values.region import Border
+
+if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
 
 
 @dataclass(frozen=True)

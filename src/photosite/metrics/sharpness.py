@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
+from photosite.values.choice import check_choice
 from photosite.values.region import Region
 from photosite.values.shown import Shown
-from photosite.values.validated import check_choice
 
 Array = NDArray[np.float64]
 Window = Literal["tukey", "hamming"]

@@ -14,7 +14,7 @@ from photosite.engine.jit import read_only
 from photosite.engine.patches import looked_up
 from photosite.engine.threads import threads_for
 from photosite.errors import InputError, did_you_mean
-from photosite.values.validated import check_choice
+from photosite.values.choice import check_choice
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,8 @@ from photosite.scene.picture_colors import (
 )
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.sigmoid import raised
-from photosite.values.validated import Validated, check_choice
+from photosite.values.choice import check_choice
+from photosite.values.validated import Validated
 
 __all__ = ["from_hdr", "from_rgb", "srgb_reflectance"]
 __dir__ = __all__.copy

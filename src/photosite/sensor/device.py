@@ -12,7 +12,7 @@ from photosite.engine.arrays import Arrays
 from photosite.engine.jit import read_only
 from photosite.engine.threads import threads_for
 from photosite.errors import InputError
-from photosite.values.validated import check_choice
+from photosite.values.choice import check_choice
 
 Device = Literal["cpu", "cuda"]
 """Where pixels are computed; the digital numbers are the same."""

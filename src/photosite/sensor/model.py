@@ -39,11 +39,12 @@ from photosite.sensor.quantity import NO_UNIT, Covariance, about, as_measured
 from photosite.sensor.sections import SECTIONS, Array, Channel, GainSetting, Maps, Noise, Pixel, Provenance, Readout
 from photosite.sensor.shutter import Shutter
 from photosite.values.cfa import binned, channel_names, tile_text
+from photosite.values.choice import check_choice
 from photosite.values.limits import check_magnitude
 from photosite.values.saved import write
 from photosite.values.shown import ResultTable, Tabular, drawn
 from photosite.values.uncertain import Measured
-from photosite.values.validated import NonNegativeNumber, Section, check_choice, input_error
+from photosite.values.validated import NonNegativeNumber, Section, input_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

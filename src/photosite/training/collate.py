@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.training.pair import Pair
 from photosite.values.cfa import Cfa, cfa_from
-from photosite.values.validated import check_choice
+from photosite.values.choice import check_choice
 
 Library = Literal["numpy", "torch", "jax"]
 

@@ -19,14 +19,15 @@ from photosite.sensor.clean_frame import clean_numbers
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.sensor.readout import digital_numbers
+from photosite.sensor.saturation_level import saturation_level_dn
 from photosite.training.digest import described
 from photosite.training.light import Light, Source
 from photosite.training.pair import Pair
 from photosite.training.patch import Patch, between, chances, first_of, flip_offset
 from photosite.values.cfa import tile_text
+from photosite.values.choice import check_choice
 from photosite.values.exposure import check_exposure
 from photosite.values.shown import Shown
-from photosite.values.validated import check_choice
 
 Unit = Literal["dn", "electrons"]
 Range = float | tuple[float, float]
@@ -271,13 +272,12 @@ class _SensorFacts:
 
     @classmethod
     def of(cls, sensor: Sensor) -> _SensorFacts:
-        black, white = sensor.output_levels_dn
+        black, _ = sensor.output_levels_dn
         bits, companded = sensor.output_bits, sensor.effects is not None and sensor.effects.companded
         slope = in_dark = in_dark_per_s = 0.0
         if sensor.captures is not None:
             combination = sensor.captures.combination
             black, bits = combination.output_black_level_dn, combination.output_bits
-            white = float((1 << bits) - 1)
         elif not companded:
             at_0, at_1 = (sensor_noise_profile(sensor, exposure_s) for exposure_s in (0.0, 1.0))
             in_dark, after_1_s = (each.offset[0].value * each.span_dn**2 for each in (at_0, at_1))
@@ -288,7 +288,7 @@ class _SensorFacts:
             "gain_setting": float(sensor.gain_setting or 0.0),
             "bits": bits,
             "black_level_dn": float(black),
-            "white_level_dn": float(white),
+            "white_level_dn": saturation_level_dn(sensor),
             "system_gain_dn_per_e": float(sensor.system_gain_dn_per_e),
             "cfa": tile_text(sensor.array.cfa),
             "noise_slope_dn": float(slope),

@@ -30,8 +30,8 @@ from photosite.training.card import card_text
 from photosite.training.dataset import PairDataset, item_number
 from photosite.training.digest import sha256_of
 from photosite.training.pair import Pair
+from photosite.values.choice import check_choice
 from photosite.values.shown import Shown, clipped
-from photosite.values.validated import check_choice
 
 ShardFormat = Literal["hdf5", "webdataset"]
 Report = Callable[[int, int], object]

@@ -16,8 +16,8 @@ from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import macbeth
 from photosite.scene.placement import Homography, field_corners, seen_patches
 from photosite.values.cfa import channel_sites
+from photosite.values.choice import check_choice
 from photosite.values.region import Corners, Region
-from photosite.values.validated import check_choice
 
 Chart = Literal["macbeth"]
 

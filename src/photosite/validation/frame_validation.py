@@ -29,10 +29,10 @@ from photosite.validation.lamp import Lamp
 from photosite.validation.result import Validation
 from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, channel_names, tile_text
+from photosite.values.choice import check_choice
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Corners, Quadrilateral
 from photosite.values.shown import Reported, ResultTable, Shown, Tabular
-from photosite.values.validated import check_choice
 
 Fitted = Literal["fill_factor", "light"]
 """Parameters that can be fitted, one at a time, because both scale all patches alike."""

@@ -23,8 +23,8 @@ from photosite.validation.agreement import (
 from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import PatchDifferences, compare_colors
+from photosite.values.choice import check_choice
 from photosite.values.shown import Shown
-from photosite.values.validated import check_choice
 
 Unit = Literal["e", "dn"]
 UNITS: dict[Unit, str] = {"e": "electrons", "dn": "DN above black"}

@@ -25,8 +25,8 @@ from photosite.validation.charts import Chart, chart_regions, chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import Validation, compare_colors
 from photosite.values.cfa import tile_text
+from photosite.values.choice import check_choice
 from photosite.values.region import Region
-from photosite.values.validated import check_choice
 
 Frames = RawFrame | Sequence[RawFrame]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
@@ -175,19 +175,3 @@ def input_error(error: ValidationError) -> InputError:
 
 def _dotted(location: tuple[int | str, ...]) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
-
-
-def check_choice(name: str, value: object, choices: Any) -> None:
-    """Raise `InputError` unless a value is one of a `Literal`'s.
-
-    Examples
-    --------
-    >>> from typing import Literal
-    >>> check_choice("waveform", "sin", Literal["sine", "square"])
-    Traceback (most recent call last):
-    photosite.errors.InputError: waveform must be 'sine' or 'square', got 'sin'. Did you mean 'sine'?
-    """
-    known = get_args(choices)
-    if value not in known:
-        hint = did_you_mean(str(value), map(str, known))
-        raise InputError(name, value=value, expected=" or ".join(map(repr, known)), hint=hint)

@@ -17,8 +17,8 @@ from photosite.scene.charts.chart import Chart, lit
 from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions, reflectance_chart
 from photosite.scene.placement import place
 from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
+from photosite.values.choice import check_choice
 from photosite.values.region import Region
-from photosite.values.validated import check_choice
 
 MACBETH_NAMES: tuple[str, ...] = (
     *("dark skin", "light skin", "blue sky", "foliage", "blue flower", "bluish green"),
