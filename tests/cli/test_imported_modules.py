@@ -15,7 +15,7 @@ LARGE = {
 }
 SENSOR_FILE = {"numpy", "pydantic", "ruamel.yaml"}
 SCENE = {"numpy", "pydantic"}
-FRAME = SENSOR_FILE | {"numba", "scipy.fft", "scipy.special"}
+STATISTICS = {"scipy.fft", "scipy.linalg", "scipy.optimize", "scipy.special"}
 
 COMMANDS = {
     "--help": (set(), 170),
@@ -23,10 +23,10 @@ COMMANDS = {
     "sensors show nikon-d200": (SENSOR_FILE, 500),
     "scenes list": (SCENE, 470),
     "scenes show macbeth": (SCENE, 470),
-    "optics check lens.optics.yaml": (FRAME | {"scipy.ndimage"}, 880),
-    "simulate --force --rows 64 --cols 96 -o new.dng": (FRAME | {"imagecodecs", "tifffile"}, 1000),
+    "optics check lens.optics.yaml": (SENSOR_FILE | {"numba", "scipy.fft", "scipy.ndimage", "scipy.special"}, 880),
+    "simulate --force --rows 64 --cols 96 -o new.dng": (SENSOR_FILE | {"imagecodecs", "numba", "tifffile"}, 870),
     "develop shot.dng --force -o shot.png": ({"imagecodecs", "numpy"}, 380),
-    "calibrate stack": (FRAME | {"scipy.linalg", "scipy.optimize"}, 1300),
+    "calibrate stack": (SENSOR_FILE | STATISTICS | {"numba"}, 1300),
 }
 """Large libraries, and the most modules, those of Python included."""
 

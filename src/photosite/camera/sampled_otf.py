@@ -17,7 +17,6 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from photosite.engine.threads import thread_count
@@ -93,7 +92,9 @@ class SampledOtf:
             return Transfer(refined(radial))
         size = self.kernel_spectra.shape[2]
         spectra = np.tensordot(to_terms, self.kernel_spectra, axes=((2, 3), (0, 1)))
-        kernels = scipy.fft.irfft2(spectra, s=(size, size), workers=-1)
+        from scipy.fft import irfft2
+
+        kernels = irfft2(spectra, s=(size, size), workers=-1)
         return Transfer(radial, np.fft.fftshift(kernels, axes=(2, 3)))
 
 
@@ -175,12 +176,14 @@ def _sample_radial(spread: RadialPsf, wavelength_nm: Array, sampling: Sampling) 
 
 def kernel_size(reach_m: float, sampling: Sampling) -> int:
     """Return the cells per axis of a kernel for the low-pass filter's four spots; odd, with a fast transform."""
+    from scipy.fft import next_fast_len
+
     cells = _cells_across(reach_m, sampling, _LARGEST_KERNEL)
     if cells > _SLOW_KERNEL:
         what = f"the lens spreads a point over {cells:.0f} cells of the sensor, which may take minutes to compute"
         warnings.warn(PhotositeWarning(what, hint=_HINT), stacklevel=2)
     size = max(math.ceil(cells), _SMALLEST_KERNEL)
-    while size % 2 == 0 or scipy.fft.next_fast_len(size) != size:
+    while size % 2 == 0 or next_fast_len(size) != size:
         size += 1
     return size
 

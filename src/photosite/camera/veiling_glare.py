@@ -15,7 +15,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from photosite.engine.resample import overlap
@@ -110,6 +109,8 @@ def _veils(
     planes: list[NDArray[np.float32]], sites: Sequence[tuple[int, int]], axes: tuple[_Axis, _Axis], spread_m: float
 ) -> list[NDArray[np.float64]]:
     """Return the scattered light at each of a channel's sites."""
+    from scipy.fft import dctn, idctn
+
     down, across = axes
     light: NDArray[np.float64] = np.zeros((down.frequency_per_m.size, across.frequency_per_m.size))
     fraction = np.zeros_like(light)
@@ -120,5 +121,5 @@ def _veils(
     squared = down.frequency_per_m[:, None] ** 2 + across.frequency_per_m**2
     # Fourier transform of exp(-r / s) / (2 pi s^2) in the plane.
     transfer = (1 + (2 * math.pi * spread_m) ** 2 * squared) ** -1.5
-    veil = scipy.fft.idctn(scipy.fft.dctn(light / fraction, type=2) * transfer, type=2)
+    veil = idctn(dctn(light / fraction, type=2) * transfer, type=2)
     return [down.to_pixels[r :: down.tile] @ veil @ across.to_pixels[c :: across.tile].T for r, c in sites]

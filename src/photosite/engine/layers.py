@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
+from photosite.engine.fourier import next_fast_len, rfft
 from photosite.engine.jit import C64, F32, F64, I64, compiled, read_only
 from photosite.engine.resample import Corners, Overlap, Warp, mean_along_rows, mean_of_rows, overlap, warped_means
-from photosite.engine.threads import parallel_for, thread_count, threads_for
+from photosite.engine.threads import parallel_for, threads_for
 from photosite.engine.transfer import Transfer
 
 _STRIP, _STRIP_LINES = 256, 2048
@@ -52,7 +52,7 @@ class Grid:
         """Return the pixels with padding: a whole number of tiles, with a fast transform."""
         tile = self.tile[axis]
         tiles = -(-(self.shape[axis] + self.before(axis) + self.padding) // tile)
-        return int(scipy.fft.next_fast_len(tiles, real=True)) * tile
+        return next_fast_len(tiles) * tile
 
     def cells(self, axis: int) -> int:
         """Return the cells with padding."""
@@ -188,14 +188,14 @@ def _find_spectra(
                 first += len(mixes)
         if weights.size == cols and (weights == 1).all():  # the term is a map; equal rows are transformed once
             distinct = lines[: numbers[0, -1] + 1]
-            spectra[0, begin:end] = scipy.fft.rfft(distinct, axis=1, workers=thread_count())[numbers[0]]
+            spectra[0, begin:end] = rfft(distinct, axis=1)[numbers[0]]
             continue
         above, fraction = field.above[begin:end], field.fraction[begin:end]
         ends, left, place = _ends_of_runs(np.vstack([numbers, above]), fraction)
         with threads_for(terms * ends.size * cols):
             parts = -(-ends.size // _CHUNK) * -(-out.shape[2] // _BLOCK)
             parallel_for(_sum_rows, parts, lines, numbers[:, ends], weights, used, above[ends], fraction[ends], out)
-        known = scipy.fft.rfft(out[:, : ends.size], axis=2, workers=thread_count())
+        known = rfft(out[:, : ends.size], axis=2)
         parallel_for(_interpolate_rows, left.size, known.view(np.float32), left, place, begin, spectra.view(np.float32))
 
 
@@ -289,11 +289,11 @@ class _PlainMaps:
             if last - first <= end - begin:
                 strip = _mixed(mix, self._weights[:, first:last])
                 mean_along_rows(strip, self._across, wide)
-                narrow = scipy.fft.rfft(wide, axis=1, workers=thread_count()).view(np.float32)
+                narrow = rfft(wide, axis=1).view(np.float32)
                 mean_of_rows(narrow, self._down, outputs, first, parts[begin:end])
             else:
                 self._rows(mix, outputs, wide)
-                out[begin:end] = scipy.fft.rfft(wide, axis=1, workers=thread_count())
+                out[begin:end] = rfft(wide, axis=1)
 
 
 def _equal_rows(weights: F32) -> I64:

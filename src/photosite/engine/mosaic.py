@@ -17,12 +17,12 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
+from photosite.engine.fourier import fft, ifft_unscaled, irfft_unscaled, rfft
 from photosite.engine.jit import C64, F32, F64, I64, compiled, read_only
 from photosite.engine.layers import Grid, Layer, spectra_at_once, term_spectra
-from photosite.engine.threads import parallel_for, thread_count
+from photosite.engine.threads import parallel_for
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer, folded_terms
 
 TAPS = 8
@@ -62,7 +62,7 @@ def _folds_of_layers(
         response = _Response(layer.transfer, sampling, grid)
         reached = folds if layer.channel is None else _of_channel(folds, layer.channel)
         for term, lines in enumerate(term_spectra(layer, grid, spectra)):
-            response.add(scipy.fft.fft(lines, axis=0, overwrite_x=True, workers=thread_count()), term, reached)
+            response.add(fft(lines, axis=0), term, reached)
             done += 1
             if progress is not None:
                 progress(done, total, "transforms")
@@ -162,8 +162,8 @@ def _image_of_fold(fold: C64, first: tuple[int, int], grid: Grid) -> F32:
     fold *= _phases(fold.shape[1], (first[1],), grid.cells(1))[:, 0]
     fold.view(np.float32)[:] *= np.float32(1) / np.float32(down * across)
     # As irfft2 with the same bits, which would copy the spectrum.
-    half = scipy.fft.ifft(fold, axis=0, norm="forward", overwrite_x=True, workers=thread_count())
-    image: F32 = scipy.fft.irfft(half, cols, axis=1, norm="forward", workers=thread_count())
+    half = ifft_unscaled(fold, axis=0)
+    image = irfft_unscaled(half, cols, axis=1)
     image *= np.float32(1.0 / (rows * cols))
     return image
 
@@ -479,12 +479,12 @@ class Gridding:
         for start in range(0, size, cols):  # a kernel wider than the frame wraps around it
             piece = kernels[:, :, start : start + cols] / _kaiser_bessel_transform(shift, _OVERSAMPLING * size)[:, None]
             lines[:, :, : piece.shape[2]] += piece
-        narrow = scipy.fft.rfft(lines, axis=2, workers=thread_count())
+        narrow = rfft(lines, axis=2)
         turns = (np.arange(cols // 2 + 1) * (size // 2)) % cols
         narrow *= np.exp(2j * np.pi / cols * turns).astype(np.complex64)
         wide = np.zeros((channels, _OVERSAMPLING * size, cols // 2 + 1), np.complex64)
         wide[:, shift % (_OVERSAMPLING * size)] = narrow
-        return np.asarray(scipy.fft.fft(wide, axis=1, overwrite_x=True, workers=thread_count()))
+        return fft(wide, axis=1)
 
 
 def _kaiser_bessel_shape() -> float:
