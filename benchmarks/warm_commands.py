@@ -110,9 +110,15 @@ def _instrument(name: str, parts: Parts) -> None:
             setattr(holder, attribute, parts.timed("files", getattr(holder, attribute)))
 
 
+def _environment(source: Path) -> dict[str, str]:
+    """Return the environment of a process: modules are compiled once, as in an installed package."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {"PYTHONPATH": str(source)}
+
+
 def timed_run(source: Path, arguments: list[str], folder: Path) -> tuple[float, float]:
     """Return wall and processor time of a command as a process."""
-    environment = os.environ | {"PYTHONPATH": str(source)}
+    environment = _environment(source)
     start = time.perf_counter()
     with open(os.devnull, "w") as nowhere:
         process = subprocess.Popen(
@@ -127,7 +133,7 @@ def timed_run(source: Path, arguments: list[str], folder: Path) -> tuple[float, 
 
 def measured_parts(source: Path, arguments: list[str], folder: Path) -> dict[str, float]:
     """Return the time of the parts of one run."""
-    environment = os.environ | {"PYTHONPATH": str(source)}
+    environment = _environment(source)
     command = [sys.executable, __file__, "--trace", "parts.json", *arguments]
     subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
     found: dict[str, float] = json.loads((folder / "parts.json").read_text())
