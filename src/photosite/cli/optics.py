@@ -1,4 +1,4 @@
-"""`photosite optics`: check and describe optics files."""
+"""`photosite optics`: check and describe optics files, trace lens prescriptions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensD
 
 @click.group("optics", cls=Group)
 def command() -> None:
-    """Check optics files.
+    """Check optics files, and trace lens prescriptions into them.
 
     Example: photosite optics check mine.optics.yaml
     """
@@ -89,6 +89,55 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
         blocks.append("MTF to the right of the axis, tangential and sagittal:")
         blocks.append(table([heading, *_rows(*columns)], ">" * len(heading)))
     show(as_json, facts, lambda: "\n\n".join(blocks))
+
+
+@command.command("trace")
+@click.argument("file", type=click.Path(path_type=Path))
+@options.file_option("-o", "--output", suffixes=(".yaml", ".yml"), text="Optics file to write (YAML).", required=True)
+@options.file_option("--page", suffixes=(".html", ".pdf"), text="Page of layout, spots, MTF and distortion to write.")
+@options.option("--fields", type=int, metavar="N", default=6, help="Field points from the axis to the corner.")
+@options.json_option
+def trace(file: Path, output: Path, page: Path | None, fields: int, as_json: bool) -> None:
+    """Trace a lens prescription into an optics file: PSFs, distortion, lateral color, illumination and vignetting.
+
+    FILE is Zemax .zmx, CODE V .seq, or a plain table (docs/howto/lens-designs.md). Needs rayoptics, the extra `lenses`.
+
+    Example: photosite optics trace lens.zmx -o lens.optics.yaml --page lens.html
+    """
+    import numpy as np
+
+    from photosite.cli.output import Stages
+    from photosite.optics.trace import trace_lens
+
+    stages = Stages()
+    traced = trace_lens(file, fields=fields, progress=stages)
+    traced.lens.save(output)
+    if page is not None:
+        from photosite.report.lens import lens_page
+        from photosite.report.write import write_report
+
+        write_report(lens_page(traced), page)
+    lens, reference = traced.lens, traced.reference
+    rows = [
+        {
+            "field_deg": float(angle),
+            "height_mm": float(np.hypot(*row[reference].chief)),
+            "distortion_percent": None if lens.distortion is None else float(100 * (lens.distortion.ratio[k] - 1)),
+            "illumination": None if lens.illumination is None else float(lens.illumination.relative[k]),
+            "rms_spot_um": row[reference].spot_radius_mm * 1e3,
+        }
+        for k, (angle, row) in enumerate(zip(traced.field_deg, traced.bundles, strict=True))
+    ]
+    facts = {"focal_length_mm": lens.base.focal_length_mm, "f_number": lens.base.f_number, "name": lens.name}
+    content = {**facts, "wavelength_nm": traced.wavelength_nm.tolist(), "fields": rows}
+
+    def text() -> str:
+        heading = ("field, degrees", "height, mm", "distortion, %", "illumination", "RMS spot, um")
+        shown = [tuple("" if value is None else f"{value:.4g}" for value in row.values()) for row in rows]
+        head = f"{lens.name}: {lens.base.focal_length_mm:.5g} mm, f/{lens.base.f_number:.4g}"
+        return f"{head}\n{table([heading, *shown], '>>>>>')}"
+
+    show(as_json, content, text, optics=output)
 
 
 def _columns(mtf: list[tuple[float, float, float]], rows: str, columns: str) -> dict[str, list[float]]:

@@ -23,14 +23,66 @@ import numpy as np
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import reading
 from photosite.frames.conditions import cooled
-from photosite.frames.frame_file import FrameHeader, FrameLocation
+from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.frame_settings import kinds_in_name
 from photosite.frames.io.fits_units import JoinedUnits, Keywords, Unit, are_parts, image_unit, image_units, joined_units
+from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import StoredNumbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
 """Bytes of a block, blocks of a header, its last keyword; astropy reads on until it finds that."""
+
+
+def write(frame: RawFrame, path: Path) -> None:
+    """Write the frame as FITS of 16 or 32 bits, unsigned by BZERO, with what it states in the usual keywords.
+
+    EGAIN and RDNOISE are those of the frame's noise profile, the mean of its channels. The keyword PHOTOSIT has
+    photosite's description, which keeps all fields.
+    """
+    with _astropy(path):
+        from astropy.io import fits
+
+        unit = fits.PrimaryHDU(np.ascontiguousarray(frame.dn))
+        for name, value, comment in _cards(frame):
+            unit.header[name] = (value, comment)
+        unit.header[_OWN] = describe_frame(frame)
+        with path.open("wb") as file:
+            unit.writeto(file)
+
+
+_OWN = "PHOTOSIT"
+
+
+def _cards(frame: RawFrame) -> Iterator[tuple[str, str | int | float, str]]:
+    """Yield keyword, value and comment of what a frame states."""
+    stated = frame.metadata
+    yield "BUNIT", "adu", "unit of the pixels, DN"
+    yield "DATAMIN", 0, "[adu]"
+    yield "DATAMAX", (1 << frame.bits) - 1, "[adu] largest number of the converter"
+    yield "SATURATE", frame.white_level_dn, "[adu] white level"
+    yield "BLKLEVEL", frame.black_level_dn, "[adu] black level"
+    if frame.exposure_s is not None:
+        yield "EXPTIME", frame.exposure_s, "[s] exposure time"
+    pattern = "".join("".join(row) for row in frame.cfa)
+    if len(frame.cfa) == 2 and len(pattern) == 4 and set(pattern) <= set("RGB"):
+        yield "BAYERPAT", pattern, "color filters at the first stored pixels"
+        yield "XBAYROFF", 0, ""
+        yield "YBAYROFF", 0, ""
+        yield "ROWORDER", "TOP-DOWN", "the first stored row is the top one"
+    if frame.noise_profile is not None:
+        span = frame.white_level_dn - frame.black_level_dn
+        slope, offset = np.asarray(frame.noise_profile).mean(axis=0).tolist()
+        gain = slope * span
+        yield "EGAIN", 1.0 / gain, "[electron/adu] gain"
+        yield "RDNOISE", math.sqrt(max(offset, 0.0)) * span / gain, "[electron] noise in the dark, one frame"
+    names = {"gain_setting": "GAIN", "temperature_c": "CCD-TEMP", "camera": "INSTRUME", "kind": "IMAGETYP"}
+    for name, keyword in names.items():
+        value = stated.get(name)
+        if isinstance(value, str):
+            value = value.encode("ascii", "replace").decode()[:60]
+        if value is not None:
+            yield keyword, value if isinstance(value, str) else float(value), ""
 
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
@@ -117,12 +169,18 @@ def _stored_numbers(unit: Unit, opened: Any, index: int) -> StoredNumbers:
 
 
 @contextmanager
-def _open_fits(path: Path) -> Iterator[Any]:
+def _astropy(path: Path) -> Iterator[None]:
     try:
-        from astropy.io import fits
+        yield
     except ImportError:
         hint = "Run pip install '.[fits]' in the clone"
         raise FileError(path, "FITS needs astropy, which is missing", hint=hint) from None
+
+
+@contextmanager
+def _open_fits(path: Path) -> Iterator[Any]:
+    with _astropy(path):
+        from astropy.io import fits
     if not _begins_header(path, 0):
         raise FileError(path, "the FITS header has no end", hint="Check that the file is complete")
     try:
@@ -198,6 +256,9 @@ _CONDITIONS = {
 def _header(image: JoinedUnits) -> FrameHeader:
     unit = image.units[0]
     keywords = unit.keywords
+    stored_bits = 16 if unit.numbers == "float" else min(int(keywords.own["BITPIX"]), 32)
+    if (own := parse_description(keywords.path, keywords.text(_OWN) or "", *image.shape, stored_bits)) is not None:
+        return own
     image_type = keywords.text("IMAGETYP")
     kinds = kinds_in_name(image_type or "")
     joined = len(image.units) > 1
@@ -216,7 +277,7 @@ def _header(image: JoinedUnits) -> FrameHeader:
         del metadata["temperature_c"]
     return FrameHeader(
         *image.shape,
-        16 if unit.numbers == "float" else min(int(keywords.own["BITPIX"]), 32),
+        stored_bits,
         numbers=unit.numbers,
         cfa=None if joined else _cfa(unit),
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),

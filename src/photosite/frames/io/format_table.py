@@ -73,7 +73,7 @@ FORMATS = (
     TIFF,
     Format("PNG", (".png",), "png", (b"\x89PNG\r\n\x1a\n",), writes=(".png",)),
     Format("HDF5", (".h5", ".hdf5", ".hdf"), "hdf5", (b"\x89HDF\r\n\x1a\n",), writes=(".h5", ".hdf5"), most_bits=32),
-    Format("FITS", (".fits", ".fit", ".fts"), "fits", (b"SIMPLE  =",)),
+    Format("FITS", (".fits", ".fit", ".fts"), "fits", (b"SIMPLE  =",), writes=(".fits", ".fit"), most_bits=32),
     Format("Raspberry Pi's JPEG with raw data", (), "raspberry_pi", (b"\xff\xd8\xff",)),
 )
 """The formats, in the order in which a file is compared with them."""
@@ -83,6 +83,9 @@ NAMES = f"{', '.join(_BY_SUFFIX[:-1])} or {_BY_SUFFIX[-1]}"
 
 SUFFIXES = frozenset(suffix for format in FORMATS for suffix in format.suffixes)
 """Suffixes of files that are taken for frames."""
+
+OME_SUFFIXES = (".ome.tif", ".ome.tiff")
+"""Ends of the names of TIFF files that are written with OME-XML (`write_ome` of the module)."""
 
 WRITTEN_SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.writes)
 

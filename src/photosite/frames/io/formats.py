@@ -21,6 +21,7 @@ from photosite.frames.io.format_table import (
     FORMATS,
     HEAD_BYTES,
     NAMES,
+    OME_SUFFIXES,
     SUFFIXES,
     WRITTEN_SUFFIXES,
     Format,
@@ -310,5 +311,7 @@ def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
     check_holds(target, frame.bits)
     format = format_to_write(target.suffix)
     assert format is not None
+    module = format.load()
+    is_ome = target.name.lower().endswith(OME_SUFFIXES)
     with atomic_path(target) as temporary:
-        format.load().write(frame, temporary)
+        (module.write_ome if is_ome else module.write)(frame, temporary)

@@ -274,6 +274,34 @@ def write(frame: RawFrame, path: Path) -> None:
     )
 
 
+def write_ome(frame: RawFrame, path: Path) -> None:
+    """Write the frame as OME-TIFF: exposure time and bit depth in OME-XML, photosite's description as an annotation."""
+    import tifffile
+
+    metadata: dict[str, Any] = {
+        "axes": "YX",
+        "SignificantBits": frame.bits,
+        "MapAnnotation": {"Namespace": "photosite", "Value": {"frame": describe_frame(frame)}},
+    }
+    if frame.exposure_s is not None:
+        metadata["Plane"] = {"ExposureTime": frame.exposure_s, "ExposureTimeUnit": "s"}
+    tifffile.imwrite(path, frame.dn, photometric="minisblack", ome=True, metadata=metadata, software="photosite")
+
+
+_OME_DESCRIPTION = re.compile(r'<M K="frame">(.*?)</M>', re.DOTALL)
+
+
+def _description(page: Directory) -> str:
+    """Return photosite's description of a page, in plain or in OME-XML, or another program's."""
+    text = page.text(DESCRIPTION) or ""
+    found = _OME_DESCRIPTION.search(text) if text.startswith("<?xml") else None
+    if found is None:
+        return text
+    from html import unescape
+
+    return unescape(found[1])
+
+
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of a TIFF file's frames, one a page; thumbnails are skipped.
 
@@ -298,7 +326,7 @@ def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHead
     _, numbers = _code(page)
     if numbers == "float":
         stored_bits = 16
-    if (own := parse_description(path, page.text(DESCRIPTION) or "", rows, cols, stored_bits)) is not None:
+    if (own := parse_description(path, _description(page), rows, cols, stored_bits)) is not None:
         return own
     if (page.text(DESCRIPTION) or "").startswith('{"photosite_clean"'):
         raise OwnOutputError(path, "a noise-free mosaic")
