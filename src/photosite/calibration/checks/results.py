@@ -126,9 +126,10 @@ SCATTERED_TRANSFER = DiagnosticKind(
     "scattered-photon-transfer",
     "warning",
     "The temporal variances scatter about the line of photon transfer more than sampling explains.",
-    "The uncertainty of the system gain and of what follows from it was widened.",
+    "The uncertainty of the system gain and of what follows from it was widened. Where uneven steps of the converter "
+    "(DNL) are the cause, the response differs from level to level, and PRNU by up to a few percent of it.",
     "Look for levels that differ in the plot of the photon transfer.",
-    ("system_gain_dn_per_e", "*_e", "*_e_per_s"),
+    ("system_gain_dn_per_e", "*_e", "*_e_per_s", "prnu*"),
     "root of chi square per degree of freedom",
     f"below {one_in(SCATTER_P_VALUE)} clean sets",
 )
@@ -144,7 +145,8 @@ def variances(evidence: Evidence) -> Iterator[Diagnostic]:
         scatter = fit.chi_square / freedom
         yield SCATTERED_TRANSFER(
             f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
-            f"uncertainties were widened accordingly",
+            f"uncertainties were widened accordingly. Where uneven steps of the converter (DNL) are the cause, PRNU "
+            f"may be a few percent of it off",
             math.sqrt(scatter),
         )
     variance, least = evidence.pooled.dark_variance, least_dark_variance(evidence.pooled)

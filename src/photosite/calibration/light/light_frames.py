@@ -29,7 +29,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     light_levels,
     with_rounded_darks,
 )
-from photosite.calibration.photon_transfer.response_curve import fit_bent_gain
+from photosite.calibration.photon_transfer.response_curve import fit_bent_gain, unseen_fall
 from photosite.calibration.photon_transfer.response_shape import TONE_CURVE, ToneCurve, find_tone_curve
 from photosite.calibration.photon_transfer.without_darks import brighter_fatter, straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
@@ -180,6 +180,7 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     if (why := _no_photon_transfer(channels)) is not None:
         return LightResult(tuple(channels), None, why, why, NoiseStructure())
     used, levels = [channel.used for channel in channels], _with_rounded_darks(channels)
+    rounded = any(each is not channel.levels for each, channel in zip(levels, channels, strict=True))
     factor: Value = Uncertain(1.0)
     if shared is not None:
         levels, factor = shared.summed_covariances(levels, [channel.index for channel in channels])
@@ -203,6 +204,9 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
     gain = straight = _times(gain_value(line), factor)
     if bent is not None:
         gain = _times(gain_value(bent.fit, bent.gain), factor)
+    elif line is not None and isinstance(straight, Uncertain) and not (channels[0].dark.mean.reason or rounded):
+        fall = unseen_fall(levels, used, float(line.parameters[0]))
+        gain = straight + Uncertain.of(0.0, fall * straight.value) if fall > 0.0 else straight
     # The standard takes the variances of single pixels, and those of the dark frames as they are.
     in_series = [channel.in_series for channel in channels]
     line_gain = _times(gain_value(fit_gain([channel.levels for channel in channels], in_series, plain=True)), of_single)

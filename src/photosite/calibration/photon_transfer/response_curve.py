@@ -206,6 +206,28 @@ def fit_bent_gain(
     return found
 
 
+UNSEEN_FALL, LARGEST_FALL = 1.0, 0.01
+"""Standard uncertainties by which variances fall below the line from which a fall is not excluded; and largest fall
+that the charge of neighboring pixels causes (brighter-fatter effect), for 10 000 electrons."""
+
+
+def unseen_fall(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], gain: float) -> float:
+    """Return how much too low the gain of a line through the variances may be, relative to it, by a fall of them.
+
+    A parabola through the variances falls below the line by more than its uncertainty, but not beyond chance: its
+    gain is as likely as that of the line. Falls larger than `LARGEST_FALL` are not expected.
+    """
+    masked = [(levels, mask & levels.repeated) for levels, mask in zip(channels, used, strict=True)]
+    y, v = (np.concatenate([getattr(levels, name)[mask] for levels, mask in masked]) for name in ("signal", "shot"))
+    if len(y) < SHOWING_LEVELS or len(np.unique(y)) < SHOWING_LEVELS or gain <= 0.0:
+        return 0.0
+    shot = block_diagonal(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked])
+    fit = fit_linear(np.column_stack([y, y * y / y.max()]), v, shot)
+    if fit.parameters[1] > -UNSEEN_FALL * math.sqrt(fit.covariance[1, 1]):
+        return 0.0
+    return float(min(max(fit.parameters[0] / gain - 1.0, 0.0), LARGEST_FALL * y.max() / gain / 1e4))
+
+
 def _better(more: Fit, less: Fit, by_chance: float) -> bool:
     """Return whether one more parameter, marginalized in `more`, explains the variances better than by chance."""
     from scipy.special import chdtrc, fdtrc
