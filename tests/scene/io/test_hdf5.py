@@ -115,7 +115,7 @@ def test_one_of_several(tmp_path: Path) -> None:
     [
         ({"wavelength_nm": GRID}, "units"),
         ({"units": "W/sr/m2/nm"}, "wavelength"),
-        ({"wavelength": GRID / 1000, "units": "W/sr/m2/nm"}, "wavelength"),
+        ({"wavelength": GRID * 10, "units": "W/sr/m2/nm"}, "wavelength"),
         ({"wavelength_nm": GRID / 1000, "units": "W/sr/m2/nm"}, "wavelength"),
         ({"wavelength_nm": GRID[[0, 2, 1, 3, 4, 5, 6]], "units": "photons"}, "wavelength"),
         ({"wavelength_nm": "blue", "units": "photons"}, "wavelength"),

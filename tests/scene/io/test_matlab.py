@@ -206,7 +206,7 @@ INVALID: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"rad": CUBE}, UNITS, "wavelength"),
     ({"rad": CUBE, "bands": GRID[1:]}, UNITS, "wavelength"),
     ({"rad": CUBE, "bands": GRID[::-1]}, UNITS, "wavelength"),
-    ({"rad": CUBE, "lambda": GRID / 1000}, UNITS, "wavelength"),
+    ({"rad": CUBE, "lambda": GRID * 10}, UNITS, "wavelength"),
     ({"rad": CUBE, "wavelength_nm": GRID / 1000}, UNITS, "wavelength"),
     ({"a": CUBE, "b": CUBE, "wave": GRID}, UNITS, "has 2 cubes: a (6, 5, 7), b"),
     ({"a": CUBE, "wave": GRID}, {"variable": "c"}, "has no cube 'c'"),
