@@ -48,9 +48,9 @@ UNKNOWN_DARK_CURRENT = DiagnosticKind(
     "warning",
     "The dark frames have one exposure time, and the flat fields have others.",
     "The dark current is not known; the uncertainties of responsivity and quantum efficiency include it, or they are "
-    "withheld.",
+    "withheld. PRNU contains its nonuniformity.",
     "Take dark frames at a second exposure time.",
-    (*DARK_CURRENT, *RESPONSE),
+    (*DARK_CURRENT, *RESPONSE, "prnu*"),
     "largest dark current that the flat fields allow, DN/s",
     "none: exposure times are compared",
 )

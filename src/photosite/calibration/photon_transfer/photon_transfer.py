@@ -262,6 +262,9 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
             value += Uncertain.of(0.0, math.sqrt(scatter), Source.student(frames - 1.0))
         value += Uncertain.of(0.0, math.sqrt(variance))
         return value, "mean of the brightest flat fields, all pixels clipped"
+    if still and white & (white + 1) and levels.spread[last] < 1.0:
+        # Below a full scale of 2^n - 1, full wells without noise pile up at a number as a converter's limit does.
+        return Uncertain.of(float(levels.mean[last]), float(abs(white - levels.mean[last]))), "mean of full pixels"
     if fraction > CLIPPED_FRACTION:
         method = f"full scale of the converter: {100 * fraction:.3g} % of the values in the brightest flat fields"
         return Uncertain.of(float(white)), method

@@ -46,6 +46,9 @@ MOST_PIXELS = 1 << 18
 MOST_NOISE = 3.0
 """Variance of the noise over that of the pattern from which they are not compared."""
 
+OPEN_S = 0.01
+"""Exposure time of dark frames of one time from which their unknown dark current may be a part of their pattern."""
+
 LEAST_LEAK = 0.1
 """Fraction of the dark signal that matters if it is light."""
 
@@ -152,6 +155,8 @@ class PixelLines:
         for channel, seconds in self._compared(channels, lights):
             known = dark.at(seconds[0], beyond=True)
             assert known is not None
+            if dark.slope_map is None and abs(known.exposure_s - seconds[0]) > OPEN_S:
+                continue
             pattern = known.mean[self._rows]
             for site in np.argwhere(self._tile == channel.index):
                 flat, noise = self._plane(self._sums[0], site), known.noise[channel.index].pixel.value
