@@ -11,7 +11,6 @@ from scipy.stats import binom, nbinom
 
 import photosite as ps
 from photosite.calibration.effects.charge_transfer import TransferLoss, measure_charge_transfer, trailing_fraction
-from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.frames.frame_set import FrameSet, without_border
 from photosite.sensor.readout import digital_numbers
 
@@ -42,9 +41,11 @@ def simulated(seed: int, parallel: float, serial: float, rows: int = 40, cols: i
             frames.append((kind, exposure_s, np.rint(0.1 * signal + 100).astype(np.uint16)))
     whole = without_border(FrameSet.from_arrays(frames, bits=12), (0, BEHIND, 0, BEHIND))
     used = [SimpleNamespace(source=source) for group in whole.groups for source in group.frames]
+    count = len(whole.of_kind("light"))
+    levels = SimpleNamespace(group=np.arange(count), x=np.arange(1.0, count + 1.0), trusted=np.ones(count, np.bool_))
     evidence = SimpleNamespace(
         base=CCD,
-        linear_range={"M": LinearRange("exposure_s", 0.0, 1.0, 3000.0, 6, 6, "all")},
+        light=SimpleNamespace(channels=[SimpleNamespace(levels=levels, used=np.ones(count, np.bool_))]),
         reduction=SimpleNamespace(frames=whole, used=used),
     )
     found = measure_charge_transfer(evidence)  # type: ignore[arg-type]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range
-from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.frames.frame_set import FrameSet
 
 TILE = np.array([[0, 1], [1, 2]])
@@ -37,8 +39,11 @@ def test_dark_current_on_a_photon_axis() -> None:
     np.testing.assert_allclose(value, 0.0, atol=1e-7)
 
 
-def range_of(lowest, highest):
-    return LinearRange("exposure_s", lowest, highest, 3000.0, 2, 4, "")
+def channel(*used: int) -> Any:
+    """Return the part of a channel that tells its linear range: which of four levels are used."""
+    inside = np.isin(np.arange(4), used)
+    levels = SimpleNamespace(group=np.arange(4), x=np.array([0.1, 0.2, 0.3, 0.4]), trusted=np.ones(4, np.bool_))
+    return SimpleNamespace(levels=levels, used=inside)
 
 
 def flats():
@@ -49,13 +54,10 @@ def flats():
 
 
 def test_flat_fields_in_any_channels_linear_range_are_used() -> None:
-    ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.2), "B": range_of(0.1, 0.3)}
-    needed = light_groups_in_range(flats(), ranges)
+    needed = light_groups_in_range(flats(), [channel(0, 1, 2), channel(0, 1), channel(0, 1, 2)])
     assert [group.exposure_s for group in needed] == pytest.approx([0.1, 0.2, 0.3])
 
 
 def test_no_response_if_a_channel_has_fewer_than_two_levels() -> None:
-    ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.1), "B": range_of(0.1, 0.3)}
-    assert light_groups_in_range(flats(), ranges) == ()
-    del ranges["G"]
-    assert light_groups_in_range(flats(), ranges) == ()
+    assert light_groups_in_range(flats(), [channel(0, 1, 2), channel(0), channel(0, 1, 2)]) == ()
+    assert light_groups_in_range(flats(), []) == ()

@@ -77,9 +77,9 @@ def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path
     assert done.status == 0
     assert "covariance" in done.json["loss"]
     root = ElementTree.parse(results).getroot()
-    assert float(root.findtext("sensitivity/K/value")) == before["system_gain_dn_per_e"]["value"]
-    uncertainty = root.findtext("sensitivity/K/standard_uncertainty")
-    assert float(uncertainty) == before["system_gain_dn_per_e"]["standard_uncertainty"]
+    block = photosite("calibrate", stack, "--json").json["emva1288"]
+    for name in ("value", "standard_uncertainty"):
+        assert float(root.findtext(f"sensitivity/K/{name}")) == block["K"][name]
 
 
 @pytest.mark.parametrize(

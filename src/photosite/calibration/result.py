@@ -109,6 +109,11 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
     no_maps_reason: str | None = None
 
     @property
+    def light_unknown(self) -> bool:
+        """Whether nothing tells the light of the levels, so that their signal stands for it."""
+        return any(found.abscissa == "signal_dn" for found in self.linear_range.values())
+
+    @property
     def rejected(self) -> tuple[str, ...]:
         """Texts of the diagnostics of frames that were left out."""
         return texts(self.diagnostics, "left out")

@@ -119,6 +119,13 @@ NO_LINE_NOISE = _withheld(
     "row_noise_*",
     "column_noise_*",
 )
+UNMEASURED_LIGHT = _withheld(
+    "unmeasured-light",
+    "Flat fields of one exposure time received different light, and the amounts are not stated. The levels are those "
+    "of the listing; a bend of the response shows in the temporal variances only.",
+    "State photons_per_pixel in a protocol, or vary the exposure time in constant light.",
+    "linearity_*",
+)
 UNKNOWN_PHOTONS = _withheld(
     "unknown-photons",
     "The photons per pixel are not known.",

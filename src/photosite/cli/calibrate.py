@@ -135,6 +135,9 @@ def command(
     captures are then distinguished by their noise. Companded frames need a sensor file with the table,
     captures.combination.companding. The frames of each capture, in subfolders, show more.
 
+    Flat fields of one exposure time may have levels of unknown light: each entry of a protocol, file of several frames,
+    folder, or name before its number is a level.
+
     Frames of several gain settings (ISO) are calibrated as a series: each setting by itself, then the switch of the
     conversion gain and the two parts of the read noise. -o then writes one sensor file with all settings, for
     `photosite simulate --gain-setting 400`.

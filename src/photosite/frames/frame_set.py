@@ -64,8 +64,9 @@ class FrameGroup(Shown):
 
     Parameters
     ----------
-    kind, exposure_s, photons_per_pixel, gain_setting
-        As in `FrameSettings`; the photons of dark frames of a descriptor are 0.
+    kind, exposure_s, photons_per_pixel, gain_setting, level
+        As in `FrameSettings`; the photons of dark frames of a descriptor are 0. The level is None where light of one
+        exposure time is one level.
     frames
         The frames.
     temperature_c
@@ -82,6 +83,7 @@ class FrameGroup(Shown):
     gain_setting: float | None = None
     temperature_c: float | None = None
     temperatures_c: tuple[float | None, ...] = ()
+    level: str | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -187,7 +189,8 @@ class FrameSet(Diagnosed, Tabular):
                     "dn", where=name, value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits"
                 )
             source = FrameSource(name, partial(_identity, dn), thread_safe=True)
-            listed.append((source, FrameSettings(kind, exposure_s, *others)))
+            photons, gain_setting, temperature_c = (*others, None, None, None)[:3]
+            listed.append((source, FrameSettings(kind, exposure_s, photons, gain_setting, temperature_c)))
         groups = group_frames(listed)
         rows, cols = shape or (0, 0)
         return cls(groups, rows, cols, bits, cfa, sensor=sensor)
@@ -303,9 +306,16 @@ def _none_first(value: float | None) -> tuple[bool, float]:
     return (False, 0.0) if value is None else (True, value)
 
 
+_GroupKey = tuple[Kind, float, float | None, float | None, str | None]
+
+
 def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[FrameGroup, ...]:
-    """Group frames by kind, exposure, photons and gain setting, in the order of `FrameSet.groups`."""
-    groups: dict[tuple[Kind, float, float | None, float | None], list[tuple[FrameSource, float | None]]] = {}
+    """Group frames by kind, exposure, photons and gain setting, in the order of `FrameSet.groups`.
+
+    Flat fields of unknown photons and one exposure time are also grouped by the name of their level, if each name has
+    two frames or more: a name of a single frame is not that of a level.
+    """
+    groups: dict[_GroupKey, list[tuple[FrameSource, FrameSettings]]] = {}
     for source, settings in frames:
         try:
             valid = settings.validated()
@@ -314,23 +324,31 @@ def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[F
             exposure_s = valid.exposure_s if valid.exposure_s is not None else check_exposure(None)
         except InputError as error:
             raise error.within(source.name) from None
-        key = (valid.kind, exposure_s, valid.photons_per_pixel, valid.gain_setting)
-        groups.setdefault(key, []).append((source, valid.temperature_c))
+        key: _GroupKey = (valid.kind, exposure_s, valid.photons_per_pixel, valid.gain_setting, None)
+        groups.setdefault(key, []).append((source, valid))
+    for key in list(groups):
+        kind, exposure_s, photons, gain_setting, _ = key
+        names = [settings.level for _, settings in groups[key]]
+        if kind == "light" and photons is None and all(1 < names.count(name) < len(names) for name in set(names)):
+            for source, settings in groups.pop(key):
+                own = (kind, exposure_s, photons, gain_setting, settings.level)
+                groups.setdefault(own, []).append((source, settings))
     if not groups:
         raise InputError("a frame set needs at least one frame")
 
-    def order(key: tuple[Kind, float, float | None, float | None]) -> tuple[object, ...]:
-        kind, exposure_s, photons, gain_setting = key
-        return kind != "dark", exposure_s, _none_first(photons), _none_first(gain_setting)
+    def order(group: _GroupKey) -> tuple[object, ...]:
+        kind, exposure_s, photons, gain_setting, level = group
+        return kind != "dark", exposure_s, _none_first(photons), _none_first(gain_setting), level or ""
 
     result = []
     for key in sorted(groups, key=order):
-        kind, exposure_s, photons, gain_setting = key
-        temperatures = [celsius for _, celsius in groups[key] if celsius is not None]
+        kind, exposure_s, photons, gain_setting, level = key
+        stated = tuple(settings.temperature_c for _, settings in groups[key])
+        temperatures = [celsius for celsius in stated if celsius is not None]
         mean_c = math.fsum(temperatures) / len(temperatures) if temperatures else None
         sources = tuple(source for source, _ in groups[key])
-        each_c = tuple(celsius for _, celsius in groups[key]) if temperatures else ()
-        result.append(FrameGroup(kind, exposure_s, sources, photons, gain_setting, mean_c, each_c))
+        each_c = stated if temperatures else ()
+        result.append(FrameGroup(kind, exposure_s, sources, photons, gain_setting, mean_c, each_c, level))
     return tuple(result)
 
 
@@ -378,7 +396,7 @@ def split_by_temperature(frames: FrameSet) -> tuple[FrameSet, ...]:
     parts: list[list[tuple[FrameSource, FrameSettings]]] = [[] for _ in starts]
     for source, group, celsius in listed:
         settings = FrameSettings(
-            group.kind, group.exposure_s, group.photons_per_pixel, group.gain_setting, temperature_c=celsius
+            group.kind, group.exposure_s, group.photons_per_pixel, group.gain_setting, celsius, group.level
         )
         parts[bisect_right(starts, celsius or 0.0) - 1].append((source, settings))
     steady = tuple(entry for entry in frames.diagnostics if entry.id != TEMPERATURE_VARIED.id)

@@ -61,11 +61,14 @@ class FrameSettings:
         The camera's gain setting: ISO, or any other unit if all files use the same.
     temperature_c
         Temperature of the sensor, in degrees Celsius.
+    level
+        Name of the light level that the listing tells from others: entry of a protocol, folder or name.
 
     Examples
     --------
-    >>> FrameSettings("dark").or_else(FrameSettings("light", exposure_s=0.01, gain_setting=100))
-    FrameSettings(kind='dark', exposure_s=0.01, photons_per_pixel=None, gain_setting=100, temperature_c=None)
+    >>> found = FrameSettings("dark").or_else(FrameSettings("light", exposure_s=0.01, gain_setting=100))
+    >>> found.kind, found.exposure_s, found.gain_setting
+    ('dark', 0.01, 100)
     """
 
     kind: Kind | None = None
@@ -73,6 +76,7 @@ class FrameSettings:
     photons_per_pixel: float | None = None
     gain_setting: float | None = None
     temperature_c: float | None = None
+    level: str | None = None
 
     def or_else(self, other: FrameSettings) -> FrameSettings:
         """Return these settings, with those that are missing taken from another source."""
@@ -94,7 +98,7 @@ class FrameSettings:
                 raise InputError(name, value=value, expected=condition)
             check_magnitude(name, number)
             numbers[name] = number
-        return FrameSettings(self.kind, **numbers)
+        return FrameSettings(self.kind, **numbers, level=self.level)
 
     @property
     def _zero_exposure(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -62,6 +63,8 @@ EXPOSURE_HINT = (
     "Write a protocol.yaml: 'photosite_protocol: 1', then 'frames:' with "
     "'- {kind: dark, exposure: 1/100, files: dark*.png}' and so on"
 )
+
+_NUMBER_AT_END = re.compile(r"[-_ .]*(?:#|n|no|frame|img)?[-_ .]*\d+$", re.IGNORECASE)
 
 _SAME_EXPOSURE = 1.2
 """Ratio of listed to stated exposure up to which they count as the same."""
@@ -315,10 +318,23 @@ def _open(file: FrameFile, layout: Layout | None) -> Iterator[_OpenedFrame]:
             sources = "file and name do" if file.names else "file does"
             raise frame.error(f"the {sources} not state the exposure time", hint=EXPOSURE_HINT)
         try:
-            settings = settings.validated()
+            settings = replace(settings, level=_level_name(file, header)).validated()
         except InputError as error:
             raise frame.error(error.what, value=error.value, expected=error.expected) from None
         yield _OpenedFrame(replace(frame, settings=settings), header, stamp, {**header.conditions, **file.conditions})
+
+
+def _level_name(file: FrameFile, header: FrameHeader) -> str:
+    """Return what tells the file's light level from others: its entry, else its folder and its name without a number.
+
+    Every file that holds several frames is a level.
+    """
+    if file.line is not None:
+        return f"line {file.line}"
+    part = header.location.part if header.location else ""
+    if header.location is not None:
+        return f"{file.path}{part if isinstance(part, str) else ''}"
+    return f"{file.path.parent}/{_NUMBER_AT_END.sub('', file.path.stem)}"
 
 
 def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], list[PhotositeWarning]]:

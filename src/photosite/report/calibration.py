@@ -239,7 +239,11 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     EMVA 1288 R4.0 Linear, the plots of a data sheet.
     """
     ranges = [linear_range_table(calibration.linear_range)] if calibration.linear_range else []
-    no_light = calibration.system_gain_dn_per_e.reason or "there is only one light level; a curve needs at least two"
+    no_light = calibration.system_gain_dn_per_e.reason or (
+        "the light of the levels is not known"
+        if calibration.light_unknown
+        else "there is only one light level; a curve needs at least two"
+    )
     sections: dict[str, tuple[Block, ...]] = {
         "Sensitivity": (*_or_reason(calibration, "response", no_light), *ranges),
         "Photon transfer": _or_reason(calibration, "photon_transfer", no_light),

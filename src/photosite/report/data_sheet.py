@@ -116,7 +116,10 @@ def _operating_table(calibration: Calibration) -> Table:
         rows.append(("Dark frames", _exposures(dark.x)))
     else:
         rows.append(("Dark frames", "none, or their level is unknown"))
-    if (response := _first(calibration, "response")) is None:
+    if calibration.light_unknown:
+        levels = max(found.levels_measured for found in calibration.linear_range.values())
+        rows.append(("Light", f"{levels} levels of unknown light"))
+    elif (response := _first(calibration, "response")) is None:
         rows.append(("Light", "none; all frames are dark frames"))
     else:
         light = f"{len(response.x)} level{'s' * (len(response.x) != 1)}"

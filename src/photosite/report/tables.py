@@ -102,7 +102,8 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
         if found.abscissa == "exposure_s":
             ends = f"{format_time(found.lowest)} to {format_time(found.highest)}"
         else:
-            ends = f"{format_number(found.lowest, 4)} to {format_number(found.highest, 4)} photons per pixel"
+            unit = "DN above dark" if found.abscissa == "signal_dn" else "photons per pixel"
+            ends = f"{format_number(found.lowest, 4)} to {format_number(found.highest, 4)} {unit}"
         levels = f"{found.levels} of {found.levels_measured}"
         rows.append((channel, ends, format_number(found.highest_dn, 4), levels, found.rule))
     titles = columns("Channel", "Range", numeric("Brightest mean (DN)"), numeric("Light levels"), "Rule")

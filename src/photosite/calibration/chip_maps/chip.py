@@ -192,7 +192,7 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
         If a frame cannot be read.
     """
     frames = evidence.reduction.as_taken.frames
-    lights, darks = light_groups_in_range(frames, evidence.linear_range), frames.of_kind("dark")
+    lights, darks = light_groups_in_range(frames, evidence.light.channels), frames.of_kind("dark")
     counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
     with FrameReader(replace(frames, groups=(*darks, *lights)), counted) as reader:
         dark, mean = _read_darks(reader)

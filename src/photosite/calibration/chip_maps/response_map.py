@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps import defects
 from photosite.calibration.evidence import Evidence
-from photosite.calibration.photon_transfer.channel import LinearRange
+from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
@@ -60,23 +60,19 @@ class ResponseMap:
         return value, uncertainty
 
 
-def _abscissa(group: FrameGroup, range_: LinearRange) -> float:
-    photons = group.photons_per_pixel
-    return group.exposure_s if range_.abscissa == "exposure_s" or photons is None else photons
+def _light_in_range(channel: Channel) -> dict[int, float]:
+    """Return the light, by the index of the group, of the levels in a channel's linear range."""
+    levels, used = channel.levels, channel.used & channel.levels.trusted
+    return dict(zip(levels.group[used].tolist(), levels.x[used].tolist(), strict=True))
 
 
-def _inside(group: FrameGroup, range_: LinearRange) -> bool:
-    x, grain = _abscissa(group, range_), 1e-9 * range_.highest
-    return range_.lowest - grain <= x <= range_.highest + grain and x not in range_.contradicting
-
-
-def light_groups_in_range(frames: FrameSet, ranges: Mapping[str, LinearRange]) -> tuple[FrameGroup, ...]:
+def light_groups_in_range(frames: FrameSet, channels: Sequence[Channel]) -> tuple[FrameGroup, ...]:
     """Return the light groups in any channel's linear range; none unless each channel has two levels in its range."""
+    inside = [_light_in_range(channel) for channel in channels]
+    if not inside or min(len(set(light.values())) for light in inside) < 2:
+        return ()
     lights = frames.of_kind("light")
-    for name in channel_names(frames.cfa):
-        if name not in ranges or len({_abscissa(g, ranges[name]) for g in lights if _inside(g, ranges[name])}) < 2:
-            return ()
-    return tuple(group for group in lights if any(_inside(group, range_) for range_ in ranges.values()))
+    return tuple(lights[i] for i in sorted(set().union(*inside)))
 
 
 def read_response_map(reader: FrameReader, evidence: Evidence, dark_variance: float) -> ResponseMap:
@@ -87,17 +83,20 @@ def read_response_map(reader: FrameReader, evidence: Evidence, dark_variance: fl
     uncertainty uses the measured noise of levels with at least two frames.
     """
     names, groups = channel_names(reader.frames.cfa), reader.frames.of_kind("light")
+    inside = [_light_in_range(channel) for channel in evidence.light.channels]
+    indexes = sorted(set().union(*inside))
     count = np.array([float(len(group)) for group in groups])
     exposure = np.array([group.exposure_s for group in groups])
-    ranges, curves, gain = evidence.linear_range, evidence.curves, evidence.parameters.system_gain_dn_per_e.value or 0.0
+    curves, gain = evidence.curves, evidence.parameters.system_gain_dn_per_e.value or 0.0
     coefficients, expected = np.zeros((len(names), len(groups))), np.zeros((len(names), len(groups)))
     for k, name in enumerate(names):
-        range_ = ranges[name]
-        x = np.array([_abscissa(group, range_) for group in groups])
-        inside = np.array([_inside(group, range_) for group in groups])
-        slope = curves[name]["response"].slope or 0.0
+        light = inside[k]
+        taken = np.array([i in light for i in indexes])
+        x = np.array([light.get(i, 0.0) for i in indexes])
+        response = curves[name].get("response")  # none against the signal itself
+        slope = 1.0 if response is None else response.slope or 0.0
         expected[k] = dark_variance + gain * slope * x
-        coefficients[k, inside] = slope_coefficients(x[inside], (count / expected[k])[inside])
+        coefficients[k, taken] = slope_coefficients(x[taken], (count / expected[k])[taken])
     slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
     variance = np.zeros(len(names))
     for i, group in enumerate(groups):

@@ -150,7 +150,7 @@ def measure_charge_transfer(evidence: Evidence) -> TransferLoss | Missing:
         for pair, order in zip(((top, bottom), (left, right)), stated.order, strict=True)
     ]
     before, behind = (sides[0][0], sides[1][0]), (sides[0][1], sides[1][1])
-    lights = light_groups_in_range(frames, evidence.linear_range)
+    lights = light_groups_in_range(frames, evidence.light.channels)
     reason = "" if lights else "there are no flat fields at two levels or more in the linear range"
     if reason or max(behind) < _LEAST_LINES:
         return TransferLoss(_missing("parallel", stated, reason), _missing("serial", stated, reason))

@@ -33,6 +33,7 @@ from photosite.calibration.photon_transfer.response_curve import fit_bent_gain, 
 from photosite.calibration.photon_transfer.response_shape import TONE_CURVE, ToneCurve, find_tone_curve
 from photosite.calibration.photon_transfer.without_darks import brighter_fatter, straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.withheld import SINGLE_FLATS
 from photosite.sensor.model import Sensor
@@ -107,6 +108,8 @@ def measure_light_frames(
             reduction, reader, dark.mean, noise.flicker, None if sensor is None else sensor.line_time_us
         )
         noise = replace(noise, flicker=flicker)
+    if _light_differs(reduction.lights):
+        reduction = replace(reduction, lights=tuple(replace(entry, light_known=False) for entry in reduction.lights))
     levels = [light_levels(reduction.lights, k, line) for k, line in enumerate(dark.lines)]
     outliers = [] if dark.level_unknown else find_light_outliers(levels, reduction.whites)
     wrong = {outlier.group for outlier in outliers}
@@ -146,6 +149,19 @@ def _distances_of_codes(reduction: Reduction) -> list[tuple[float, NDArray[np.fl
     darks, groups = len(reduction.darks), len(reduction.darks) + len(reduction.lights)
     distances = [np.ones(groups) if steps is None else np.array(steps.by_group) for steps in reduction.steps]
     return [(float(each[:darks].min(initial=1.0)), each[darks:]) for each in distances]
+
+
+SAME_LIGHT = 0.02
+"""Relative difference of the means up to which levels of one exposure time received the same light."""
+
+
+def _light_differs(lights: Sequence[GroupStatistics]) -> bool:
+    """Return whether levels of one exposure time and unstated photons received different light."""
+    means: dict[float, list[float]] = {}
+    for entry in lights:
+        if entry.group.level is not None:
+            means.setdefault(entry.group.exposure_s, []).append(max(level.mean for level in entry.levels))
+    return any(max(each) > (1.0 + SAME_LIGHT) * min(each) for each in means.values())
 
 
 def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:

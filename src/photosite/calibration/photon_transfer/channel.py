@@ -344,7 +344,8 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
         uncertainty = np.sqrt(np.maximum(uncertainty**2 - dark.mean.variance, 0.0))
         fit = _free_line(levels.x, level, uncertainty, used)
     points = levels.x, level, uncertainty, used & levels.trusted
-    curves["response"] = Curve.of_fit("Response", axis, x_label, points, fit)
+    if levels.light_known:
+        curves["response"] = Curve.of_fit("Response", axis, x_label, points, fit)
     known = levels.repeated
     noise, uncertainty, y_label = levels.shot, np.sqrt(np.diag(levels.shot_covariance)), "temporal variance less dark"
     fit = fit_gain([levels], [series], plain=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.linearity import UNKNOWN_LIGHT
 from photosite.calibration.photon_transfer.photon_transfer import NOT_REACHED
 from photosite.calibration.withheld import FEW_LEVELS, NO_SIGNAL_TO_NOISE, UNKNOWN_DARK_NOISE
 from photosite.values.estimate import Estimate
@@ -82,6 +83,8 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     levels = channel.levels
     if channel.dark.mean.reason:
         return UNKNOWN_DARK_NOISE.missing(channel.dark.mean.reason)
+    if not levels.light_known:
+        return UNKNOWN_LIGHT
     order = np.lexsort((np.diag(levels.signal_covariance), levels.x))
     order = order[levels.trusted[order]]
     place = order[np.append(True, np.diff(levels.x[order]) > 0.0)]

@@ -17,6 +17,7 @@ from photosite.calibration.withheld import (
     NO_SATURATION,
     UNDEFINED_LINEARITY,
     UNKNOWN_DARK_NOISE,
+    UNMEASURED_LIGHT,
 )
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
@@ -26,6 +27,10 @@ Array = NDArray[np.float64]
 
 RANGE = (0.05, 0.95)
 """EMVA 1288: the regression uses signals from 5 to 95 % of that at saturation."""
+
+UNKNOWN_LIGHT = UNMEASURED_LIGHT.missing(
+    "the light of the levels is not known: flat fields of one exposure time differ, and no photons are stated"
+)
 
 LEAST_LEVELS = 3
 """Light levels that a deviation from a line needs; the standard asks for 50 equal steps, at least 9 in the range."""
@@ -117,6 +122,8 @@ def channel_linearity(channel: Channel) -> Linearity | Missing:
     levels, saturation = channel.levels, channel.saturation
     if channel.dark.mean.reason:
         return UNKNOWN_DARK_NOISE.missing(channel.dark.mean.reason)
+    if not levels.light_known:
+        return UNKNOWN_LIGHT
     if saturation.signal is None or saturation.index is None:
         return NO_SATURATION.missing(
             "linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation"

@@ -40,7 +40,7 @@ class LightLevels:
     Parameters
     ----------
     abscissa
-        "photons_per_pixel" where every group has it, else "exposure_s".
+        "photons_per_pixel" where every group has it, else "exposure_s"; "signal_dn" where the light is unknown.
     x, exposure_s
         (m,) amount of light on that axis; exposure times in seconds.
     signal, signal_covariance
@@ -91,6 +91,11 @@ class LightLevels:
         return self.abscissa == "photons_per_pixel"
 
     @property
+    def light_known(self) -> bool:
+        """Whether the abscissa is an amount of light, and not the signal itself."""
+        return self.abscissa != "signal_dn"
+
+    @property
     def repeated(self) -> NDArray[np.bool_]:
         """(m,) whether the level has a temporal variance."""
         return np.isfinite(self.shot)
@@ -134,6 +139,10 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     known = all(count is not None for count in photons)
     exposure = np.array([entry.group.exposure_s for entry in lights])
     x = np.array([float(count or 0.0) for count in photons]) if known else exposure
+    unmeasured = not all(entry.light_known for entry in lights)
+    if unmeasured:  # the signal stands for the light
+        means = np.array([entry.levels[channel].mean for entry in lights])
+        x = means - dark.mean.weights_at(exposure) @ dark.mean.y
     order = np.argsort(x, kind="stable")
     levels, exposure = [lights[i].levels[channel] for i in order], exposure[order]
 
@@ -148,7 +157,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
     dark_covariance = dark.mean.covariance + np.diag((dark.mean.differing * dark.mean.shared) ** 2)
     return LightLevels(
-        abscissa="photons_per_pixel" if known else "exposure_s",
+        abscissa="signal_dn" if unmeasured else "photons_per_pixel" if known else "exposure_s",
         x=x[order],
         exposure_s=exposure,
         signal=mean - take_mean @ dark.mean.y,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
@@ -235,6 +236,7 @@ class GroupStatistics:
     levels: tuple[Level, ...]
     light_trusted: bool = True  # whether its stated light agrees with that of the other levels
     frame_means: tuple[float, ...] = ()
+    light_known: bool = True  # whether exposure time or photons tell its light
 
     @property
     def frames(self) -> int:
@@ -252,6 +254,8 @@ def group_label(group: FrameGroup) -> str:
     text = f"{group.kind} frames at {group.exposure_s:g} s"
     if group.kind == "light" and group.photons_per_pixel is not None:
         text += f" ({group.photons_per_pixel:g} photons)"
+    if group.level is not None:
+        text += f" ({Path(group.level).name})"
     return text
 
 
