@@ -227,4 +227,4 @@ def test_exposures_of_zero_and_others():
     frames = labelled(0.0) + [("dark", 0.02, dn, 0.0) for dn in stack(64.0, shape=(48, 64))]
     assert error_of(frames).id == "invalid-exposure-time"
     bias = [("dark", 0.0, dn) for dn in stack(64.0, n=4)]
-    assert calibrate(frame_set(bias + measurement())).dark_current_e_per_s.value is not None
+    assert calibrate(frame_set(bias + measurement())).dark_current_dn_per_s.value is not None

@@ -94,7 +94,7 @@ def test_calibrate_contributes(photosite: Any, loop: Any, tmp_path: Path, monkey
     monkeypatch.setattr("photosite.calibration.calibrate.calibrate", lambda *_, **__: loop.calibration)
     dn = np.zeros((2, 2), np.uint16)
     frames = FrameSet.from_arrays([("dark", 1.0, dn), ("dark", 1.0, dn)], bits=12)
-    monkeypatch.setattr("photosite.frames.open.open_frames", lambda *_, **__: frames)
+    monkeypatch.setattr("photosite.frames.open.open_settings", lambda *_, **__: [frames])
     library = tmp_path / "library"
     call = ("calibrate", tmp_path, "--sensor", "nikon-d200", "--contribute", library)
     assert "--license" in photosite(*call).err

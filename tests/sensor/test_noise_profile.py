@@ -85,7 +85,10 @@ def test_invalid_profiles():
         _ = NoiseProfile(("M",), one, one).system_gain_dn_per_e
     negative = NoiseProfile(("M",), one, (Measured(-1e-6),))
     with raises(InputError, "offset"):
-        negative.sensor(sensor())
-    finer_than_rounding = NoiseProfile(("M",), one, (Measured(0.5 / 12 / 4000**2),))
-    with raises(InputError, "offset minus rounding"):
-        finer_than_rounding.sensor(sensor())
+        _ = negative.at_levels(10, 4095).dark_noise_dn
+
+
+def test_an_offset_below_rounding_leaves_no_read_noise():
+    profile = NoiseProfile(("M",), (Measured(1e-4),), (Measured(0.5 / 12 / 4000**2),))
+    assert profile.sensor(sensor()).readout.read_noise_mv.value == 0.0
+    assert [entry.id for entry in profile.diagnostics(sensor())] == ["negative-dark-noise"]

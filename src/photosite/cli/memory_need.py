@@ -45,8 +45,8 @@ def shoot_bytes(sensor: Sensor) -> int:
     Examples
     --------
     >>> import photosite as ps
-    >>> shoot_bytes(ps.load_sensor("nikon-d200")) / 1e9
-    0.65090624
+    >>> round(shoot_bytes(ps.load_sensor("nikon-d200")) / 1e9, 2)
+    0.65
     """
     frame = 80 if sensor.effects is not None or sensor.captures is not None else 25
     return PROCESS_BYTES + frame * sensor.array.rows * sensor.array.cols

@@ -228,7 +228,7 @@ def draw_sensor(number: int) -> DrawnSensor:
     --------
     >>> sensor = draw_sensor(0)
     >>> sensor.read_noise_e * sensor.gain > 0.05, sensor.white_dn
-    (True, 255)
+    (True, 65535)
     """
     rng = np.random.default_rng([number, 0])
     between = partial(log_uniform, rng)
