@@ -172,7 +172,9 @@ INSTANCES: dict[str, Callable[[], Any]] = {
     "Lens": lens,
     "LensDesign": design,
     "Measured": lambda: ps.Measured(0.52, 0.004, source="150 dark frames"),
-    "MeasuredChip": lambda: ps.MeasuredChip(np.full((4, 6), 0.5, np.float32), np.full((4, 6), 2.0, np.float32)),
+    "MeasuredChip": lambda: ps.MeasuredChip(
+        offset_dn=np.full((4, 6), 0.5, np.float32), read_noise_dn=np.full((4, 6), 2.0, np.float32)
+    ),
     "Motion": lambda: ps.scenes.Motion(10.0, 20.0, 5.0, 0.1),
     "OtfTable": lambda: ps.optics.OtfTable([550.0], [0.0, 50.0, 100.0], [[1.0, 0.5, 0.0]]),
     "Plane": lambda: planes().planes[0],

@@ -90,5 +90,5 @@ def test_invalid_profiles():
 
 def test_an_offset_below_rounding_leaves_no_read_noise():
     profile = NoiseProfile(("M",), (Measured(1e-4),), (Measured(0.5 / 12 / 4000**2),))
-    assert profile.sensor(sensor()).readout.read_noise_mv.value == 0.0
+    assert profile.sensor(sensor()).measured("read_noise_mv").value == 0.0
     assert [entry.id for entry in profile.diagnostics(sensor())] == ["negative-dark-noise"]
