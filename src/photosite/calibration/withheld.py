@@ -96,11 +96,12 @@ HIDDEN_NOISE = DiagnosticKind(
     "The temporal variance of the dark frames is below 0.24 DN² (EMVA 1288).",
     "Quantization hides the read noise: only its upper limit is known. Rounding errors were added to the uncertainties "
     "of DSNU, black level, dark current and DCNU. The system gain comes from the flat fields, with a free constant; "
-    "the standard's, in the block `emva1288`, does not.",
+    "the standard's, in the block `emva1288`, does not. With the largest variance that may be hidden, the sensitivity "
+    "threshold is an upper limit, and the dynamic range a lower one.",
     "Use a higher gain setting.",
     (
         *("system_gain_dn_per_e", "read_noise_*", "temporal_dark_noise_e", "row_noise_*", "column_noise_*"),
-        *("dsnu*", "black_level_dn", *DARK_CURRENT),
+        *("dsnu*", "black_level_dn", "sensitivity_threshold_photons", "dynamic_range_db", *DARK_CURRENT),
     ),
     "dark temporal variance, DN²",
     "none: it is the standard's rule",

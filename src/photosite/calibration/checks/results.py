@@ -155,7 +155,8 @@ def variances(evidence: Evidence) -> Iterator[Diagnostic]:
             f"the dark temporal variance, {variance.value:.3g} DN², is below {least:.3g} DN²: "
             f"quantization hides the read noise; use its upper limit; rounding errors, which may be large, were added "
             f"to the uncertainties of DSNU, black level, dark current and DCNU; the system gain comes from the flat "
-            f"fields, with a free constant, but not that of the emva1288 block",
+            f"fields, with a free constant, but not that of the emva1288 block; the sensitivity threshold is an upper "
+            f"limit, and the dynamic range a lower one",
             variance.value,
         )
 

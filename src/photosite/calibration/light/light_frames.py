@@ -108,9 +108,10 @@ def measure_light_frames(
             reduction, reader, dark.mean, noise.flicker, None if sensor is None else sensor.line_time_us
         )
         noise = replace(noise, flicker=flicker)
-    if _light_differs(reduction.lights):
-        reduction = replace(reduction, lights=tuple(replace(entry, light_known=False) for entry in reduction.lights))
     levels = [light_levels(reduction.lights, k, line) for k, line in enumerate(dark.lines)]
+    if any(_light_differs(reduction.lights, each) for each in levels):
+        reduction = replace(reduction, lights=tuple(replace(entry, light_known=False) for entry in reduction.lights))
+        levels = [light_levels(reduction.lights, k, line) for k, line in enumerate(dark.lines)]
     outliers = [] if dark.level_unknown else find_light_outliers(levels, reduction.whites)
     wrong = {outlier.group for outlier in outliers}
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
@@ -151,17 +152,21 @@ def _distances_of_codes(reduction: Reduction) -> list[tuple[float, NDArray[np.fl
     return [(float(each[:darks].min(initial=1.0)), each[darks:]) for each in distances]
 
 
-SAME_LIGHT = 0.02
-"""Relative difference of the means up to which levels of one exposure time received the same light."""
+SAME_LIGHT, LIGHT_SIGMA = 0.02, 5.0
+"""Relative difference of the signals up to which levels of one exposure time received the same light, and standard
+uncertainties up to which it is by chance."""
 
 
-def _light_differs(lights: Sequence[GroupStatistics]) -> bool:
+def _light_differs(lights: Sequence[GroupStatistics], levels: LightLevels) -> bool:
     """Return whether levels of one exposure time and unstated photons received different light."""
-    means: dict[float, list[float]] = {}
-    for entry in lights:
-        if entry.group.level is not None:
-            means.setdefault(entry.group.exposure_s, []).append(max(level.mean for level in entry.levels))
-    return any(max(each) > (1.0 + SAME_LIGHT) * min(each) for each in means.values())
+    spread = LIGHT_SIGMA * np.sqrt(np.diag(levels.signal_covariance))
+    named = np.array([lights[group].group.level is not None for group in levels.group], np.bool_)
+    for exposure_s in np.unique(levels.exposure_s[named]):
+        same = named & (levels.exposure_s == exposure_s)
+        signal, by_chance = levels.signal[same], spread[same].max()
+        if np.ptp(signal) > max(SAME_LIGHT * signal.max(), by_chance):
+            return True
+    return False
 
 
 def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:
