@@ -86,7 +86,7 @@ def _spots(traced: TracedLens) -> Figure:
     for place, row in enumerate(points):
         for position, spot in enumerate(row):
             axes.plot(spot[:, 0] + place * step, spot[:, 1], ".", color=line_style(position)[0], markersize=2)
-    axes.set(xlabel="field angle (degrees)", ylabel="um", aspect="equal")
+    axes.set(xlabel="field angle (degrees)", ylabel="from the chief ray (µm)", aspect="equal")
     axes.set_xticks([place * step for place in range(count)], [f"{angle:.3g}" for angle in traced.field_deg])
     return figure
 
@@ -144,5 +144,5 @@ def _table(traced: TracedLens) -> Table | Paragraph:
         )
         for k, (angle, row) in enumerate(zip(traced.field_deg, traced.bundles, strict=True))
     )
-    heads = ("image height, mm", "distortion, %", "illumination, %", "lateral color, um", "RMS spot, um")
+    heads = ("image height, mm", "distortion, %", "illumination, %", "lateral color, µm", "RMS spot, µm")
     return Table("Over the field", (Column("field angle, degrees"), *map(numeric, heads)), rows)
