@@ -122,11 +122,13 @@ def trace(file: Path, output: Path, page: Path | None, fields: int, as_json: boo
         {
             "field_deg": float(angle),
             "height_mm": float(np.hypot(*row[reference].chief)),
-            "distortion_percent": None if lens.distortion is None else float(100 * (lens.distortion.ratio[k] - 1)),
+            "distortion_percent": None if np.isnan(distortion) else float(distortion),
             "illumination": None if lens.illumination is None else float(lens.illumination.relative[k]),
             "rms_spot_um": row[reference].spot_radius_mm * 1e3,
         }
-        for k, (angle, row) in enumerate(zip(traced.field_deg, traced.bundles, strict=True))
+        for k, (angle, distortion, row) in enumerate(
+            zip(traced.field_deg, traced.distortion_percent, traced.bundles, strict=True)
+        )
     ]
     facts = {"focal_length_mm": lens.base.focal_length_mm, "f_number": lens.base.f_number, "name": lens.name}
     content = {**facts, "wavelength_nm": traced.wavelength_nm.tolist(), "fields": rows}

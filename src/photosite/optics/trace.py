@@ -114,6 +114,14 @@ class TracedLens(Shown):
     surfaces: tuple[Array, ...]
     paths: tuple[tuple[Array, ...], ...]
 
+    @property
+    def distortion_percent(self) -> Array:
+        """(F,) distortion of the reference wavelength, percent of f tan(angle); NaN on the axis, which has none."""
+        distortion = self.lens.distortion
+        if distortion is None:
+            return np.full(self.field_deg.shape, np.nan)
+        return np.asarray(np.where(self.field_deg > 0.0, 100.0 * (distortion.ratio - 1.0), np.nan))
+
 
 def trace_lens(
     path: str | PathLike[str], *, fields: int = 6, progress: Callable[[int, int, str], None] | None = None

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.trace import TracedLens
 from photosite.report.page import Column, Page, Paragraph, Section, Table, figure_block, numeric
-from photosite.report.style import GRAY, line_style, new_figure, styled
+from photosite.report.style import GRAY, legend_above, line_style, new_figure, styled, two_panels
 
 
 def lens_page(traced: TracedLens) -> Page:
@@ -55,7 +56,9 @@ def lens_page(traced: TracedLens) -> Page:
                 "Field",
                 (
                     figure_block(
-                        _field(traced), "distortion and illumination", "Distortion and relative illumination."
+                        _field(traced),
+                        "distortion and illumination",
+                        "Distortion, relative to f tan(angle), and relative illumination.",
                     ),
                     _table(traced),
                 ),
@@ -79,14 +82,22 @@ def _layout(traced: TracedLens) -> Figure:
 
 @styled()
 def _spots(traced: TracedLens) -> Figure:
-    figure, axes = new_figure(3.6)
+    figure, axes = new_figure(2.4)
     count = len(traced.field_deg)
     points = [[(b.landing[b.even] - row[traced.reference].chief) * 1e3 for b in row] for row in traced.bundles]
     step = 2.4 * max(float(np.abs(p).max()) for row in points for p in row)
     for place, row in enumerate(points):
         for position, spot in enumerate(row):
-            axes.plot(spot[:, 0] + place * step, spot[:, 1], ".", color=line_style(position)[0], markersize=2)
+            x, color = spot[:, 0] + place * step, line_style(position)[0]
+            axes.plot(x, spot[:, 1], ".", color=color, markersize=1.5, alpha=0.6)
     axes.set(xlabel="field angle (degrees)", ylabel="from the chief ray (µm)", aspect="equal")
+    waves = [
+        Line2D(
+            [], [], marker="o", linestyle="", markersize=4, color=line_style(position)[0], label=f"{wavelength:g} nm"
+        )
+        for position, wavelength in enumerate(traced.wavelength_nm)
+    ]
+    legend_above(figure, waves)
     axes.set_xticks([place * step for place in range(count)], [f"{angle:.3g}" for angle in traced.field_deg])
     return figure
 
@@ -117,19 +128,19 @@ def _mtf(traced: TracedLens) -> Figure:
 
 @styled()
 def _field(traced: TracedLens) -> Figure:
-    figure, axes = new_figure(3.6)
-    distortion, illumination = traced.lens.distortion, traced.lens.illumination
-    if distortion is not None and illumination is not None:
-        axes.plot(traced.field_deg, 100 * (distortion.ratio - 1), color=line_style(0)[0], label="distortion (%)")
-        axes.plot(traced.field_deg, 100 * illumination.relative, "--", color=line_style(1)[0], label="illumination (%)")
-        axes.legend()
-    axes.set(xlabel="field angle (degrees)", ylabel="%")
+    figure, upper, lower = two_panels(4.4)
+    color, illumination = line_style(0)[0], traced.lens.illumination
+    upper.plot(traced.field_deg, traced.distortion_percent, "o-", color=color, markersize=3)
+    if illumination is not None:
+        lower.plot(traced.field_deg, 100 * illumination.relative, "o-", color=color, markersize=3)
+    upper.set(ylabel="distortion (%)")
+    lower.set(xlabel="field angle (degrees)", ylabel="illumination (%)", ylim=(0, 105))
     return figure
 
 
 def _table(traced: TracedLens) -> Table | Paragraph:
-    distortion, illumination = traced.lens.distortion, traced.lens.illumination
-    if distortion is None or illumination is None:
+    illumination = traced.lens.illumination
+    if illumination is None:
         return Paragraph("The file has the axis only.")
     color = traced.lens.lateral_color
     shifts = np.zeros((1, len(traced.field_deg))) if color is None else color.shift_um
@@ -137,12 +148,14 @@ def _table(traced: TracedLens) -> Table | Paragraph:
         (
             f"{angle:.4g}",
             f"{np.hypot(*row[traced.reference].chief):.5g}",
-            f"{100 * (distortion.ratio[k] - 1):.3g}",
+            "" if np.isnan(distortion) else f"{distortion:.3g}",
             f"{100 * illumination.relative[k]:.4g}",
             f"{np.ptp(shifts[:, k]):.3g}",
             f"{row[traced.reference].spot_radius_mm * 1e3:.4g}",
         )
-        for k, (angle, row) in enumerate(zip(traced.field_deg, traced.bundles, strict=True))
+        for k, (angle, distortion, row) in enumerate(
+            zip(traced.field_deg, traced.distortion_percent, traced.bundles, strict=True)
+        )
     )
     heads = ("image height, mm", "distortion, %", "illumination, %", "lateral color, µm", "RMS spot, µm")
     return Table("Over the field", (Column("field angle, degrees"), *map(numeric, heads)), rows)
