@@ -308,8 +308,8 @@ def _random_sensors_text(found: RandomSensors, *, details: bool) -> str:
     parts = [table([heading, *rows], "<>>>>>>>>")]
     parts.append(f"{100 * found.coverage:.1f} % of all intervals contain the truth")
     parts.append(table([("diagnostic", f"of {count} sensors", "false", "sensors"), *raised], "<>><"))
-    refused = (f"sensor {number}: {why}" for number, why in found.refused.items())
-    parts.append(listed(f"{len(found.refused)} of {count} calibrations were refused:", refused))
+    refused = [f"sensor {number}: {why}" for number, why in found.refused.items()]
+    parts.append(listed(f"refused, of {count} calibrations: {len(refused)}", refused))
     if details:
         parts += [f"sensor {result.sensor.number}: {result.sensor.to_dict()}" for result in found.results]
     return "\n\n".join(parts)

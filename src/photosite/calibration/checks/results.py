@@ -64,9 +64,10 @@ SHORT_DARKS = DiagnosticKind(
     "short-dark-exposures",
     "warning",
     "The longest flat fields are longer than the longest dark frames.",
-    "Their dark signal was extrapolated, or taken as constant.",
+    "Their dark signal was extrapolated, or taken as constant. PRNU then contains the nonuniformity of their dark "
+    "current.",
     "Take dark frames at the longest exposure time of the flat fields.",
-    RESPONSE,
+    (*RESPONSE, "prnu*"),
     "longest exposure time of the flat fields, s",
     "none: exposure times are compared",
 )
@@ -88,15 +89,19 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
             size = f", up to {largest:.2g} DN/s; the uncertainties of responsivity and quantum efficiency include it"
         yield UNKNOWN_DARK_CURRENT(
             f"the dark frames have one exposure time, {longest_dark:g} s, and the flat fields others: the dark current "
-            f"is not known{size}; take dark frames at a second exposure time",
+            f"is not known{size}; PRNU contains its nonuniformity. Take dark frames at a second exposure time",
             largest,
         )
     elif longest_light > longest_dark * (1.0 + 1e-6):
-        taken = "extrapolated" if current is None else "taken as constant"
+        constant = current is not None
+        taken = "extrapolated"
+        if constant:
+            taken = "taken as constant, and PRNU contains the nonuniformity of their dark current"
         yield SHORT_DARKS(
             f"the longest dark exposure, {longest_dark:g} s, is shorter than the longest flat, {longest_light:g} s; "
             f"the dark signal of the longer flat fields was {taken}",
             longest_light,
+            SHORT_DARKS.parameters if constant else RESPONSE,
         )
     if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
         channels_text = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""
