@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import sys
 
 import numpy as np
@@ -75,6 +76,43 @@ def test_units_and_cubes_are_bursts(tmp_path, compressed):
     assert np.array_equal(np.stack(list(frames.groups[0])), cube)
     assert np.array_equal(next(iter(frames.groups[1])), single)
     assert frames.groups[0].frames[3].name.endswith("burst.fits[1, 3]")
+
+
+def gzipped(path):
+    path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+    path.unlink()
+
+
+def test_compressed_files_are_read_and_named_as_others(tmp_path):
+    data = [dn(number, (20, 30)) for number in range(5)]
+    for number in range(2):
+        put(tmp_path / f"dark_{number}.fits", data[number], EXPTIME=1.0)
+        put(tmp_path / f"flat_{number}.fit", data[2 + number], EXPTIME=1.0)
+    for path in list(tmp_path.iterdir()):
+        gzipped(path)
+    put(tmp_path / "flat_3.fits.fz", None, fits.CompImageHDU(data[4]), EXPTIME=1.0)
+    groups = open_frames(tmp_path).groups
+    assert [(group.kind, len(group), group.level) for group in groups] == [("dark", 2, None), ("light", 3, None)]
+    assert np.array_equal(np.stack(list(groups[1])), data[2:])
+    assert np.array_equal(read_raw(tmp_path / "flat_0.fit.gz").dn, data[2])
+
+
+def test_compressed_files_that_are_truncated_or_no_fits(tmp_path):
+    put(tmp_path / "a.fits", dn(0, (40, 50)), EXPTIME=1.0)
+    short = tmp_path / "short.fits"
+    short.write_bytes((tmp_path / "a.fits").read_bytes()[:4000])
+    gzipped(tmp_path / "a.fits")
+    gzipped(short)
+    whole = (tmp_path / "a.fits.gz").read_bytes()
+    (tmp_path / "other.fits.gz").write_bytes(gzip.compress(b"text"))
+    with raises(FileError, "the file is truncated", path=str(tmp_path / "short.fits.gz")):
+        read_raw(tmp_path / "short.fits.gz")
+    with raises(FileError, "the file is not a frame"):
+        read_raw(tmp_path / "other.fits.gz")
+    for length in [*range(1, len(whole), 97), len(whole) - 30]:
+        (tmp_path / "b.fits.gz").write_bytes(whole[:length])
+        with pytest.raises(FileError):
+            read_raw(tmp_path / "b.fits.gz")
 
 
 def test_eight_and_signed_bits(tmp_path):

@@ -117,9 +117,9 @@ class Worker:
 
 def raw_files(folder: Path) -> list[Path]:
     """Return the raw files below a folder, without hidden ones."""
-    from photosite.frames.io.format_table import SUFFIXES
+    from photosite.frames.io.format_table import is_frame_name
 
-    found = (p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    found = (p for p in folder.rglob("*") if is_frame_name(p) and p.is_file())
     return sorted(p for p in found if not any(part.startswith(".") for part in p.relative_to(folder).parts))
 
 

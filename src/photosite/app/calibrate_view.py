@@ -18,7 +18,7 @@ from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
-from photosite.frames.io.format_table import SUFFIXES
+from photosite.frames.io.format_table import is_frame_name
 from photosite.frames.open import capture_folders, open_frames
 
 
@@ -106,9 +106,7 @@ def _subfolders(path: Path) -> list[str]:
     """Return the subfolders that hold frames, by name."""
     folders = sorted(entry for entry in path.iterdir() if entry.is_dir() and not entry.is_symlink())
     return [
-        folder.name
-        for folder in folders[:_MOST_SUBFOLDERS]
-        if any(entry.suffix.lower() in SUFFIXES for entry in folder.iterdir())
+        folder.name for folder in folders[:_MOST_SUBFOLDERS] if any(is_frame_name(entry) for entry in folder.iterdir())
     ]
 
 

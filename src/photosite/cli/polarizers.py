@@ -69,11 +69,11 @@ def command(
 def _frames(folder: Path, reading: dict[str, Any]) -> tuple[dict[float, list[RawFrame]], list[RawFrame]]:
     """Return the flat fields by angle, and the dark frames."""
     from photosite.frames.frame_settings import kinds_in_name
-    from photosite.frames.io.format_table import SUFFIXES
+    from photosite.frames.io.format_table import is_frame_name
     from photosite.frames.io.formats import is_own_output, read_raw
 
     flats, darks = defaultdict(list), []
-    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
+    files = sorted(file for file in folder.rglob("*") if is_frame_name(file))
     for file in (file for file in files if not is_own_output(file)):
         places = [str(file.relative_to(folder).with_suffix("")), folder.name]
         if any(kinds_in_name(place) == {"dark"} for place in places[:1]):

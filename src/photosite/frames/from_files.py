@@ -34,6 +34,7 @@ from photosite.frames.frame_set import (
     without_border,
 )
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
+from photosite.frames.io.format_table import frame_stem
 from photosite.frames.io.formats import (
     open_stored_rows,
     read_frame,
@@ -334,7 +335,7 @@ def _level_name(file: FrameFile, header: FrameHeader) -> str:
     part = header.location.part if header.location else ""
     if header.location is not None:
         return f"{file.path}{part if isinstance(part, str) else ''}"
-    return f"{file.path.parent}/{_NUMBER_AT_END.sub('', file.path.stem)}"
+    return f"{file.path.parent}/{_NUMBER_AT_END.sub('', frame_stem(file.path))}"
 
 
 def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], list[PhotositeWarning]]:

@@ -17,7 +17,7 @@ from photosite.frames.frame_set import FrameSet
 from photosite.frames.frame_settings import FrameSettings, Kind, exposure_by_pattern
 from photosite.frames.from_files import frame_sets_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
-from photosite.frames.io.format_table import NAMES, SUFFIXES
+from photosite.frames.io.format_table import NAMES, frame_stem, is_frame_name
 from photosite.frames.io.formats import read_headers, select_headers
 from photosite.frames.io.headerless import SUFFIXES as HEADERLESS_SUFFIXES
 from photosite.frames.io.headerless import Layout, guess_text, parse_layout
@@ -251,7 +251,7 @@ def open_settings(
     if exposure_from_name is not None:
         what = "exposure_from_name applies to folders without a protocol or descriptor"
         raise InputError(what, hint=f"Omit it: {listing} states the exposure times")
-    if listing is place and place.suffix.lower() in (SUFFIXES if stored is None else HEADERLESS_SUFFIXES):
+    if listing is place and (is_frame_name(place) if stored is None else place.suffix.lower() in HEADERLESS_SUFFIXES):
         return frame_sets_from_files([_stack(place, patterns, selection, stored)], str(path), given, *choice)
     if any(patterns.values()):
         raise InputError("patterns for dark and light frames apply to folders only", hint=f"{listing} states the kinds")
@@ -281,7 +281,7 @@ def _stack(file: Path, patterns: KindPatterns, selection: str | None, layout: La
         hint = "A measurement is a folder, an EMVA 1288 descriptor or a YAML protocol"
         raise FileError(file, "the file holds a single frame", hint=hint)
     settings = FrameSettings(kind=_kind_by_pattern(file, patterns))
-    return FrameFile(file, settings, names=(file.stem,), selection=selection)
+    return FrameFile(file, settings, names=(frame_stem(file),), selection=selection)
 
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:
@@ -319,8 +319,8 @@ def _frame_files_in_folder(
 ) -> list[FrameFile]:
     """List the frames in a folder, or in its subfolders if it has none itself."""
     images = [p for p in _files(folder) if _is_frame(p, headerless)]
-    names: dict[Path, tuple[str, ...]] = {image: (image.stem,) for image in images} or {
-        image: (image.stem, image.parent.name) for image in _images_in_subfolders(folder, headerless)
+    names: dict[Path, tuple[str, ...]] = {image: (frame_stem(image),) for image in images} or {
+        image: (frame_stem(image), image.parent.name) for image in _images_in_subfolders(folder, headerless)
     }
     for pattern in (pattern for texts in patterns.values() for pattern in texts):
         if not any(image.match(pattern) for image in names):
@@ -352,7 +352,7 @@ def _is_frame(path: Path, headerless: bool) -> bool:
     suffix = path.suffix.lower()
     if headerless:
         return suffix in HEADERLESS_SUFFIXES
-    return suffix in SUFFIXES or (suffix in (".jpg", ".jpeg") and has_raw_data(path))
+    return is_frame_name(path) or (suffix in (".jpg", ".jpeg") and has_raw_data(path))
 
 
 def _images_in_subfolders(folder: Path, headerless: bool) -> list[Path]:

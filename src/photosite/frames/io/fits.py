@@ -1,4 +1,4 @@
-"""Frames in FITS (version 4.0), read by astropy: the extra `fits`.
+"""Frames in FITS (version 4.0), also compressed by gzip or as tiles, read by astropy: the extra `fits`.
 
 Every image unit is a frame, or a stack if it has three axes; units of one chip are joined, units of
 others are its parts (`photosite.frames.io.fits_units`). Unsigned numbers are stored minus BZERO, 2^15 or 2^31, as FITS
@@ -9,9 +9,11 @@ The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in
 
 from __future__ import annotations
 
+import gzip
 import io
 import math
 import warnings
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -32,6 +34,20 @@ from photosite.values.cfa import Cfa, cfa_from, shifted
 
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
 """Bytes of a block, blocks of a header, its last keyword; astropy reads on until it finds that."""
+
+
+_GZIP = b"\x1f\x8b"
+
+
+def recognizes(path: Path, head: bytes) -> bool:
+    """Return whether a file with these first bytes is FITS; one that gzip compressed is decompressed for that."""
+    if not head.startswith(_GZIP):
+        return True
+    try:
+        with gzip.open(path) as stream:
+            return stream.read(9) == b"SIMPLE  ="
+    except (OSError, EOFError, zlib.error):
+        return False
 
 
 def write(frame: RawFrame, path: Path) -> None:
@@ -90,7 +106,7 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy's; the relevant ones are errors below
         with _open_fits(path) as opened:
-            size = path.stat().st_size
+            size = math.inf if _is_gzip(path) else path.stat().st_size  # a short one is an error of `_open_fits`
             for number, unit in enumerate(opened):
                 place = unit.fileinfo()
                 if (end := place["datLoc"] + place["datSpan"]) > size:
@@ -181,11 +197,12 @@ def _astropy(path: Path) -> Iterator[None]:
 def _open_fits(path: Path) -> Iterator[Any]:
     with _astropy(path):
         from astropy.io import fits
-    if not _begins_header(path, 0):
-        raise FileError(path, "the FITS header has no end", hint="Check that the file is complete")
     try:
+        with reading(path), _open_stream(path) as file:
+            if not _begins_header(file, 0):
+                raise FileError(path, "the FITS header has no end", hint="Check that the file is complete")
         options = {"mode": "readonly", "memmap": False, "do_not_scale_image_data": True}
-        with _Beginning(path, _end_of_units(path)) as file, fits.open(file, **options) as units:
+        with _open_units(path, _end_of_units(path)) as content, fits.open(content, **options) as units:
             yield units
     except FileError:
         raise
@@ -196,8 +213,28 @@ def _open_fits(path: Path) -> Iterator[Any]:
         ) from None
 
 
+def _is_gzip(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_GZIP)) == _GZIP
+
+
+def _open_stream(path: Path) -> io.BufferedIOBase:
+    return gzip.open(path) if _is_gzip(path) else path.open("rb")
+
+
+def _open_units(path: Path, end: int) -> io.RawIOBase | io.BufferedIOBase:
+    """Open a file up to the end of its last unit: astropy reads on, and takes what follows for headers."""
+    if not _is_gzip(path):
+        return _Beginning(path, end)
+    with gzip.open(path) as stream:
+        content = stream.read(end)
+    if len(content) < end:
+        raise FileError(path, f"the file is truncated: it holds {len(content)} of {end} bytes")
+    return io.BytesIO(content)
+
+
 class _Beginning(io.FileIO):
-    """A file up to the end of its last unit: astropy reads on, and takes what follows for headers."""
+    """A file that ends earlier."""
 
     def __init__(self, path: Path, end: int) -> None:
         super().__init__(path)
@@ -214,8 +251,8 @@ def _end_of_units(path: Path) -> int:
     from astropy.io import fits
 
     end = 0
-    with path.open("rb") as file:
-        while _begins_header(path, end):
+    with _open_stream(path) as file:
+        while _begins_header(file, end):
             file.seek(end)
             header = fits.Header.fromfile(file)
             axes = [int(header[f"NAXIS{axis}"]) for axis in range(1, int(header["NAXIS"]) + 1)]
@@ -229,16 +266,15 @@ def _end_of_units(path: Path) -> int:
     return end
 
 
-def _begins_header(path: Path, offset: int) -> bool:
+def _begins_header(file: io.BufferedIOBase, offset: int) -> bool:
     """Return whether a header of reasonable length begins at an offset."""
-    with reading(path), path.open("rb", buffering=0) as file:
-        file.seek(offset)
-        for _ in range(_MOST_BLOCKS):
-            block = file.read(_BLOCK)
-            if _END in (block[at : at + len(_END)] for at in range(0, len(block), 80)):
-                return True
-            if len(block) < _BLOCK:
-                return False
+    file.seek(offset)
+    for _ in range(_MOST_BLOCKS):
+        block = file.read(_BLOCK)
+        if _END in (block[at : at + len(_END)] for at in range(0, len(block), 80)):
+            return True
+        if len(block) < _BLOCK:
+            return False
     return False
 
 

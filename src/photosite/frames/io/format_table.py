@@ -23,6 +23,7 @@ from types import ModuleType
 HEAD_BYTES = 16
 
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_FITS = (".fits", ".fit", ".fts", *(f".{kind}.{packed}" for kind in ("fits", "fit", "fts") for packed in ("gz", "fz")))
 _CAMERAS = "3fr arw cr2 cr3 crw dcr erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
 
 
@@ -73,7 +74,7 @@ FORMATS = (
     TIFF,
     Format("PNG", (".png",), "png", (b"\x89PNG\r\n\x1a\n",), writes=(".png",)),
     Format("HDF5", (".h5", ".hdf5", ".hdf"), "hdf5", (b"\x89HDF\r\n\x1a\n",), writes=(".h5", ".hdf5"), most_bits=32),
-    Format("FITS", (".fits", ".fit", ".fts"), "fits", (b"SIMPLE  =",), writes=(".fits", ".fit"), most_bits=32),
+    Format("FITS", _FITS, "fits", (b"SIMPLE  =", b"\x1f\x8b"), writes=(".fits", ".fit"), most_bits=32),
     Format("Raspberry Pi's JPEG with raw data", (), "raspberry_pi", (b"\xff\xd8\xff",)),
 )
 """The formats, in the order in which a file is compared with them."""
@@ -83,6 +84,26 @@ NAMES = f"{', '.join(_BY_SUFFIX[:-1])} or {_BY_SUFFIX[-1]}"
 
 SUFFIXES = frozenset(suffix for format in FORMATS for suffix in format.suffixes)
 """Suffixes of files that are taken for frames."""
+
+
+def is_frame_name(path: Path) -> bool:
+    """Return whether the name of a file ends in one of `SUFFIXES`."""
+    return path.name.lower().endswith(_ENDS)
+
+
+_ENDS = tuple(SUFFIXES)
+
+
+def frame_stem(path: Path) -> str:
+    """Return the name of a file without its suffix, also of compressed FITS.
+
+    Examples
+    --------
+    >>> frame_stem(Path("dark_07.fits.gz")), frame_stem(Path("a.b.png"))
+    ('dark_07', 'a.b')
+    """
+    return Path(path.stem).stem if path.suffix.lower() in (".gz", ".fz") else path.stem
+
 
 OME_SUFFIXES = (".ome.tif", ".ome.tiff")
 """Ends of the names of TIFF files that are written with OME-XML (`write_ome` of the module)."""

@@ -22,10 +22,10 @@ from photosite.frames.io.format_table import (
     HEAD_BYTES,
     NAMES,
     OME_SUFFIXES,
-    SUFFIXES,
     WRITTEN_SUFFIXES,
     Format,
     format_to_write,
+    is_frame_name,
 )
 from photosite.frames.io.headerless import Layout, parse_layout
 from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, RawFrame, check_bits
@@ -43,7 +43,7 @@ def raw_files(path: Path) -> list[Path]:
     """
     if not os.path.isdir(path):
         return [path]
-    listed = (f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
+    listed = (f for f in path.iterdir() if is_frame_name(f) and not f.name.startswith("."))
     files = sorted(file for file in listed if not is_own_output(file))
     if not files:
         raise FileError(path, f"has no raw frames ({NAMES})")
