@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
+from scipy.io import loadmat
 
 import photosite as ps
 from photosite.sensor.io.sensor_file import dump_sensor, load_measured_chip
@@ -44,3 +46,29 @@ def test_shared_maps_are_noticed_before_the_calibration(photosite: Any, stack: P
     done = photosite("calibrate", stack, "--maps", "--force", "-o", tmp_path / "mine.sensor.yaml")
     assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
     assert "other.sensor.yaml" in done.err
+
+
+def test_gains_of_the_pixels_reach_the_files_of_microscopy(photosite: Any, tmp_path: Path) -> None:
+    """Half of the columns have 1.3 times the gain: the exported map says so, and the sensor file simulates it."""
+    rng, gain = np.random.default_rng(1), np.where(np.arange(48) < 24, 2.0, 2.6)
+    (tmp_path / "levels").mkdir()
+    for name, electrons, count in (("dark", 0, 200), ("flat_a", 100, 100), ("flat_b", 300, 100), ("flat_c", 600, 100)):
+        signal = rng.poisson(electrons, (count, 32, 48)) + rng.normal(0, 1.5, (count, 32, 48))
+        dn = np.rint(100 + gain * signal).astype(np.uint16)
+        tifffile.imwrite(tmp_path / "levels" / f"{name}_10ms.tif", dn, photometric="minisblack")
+    sensor, found = tmp_path / "a.sensor.yaml", tmp_path / "smap.mat"
+    calibrate = ("calibrate", tmp_path / "levels", "--bits", 12, "--pixel-gain", "--sensor", "sony-imx174")
+    done = photosite(*calibrate, "-o", sensor)
+    assert done.status == 0, done.err
+    assert "gains of the pixels: spread 12." in done.out  # 0.3 of the signal-weighted mean, 2.34
+    assert photosite("export", sensor, "smap", "-o", found).status == 0
+    exported = 1.0 / loadmat(found)["gainmap"]
+    ratio = np.median(exported[:, 24:]) / np.median(exported[:, :24])
+    assert abs(ratio / 1.3 - 1.0) < 4 * 1.25 * np.sqrt(2.0) * 0.09 / np.sqrt(exported.size / 2)
+    chip = load_measured_chip(ps.load_sensor(sensor))
+    assert chip is not None
+    assert np.allclose(chip.pixel_gain_dn_per_e, exported, rtol=1e-6)
+    other = tmp_path / "direct.mat"
+    done = photosite("export", tmp_path / "levels", "smap", "--pixel-gain", "--bits", 12, "-o", other)
+    assert done.status == 0, done.err
+    assert np.allclose(1.0 / loadmat(other)["gainmap"], exported, rtol=1e-6)

@@ -32,6 +32,8 @@ CALLS = [
     (("compare", "patches.csv", "patches.csv", "--set-up", "nosuch.json"), "a simulation"),
     (("cameras", "show", "d3", "--profiles", "noiseprofiles.json", "--sensor", "1e300"), "-o"),
     (("cameras", "show", "d850", "--profiles", "spectra.json", "--mono"), "a noise profile"),
+    (("export", "nikon-d200", "libcamera", "-o", "out.json", "--pixel-gain"), "maps"),
+    (("export", "nikon-d200", "smap", "-o", "out.mat", "--pixel-gain"), "a sensor"),
     (("export", "nikon-d200", "libcamera", "-o", "out.json", "--maker", "Acme"), "the format darktable"),
     (("export", "nikon-d200", "darktable", "-o", "out.json", "--target", "pisp"), "the format libcamera"),
     (("export", "nikon-d200", "libcamera", "-o", "out.json", "--sensor", "nosuch"), "a sensor"),

@@ -18,6 +18,18 @@ def test_frames_for_a_precision(photosite: Any) -> None:
     assert "black level raised" in plan["note"]
 
 
+def test_frames_for_the_gain_of_a_pixel(photosite: Any) -> None:
+    """Half the uncertainty takes four times the flat fields."""
+    counts = []
+    for want in ("8%", "4%"):
+        done = photosite("plan", "--rows", "64", "--cols", "64", "--want", f"pixel_gain_dn_per_e={want}", "--json")
+        assert done.json["wanted"]["pixel_gain_dn_per_e"]["expected_over_wanted"] == pytest.approx(1.0, abs=0.03)
+        counts.append(max(step["frames"] for step in done.json["steps"] if step["kind"] == "light"))
+    assert 3.6 < counts[1] / counts[0] < 4.4
+    wrong = photosite("plan", "--want", "pixel_gain_dn_per_e=0.01%")
+    assert "pixel_gain_dn_per_e to 0.01 % cannot be reached" in wrong.err
+
+
 @pytest.mark.smoke("plan")
 def test_precision_of_steps(photosite: Any) -> None:
     steps = ["dark:1/8000:50", "light:1/100:4", "light:1/50:4"]
@@ -45,6 +57,7 @@ def test_precision_of_a_named_protocol_is_that_of_its_file(photosite: Any, tmp_p
         ([], "--want"),
         (["--want", "prnu_percent=1%", "--protocol", "paper-d200"], "one of --want"),
         (["--want", "prnu_procent=1%"], "prnu_percent"),
+        (["--want", "pixel_gain=2%"], "Did you mean 'pixel_gain_dn_per_e'?"),
         (["--want", "prnu=2%"], "got 'prnu=2%'. Did you mean 'prnu_percent'?"),
         (["--want", "prnu_percent=x"], "--want must be prnu_percent=NUMBER"),
         (["--want", "quantum_efficiency_percent=1%", "--rows", "20", "--cols", "20"], "photons"),

@@ -335,6 +335,7 @@ _MAPS = (
     ("prnu", "Relative response (PRNU)", "%"),
     ("dark_rate_dn_per_s", "Dark current", "DN/s"),
     ("read_noise_dn", "Read noise", "DN"),
+    ("pixel_gain_dn_per_e", "Gain of the pixels", "DN/e⁻"),
 )
 
 

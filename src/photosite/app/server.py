@@ -50,7 +50,6 @@ from photosite.app.state import TOO_DEEP, CameraState, SensorState
 from photosite.app.view import prepare_views, view_bytes
 from photosite.app.view_pixels import View
 from photosite.app.workers import BusyError, Job, Pool, Queue, WorkerError
-from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.errors import InputError, PhotositeError
 from photosite.files.writing import TemporaryFolder
 
@@ -344,8 +343,10 @@ def _add_facts(app: FastAPI, workbench: Workbench) -> None:
 
     @app.get("/api/parameters")
     def parameters() -> list[ParameterInfo]:
-        """Return the parameters of a calibration, for the wants of a plan."""
-        return [ParameterInfo(name=name, label=one.label, unit=one.unit) for name, one in PARAMETER_LABELS.items()]
+        """Return what a plan can reach."""
+        from photosite.studies.planning import PLANNED_LABELS
+
+        return [ParameterInfo(name=name, label=one.label, unit=one.unit) for name, one in PLANNED_LABELS.items()]
 
 
 def _add_camera(app: FastAPI, workbench: Workbench) -> None:

@@ -12,7 +12,7 @@ from photosite.calibration.captures.each_capture import calibrate_captures
 from photosite.calibration.gain_series.calibrate_series import calibrate_series
 from photosite.calibration.photon_transfer.knees import SeveralCapturesError
 from photosite.calibration.reduction.frame_reader import Progress
-from photosite.calibration.setting import calibrate_setting
+from photosite.calibration.setting import MapsWanted, calibrate_setting
 from photosite.calibration.settings_result import OneSetting, SettingsCalibration
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
 from photosite.calibration.withheld import SEVERAL_CAPTURES
@@ -46,7 +46,7 @@ def calibrate(
     sensor: Sensor | None = None,
     *,
     outliers: OutlierThresholds | None = None,
-    maps: bool = False,
+    maps: MapsWanted = False,
     progress: Progress | None = None,
     checkpoint: str | PathLike[str] | None = None,
     processes: int | None = 1,
@@ -80,6 +80,7 @@ def calibrate(
     maps
         Also measure `Calibration.chip` and `Calibration.temporal`. All frames are read once more, and the dark frames
         for the read noise twice. Dark frames clipped at 0 give no maps: `Calibration.no_maps_reason` and a warning.
+        "gain": also the gain of each pixel (`Calibration.pixel_gains`), which takes a hundred frames or more.
         One setting, or each capture.
     progress
         Called with (frames read, frames to read) after each frame. The second number grows where frames must be read

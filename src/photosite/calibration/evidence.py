@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
+from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.dark.black_level_change import Contradiction, contradiction
 from photosite.calibration.dark.dark_frames import with_standard_lines
@@ -50,6 +51,8 @@ class Evidence:
         Voltage swing and analog gain of `base`.
     chip, temporal, dark_rate_dn_per_s
         With maps: the maps and the temporal noise of the chip; (rows, cols) dark current of its pixels without glow.
+    pixel_gains
+        With maps of the gain: what they show, or why they are missing.
     no_maps, maps_failed
         Why there are no maps, and whether they were requested.
     """
@@ -68,6 +71,7 @@ class Evidence:
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
     dark_rate_dn_per_s: NDArray[np.float32] | None = None
+    pixel_gains: PixelGains | Missing | None = None
     no_maps: str = "the chip was not mapped; calibrate with maps (--maps)"
     maps_failed: bool = False
 

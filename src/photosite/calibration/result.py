@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.effect import effects
 from photosite.calibration.effects.black_level_drift import BlackLevelSeries
@@ -68,6 +69,8 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
     chip, temporal, no_maps_reason
         Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested, and
         where they are missing for the reason given.
+    pixel_gains
+        With a map of the gain: the spread of the pixels' gains and the precision of one, or why they are missing.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius, that of the dark frames if they state one.
@@ -107,6 +110,7 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
     temporal: TemporalNoise | None = None
     no_maps_reason: str | None = None
+    pixel_gains: PixelGains | Missing | None = None
 
     @property
     def light_unknown(self) -> bool:
@@ -215,8 +219,8 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
             `parameters` (name to `Estimate.to_dict`), `emva1288` (the standard's figures by symbol, with `unit`),
             `channels` (the parameters per color channel), `model`, `general` (results of the general model per
             channel), `linear_range`, `outlier_pixels` (per channel, candidates for the defect list), the findings of
-            effects by their keys (`photosite.calibration.effect.effects`), with maps `temporal`; `diagnostics`, and the
-            texts of some of them as `warnings` and `rejected`.
+            effects by their keys (`photosite.calibration.effect.effects`), with maps `temporal` and
+            `pixel_gains`; `diagnostics`, and the texts of some of them as `warnings` and `rejected`.
         """
 
         def of(parameters: Parameters) -> dict[str, Any]:
@@ -244,4 +248,6 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
             entries[effect.key or name] = None if unknown else found.to_dict()
         if self.temporal is not None:
             entries["temporal"] = self.temporal.to_dict()
+        if isinstance(self.pixel_gains, PixelGains):
+            entries["pixel_gains"] = self.pixel_gains.to_dict()
         return entries

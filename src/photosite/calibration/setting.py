@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from os import PathLike
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
@@ -35,13 +35,16 @@ from photosite.values.deferred import Deferred
 from photosite.values.diagnostic import Diagnostic
 from photosite.values.uncertain import Missing
 
+MapsWanted: TypeAlias = bool | Literal["gain"]
+"""Whether the chip is mapped, and with the gains of its pixels."""
+
 
 def calibrate_setting(
     frames: FrameSet,
     sensor: Sensor | None = None,
     *,
     outliers: OutlierThresholds | None = None,
-    maps: bool = False,
+    maps: MapsWanted = False,
     progress: Progress | None = None,
     checkpoint: str | PathLike[str] | None = None,
     processes: int | None = 1,
@@ -66,7 +69,7 @@ def calibrate_setting(
         if maps:
             glow = _glow(evidence)
             evidence, findings = evidence.without_dark_maps(), {"glow": glow}
-            evidence = _with_maps(evidence, glow, progress)
+            evidence = _with_maps(evidence, glow, progress, pixel_gain=maps == "gain")
         calibration = _calibration(evidence, Findings.measure(evidence, findings), raised)
         if isinstance(saved, Checkpoint):
             saved.remove()
@@ -107,12 +110,13 @@ def _glow(evidence: Evidence) -> GlowMap | Missing:
     return glow.value if isinstance(glow, Deferred) else glow
 
 
-def _with_maps(evidence: Evidence, glow: GlowMap | Missing, progress: Progress | None) -> Evidence:
+def _with_maps(evidence: Evidence, glow: GlowMap | Missing, progress: Progress | None, *, pixel_gain: bool) -> Evidence:
     """Return the evidence with the chip's maps, or with the reason why they are missing."""
     reason = evidence.dark.noise_unknown
     try:
         if not reason:
-            evidence = measure_chip(evidence, None if isinstance(glow, Missing) else glow, progress)
+            known = None if isinstance(glow, Missing) else glow
+            evidence = measure_chip(evidence, known, progress, pixel_gain=pixel_gain)
     except ClippedChipError as error:
         reason = str(error)
     if reason:
@@ -155,6 +159,7 @@ def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagno
         electrical_scale=evidence.electrical_scale,
         chip=evidence.chip,
         temporal=evidence.temporal,
+        pixel_gains=evidence.pixel_gains,
         no_maps_reason=evidence.no_maps if evidence.maps_failed else None,
         gain_setting=frames.gain_settings[0],
         temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from photosite.calibration.calibrate import AnyCalibration
     from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
+    from photosite.calibration.setting import MapsWanted
     from photosite.frames.frame_set import FrameSet
     from photosite.sensor.model import Sensor
 
@@ -85,6 +86,11 @@ if TYPE_CHECKING:
     "the maps beside the sensor file (HDF5).",
 )
 @click.option(
+    "--pixel-gain",
+    is_flag=True,
+    help="Also measure the gain of each pixel (sCMOS), with --maps. It takes a hundred flat fields or more.",
+)
+@click.option(
     "--captures",
     metavar="NAME,NAME",
     help="Subfolders of PATH with the frames of each capture of one exposure, from the most to the least sensitive. "
@@ -118,7 +124,8 @@ if TYPE_CHECKING:
 def command(
     paths: tuple[Path, ...],
     sensor_name: str | None,
-    maps: bool,
+    maps: MapsWanted,
+    pixel_gain: bool,
     into: Path | None,
     every: bool,
     as_json: bool,
@@ -176,9 +183,10 @@ def command(
     from photosite.frames.conditions import label
     from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
+    maps = "gain" if pixel_gain else maps
     if into is not None:
         if any(given[option] is not None for option in _OF_ONE_CAMERA):
-            raise click.UsageError("--into takes --sensor, --maps and the options of reading frames only")
+            raise click.UsageError("--into takes --sensor, --maps, --pixel-gain and the options of reading frames only")
         say_if_compiling("site_planes._high_passed", compile_statistics)
         return _calibrate_cameras(paths, into, sensor_name, maps, given, as_json)
     if len(paths) > 1:
@@ -220,7 +228,7 @@ def command(
     return None
 
 
-def _check_memory(frames: _Frames, maps: bool, processes: int | None) -> None:
+def _check_memory(frames: _Frames, maps: MapsWanted, processes: int | None) -> None:
     """Warn if the memory is short."""
     from photosite.cli.memory_need import calibrate_bytes, megapixels, warn_if_short
 
@@ -231,7 +239,7 @@ def _check_memory(frames: _Frames, maps: bool, processes: int | None) -> None:
     warn_if_short(f"a calibration of {size}", need, f"{less}, or use a machine with more memory")
 
 
-def _check_memory_of_cameras(paths: tuple[Path, ...], maps: bool, given: Mapping[str, Any]) -> None:
+def _check_memory_of_cameras(paths: tuple[Path, ...], maps: MapsWanted, given: Mapping[str, Any]) -> None:
     """Warn if the memory is short for as many cameras at a time as there are processes, all like the first."""
     from photosite.cli.memory_need import calibrate_bytes, megapixels, warn_if_short
     from photosite.engine.threads import cores
@@ -359,7 +367,12 @@ def _contribution(
 
 
 def _calibrate_cameras(
-    paths: tuple[Path, ...], into: Path, sensor_name: str | None, maps: bool, given: Mapping[str, Any], as_json: bool
+    paths: tuple[Path, ...],
+    into: Path,
+    sensor_name: str | None,
+    maps: MapsWanted,
+    given: Mapping[str, Any],
+    as_json: bool,
 ) -> int:
     """Calibrate several cameras, show a line for each, and return the exit status."""
     from photosite.calibration.export.cameras import ERROR, calibrate_cameras

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from photosite.calibration.calibrate import AnyCalibration
 from photosite.calibration.chip_maps.defect_groups import group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
+from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.effect import effects
 from photosite.calibration.finding import Finding
@@ -19,6 +20,7 @@ from photosite.report.numbers import format_uncertain
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.chip import DefectKind, MeasuredChip
 from photosite.values.estimate import Estimate
+from photosite.values.uncertain import Missing
 
 _FIGURES = (
     ("read_noise_e", "read_noise_dn"),
@@ -83,6 +85,11 @@ def _calibration(calibration: Calibration, every: bool) -> list[str]:
     if calibration.chip is not None:
         counts = (f"{kind} {count}" for kind, count in calibration.chip.defects.counts().items() if count)
         parts.append(f"defective pixels: {', '.join(counts) or 'none'}")
+    if isinstance(gains := calibration.pixel_gains, PixelGains):
+        parts.append(
+            f"gains of the pixels: spread {format_estimate(gains.spread_percent)} %, a pixel's standard uncertainty "
+            f"{gains.uncertainty_percent:.2g} % from {gains.frames} flat fields of {gains.levels} levels"
+        )
     return parts
 
 
@@ -122,12 +129,13 @@ def _chip(calibration: Calibration) -> list[str]:
             amplitude = format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn)
             bands.append((name, f"{band.cycles_per_pixel:.4f}", amplitude))
     size = (calibration.rows, calibration.cols)
-    tables = ((_noise(temporal), "<<<<<"), (_defects(chip, size), "<><"), (bands, "<><"))
+    tables = ((_noise(temporal, calibration.pixel_gains), "<<<<<"), (_defects(chip, size), "<><"), (bands, "<><"))
     return [table(rows, align) for rows, align in tables if len(rows) > 1]
 
 
-def _noise(temporal: TemporalNoise) -> list[Sequence[str]]:
+def _noise(temporal: TemporalNoise, gains: PixelGains | Missing | None) -> list[Sequence[str]]:
     shape = temporal.shape
+    spread = {("gains of the pixels, spread", "%"): gains.spread_percent} if isinstance(gains, PixelGains) else {}
     entries = {
         ("pixel noise", "DN"): temporal.pixel_noise_dn,
         ("row noise", "DN"): temporal.row_noise_dn,
@@ -141,6 +149,7 @@ def _noise(temporal: TemporalNoise) -> list[Sequence[str]]:
         ("  within pixels", "1"): shape.within_pixels,
         ("  between pixels", "1"): shape.between_pixels,
         (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "1"): shape.tukey_lambda,
+        **spread,
     }
     known = (_row(label, unit, entry) for (label, unit), entry in entries.items() if entry.value is not None)
     return [("dark temporal noise", "value", "unit", "95 % interval", "method"), *known]

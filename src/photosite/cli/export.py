@@ -87,6 +87,7 @@ def _target(text: str) -> Path:
     zero=True,
     text="For maps: exposure time of the frames to analyze.  [default: 0]",
 )
+@click.option("--pixel-gain", is_flag=True, help="For maps of a measurement: measure the gain of each pixel.")
 @options.sensor_option(text="Known properties of the sensor that took the frames.")
 @options.reading_options
 @options.where_option
@@ -98,6 +99,7 @@ def command(
     gain_setting: float | None,
     into: Path | None,
     exposure_s: float | None,
+    pixel_gain: bool,
     sensor_name: str | None,
     as_json: bool,
     **reading: Any,
@@ -133,11 +135,11 @@ def command(
     if form == "emva":
         options.not_for("the format emva, which holds frames", "sensor_name")
     if form not in MAP_SUFFIXES:
-        options.only_for("maps", "exposure_s")
+        options.only_for("maps", "exposure_s", "pixel_gain")
     maker, model, target = (reading.pop(name) for name in ("maker", "model", "target"))
     measured = _Source(source, gain_setting, sensor_name, reading)
     if form in MAP_SUFFIXES:
-        loss = _write_maps(measured, form, output, exposure_s or 0.0)
+        loss = _write_maps(measured, form, output, exposure_s or 0.0, pixel_gain=pixel_gain)
     elif form.startswith("emva"):
         loss = _write_emva(measured, form, output)
     elif into is not None:
@@ -211,14 +213,16 @@ class _Source:
         return profiles if self.gain_setting is None else [profile_at_setting(profiles, self.gain_setting)]
 
 
-def _write_maps(source: _Source, form: str, output: Path, exposure_s: float) -> str:
+def _write_maps(source: _Source, form: str, output: Path, exposure_s: float, *, pixel_gain: bool) -> str:
     from photosite.calibration.calibrate import calibrate
     from photosite.calibration.result import Calibration
     from photosite.sensor.io.camera_maps import MAP_FORMS, write_camera_maps
     from photosite.sensor.io.sensor_file import load_measured_chip, load_sensor
+    from photosite.values.uncertain import Missing
 
     frames = source.frames()
     if frames is None:
+        options.not_for("a sensor, which has no frames", "pixel_gain")
         chip = load_measured_chip(load_sensor(source.name))
         if chip is None:
             hint = "Calibrate its frames with --maps"
@@ -227,11 +231,14 @@ def _write_maps(source: _Source, form: str, output: Path, exposure_s: float) -> 
         say_if_compiling()
         if source.gain_setting is not None:
             frames = frames.at_gain(source.gain_setting)
-        found = calibrate(frames, options.sensor_or(frames.sensor, source.sensor_name), maps=True, progress=Stages())
+        sensor = options.sensor_or(frames.sensor, source.sensor_name)
+        found = calibrate(frames, sensor, maps="gain" if pixel_gain else True, progress=Stages())
         if not isinstance(found, Calibration):
             raise click.UsageError("maps are of one gain setting and capture; choose it with --gain-setting")
         if found.chip is None:
             raise InputError("the frames give no maps", where=frames.source, hint=found.no_maps_reason)
+        if isinstance(gains := found.pixel_gains, Missing):
+            raise InputError("the frames give no map of the gain", where=frames.source, hint=gains.reason)
         chip = found.chip
     write_camera_maps(chip, output, form, exposure_s=exposure_s)
     return MAP_FORMS[form].loss

@@ -14,6 +14,7 @@ from photosite.errors import PhotositeWarning
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from photosite.calibration.setting import MapsWanted
     from photosite.frames.frame_set import FrameSet
     from photosite.sensor.model import Sensor
 
@@ -63,7 +64,7 @@ def develop_bytes(pixels: int) -> int:
     return PROCESS_BYTES + 48 * pixels
 
 
-def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps: bool = False) -> int:
+def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps: MapsWanted = False) -> int:
     """Return the memory that `photosite calibrate` takes at most, in bytes.
 
     Parameters
@@ -73,7 +74,7 @@ def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps
     processes
         Number of local processes; None for one.
     maps
-        Whether the chip is mapped.
+        Whether the chip is mapped, and with the gains of its pixels.
 
     Examples
     --------
@@ -88,6 +89,8 @@ def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps
     pixels = max(frames.rows * frames.cols for frames in sets)
     of_held, of_large = (92, 44) if maps else (68, 28)
     each = (of_held if pixels <= HELD_PIXELS else of_large) * pixels
+    if maps == "gain":  # sums for the gains, and squares of the flat fields
+        each += 20 * pixels
     first = sets[0].groups[0].frames[0]
     if first.open_rows() is None:  # whole frames are read ahead, and added in batches
         each += 10 * pixels

@@ -113,9 +113,8 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
 
 
 def _text(plan: Plan, sensor: Sensor, note: str) -> str:
-    from photosite.calibration.parameters import PARAMETER_LABELS
     from photosite.report.numbers import format_duration, format_number
-    from photosite.studies.planning import LEAST_IN_WORDS, setting_text
+    from photosite.studies.planning import LEAST_IN_WORDS, PLANNED_LABELS, setting_text
     from photosite.values.exposure import format_exposure
 
     exposed = format_duration(sum(group.frames * group.exposure_s for group in plan.groups))
@@ -132,14 +131,14 @@ def _text(plan: Plan, sensor: Sensor, note: str) -> str:
         groups.append((str(group.frames), f"{exposure} s", setting_text(group, sensor.saturation_capacity_e)))
     wanted = {want.parameter: f"wanted: {want.text}" for want in plan.wants}
     rows = [("parameter", "expected", "uncertainty", "relative", "unit", "name", "")]
-    for name, entry in plan.expected.estimates().items():
+    for name, entry in plan.estimates.items():
         if entry.standard_uncertainty is None:
             continue
         value, uncertainty = entry.value or 0.0, entry.standard_uncertainty
         known = uncertainty < abs(value)  # a relative uncertainty of a value near 0 is meaningless
         relative = f"{100 * uncertainty / abs(value):.2g} %" if known else ""
         expected = format_number(value, 4) if known else "0"
-        shown = PARAMETER_LABELS[name]
+        shown = PLANNED_LABELS[name]
         number = format_number(uncertainty, 2)
         rows.append((shown.label, expected, number, relative, shown.unit, name, wanted.get(name, "")))
     return "\n\n".join(["\n".join(lines), table(groups, ">><"), table(rows, "<>>><<<")])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps.defect_groups import SHAPES, DefectGroup, group_defects, shapes_text
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
+from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
@@ -69,6 +70,8 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
         return (reason_block(_NO_MAPS if why is None else f"the chip was not mapped: {why}"),)
     entries = {_NOISE[name]: getattr(noise, name) for name in _NOISE}
     entries |= {_DISTRIBUTION[name]: getattr(noise, name) for name in _DISTRIBUTION}
+    if isinstance(gains := calibration.pixel_gains, PixelGains):
+        entries["Spread of the gains of the pixels", "%"] = gains.spread_percent
     entries |= {_TAIL[entry.name]: getattr(noise.shape, entry.name) for entry in fields(noise.shape)}
     rows = tuple(
         (label, format_estimate(entry), unit, interval_text(entry)) for (label, unit), entry in entries.items()

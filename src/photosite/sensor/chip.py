@@ -239,8 +239,9 @@ class MeasuredChip(Shown):
         negative variance estimate -v is stored as -sqrt(v).
     read_noise_freedom
         Degrees of freedom of each pixel's temporal variance; None if it is not known.
-    pixel_gain_dn_per_e
-        System gain of each pixel, above 0. None: all have `system_gain_dn_per_e`.
+    pixel_gain_dn_per_e, pixel_gain_uncertainty_dn_per_e
+        System gain of each pixel, above 0, and its standard uncertainty without that of the system gain. None: all have
+        `system_gain_dn_per_e`.
     dark_rate_dn_per_s, dark_rate_uncertainty_dn_per_s
         Dark current; None with dark frames of one exposure time, or where the black level moved between the exposures.
     prnu, prnu_uncertainty
@@ -275,6 +276,7 @@ class MeasuredChip(Shown):
     offset_uncertainty_dn: FloatMap | None = None
     read_noise_freedom: int | None = None
     pixel_gain_dn_per_e: FloatMap | None = None
+    pixel_gain_uncertainty_dn_per_e: FloatMap | None = None
     dark_rate_dn_per_s: FloatMap | None = None
     dark_rate_uncertainty_dn_per_s: FloatMap | None = None
     prnu: FloatMap | None = None
@@ -348,6 +350,7 @@ MAP_UNITS = {
     "offset_uncertainty_dn": "DN",
     "read_noise_dn": "DN",
     "pixel_gain_dn_per_e": "DN/e-",
+    "pixel_gain_uncertainty_dn_per_e": "DN/e-",
     "dark_rate_dn_per_s": "DN/s",
     "dark_rate_uncertainty_dn_per_s": "DN/s",
     "prnu": "1",

@@ -6,14 +6,15 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
-from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
+from photosite.calibration.parameters import PARAMETER_LABELS, Label, Parameters
 from photosite.errors import InputError, PhotositeWarning, did_you_mean
 from photosite.frames.frame_settings import KINDS, Kind
 from photosite.sensor.model import Sensor
 from photosite.studies.effect_study import effect_studies
-from photosite.studies.predicted_precision import PlannedGroup, predict
+from photosite.studies.predicted_precision import PlannedGroup, predict, predict_pixel_gain
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.cfa import channel_sites
@@ -37,6 +38,13 @@ LEAST_IN_WORDS = (
 
 _LINEAR_FRACTION = 0.7
 """End of EMVA 1288's photon transfer fit, relative to saturation."""
+
+
+PIXEL_GAIN = "pixel_gain_dn_per_e"
+"""Name of the gain of one pixel, which maps hold (`photosite calibrate --pixel-gain`)."""
+
+PLANNED_LABELS: dict[str, Label] = {**PARAMETER_LABELS, PIXEL_GAIN: Label("Gain of one pixel", "DN/e⁻", "")}
+"""Label and unit of what a plan can reach."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +72,8 @@ class Want:
         name, sign, number = (part.strip() for part in text.partition("="))
         if not sign:
             raise InputError("want", value=text, expected="PARAMETER=NUMBER or PARAMETER=NUMBER%")
-        if name not in PARAMETER_LABELS:
-            hint = did_you_mean(name, PARAMETER_LABELS)
+        if name not in PLANNED_LABELS:
+            hint = did_you_mean(name, PLANNED_LABELS)
             raise InputError("want", value=text, expected="PARAMETER=NUMBER of a known parameter", hint=hint)
         relative = number.endswith("%")
         try:
@@ -111,9 +119,13 @@ class Plan:
     wants: tuple[Want, ...] = ()
     least: bool = False
 
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """The parameters by name, and the gain of one pixel, with the uncertainties to expect."""
+        return {**self.expected.estimates(), PIXEL_GAIN: predict_pixel_gain(self.sensor, self.groups)}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content that `photosite plan --json` prints."""
-        estimates = self.expected.estimates()
         return {
             "sensor": self.sensor.name,
             "rows": self.sensor.array.rows,
@@ -133,13 +145,13 @@ class Plan:
                 name: {"value": entry.value, "standard_uncertainty": entry.standard_uncertainty}
                 if entry.value is not None
                 else {"reason": entry.reason}
-                for name, entry in estimates.items()
+                for name, entry in self.estimates.items()
             },
             "wanted": {
                 want.parameter: {
                     "standard_uncertainty": want.standard_uncertainty,
                     "relative": want.relative,
-                    "expected_over_wanted": want.reached(estimates[want.parameter]),
+                    "expected_over_wanted": want.reached(self.estimates[want.parameter]),
                 }
                 for want in self.wants
             },
@@ -211,9 +223,9 @@ def precision_curves(plan: Plan) -> tuple[list[int], dict[str, list[float]]]:
     ratios: dict[int, dict[str, float]] = {}
     for factor in CURVE_FACTORS:
         groups = [replace(each, frames=max(round(factor * each.frames), LEAST_FRAMES)) for each in plan.groups]
-        expected = predict(plan.sensor, groups)
+        more = replace(plan, groups=tuple(groups), expected=predict(plan.sensor, groups))
         count = sum(group.frames for group in groups)
-        ratios[count] = {want.parameter: want.reached(getattr(expected, want.parameter)) for want in plan.wants}
+        ratios[count] = {want.parameter: want.reached(more.estimates[want.parameter]) for want in plan.wants}
     names = [want.parameter for want in plan.wants]
     return sorted(ratios), {name: [ratios[count][name] for count in sorted(ratios)] for name in names}
 
@@ -389,7 +401,7 @@ def _fewest(lab: VirtualLab, wants: Mapping[str, Want], design: Design, best: Pl
         return Plan(sensor, protocol, groups, predict(sensor, groups), tuple(wants.values()))
 
     def worst(plan: Plan) -> float:
-        return max(want.reached(getattr(plan.expected, want.parameter)) for want in wants.values())
+        return max(want.reached(plan.estimates[want.parameter]) for want in wants.values())
 
     counts = [LEAST_FRAMES] * 3
     plan = planned(counts)
@@ -430,7 +442,7 @@ def _progress(before: Plan, after: Plan, wants: Mapping[str, Want]) -> float:
     """Return the logarithmic improvement of the wants that are not met."""
     result = 0.0
     for want in wants.values():
-        then, now = (want.reached(getattr(plan.expected, want.parameter)) for plan in (before, after))
+        then, now = (want.reached(plan.estimates[want.parameter]) for plan in (before, after))
         if then > 1.0:
             result += math.log(then / max(now, 1.0))
     return result
@@ -438,14 +450,15 @@ def _progress(before: Plan, after: Plan, wants: Mapping[str, Want]) -> float:
 
 def _unreachable(best: Plan, wants: Mapping[str, Want]) -> InputError:
     for want in wants.values():
-        found = getattr(best.expected, want.parameter)
+        found = best.estimates[want.parameter]
         if want.reached(found) > 1.0:
-            relative = f" ({100 * found.standard_uncertainty / abs(found.value):.2g} %)" if found.value else ""
-            array = best.sensor.array
+            value, u = found.value, found.standard_uncertainty or 0.0
+            relative = f" ({100 * u / abs(value):.2g} %)" if value else ""
+            array, of_pixel = best.sensor.array, want.parameter == PIXEL_GAIN
+            limit = "" if of_pixel else f", limited by the number of pixels ({array.rows} x {array.cols})"
             return InputError(
                 f"{want.parameter} to {want.text} cannot be reached: with {MOST_FRAMES} frames at every setting its "
-                f"standard uncertainty is {found.standard_uncertainty:.3g}{relative}, limited by the number of pixels "
-                f"({array.rows} x {array.cols})",
-                hint="Want less precision, or plan for a larger chip",
+                f"standard uncertainty is {u:.3g}{relative}{limit}",
+                hint="Want less precision" + ("" if of_pixel else ", or plan for a larger chip"),
             )
     raise AssertionError("some want is not met")

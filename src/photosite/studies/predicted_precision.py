@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photosite.calibration.chip_maps.pixel_gain import pixel_gain_uncertainty
+from photosite.calibration.chip_maps.response_map import light_in_range
 from photosite.calibration.dark.dark_frames import dark_lines, measure_dark_level
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.measurements import NO_LIGHT, Measurements, pool_channels
@@ -35,9 +37,12 @@ from photosite.frames.frame_set import FrameGroup
 from photosite.frames.frame_settings import Kind
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 NOT_PREDICTED = Missing("not predicted by a plan; DSNU1288 and PRNU1288 are about as precise as DSNU and PRNU")
+
+_PIXEL_GAIN_METHOD = "slope of a pixel's variance against its mean"
 
 _FAR = 4.0
 """Standard deviations past the middle of the clipping beyond which all pixels of a level count as clipped."""
@@ -78,6 +83,67 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     >>> round(100 * found.read_noise_dn.standard_uncertainty / found.read_noise_dn.value, 2)  # 1 / sqrt(2 * 49 * 10^4)
     0.1
     """
+    darks, lights = _expected_groups(sensor, groups)
+    pixels = [level.pixels for level in darks[0].levels]
+    reference = darks[reference_dark(darks)]
+    lines = [dark_lines(darks, k) for k in range(len(pixels))]
+    channels = _channels(sensor, lights, lines)
+    gain: Value = NO_LIGHT
+    if lights:
+        gain = gain_value(fit_gain([channel.levels for channel in channels], [channel.used for channel in channels]))
+    measured = []
+    for k, line in enumerate(lines):
+        m, slopes = _dark_measurements(sensor, line, darks, reference, k)
+        if channels:
+            response_variance = _response_variance(sensor, channels[k], lights, slopes)
+            m = m.with_channel(channels[k], channels[k].responsivity(), response_variance=response_variance)
+        measured.append(m.without_dark_shot_noise(reference.group.exposure_s).for_sensor())
+    dark = measure_dark_level(dark_lines(darks, None), pooled_level(reference.levels), reference.label)
+    names = channel_names(sensor.array.cfa)
+    together = pool_channels(names, measured, dark, gain, reference.group.exposure_s)
+    return estimate_parameters(together, Uncertain(sensor.mv_per_dn))
+
+
+def predict_pixel_gain(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Estimate:
+    """Return the gain of one pixel, DN per electron, with its standard uncertainty in the least precise channel.
+
+    It is the closed form of `pixel_gain_uncertainty`, of the dark frames of the read noise and the light levels of the
+    linear range with two frames or more. Arguments and errors are those of `predict`.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=100, cols=100, black_level_dn=32)
+    >>> darks = PlannedGroup("dark", 0.01, 400, (0.0, 0.0, 0.0))
+    >>> lights = [PlannedGroup("light", 0.01 * k, 200, (2e3 * k, 2e3 * k, 2e3 * k)) for k in range(1, 9)]
+    >>> found = predict_pixel_gain(sensor, [darks, *lights])
+    >>> round(100 * found.standard_uncertainty / found.value, 1)  # about sqrt(2 / (8 * 199))
+    3.6
+    """
+    darks, lights = _expected_groups(sensor, groups)
+    dark = darks[reference_dark(darks)]
+    found = []
+    for k, channel in enumerate(_channels(sensor, lights, [dark_lines(darks, k) for k in range(len(dark.levels))])):
+        used = [lights[i].levels[k] for i in light_in_range(channel)]
+        levels = [dark.levels[k], *(level for level in used if level.repeated)]
+        if len(levels) > 1:
+            signal, variance, frames = np.array([(level.mean, level.variance, level.frames) for level in levels]).T
+            found.append(pixel_gain_uncertainty(signal, variance, frames))
+    if not found:
+        return Estimate(reason="no light level of the linear range has two frames", method=_PIXEL_GAIN_METHOD)
+    return Estimate(sensor.system_gain_dn_per_e, max(found), method=_PIXEL_GAIN_METHOD)
+
+
+def _channels(sensor: Sensor, lights: Sequence[GroupStatistics], lines: Sequence[DarkLines]) -> list[Channel]:
+    if not lights:
+        return []
+    return [Channel.of(k, lights, line, int(sensor.white_level_dn)) for k, line in enumerate(lines)]
+
+
+def _expected_groups(
+    sensor: Sensor, groups: Sequence[PlannedGroup]
+) -> tuple[list[GroupStatistics], list[GroupStatistics]]:
+    """Return the expected statistics of dark frames and flat fields."""
     tile = label_tile(sensor.array.cfa)
     pixels = label_pixels((sensor.array.rows, sensor.array.cols), tile).tolist()
     if min(pixels) == 0:
@@ -102,24 +168,7 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
                 f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be clipped at 0 DN",
                 hint="Use a black level (pedestal) of at least five standard deviations of the dark frames",
             )
-    reference = darks[reference_dark(darks)]
-    lines = [dark_lines(darks, k) for k in range(len(pixels))]
-    channels: list[Channel] = []
-    gain: Value = NO_LIGHT
-    if lights:
-        channels = [Channel.of(k, lights, line, int(sensor.white_level_dn)) for k, line in enumerate(lines)]
-        gain = gain_value(fit_gain([channel.levels for channel in channels], [channel.used for channel in channels]))
-    measured = []
-    for k, line in enumerate(lines):
-        m, slopes = _dark_measurements(sensor, line, darks, reference, k)
-        if channels:
-            response_variance = _response_variance(sensor, channels[k], lights, slopes)
-            m = m.with_channel(channels[k], channels[k].responsivity(), response_variance=response_variance)
-        measured.append(m.without_dark_shot_noise(reference.group.exposure_s).for_sensor())
-    dark = measure_dark_level(dark_lines(darks, None), pooled_level(reference.levels), reference.label)
-    names = channel_names(sensor.array.cfa)
-    together = pool_channels(names, measured, dark, gain, reference.group.exposure_s)
-    return estimate_parameters(together, Uncertain(sensor.mv_per_dn))
+    return darks, lights
 
 
 def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Level:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from scipy.special import chdtri
 
 from photosite.calibration.checks.result_screening import Implausible
+from photosite.calibration.chip_maps.pixel_gain import PIXEL_GAINS_MISSING
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.effects.em_gain import STATED_EM_GAIN, stated_gain_warning
 from photosite.calibration.evidence import Evidence
@@ -230,6 +231,10 @@ def missing_maps(evidence: Evidence) -> Iterator[Diagnostic]:
     """Maps that were requested and could not be measured."""
     if evidence.maps_failed:
         yield NO_MAPS(f"the chip's maps could not be measured: {evidence.no_maps}")
+    if isinstance(gains := evidence.pixel_gains, Missing):
+        yield PIXEL_GAINS_MISSING(f"no map of the gain: {gains.reason}")
+    elif gains is not None:
+        yield from gains.diagnostics
 
 
 CHECKS = (

@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import defects, pixel_noise
 from photosite.calibration.chip_maps.noise_distribution import blinking_distribution, read_noise_distribution
+from photosite.calibration.chip_maps.pixel_gain import PIXEL_GAINS_MISSING, GainSums
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
-from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
+from photosite.calibration.chip_maps.response_map import (
+    ResponseMap,
+    light_groups_in_range,
+    light_in_range,
+    read_response_map,
+)
 from photosite.calibration.chip_maps.temporal_noise import (
     TemporalNoise,
     Trace,
@@ -24,7 +30,7 @@ from photosite.calibration.effects.glow import GlowMap
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
-from photosite.calibration.reduction.groups import GroupStatistics, pooled_level, reference_dark
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level, reference_dark
 from photosite.calibration.reduction.reduce import dark_slope_coefficients, read_group
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.engine.frame_sums import FrameSums, MeanFrame
@@ -33,6 +39,7 @@ from photosite.errors import CalibrationError, FileError
 from photosite.sensor.chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.estimate import Estimate, signed_square
+from photosite.values.uncertain import Missing
 
 CLIPPED_DARK = 1e-3
 """Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""
@@ -164,7 +171,9 @@ class _DarkMaps:
         return maps
 
 
-def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | None = None) -> Evidence:
+def measure_chip(
+    evidence: Evidence, glow: GlowMap | None, progress: Progress | None = None, *, pixel_gain: bool = False
+) -> Evidence:
     """Return the evidence with the maps of the chip, pixel by pixel.
 
     Reads the dark frames and the flat fields of the linear range again, and the reference dark frames (those of the
@@ -183,6 +192,8 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
         The glow, which does not make pixels hot.
     progress
         As for `calibrate`.
+    pixel_gain
+        Whether the gains of the pixels are measured, from the variances of the same flat fields.
 
     Raises
     ------
@@ -196,20 +207,54 @@ def measure_chip(evidence: Evidence, glow: GlowMap | None, progress: Progress | 
     counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
     with FrameReader(replace(frames, groups=(*darks, *lights)), counted) as reader:
         dark, mean = _read_darks(reader)
-        response = read_response_map(reader, evidence, pooled_level(dark.stack.levels).variance) if lights else None
+        gains = _gain_sums(reader, evidence, dark.stack) if pixel_gain else None
+        sums = gains if isinstance(gains, GainSums) else None
+        dark_variance = pooled_level(dark.stack.levels).variance
+        response = read_response_map(reader, evidence, dark_variance, sums) if lights else None
         sigma = float(np.sqrt(np.median([spread.variance for spread in dark.spreads])))
         suspects = dark.suspects()
         reader.release()  # its sums need as much memory as a map
         residuals = read_residuals(_used_again(reader, dark.stack, counted), mean, sigma, suspects)
     dark = dark.with_variance(residuals.variance)
     temporal, series = measure_temporal_noise(dark.stack, residuals, mean, dark.tile), residuals.series
+    if sums is not None:
+        noise = np.concatenate([dark.moderated_variance(rows) for rows in dark.strips])
+        sums.add_dark(mean, dark.variance, noise)
     level = _level(mean)
     del residuals, mean
     chip, temporal = _chip(evidence.parameters, dark, level, response, suspects, series, temporal, glow)
     reader.release()
     rate = chip.dark_rate_dn_per_s
     flat = rate if rate is None or glow is None else glow.without(rate)
-    return replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)
+    evidence = replace(evidence, chip=chip, temporal=temporal, dark_rate_dn_per_s=flat)
+    return replace(evidence, pixel_gains=gains) if not isinstance(gains, GainSums) else _with_gains(evidence, gains)
+
+
+def _gain_sums(reader: FrameReader, evidence: Evidence, dark: GroupStatistics) -> GainSums | Missing:
+    """Return empty sums for the gains of the pixels, or why they cannot be measured."""
+    gain, groups = evidence.parameters.system_gain_dn_per_e, evidence.reduction.lights
+    lights: list[dict[int, Level]] = []
+    for k, channel in enumerate(evidence.light.channels):
+        levels = {i: groups[i].levels[k] for i in light_in_range(channel)}
+        lights.append({i: level for i, level in levels.items() if level.repeated})
+    if gain.value is None:
+        return PIXEL_GAINS_MISSING.missing(f"the system gain is missing: {gain.reason}")
+    if not (lights and GainSums.usable(dark, lights) and reader.frames.of_kind("light")):
+        return PIXEL_GAINS_MISSING.missing("no two light levels of the linear range have several frames each")
+    return GainSums((reader.frames.rows, reader.frames.cols), reader.tile, dark, lights)
+
+
+def _with_gains(evidence: Evidence, sums: GainSums) -> Evidence:
+    """Return the evidence, which has a system gain, with the gains of the pixels, or why they are missing."""
+    gain = evidence.parameters.system_gain_dn_per_e.value
+    assert gain is not None
+    assert evidence.chip is not None
+    maps = sums.maps(gain)
+    if isinstance(maps, Missing):
+        return replace(evidence, pixel_gains=maps)
+    values, uncertainty, found = maps
+    chip = replace(evidence.chip, pixel_gain_dn_per_e=values, pixel_gain_uncertainty_dn_per_e=uncertainty)
+    return replace(evidence, chip=chip, pixel_gains=found)
 
 
 def _level(mean: MeanFrame) -> FloatMap:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps import defects
+from photosite.calibration.chip_maps.pixel_gain import GainSums
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.frame_reader import FrameReader
@@ -60,7 +61,7 @@ class ResponseMap:
         return value, uncertainty
 
 
-def _light_in_range(channel: Channel) -> dict[int, float]:
+def light_in_range(channel: Channel) -> dict[int, float]:
     """Return the light, by the index of the group, of the levels in a channel's linear range."""
     levels, used = channel.levels, channel.used & channel.levels.trusted
     return dict(zip(levels.group[used].tolist(), levels.x[used].tolist(), strict=True))
@@ -68,22 +69,25 @@ def _light_in_range(channel: Channel) -> dict[int, float]:
 
 def light_groups_in_range(frames: FrameSet, channels: Sequence[Channel]) -> tuple[FrameGroup, ...]:
     """Return the light groups in any channel's linear range; none unless each channel has two levels in its range."""
-    inside = [_light_in_range(channel) for channel in channels]
+    inside = [light_in_range(channel) for channel in channels]
     if not inside or min(len(set(light.values())) for light in inside) < 2:
         return ()
     lights = frames.of_kind("light")
     return tuple(lights[i] for i in sorted(set().union(*inside)))
 
 
-def read_response_map(reader: FrameReader, evidence: Evidence, dark_variance: float) -> ResponseMap:
+def read_response_map(
+    reader: FrameReader, evidence: Evidence, dark_variance: float, gains: GainSums | None = None
+) -> ResponseMap:
     """Read the light groups once and accumulate the map of slopes.
 
     Levels are weighted by their expected noise, from the response and gain that the calibration found, because weights
     must be known before the first frame is read. Other weights would change the precision, not the expected value. The
-    uncertainty uses the measured noise of levels with at least two frames.
+    uncertainty uses the measured noise of levels with at least two frames. `gains` are the sums for the gains of the
+    pixels, to which the levels are added.
     """
     names, groups = channel_names(reader.frames.cfa), reader.frames.of_kind("light")
-    inside = [_light_in_range(channel) for channel in evidence.light.channels]
+    inside = [light_in_range(channel) for channel in evidence.light.channels]
     indexes = sorted(set().union(*inside))
     count = np.array([float(len(group)) for group in groups])
     exposure = np.array([group.exposure_s for group in groups])
@@ -100,8 +104,11 @@ def read_response_map(reader: FrameReader, evidence: Evidence, dark_variance: fl
     slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
     variance = np.zeros(len(names))
     for i, group in enumerate(groups):
-        sums = reader.sums(group)
-        slopes.add(sums.mean_frame(), coefficients[:, i].tolist())
+        sums = reader.sums(group, variance=gains is not None)
+        mean = sums.mean_frame()
+        slopes.add(mean, coefficients[:, i].tolist())
+        if gains is not None and len(group) > 1:
+            gains.add(indexes[i], mean, sums)
         for k, totals in enumerate(sums.label_totals()):
             level = Level.of(totals)
             frame_variance = level.variance if level.repeated else expected[k, i]

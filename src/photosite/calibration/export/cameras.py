@@ -14,6 +14,7 @@ import numpy as np
 from photosite.calibration.calibrate import AnyCalibration, calibrate, calibration_kind
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
+from photosite.calibration.setting import MapsWanted
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, PhotositeError, message_of, printable
 from photosite.files.writing import FolderLock, atomic_path, remove_abandoned
@@ -31,7 +32,7 @@ def calibrate_cameras(
     folder: str | PathLike[str],
     sensor: Sensor | None = None,
     *,
-    maps: bool = False,
+    maps: MapsWanted = False,
     processes: int | None = 1,
     scheduler: str | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -122,7 +123,7 @@ class _Camera:
 
     folder: Path
     sensor: Sensor | None
-    maps: bool
+    maps: MapsWanted
     reading: Mapping[str, Any]
 
     def __call__(self, task: tuple[str, str]) -> dict[str, Any]:
@@ -153,7 +154,7 @@ class _Camera:
         sensor = self.sensor or settings[0].sensor
         if sensor is not None:
             sensor = sensor.with_(name=printable(name))
-        maps = self.maps and calibration_kind(frames, sensor) == "setting"
+        maps = self.maps if calibration_kind(frames, sensor) == "setting" else False
         return calibrate(frames, sensor, maps=maps), sensor is not None
 
 
