@@ -133,6 +133,34 @@ def test_few_dark_frames_leave_the_cause_in_doubt(cause: str) -> None:
         assert 0.013 < estimate.standard_uncertainty / truth < 0.06
 
 
+def wave(numbers: NDArray[np.float64], rng: np.random.Generator, frame: int) -> NDArray[np.float64]:
+    """Add a diagonal wave of 3 DN (rms) with a phase of its own in each frame."""
+    rows, cols = np.indices(numbers.shape)
+    return np.asarray(numbers + 3.0 * np.sqrt(2.0) * np.sin(0.5 * rows + 0.6 * cols + rng.uniform(0.0, 2.0 * np.pi)))
+
+
+def slow(numbers: NDArray[np.float64], rng: np.random.Generator, frame: int) -> NDArray[np.float64]:
+    """Subtract 1.5 % of each number from the next one of its row."""
+    return np.asarray(1.015 * numbers - 0.015 * np.roll(numbers, 1, axis=1))
+
+
+@pytest.mark.parametrize(
+    "disturbance",
+    [Disturbance(charge=convolved(next_pixels(0.008)), numbers=wave), Disturbance(numbers=slow)],
+    ids=["interference", "slow amplifier"],
+)
+def test_noise_that_the_readout_correlates_is_no_filter(disturbance: Disturbance) -> None:
+    camera = PlainCamera(
+        shape=(192, 256), gain=0.5, black_dn=200.0, read_noise_e=6.0, dsnu_dn=1.0, prnu=0.008, electrons_per_s=1e5
+    )
+    steps = (Step("dark", 0.01, 16), *(Step("light", t, 16) for t in (0.01, 0.02, 0.03, 0.04, 0.06)))
+    found = calibrate(camera.frame_set(ShootingProtocol("readout", steps), disturbance, 3))
+    assert "correlated-noise" in limits(found)
+    low, high = found.system_gain_dn_per_e.interval_95
+    assert low < 0.5 < high
+    assert 0.005 < found.system_gain_dn_per_e.standard_uncertainty / 0.5 < 0.05  # half of the correction
+
+
 def test_a_large_correction_in_doubt_is_withheld() -> None:
     rng = np.random.default_rng(13)
     light, dark = (

@@ -14,9 +14,13 @@ The read noise joins after the charge is shared, and stays independent. A filter
 correlated noise of dark frames shows a filter. Its weights need not sum to 1, and it need not be linear: the noise is
 then not the sensor's, and the system gain is withheld.
 
-Where the dark frames do not tell the two apart, summed covariances still give the system gain if a filter is linear and
-keeps the mean. A small correction is therefore made, and half of it counts as its uncertainty, because a filter may be
-another one. A large one is withheld.
+Noise of the readout can be correlated by itself, as by interference: then the dark noise is correlated far more than
+the shot noise, or in another pattern. An amplifier that is slow for the pixel clock acts as a filter along the rows,
+as a CCD's does.
+
+Where the dark frames do not tell the causes apart, summed covariances still give the system gain if a filter is linear
+and keeps the mean. A small correction is therefore made, and half of it counts as its uncertainty, because a filter may
+be another one. A large one is withheld.
 """
 
 from __future__ import annotations
@@ -609,7 +613,7 @@ SHARED_NOISE = DiagnosticKind(
     "warning",
     "The noise of neighboring pixels or of successive frames is correlated.",
     "Pixels share charge, or charge stays for the next frame (image lag): the system gain comes from summed "
-    "covariances. A filter in the camera is a cause as well: where the dark noise is correlated too, the figures of "
+    "covariances. A filter in the camera is a cause as well: where the dark noise is correlated alike, the figures of "
     "noise are withheld.",
     "Switch noise reduction, sharpening, compression and demosaicing off; leave a pause between levels.",
     ("system_gain_dn_per_e", "*_e", "read_noise_*", "dsnu*", "prnu*"),
@@ -709,7 +713,8 @@ def seen_correlations(neighbors: tuple[float, float] | None, frames: float | Non
 FILTER_FRACTION = 0.3
 """Correlation of the dark noise, as a fraction of that of the shot noise, above which a filter may be the cause.
 
-A filter gives 1, crosstalk 0.
+A filter gives 1, crosstalk 0. Where the noise of a filter's dark frames has other causes of correlation as well, the
+correlation of the shot noise is at least this fraction of it.
 """
 FILTER_SIGMA = 3.0
 """Standard uncertainties by which that fraction must be apart from the limit."""
@@ -732,28 +737,33 @@ def _unclear_cause(
     def chosen(neighbor_values: NDArray[np.float64], frame_values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.append(neighbor_values if neighbors is not None else [], frame_values if frames is not None else [])
 
-    shot_correlation = np.concatenate(
-        [chosen(entry.neighbor_values, entry.frames.values) / entry.variance for entry in shot]
-    )
-    dark_correlation, u_dark = (
-        np.concatenate([values / variance for values, variance in zip(each, noise, strict=True)])
-        for each in (
-            [chosen(entry.neighbor_values, entry.frames.values) for entry in dark],
-            # Opposite lags of a channel have the same products, which doubles the variance of their sum.
-            [chosen(math.sqrt(2.0) * _without_middle(entry.uncertainty), entry.frames.uncertainty) for entry in dark],
+    def correlations(
+        levels: Sequence[NoiseCovariance], variances: Sequence[float]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        # Opposite lags of a channel have the same products, which doubles the variance of their sum.
+        found = [(chosen(e.neighbor_values, e.frames.values), chosen(_both(e), e.frames.uncertainty)) for e in levels]
+        values, spread = (
+            np.concatenate([x / variance for x, variance in zip(each, variances, strict=True)])
+            for each in zip(*found, strict=True)
         )
-    )
-    power = float(shot_correlation @ shot_correlation)
-    fraction = float(shot_correlation @ dark_correlation) / power
-    uncertainty = float(np.sqrt(np.sum((shot_correlation * u_dark) ** 2))) / power
+        return values, spread
+
+    shot_correlation, u_shot = correlations(shot, [entry.variance for entry in shot])
+    dark_correlation, u_dark = correlations(dark, noise)
+    fraction, uncertainty = _projection(dark_correlation, u_dark, shot_correlation)
     if fraction + FILTER_SIGMA * uncertainty < FILTER_FRACTION:
         return ""
+    shot_fraction, shot_uncertainty = _projection(shot_correlation, u_shot, dark_correlation)
+    if frames is None and shot_fraction + FILTER_SIGMA * shot_uncertainty < FILTER_FRACTION:
+        return "and the dark noise far more, as by interference or by low-frequency noise of the amplifier"
     if fraction - FILTER_SIGMA * uncertainty < FILTER_FRACTION:
         times = max((FILTER_SIGMA * uncertainty / FILTER_FRACTION) ** 2, 1.0)
         return (
             f"and the dark frames are too few to show whether a filter in the camera is the cause (take "
             f"{2 * math.ceil(times)} times as many at the shortest exposure time)"
         )
+    if frames is None and all(map(_is_along_rows, shot)):
+        return "along the rows only, in dark frames too, as by a slow amplifier or a filter in the camera"
     causes = []
     if neighbors is not None:
         causes.append("noise reduction, sharpening, lossy compression, demosaicing or rescaling")
@@ -763,3 +773,21 @@ def _unclear_cause(
         f"{seen}, in dark frames as in flat fields: the frames were processed before they were saved "
         f"({'; '.join(causes)}), and their noise is not the sensor's"
     )
+
+
+def _both(level: NoiseCovariance) -> NDArray[np.float64]:
+    return math.sqrt(2.0) * _without_middle(level.uncertainty)
+
+
+def _projection(
+    values: NDArray[np.float64], spread: NDArray[np.float64], onto: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the multiple of `onto` that fits the values best, and its standard uncertainty."""
+    power = float(onto @ onto)
+    return float(onto @ values) / power, float(np.sqrt(np.sum((onto * spread) ** 2))) / power
+
+
+def _is_along_rows(shot: NoiseCovariance) -> bool:
+    """Return whether pixels are correlated with those of their row only."""
+    scores = np.delete(np.abs(shot.covariance / shot.uncertainty), REACH, axis=0)
+    return float(scores.max()) < NormalDist().inv_cdf(1.0 - 0.5 * CORRELATION_P_VALUE / scores.size)
