@@ -18,7 +18,7 @@ from scipy.special import erf
 
 import photosite as ps
 from photosite.errors import FileError, InputError
-from photosite.sensor.io.camera_maps import MAP_FORMS, camera_maps, sensor_of_chip
+from photosite.sensor.io.camera_maps import MAP_FORMS, CameraMaps, camera_maps, sensor_of_chip
 from photosite.sensor.io.sensor_file import load_measured_chip, write_sensor
 from photosite.sensor.readout import digital_numbers, read_frame
 from photosite.sensor.shot import Shot
@@ -167,7 +167,7 @@ def test_files_that_are_no_maps(tmp_path: Path) -> None:
     for names, what in (
         (["abc.npy"], "it is not clear which map it has: abc"),
         (["gain.npy", "variance.npy"], "the map of the variance"),
-        (["offset.npy"], "'offset' has a value that is not finite"),
+        (["offset.npy"], "the map of the offset in 1 of 24 pixels, first pixel (1, 2)"),
         (["gain.mat"], "cannot be read as a MATLAB file"),
         (["a.calb"], "is not a calibration of Accent: 'height' is missing"),
     ):
@@ -177,10 +177,33 @@ def test_files_that_are_no_maps(tmp_path: Path) -> None:
         ps.read_camera_maps([tmp_path / "gain.npy"] * 2)
     with raises(InputError, "a chip needs the map of the variance"):
         ps.read_camera_maps([tmp_path / "gain.npy"]).chip()
-    with raises(InputError, "gain_dn_per_e", value=0.0, where="pixel (0, 0)"):
-        np.save(tmp_path / "variance.npy", ones)
+    with raises(FileError, "the map of the gain in 24 of 24 pixels", value=0.0, expected="above 0"):
         np.save(tmp_path / "gain.npy", 0 * ones)
-        ps.read_camera_maps([tmp_path / "gain.npy", tmp_path / "variance.npy"]).chip()
+        ps.read_camera_maps([tmp_path / "gain.npy"])
+
+
+@pytest.mark.parametrize("base", ["sony-imx174", "nikon-d200"])
+@pytest.mark.parametrize("known_gain", [True, False])
+def test_sensors_in_volts_and_in_electrons_take_maps(base: str, known_gain: bool) -> None:
+    maps = CameraMaps(variance_dn2=np.full((4, 6), 4.0), gain_dn_per_e=np.full((4, 6), 2.5) if known_gain else None)
+    stated = ps.load_sensor(base)
+    made = sensor_of_chip(maps.chip(), stated)
+    gain = 2.5 if known_gain else stated.system_gain_dn_per_e
+    assert made.system_gain_dn_per_e == pytest.approx(gain)
+    assert made.noise.read_noise_mv.value / made.mv_per_dn == pytest.approx(np.sqrt(4.0 - 1 / 12))
+
+
+def test_defective_pixels_of_published_maps_have_the_median(tmp_path: Path) -> None:
+    gain = np.full((30, 40), 2.2)
+    gain[3, 4], gain[5, 6], gain[7, 8] = -0.05, 0.0, np.nan
+    variance = np.full((30, 40), 4.0)
+    variance[9, 9] = np.inf
+    np.save(tmp_path / "calib.npy", np.stack([np.full((30, 40), 100.0), variance, gain]))  # storm-analysis
+    found = ps.read_camera_maps([tmp_path / "calib.npy"])
+    assert np.array_equal(found.gain_dn_per_e, np.full((30, 40), 2.2))
+    assert np.array_equal(found.variance_dn2, np.full((30, 40), 4.0))
+    assert "gain: 3 pixels, first pixel (3, 4), have no value that is above 0; they have the median" in found.notes
+    assert found.chip().black_level_dn == 100.0
 
 
 def mean_frame(sensor: ps.Sensor, chip: ps.MeasuredChip, light_e: NDArray[Any], frames: int) -> tuple[Any, Any]:

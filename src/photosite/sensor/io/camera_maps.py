@@ -92,16 +92,26 @@ def sensor_of_chip(chip: MeasuredChip, base: Sensor) -> Sensor:
     rows, cols = chip.shape
     made = base.with_(rows=rows, cols=cols, black_level_dn=chip.black_level_dn, maps=None)
     source = "maps of the chip"
-    gain = chip.gain_dn_per_e(base.system_gain_dn_per_e)
-    if chip.system_gain_dn_per_e is not None or chip.pixel_gain_dn_per_e is not None:
-        conversion = Measured(gain * made.mv_per_dn * 1e3, source=f"{source}: median gain, at these volts")
-        made = made.with_(conversion_gain_uv_per_e=conversion)
     noise = chip.read_noise_dn.astype(np.float64)
-    read_mv = math.sqrt(max(float((noise * np.abs(noise)).mean()), 0.0)) * made.mv_per_dn
-    dsnu_mv = float(chip.offset_dn.std(dtype=np.float64)) * made.mv_per_dn
+    read_dn = math.sqrt(max(float((noise * np.abs(noise)).mean()), 0.0))
+    dsnu_dn = float(chip.offset_dn.std(dtype=np.float64))
+    read_source = f"{source}: root of the mean variance without rounding"
+    dsnu_source = f"{source}: standard deviation of the offset, with its measurement"
+    gain = chip.gain_dn_per_e(base.system_gain_dn_per_e)
+    if chip.system_gain_dn_per_e is None and chip.pixel_gain_dn_per_e is None:
+        changes = {
+            "read_noise_e": Measured(read_dn / gain, source=read_source),
+            "dsnu_e": Measured(dsnu_dn / gain, source=dsnu_source),
+        }
+    else:
+        volts = made.mv_per_dn
+        changes = {
+            "conversion_gain_uv_per_e": Measured(gain * volts * 1e3, source=f"{source}: median gain, at these volts"),
+            "read_noise_mv": Measured(read_dn * volts, source=read_source),
+            "dsnu_mv": Measured(dsnu_dn * volts, source=dsnu_source),
+        }
     return made.with_(
-        read_noise_mv=Measured(read_mv, source=f"{source}: root of the mean variance without rounding"),
-        dsnu_mv=Measured(dsnu_mv, source=f"{source}: standard deviation of the offset, with its measurement"),
+        **changes,
         source=f"{source}; the rest as in: {base.provenance.source or base.name}",
     )
 
@@ -345,7 +355,9 @@ def read_camera_maps(
 
     A map is known by the name of its variable, channel or slice, or of its file. Arrays are in DN, DN² and DN/e⁻,
     except in SMAP's form (`varmap` and `gainmap` in one MATLAB file), whose gain is in e⁻/DN, and DECODE's
-    `read_sigma.npy`, which is in electrons. Three pages without labels are offset, gain and variance, as in GDSC SMLM.
+    `read_sigma.npy`, which is in electrons. Three pages without labels are offset, gain and variance, as in GDSC SMLM;
+    three planes of a NumPy array are offset, variance and gain, as in storm-analysis. Pixels without a valid value, up
+    to 1 %, get the median of the map.
 
     Parameters
     ----------
@@ -374,6 +386,7 @@ def read_camera_maps(
     ((4, 6), 2.041)
     """
     found: dict[str, tuple[Path, Array]] = {}
+    notes: list[str] = []
     for path in map(Path, paths):
         for role, values in _maps_of(path).items():
             if role in found:
@@ -383,8 +396,9 @@ def read_camera_maps(
             if values.shape != first[1].shape:
                 expected = f"{first[1].shape}, that of {first[0].name}"
                 raise FileError(path, f"the map of the {role}", value=values.shape, expected=expected)
-            found[role] = path, values
-    notes = [f"{role}: {path.name}, median {float(np.median(values)):.4g}" for role, (path, values) in found.items()]
+            complete, note = _completed(path, role, values)
+            found[role] = path, complete
+            notes += [f"{role}: {path.name}, median {float(np.median(complete)):.4g}", *([note] if note else [])]
     maps = {role: values for role, (_, values) in found.items()}
     shape = next(iter(maps.values())).shape
     gain, flat = maps.get("gain"), maps.get("flatfield")
@@ -435,17 +449,34 @@ def _maps_of(path: Path) -> dict[str, Array]:
             continue
         if role in found:
             raise FileError(path, f"has two maps of the {role}", hint="Save each in a file of its own")
-        if not np.isfinite(named[name]).all():
-            row, col = np.argwhere(~np.isfinite(named[name]))[0]
-            raise FileError(path, f"'{name}' has a value that is not finite", where=f"pixel ({row}, {col})")
         found[role] = named[name]
     if not found:
         what = f"it is not clear which map it has: {', '.join(named)}"
         hint = "Name the file or the variable offset, variance or gain"
         raise FileError(path, what, hint=hint)
     if {"varmap", "gainmap"} <= {name.lower() for name in named}:  # SMAP
-        found["gain"] = 1.0 / found["gain"]
+        with np.errstate(divide="ignore"):
+            found["gain"] = 1.0 / found["gain"]
     return found
+
+
+_MOST_DEFECTIVE = 0.01
+"""Fraction of pixels without a valid value up to which a map is used."""
+
+
+def _completed(path: Path, role: str, values: Array) -> tuple[Array, str]:
+    """Return a map with the median in pixels without a valid value, which are defective ones, and a note on them."""
+    wrong = ~np.isfinite(values) | ((values <= 0) if role == "gain" else False)
+    count = int(wrong.sum())
+    if not count:
+        return values, ""
+    row, col = np.argwhere(wrong)[0]
+    where, expected = f"pixel ({row}, {col})", "above 0" if role == "gain" else "finite"
+    if count > _MOST_DEFECTIVE * values.size:
+        what = f"the map of the {role} in {count} of {values.size} pixels, first {where}"
+        raise FileError(path, what, value=float(values[row, col]), expected=expected)
+    note = f"{role}: {count} pixels, first {where}, have no value that is {expected}; they have the median"
+    return np.where(wrong, np.median(values[~wrong]), values), note
 
 
 def _two_dimensional(values: Any) -> Array | None:
@@ -536,7 +567,10 @@ def _read_accent(path: Path) -> dict[str, Array]:
 
 def _read_npy(path: Path) -> dict[str, Array]:
     try:
-        array = _two_dimensional(np.load(path, allow_pickle=False))
+        array = np.load(path, allow_pickle=False)
     except Exception as error:  # NumPy recommends unsafe loading
         raise FileError(path, f"cannot be read as an array: {message_of(error)}") from None
-    return {} if array is None else {path.stem: array}
+    planes = {path.stem: array}
+    if array.ndim == 3 and len(array) == 3:  # storm-analysis
+        planes = dict(zip(("offset", "variance", "gain"), array, strict=True))
+    return {name: values for name, plane in planes.items() if (values := _two_dimensional(plane)) is not None}
