@@ -47,8 +47,8 @@ UNKNOWN_DARK_CURRENT = DiagnosticKind(
     "unknown-dark-current",
     "warning",
     "The dark frames have one exposure time, and the flat fields have others.",
-    "The dark current is not known; the uncertainties of responsivity and quantum efficiency include it, or they are "
-    "withheld. PRNU contains its nonuniformity.",
+    "The dark current is not known; the uncertainties of responsivity, quantum efficiency and PRNU include it, or they "
+    "are withheld.",
     "Take dark frames at a second exposure time.",
     (*DARK_CURRENT, *RESPONSE, "prnu*"),
     "largest dark current that the flat fields allow, DN/s",

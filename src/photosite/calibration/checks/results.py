@@ -65,8 +65,8 @@ SHORT_DARKS = DiagnosticKind(
     "short-dark-exposures",
     "warning",
     "The longest flat fields are longer than the longest dark frames.",
-    "Their dark signal was extrapolated, or taken as constant. PRNU then contains the nonuniformity of their dark "
-    "current.",
+    "Their dark signal was extrapolated, or taken as constant. The uncertainty of PRNU then contains the nonuniformity "
+    "of their dark current, or PRNU is withheld.",
     "Take dark frames at the longest exposure time of the flat fields.",
     (*RESPONSE, "prnu*"),
     "longest exposure time of the flat fields, s",
@@ -87,17 +87,21 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
         size, largest = "", None
         if isinstance(current, Uncertain):
             largest = current.value + math.sqrt(3.0) * current.standard_uncertainty
-            size = f", up to {largest:.2g} DN/s; the uncertainties of responsivity and quantum efficiency include it"
+            size = (
+                f", up to {largest:.2g} DN/s; the uncertainties of responsivity, quantum efficiency and PRNU include it"
+            )
         yield UNKNOWN_DARK_CURRENT(
             f"the dark frames have one exposure time, {longest_dark:g} s, and the flat fields others: the dark current "
-            f"is not known{size}; PRNU contains its nonuniformity. Take dark frames at a second exposure time",
+            f"is not known{size}. Take dark frames at a second exposure time",
             largest,
         )
     elif longest_light > longest_dark * (1.0 + 1e-6):
         constant = current is not None
-        taken = "extrapolated"
-        if constant:
-            taken = "taken as constant, and PRNU contains the nonuniformity of their dark current"
+        taken = "taken as constant" if constant else "extrapolated"
+        if isinstance(current, Uncertain):
+            taken += "; the uncertainty of PRNU contains the nonuniformity of their dark current"
+        elif any(isinstance(pattern.response_variance, Missing) for pattern in evidence.patterns.channels):
+            taken += "; PRNU may contain much of their dark current, and is withheld"
         yield SHORT_DARKS(
             f"the longest dark exposure, {longest_dark:g} s, is shorter than the longest flat, {longest_light:g} s; "
             f"the dark signal of the longer flat fields was {taken}",

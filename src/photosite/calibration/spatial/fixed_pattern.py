@@ -28,6 +28,7 @@ from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.channel_tables import measured_channels, without_channels
 from photosite.calibration.spatial.far_pixels import FarPixels, find_far_pixels
+from photosite.calibration.spatial.hidden_dark_current import HiddenDarkCurrent, hidden_dark_current
 from photosite.calibration.spatial.nonuniformity import (
     MapPlanes,
     VarianceComponents,
@@ -432,6 +433,13 @@ def _channel_pattern(
     if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channel)) is not None:
         response = why
     shading = response if isinstance(response, Missing) else _shading(planes, k, plan, *spreads)
+    hidden = _hidden(inputs, flats, k, plan)
+    if isinstance(hidden, Missing):
+        response, shading, flats.prnu[k], flats.gains[k] = hidden, hidden, (hidden, hidden), hidden
+    elif hidden is not None and not isinstance(plan, Missing):
+        if isinstance(response, Uncertain):
+            response = hidden.without(response, spread.mean, plan.seconds_per_unit)
+        flats.prnu[k] = _without_hidden(flats.prnu[k], hidden, channel, group, inputs.reduction.lights)
     if flicker is not None:
         bands = Uncertain.of(0.0, flicker.fraction**2 * _fraction_left(channel, weights, inputs.reduction.lights))
         response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
@@ -454,6 +462,34 @@ def _channel_pattern(
         half_contrast=_half_contrast(channel, group),
         **lines,
     )
+
+
+def _hidden(
+    inputs: _Inputs, flats: _FlatPattern, channel: int, plan: SlopePlan | Missing
+) -> HiddenDarkCurrent | Missing | None:
+    """Return the dark current that dark frames of one exposure time leave open."""
+    if inputs.dark.slopes is not None or isinstance(plan, Missing):
+        return None
+    shared = flats.lines.shared_variance(inputs.dark, channel)
+    return hidden_dark_current(inputs.light.channels[channel], plan.seconds_per_unit, shared)
+
+
+def _without_hidden(
+    pair: ComponentsPair,
+    hidden: HiddenDarkCurrent,
+    channel: Channel,
+    group: int | Missing,
+    lights: Sequence[GroupStatistics],
+) -> ComponentsPair:
+    """Return high-passed and plain parts of the flat fields near half saturation without a hidden dark current."""
+    if isinstance(group, Missing):
+        return pair
+    signal = float(channel.levels.signal[int(np.flatnonzero(channel.levels.group == group)[0])])
+    exposure_s = lights[group].group.exposure_s
+    filtered, plain = (
+        parts if isinstance(parts, Missing) else hidden.in_flat(parts, signal, exposure_s) for parts in pair
+    )
+    return filtered, plain
 
 
 def _dark_structure(

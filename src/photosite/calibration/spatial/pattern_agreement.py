@@ -175,6 +175,18 @@ class PixelLines:
             return replace(found, turned=self._how_turned(dark, channels, lights))
         return found
 
+    def shared_variance(self, dark: DarkResult, channel: int) -> Uncertain | None:
+        """Return the covariance over pixels of a channel's slopes with the dark frames; None where it is not known."""
+        if dark.mean is None or dark.clipped is not None:
+            return None
+        pattern = dark.mean.mean[self._rows]
+        maps = [
+            (self._plane(self._sums[1], site), self._plane(pattern, site))
+            for site in np.argwhere(self._tile == channel)
+        ]
+        product = np.concatenate([(slopes * offsets).ravel() for slopes, offsets in maps])
+        return Uncertain.of(float(product.mean()), float(product.std()) / math.sqrt(product.size))
+
     def _compared(
         self, channels: Sequence[Channel], lights: Sequence[GroupStatistics]
     ) -> Iterator[tuple[Channel, list[float]]]:
