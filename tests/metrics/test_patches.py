@@ -138,3 +138,15 @@ def test_invalid_arguments():
     ):
         with raises(InputError, what, where=where):
             patch_statistics(frames, regions)
+
+
+def test_companded_frames_count_as_linear_numbers():
+    """Saturation is at the linear level of the white level, which lies between two numbers."""
+    stated = {"companding": "0:0 1024:1024 65535:4095"}
+    dn = np.array([[2000, 2002, 1100, 1100]], np.uint16).repeat(4, axis=0)
+    companded = RawFrame(dn, bits=12, black_level_dn=24, white_level_dn=2001, metadata=stated)
+    found = patch_statistics(companded, [Region("left", 0, 4, 0, 2), Region("right", 0, 4, 2, 4)])
+    slope = (65535 - 1024) / (4095 - 1024)
+    assert found.mean_dn[:, 0] == pytest.approx([1024 + 977 * slope - 24, 1024 + 76 * slope - 24], abs=0.5)
+    assert found.spatial_noise_dn[0, 0] == pytest.approx(slope * math.sqrt(8 / 7), rel=0.02)
+    assert found.saturated_fraction[:, 0].tolist() == [0.5, 0.0]

@@ -97,3 +97,19 @@ def test_results_are_plain_values_and_a_table(found: CameraComparison) -> None:
         ps.studies.compare_cameras({})
     tiny = ps.Camera(LENS, ps.load_sensor("nikon-d200").with_(rows=4, cols=4))
     assert ps.studies.compare_cameras({"tiny": tiny}).cameras["tiny"].patches is None
+
+
+@pytest.mark.filterwarnings("ignore::photosite.errors.PhotositeWarning")
+def test_patches_of_several_captures_are_those_of_the_combined_response() -> None:
+    """From 40 to 4000 cd/m2 the signals of all patches grow by 100, beyond both switches, and the colors stay."""
+    sensor = ps.load_sensor("split-pixel-automotive").with_(rows=480, cols=640)
+    camera = {"a": ps.Camera(LENS, sensor)}
+    dim, bright = (
+        ps.studies.compare_cameras(camera, exposure_s=1 / 60, mean_luminance_cd_m2=level).cameras["a"]
+        for level in (40, 4000)
+    )
+    assert dim.used.all()
+    assert bright.used.all()
+    assert bright.light.switches_cd_m2[-1] < 4000
+    assert bright.patches.mean_dn == pytest.approx(100.0 * dim.patches.mean_dn, rel=0.02)
+    assert bright.delta_e_2000 == pytest.approx(dim.delta_e_2000, abs=0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -58,6 +59,6 @@ def decompanded(raw: RawFrame) -> RawFrame:
         dn=np.rint(np.interp(raw.dn, companded, linear)).astype(np.uint16 if bits <= 16 else np.uint32),
         bits=bits,
         black_level_dn=float(levels[0]),
-        white_level_dn=float(levels[1]),
+        white_level_dn=math.floor(levels[1]),  # numbers are rounded
         metadata={name: value for name, value in raw.metadata.items() if name != COMPANDING},
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.frames.companding import decompanded
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names, channel_sites
@@ -86,7 +87,8 @@ def patch_statistics(
     Parameters
     ----------
     frames, regions
-        One frame, or several of the same scene and setting; rectangles or quadrilaterals anywhere in the mosaic.
+        One frame, or several of the same scene and setting, companded ones as linear numbers; rectangles or
+        quadrilaterals anywhere in the mosaic.
     sensor
         Source of the system gain for `mean_e`.
 
@@ -114,6 +116,7 @@ def patch_statistics(
     """
     stack = (frames,) if isinstance(frames, RawFrame) else tuple(frames)
     _check_stack(stack)
+    stack = tuple(map(decompanded, stack))
     _check_regions(regions, stack[0])
     first = stack[0]
     channels = channel_names(first.cfa)
