@@ -101,7 +101,7 @@ def test_results_are_plain_values_and_a_table(found: CameraComparison) -> None:
 
 @pytest.mark.filterwarnings("ignore::photosite.errors.PhotositeWarning")
 def test_patches_of_several_captures_are_those_of_the_combined_response() -> None:
-    """From 40 to 4000 cd/m2 the signals of all patches grow by 100, beyond both switches, and the colors stay."""
+    """From 40 to 4000 cd/m2 all signals grow by 100, beyond both switches; the color error stays (20 for 3 before)."""
     sensor = ps.load_sensor("split-pixel-automotive").with_(rows=480, cols=640)
     camera = {"a": ps.Camera(LENS, sensor)}
     dim, bright = (
@@ -112,4 +112,4 @@ def test_patches_of_several_captures_are_those_of_the_combined_response() -> Non
     assert bright.used.all()
     assert bright.light.switches_cd_m2[-1] < 4000
     assert bright.patches.mean_dn == pytest.approx(100.0 * dim.patches.mean_dn, rel=0.02)
-    assert bright.delta_e_2000 == pytest.approx(dim.delta_e_2000, abs=0.5)
+    assert bright.delta_e_2000.mean() == pytest.approx(dim.delta_e_2000.mean(), abs=0.2)
