@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "frames": VALUES | {"sensor", "engine"},
     "camera": VALUES | {"color", "engine", "scene", "optics", "sensor", "frames"},
     "calibration": VALUES | {"color", "engine", "sensor", "frames"},
-    "metrics": VALUES | {"color", "engine", "sensor", "frames"},
+    "metrics": VALUES | {"color", "engine", "scene", "sensor", "frames", "develop"},
     "develop": VALUES | {"color", "engine", "sensor", "frames"},
     "library": VALUES | {"color", "sensor", "frames", "calibration"},
     "training": STAGES,

@@ -267,7 +267,7 @@ class TestDrawnForTheCamera:
 
     def test_measured_mtf_is_that_of_lens_and_pixel(self, tmp_path: Path) -> None:
         """The set-up of formats/camera.md on a small chip: MTF within 0.01 of lens times photodetector times cells."""
-        from photosite.metrics.sharpness import slanted_edge_mtf
+        from photosite.metrics.sharpness.slanted_edge import slanted_edge_mtf
 
         file = written(
             tmp_path,

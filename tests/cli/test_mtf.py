@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import photosite as ps
-from photosite.metrics.sharpness import slanted_edge_mtf
+from photosite.metrics.sharpness.slanted_edge import slanted_edge_mtf
 
 
 @pytest.mark.smoke("mtf")

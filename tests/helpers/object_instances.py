@@ -20,7 +20,7 @@ from photosite.frames.frame_set import FrameSet
 from photosite.library.profile import CameraProfile
 from photosite.library.sources import CameraSource
 from photosite.library.spectra import SpectralFile, SpectralSensitivity
-from photosite.metrics.sharpness import SlantedEdge
+from photosite.metrics.sharpness.slanted_edge import SlantedEdge
 from photosite.sensor.noise_profile import NoiseProfile
 from photosite.validation.result import Validation
 from photosite.values.diagnostic import Diagnostic

@@ -13,7 +13,7 @@ import photosite as ps
 from photosite.color.colorimetry import delta_e_2000
 from photosite.errors import InputError, PhotositeWarning
 from photosite.studies.camera_comparison import CameraComparison
-from photosite.validation.charts import chart_regions, chart_xyz_d65
+from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65
 
 LIGHT = {"exposure_s": 1 / 30, "illuminant": "D65"}
 LENS = ps.DiffractionLimited(2.8, 50)

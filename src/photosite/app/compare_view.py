@@ -27,7 +27,7 @@ from photosite.frames.io.formats import raw_files, read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.studies.camera_comparison import compare_cameras
-from photosite.validation.charts import find_chart
+from photosite.metrics.charts.color_checker import find_chart
 from photosite.validation.frame_validation import CaptureConditions, FrameValidation, validate_frames
 from photosite.validation.lamp import load_lamp
 
@@ -237,7 +237,7 @@ def validation_code(request: ValidationRequest, places: Places) -> tuple[str, st
         "from pathlib import Path",
         "import photosite as ps",
         "from photosite.frames.io.formats import raw_files",
-        "from photosite.validation.charts import find_chart",
+        "from photosite.metrics.charts.color_checker import find_chart",
         "from photosite.validation.frame_validation import CaptureConditions, validate_frames",
         "from photosite.validation.lamp import load_lamp",
         "",

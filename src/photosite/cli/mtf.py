@@ -12,7 +12,7 @@ from photosite.cli.command import Command
 from photosite.cli.output import show, table
 
 if TYPE_CHECKING:
-    from photosite.metrics.sharpness import SlantedEdge
+    from photosite.metrics.sharpness.slanted_edge import SlantedEdge
 
 _SHOWN_CYCLES_PER_PIXEL = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.75, 1.0)
 
@@ -74,7 +74,7 @@ def command(
     from dataclasses import replace
 
     from photosite.frames.io.formats import read_raw
-    from photosite.metrics.sharpness import slanted_edge_mtf
+    from photosite.metrics.sharpness.slanted_edge import slanted_edge_mtf
 
     frame = read_raw(raw, **reading)
     if black_level_dn is not None:

@@ -175,7 +175,7 @@ def _validate_measured(
 def _validated(frames: Sequence[RawFrame], test: Mapping[str, Any], camera: Mapping[str, Any]) -> FrameValidation:
     from photosite.optics.diffraction import DiffractionLimited
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.validation.charts import find_chart
+    from photosite.metrics.charts.color_checker import find_chart
     from photosite.validation.frame_validation import CaptureConditions, validate_frames
     from photosite.validation.lamp import load_lamp
 

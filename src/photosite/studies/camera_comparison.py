@@ -29,7 +29,7 @@ from photosite.studies.sensor_comparison import (
     sensor_facts,
     transitions_to_dict,
 )
-from photosite.validation.charts import chart_regions, chart_xyz_d65
+from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, ResultTable, Shown, Tabular
 

@@ -22,7 +22,7 @@ from photosite.scene.placement import check_corners, in_perspective, seen_patche
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.sensor.model import Sensor
 from photosite.validation.agreement import dependence
-from photosite.validation.charts import chart_xyz_d65
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.lamp import Lamp

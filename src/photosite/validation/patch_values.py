@@ -20,7 +20,7 @@ from photosite.validation.agreement import (
     largest,
     relative_difference,
 )
-from photosite.validation.charts import chart_xyz_d65
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import PatchDifferences, compare_colors
 from photosite.values.choice import check_choice

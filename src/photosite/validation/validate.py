@@ -21,7 +21,7 @@ from photosite.validation.agreement import (
     compared,
     dependence,
 )
-from photosite.validation.charts import Chart, chart_regions, chart_xyz_d65
+from photosite.metrics.charts.color_checker import Chart, chart_regions, chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import Validation, compare_colors
 from photosite.values.cfa import tile_text

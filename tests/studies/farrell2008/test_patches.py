@@ -22,7 +22,7 @@ from photosite.studies.farrell2008.patches import (
     pictures_figure,
     sensitivity_figure,
 )
-from photosite.validation.charts import chart_xyz_d65
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 
 SEED = 5
 

@@ -26,7 +26,7 @@ from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, bare, paragraph, text
 from photosite.studies.farrell2008.fill_factor import FillFactors, simulate_chart
-from photosite.validation.charts import chart_xyz_d65
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.validation.result import ColorComparison, Validation
 from photosite.validation.validate import validate
 

@@ -15,7 +15,7 @@ import photosite as ps
 from photosite.camera.mean_image import electrons_per_weight
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.metrics.sharpness import SlantedEdge, slanted_edge_mtf
+from photosite.metrics.sharpness.slanted_edge import SlantedEdge, slanted_edge_mtf
 from photosite.optics.lens import Lens
 from photosite.optics.point_spread import PlanePsf
 from photosite.optics.wavefront import Wavefront

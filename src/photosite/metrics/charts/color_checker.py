@@ -1,4 +1,4 @@
-"""Charts that validation supports: positions and colors of their patches, and their detection in a frame."""
+"""A ColorChecker: positions and colors of its patches, and its detection in a frame."""
 
 from __future__ import annotations
 

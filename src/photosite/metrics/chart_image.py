@@ -1,0 +1,264 @@
+"""The image of a chart: one or more frames of it, proportional to light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import FileError, InputError
+from photosite.frames.raw_frame import RawFrame
+from photosite.sensor.model import Sensor
+from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, channel_sites, shifted
+from photosite.values.region import Patch, Region
+from photosite.values.shown import Shown
+
+Array = NDArray[np.float64]
+Origin = Literal["raw", "picture", "electrons"]
+
+LUMA = "Y"
+"""Channel of pictures: 0.2126 R + 0.7152 G + 0.0722 B of linear sRGB (IEC 61966-2-1)."""
+_LUMA_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
+_PICTURE_CHANNELS = ("R", "G", "B", LUMA)
+
+
+@dataclass(frozen=True, eq=False)
+class ChartImage(Shown):
+    """Frames of a chart.
+
+    Parameters
+    ----------
+    frames
+        Of one setting: (rows, cols) mosaics, or (rows, cols, 3) pictures, proportional to light.
+    origin
+        "raw" frames, "picture" of a developer, or mean "electrons" without noise.
+    cfa
+        Tile of the color filter array; pictures have none.
+    black, white
+        Values without light and at saturation, in the unit of the frames.
+    sensor
+        Source of the system gain; None where it is not known.
+    exposure_s, f_number
+        Of the frames; None where unknown.
+
+    Examples
+    --------
+    >>> image = chart_image(np.ones((4, 4)))
+    >>> image.origin, image.channels, image.pixels(Region("all", 0, 4, 0, 4), "M").shape
+    ('electrons', ('M',), (1, 16))
+    """
+
+    frames: tuple[NDArray[Any], ...]
+    origin: Origin
+    cfa: Cfa = MONOCHROME
+    black: float = 0.0
+    white: float = np.inf
+    sensor: Sensor | None = None
+    exposure_s: float | None = None
+    f_number: float | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        rows, cols = self.frames[0].shape[:2]
+        return rows, cols
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels; a picture has R, G, B and their luma Y."""
+        return _PICTURE_CHANNELS if self.origin == "picture" else channel_names(self.cfa)
+
+    @property
+    def sharp_channel(self) -> str:
+        """The channel that stands for the image where one is chosen: luma, green, or the first."""
+        return next((name for name in (LUMA, "G") if name in self.channels), self.channels[0])
+
+    @cached_property
+    def mean(self) -> NDArray[np.floating[Any]]:
+        """Mean of the frames, black level included."""
+        if len(self.frames) == 1:
+            return self.frames[0]
+        total = np.zeros(self.frames[0].shape, np.float64)
+        for frame in self.frames:
+            total += frame
+        return total / len(self.frames)
+
+    def check_channel(self, channel: str) -> None:
+        """Raise `InputError` for a channel that the image has not."""
+        if channel not in self.channels:
+            raise InputError("channel", value=channel, expected=f"one of {', '.join(self.channels)}")
+
+    def plane(self, channel: str, region: Region | None = None) -> tuple[Array, Cfa]:
+        """Return (rows, cols) mean values above black in a region, and the tile there; other channels are included.
+
+        A picture's plane holds the channel at every pixel, and its tile is monochrome.
+        """
+        self.check_channel(channel)
+        rows, cols = self.shape
+        box = region or Region("frame", 0, rows, 0, cols)
+        if box.r1 > rows or box.c1 > cols:
+            corners = (box.r0, box.r1, box.c0, box.c1)
+            raise InputError("region", value=corners, expected=f"within the frame of {rows} x {cols} pixels")
+        part = self.mean[box.r0 : box.r1, box.c0 : box.c1]
+        if self.origin == "picture":
+            return _channel_of_picture(part, channel), MONOCHROME
+        return part.astype(np.float64) - self.black, shifted(self.cfa, box.r0, box.c0)
+
+    def mask(self, channel: str, region: Region) -> NDArray[np.bool_]:
+        """Return which pixels of a region belong to a channel."""
+        if self.origin == "picture":
+            return np.ones(region.shape, np.bool_)
+        return channel_mask(shifted(self.cfa, region.r0, region.c0), channel, region.shape)
+
+    def pixels(self, patch: Patch, channel: str) -> Array:
+        """Return the (frames, pixels) values above black of a channel in a patch."""
+        self.check_channel(channel)
+        return np.stack([self._pixels_of(frame, patch, channel) for frame in self.frames])
+
+    def _pixels_of(self, frame: NDArray[Any], patch: Patch, channel: str) -> Array:
+        inside = patch.inside()
+        if self.origin == "picture":
+            return _channel_of_picture(frame[patch.r0 : patch.r1, patch.c0 : patch.c1], channel)[inside]
+        height, width = len(self.cfa), len(self.cfa[0])
+        parts = []
+        for r, c in channel_sites(self.cfa, channel):
+            down, along = (r - patch.r0) % height, (c - patch.c0) % width
+            which = inside[down::height, along::width]
+            parts.append(frame[patch.r0 + down : patch.r1 : height, patch.c0 + along : patch.c1 : width][which])
+        return np.concatenate(parts).astype(np.float64) - self.black
+
+    def mosaic_frame(self) -> RawFrame:
+        """Return the first frame as a raw frame of 16 bits, for the detection of charts; a picture's luma."""
+        values = self.frames[0] if self.origin != "picture" else _channel_of_picture(self.frames[0], LUMA)
+        top = self.white if np.isfinite(self.white) else float(values.max())
+        scaled = np.clip((values - self.black) / max(top - self.black, 1e-300), 0.0, 1.0) * 65535.0
+        return RawFrame(np.rint(scaled).astype(np.uint16), 16, self.cfa)
+
+    def saturated_fraction(self, patch: Patch, channel: str) -> float:
+        """Return the fraction of a channel's pixels at or above the white level."""
+        return float((self.pixels(patch, channel) >= self.white - self.black).mean())
+
+
+def _channel_of_picture(part: NDArray[Any], channel: str) -> Array:
+    if channel == LUMA:
+        return np.asarray(part @ _LUMA_WEIGHTS, dtype=np.float64)
+    return part[..., _PICTURE_CHANNELS.index(channel)].astype(np.float64)
+
+
+Frames = RawFrame | ArrayLike | str | PathLike[str] | Sequence[RawFrame] | Sequence[str | PathLike[str]] | ChartImage
+
+
+def chart_image(frames: Frames, *, sensor: Sensor | None = None, linear: bool = False, **reading: Any) -> ChartImage:
+    """Return frames of a chart as an image.
+
+    Parameters
+    ----------
+    frames
+        One raw frame, or several of one scene and setting; files of raw frames or of pictures (PNG, JPEG, TIFF in
+        color); (rows, cols) mean electrons; or (rows, cols, 3) linear values of a picture.
+    sensor
+        Source of the system gain.
+    linear
+        Whether the codes of picture files are proportional to light. Default: they are sRGB, or in the space that the
+        file states.
+    **reading
+        Arguments of `photosite.read_raw` for files.
+
+    Raises
+    ------
+    InputError
+        If there are no frames, or they differ in size, tile, levels, exposure time or kind.
+    FileError
+        If a file cannot be read.
+    """
+    if isinstance(frames, ChartImage):
+        return frames
+    given = list(frames) if isinstance(frames, list | tuple) else [frames]
+    if not given:
+        raise InputError("frames", value=0, expected="one or more")
+    read = [_read(each, linear, reading) if isinstance(each, str | PathLike) else each for each in given]
+    if all(isinstance(each, RawFrame) for each in read):
+        return _of_raw(read, sensor)
+    arrays = [np.asarray(each, dtype=np.float64) for each in read]
+    if any(isinstance(each, RawFrame) for each in read) or len({each.shape for each in arrays}) > 1:
+        raise InputError("frames", expected="of one kind and size")
+    first = arrays[0]
+    if not (first.ndim == 2 or (first.ndim == 3 and first.shape[2] == 3)) or first.size == 0:
+        expected = "(rows, cols) of mean electrons, or (rows, cols, 3) of a picture"
+        raise InputError("frames", value=first.shape, expected=expected)
+    if not all(np.isfinite(each).all() for each in arrays):
+        raise InputError("frames", expected="finite")
+    if first.ndim == 2:
+        return ChartImage(tuple(arrays), "electrons", MONOCHROME if sensor is None else sensor.array.cfa, sensor=sensor)
+    return ChartImage(tuple(arrays), "picture", white=1.0)
+
+
+def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
+    first = frames[0]
+    first.check_mosaic()
+    for what in ("shape", "cfa", "bits", "black_level_dn", "white_level_dn", "exposure_s"):
+        for number, frame in enumerate(frames[1:], start=2):
+            one, other = getattr(first, what), getattr(frame, what)
+            if one != other:
+                raise InputError(what, where=f"frame {number}", value=other, expected=f"{one}, as in frame 1")
+    f_number = first.metadata.get("f_number")
+    return ChartImage(
+        tuple(frame.dn for frame in frames),
+        "raw",
+        first.cfa,
+        first.black_level_dn,
+        first.white_level_dn,
+        sensor,
+        first.exposure_s,
+        None if f_number is None else float(f_number),
+    )
+
+
+def _read(path: str | PathLike[str], linear: bool, reading: dict[str, Any]) -> RawFrame | Array:
+    """Return a raw frame, or the linear sRGB values of a picture."""
+    from photosite.frames.io.formats import is_own_output, read_raw
+    from photosite.scene.io.picture import read_codes
+    from photosite.scene.picture_colors import linear_srgb_of
+
+    file = Path(path)
+    if file.suffix.lower() in (".jpg", ".jpeg", ".png") and (
+        file.suffix.lower() != ".png" or is_own_output(file) or _is_color_png(file)
+    ):
+        codes, space = read_codes(file)
+        return linear_srgb_of(space.decoded(codes), space.name, linear=linear or space.linear)
+    if file.suffix.lower() in (".tif", ".tiff") and (codes := _color_tiff(file)) is not None:
+        return linear_srgb_of(codes, "sRGB", linear=linear)
+    return read_raw(path, **reading)
+
+
+_PNG_COLOR_TYPE = 25
+"""Byte of a PNG file's IHDR; 2 and 6 are in color, 3 has a palette."""
+
+
+def _is_color_png(file: Path) -> bool:
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(_PNG_COLOR_TYPE + 1)
+    except OSError as error:
+        raise FileError(file, error.strerror or str(error)) from None
+    return len(head) > _PNG_COLOR_TYPE and head[_PNG_COLOR_TYPE] in (2, 3, 6)
+
+
+def _color_tiff(file: Path) -> NDArray[Any] | None:
+    """Return the codes of a TIFF picture in color; None for any other file."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(file) as content:
+            page = content.pages[0]
+            if page.ndim == 3 and page.shape[-1] == 3 and page.dtype in (np.uint8, np.uint16):
+                return np.asarray(page.asarray())
+    except (OSError, tifffile.TiffFileError):
+        return None
+    return None

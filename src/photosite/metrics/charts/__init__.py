@@ -1,0 +1,1 @@
+"""Charts in frames: where they lie, what their patches reflect, and their detection."""

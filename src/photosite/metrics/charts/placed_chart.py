@@ -1,0 +1,170 @@
+"""A chart in an image: its patches and outline in pixels, and the light that comes from each patch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.color.colorimetry import xyz
+from photosite.color.spectrum import Spectrum
+from photosite.errors import InputError, did_you_mean
+from photosite.metrics.chart_image import ChartImage
+from photosite.metrics.charts.color_checker import find_chart
+from photosite.scene.placement import Homography, check_corners, field_corners, field_size, place, seen_patches
+from photosite.scene.scene import Scene
+from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest
+from photosite.values.region import Corners, Patch, Region
+from photosite.values.shown import Shown
+
+Array = NDArray[np.float64]
+Found = Literal["given corners", "fills the frame", "detected"]
+
+INNER = 0.6
+"""Part of a patch's side that is measured, around its center, so that blur and flare at borders stay outside."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedChart(Shown):
+    """A chart in an image.
+
+    Parameters
+    ----------
+    name
+        Built-in scene, such as "macbeth".
+    scene
+        The chart under its light, with a region for each patch.
+    corners
+        Of the chart in the image: top left, top right, bottom right, bottom left of its patches, or of the whole chart
+        where it has none; (row, col) in pixels.
+    patches
+        The insides of the patches in the image.
+    found
+        How the corners are known.
+    known_light
+        Whether the luminance of the chart was given.
+    """
+
+    name: str
+    scene: Scene
+    corners: Corners
+    patches: tuple[Patch, ...]
+    found: Found
+    known_light: bool = False
+
+    @property
+    def region(self) -> Region:
+        """The rectangle of whole pixels around the corners, within the image."""
+        points = np.array(self.corners)
+        (r0, c0), (r1, c1) = np.maximum(np.ceil(points.min(axis=0) - 1e-6), 0), np.floor(points.max(axis=0) + 1e-6)
+        return Region(self.name, int(r0), int(r1), int(c0), int(c1))
+
+    @cached_property
+    def patch_xyz(self) -> Array:
+        """(patches, 3) tristimulus values of the light of the patches, CIE 1931, Y in cd/m2."""
+        basis = xyz(self.scene.basis, self.scene.wavelength_nm)
+        parts = self.scene.regions
+        weights = [self.scene.weights[:, p.r0 : p.r1, p.c0 : p.c1].mean(axis=(1, 2), dtype=np.float64) for p in parts]
+        return np.array(weights).reshape(-1, len(basis)) @ basis
+
+    @cached_property
+    def white_xyz(self) -> Array:
+        """(3,) tristimulus values of a perfect diffuser in the chart's light, from the light of the scene."""
+        return np.asarray(xyz(self.scene.light, self.scene.wavelength_nm))
+
+    def to_image(self, points: Array) -> Array:
+        """Return points of the scene, (n, 2) rows and columns of samples, in the image."""
+        return Homography.between(_scene_corners(self.scene), self.corners)(points)
+
+
+def _scene_corners(scene: Scene) -> Corners:
+    if scene.patches:
+        return field_corners(scene)
+    rows, cols = (float(size) for size in scene.shape)
+    return (0.0, 0.0), (0.0, cols), (rows, cols), (rows, 0.0)
+
+
+def placed_chart(
+    image: ChartImage,
+    chart: str,
+    *,
+    corners: Corners | None = None,
+    detect: bool = False,
+    illuminant: str | float | Spectrum | None = None,
+    luminance_cd_m2: float | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> PlacedChart:
+    """Return where a chart is in an image.
+
+    Parameters
+    ----------
+    image, chart
+        The image, and the name of a built-in scene.
+    corners
+        Top left, top right, bottom right and bottom left corner of the chart's patches (of the whole chart where it has
+        none), (row, col) in pixels. None: the chart fills the frame, as a scene without a width does.
+    detect
+        Find the chart (ColorChecker in raw frames).
+    illuminant, luminance_cd_m2
+        Light of the chart, D65 by default, and its mean luminance, for measurements that need them.
+    options
+        Of the built-in scene, such as `{"cycles": 72}` of a star.
+
+    Raises
+    ------
+    InputError
+        If the chart is unknown, not found, or the corners are outside the image.
+    """
+    if chart not in BUILT_IN_SCENES:
+        hint = did_you_mean(chart, BUILT_IN_SCENES, "photosite scenes list shows the charts")
+        raise InputError("chart", value=chart, expected="the name of a built-in scene", hint=hint)
+    if corners is not None and detect:
+        raise InputError("corners", expected="given, or the chart detected, not both")
+    light: dict[str, Any] = {"illuminant": "D65" if illuminant is None else illuminant}
+    if luminance_cd_m2 is not None:
+        light["mean_luminance_cd_m2"] = luminance_cd_m2
+    scene = SceneRequest(chart, {**light, **(options or {})}).scene()
+    known = luminance_cd_m2 is not None
+    if detect:
+        corners = _detected(image, chart)
+    if corners is None:
+        return _filling(image, chart, scene, known)
+    check_corners(corners, image.shape)
+    patches: tuple[Patch, ...] = ()
+    if scene.patches:
+        patches = seen_patches(scene, corners, INNER)
+    elif scene.regions:
+        view = Homography.between(_scene_corners(scene), corners)
+        patches = tuple(_rectangle(view, region) for region in scene.regions)
+    return PlacedChart(chart, scene, corners, patches, "detected" if detect else "given corners", known)
+
+
+def _rectangle(view: Homography, region: Region) -> Region:
+    """Return the largest upright rectangle of pixels inside the corners of a region in the image."""
+    points = view(np.array([(r, c) for r in (region.r0, region.r1) for c in (region.c0, region.c1)], dtype=np.float64))
+    rows, cols = np.sort(points[:, 0]), np.sort(points[:, 1])
+    r0, r1, c0, c1 = (int(np.ceil(rows[1])), int(rows[2]), int(np.ceil(cols[1])), int(cols[2]))
+    return Region(region.name, r0, r1, c0, c1)
+
+
+def _filling(image: ChartImage, chart: str, scene: Scene, known: bool) -> PlacedChart:
+    """Return the chart as a camera places a scene that fills the frame."""
+    where = place(scene.shape, image.shape, content=field_size(scene))
+    points = [
+        ((row - where.row_start) / where.row_step, (col - where.col_start) / where.col_step)
+        for row, col in _scene_corners(scene)
+    ]
+    rows, cols = image.shape
+    inside = [(min(max(row, 0.0), rows), min(max(col, 0.0), cols)) for row, col in points]
+    corners: Corners = (inside[0], inside[1], inside[2], inside[3])
+    return PlacedChart(chart, scene, corners, where.regions(scene.regions), "fills the frame", known)
+
+
+def _detected(image: ChartImage, chart: str) -> Corners:
+    if chart != "macbeth":
+        raise InputError("detect", value=chart, expected="macbeth; give the corners of other charts")
+    return find_chart(image.mosaic_frame())

@@ -1,0 +1,55 @@
+"""The registry of measurements: each file of a folder of `photosite.metrics` defines one as `MEASUREMENT`."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from types import MappingProxyType
+
+from photosite.errors import InputError, did_you_mean
+from photosite.metrics.measurement import Measurement
+from photosite.values.registry import registered
+
+PACKAGE = "photosite.metrics"
+
+
+@cache
+def measurements() -> Mapping[str, Measurement]:
+    """Return all measurements by id, in their order.
+
+    Examples
+    --------
+    >>> measurements()["edge-sfr"].charts
+    ('slanted-edge',)
+    """
+    found: dict[str, Measurement] = {}
+    for area in pkgutil.iter_modules(import_module(PACKAGE).__path__):
+        if area.ispkg:
+            entries: dict[str, Measurement] = registered(f"{PACKAGE}.{area.name}", "MEASUREMENT")
+            for name, entry in entries.items():
+                id = name.replace("_", "-")
+                found[id] = replace(entry, id=id)
+    return MappingProxyType(dict(sorted(found.items(), key=lambda item: (item[1].order, item[0]))))
+
+
+def measurement(name: str) -> Measurement:
+    """Return a measurement by its id.
+
+    Raises
+    ------
+    InputError
+        If there is no such measurement.
+    """
+    known = measurements()
+    if name not in known:
+        hint = did_you_mean(name, known, "photosite measure --list lists them")
+        raise InputError("measurement", value=name, expected="the id of a measurement", hint=hint)
+    return known[name]
+
+
+def charts_measured() -> tuple[str, ...]:
+    """Return the names of the charts that any measurement works on, in alphabetical order."""
+    return tuple(sorted({chart for entry in measurements().values() for chart in entry.charts}))

@@ -1,0 +1,1 @@
+"""Sharpness: spatial frequency responses of edges, stars and textures."""
