@@ -122,6 +122,28 @@ def write_diagnostics_page(app: Sphinx) -> None:
         page.write_text(text, encoding="utf-8")
 
 
+def write_measurements_page(app: Sphinx) -> None:
+    """Write the registry of measurements, which docs/howto/image-quality.md includes."""
+    from photosite.metrics.registry import measurements
+
+    lines = []
+    for entry in measurements().values():
+        charts = ", ".join(f"`{name}`" for name in entry.charts) or "any"
+        options = ", ".join(f"`{name}={field.default}`" for name, field in entry.options.model_fields.items())
+        lines += [f"### {entry.title}", "", f"`{entry.id}`, {entry.standard}. Charts: {charts}.", ""]
+        lines += ["| value | unit | definition |", "|---|---|---|"]
+        lines += [f"| `{name}` | {each.unit} | {each.definition} |" for name, each in entry.quantities.items()] + [""]
+        lines += [f"- **Options:** {options}"] if options else []
+        lines += [f"- **Compared with:** {entry.oracle}"]
+        lines += [f"- **Left out:** {entry.left_out}"] if entry.left_out else []
+        lines += [""]
+    page = Path(app.srcdir, "howto", "image-quality", "entries.md")
+    page.parent.mkdir(exist_ok=True)
+    text = "\n".join(lines)
+    if not page.exists() or page.read_text(encoding="utf-8") != text:
+        page.write_text(text, encoding="utf-8")
+
+
 def as_plain_text(app: Sphinx, context: click.Context, lines: list[str]) -> None:
     """Escape what reStructuredText would read as markup, except code in backticks; show examples as code."""
     outside_backticks = re.compile(r"([*|_\\])(?=[^`]*(?:`[^`]*`[^`]*)*$)")
@@ -150,5 +172,6 @@ def setup(app: Sphinx) -> None:
     app.add_html_math_renderer("mathml", inline_renderers=(write_math, None), block_renderers=(write_math, None))
     app.connect("builder-inited", write_command_pages, priority=100)
     app.connect("builder-inited", write_diagnostics_page, priority=100)
+    app.connect("builder-inited", write_measurements_page, priority=100)
     for part in ("description", "options", "arguments", "epilog"):
         app.connect(f"sphinx-click-process-{part}", as_plain_text)

@@ -8,6 +8,7 @@ signal-to-noise ratio of each patch on the raw mosaic lies on the curve that the
 
 import matplotlib.pyplot as plt
 import numpy as np
+from photosite.validation.charts import chart_xyz_d65
 
 import photosite as ps
 from photosite.develop.camera_color import fit_color_matrix
@@ -15,7 +16,6 @@ from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
 from photosite.report.page import shrink
 from photosite.report.style import BLACK, GRAY, channel_style, styled
-from photosite.validation.charts import chart_xyz_d65
 
 sensor = ps.load_sensor("nikon-d200")
 camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)

@@ -50,6 +50,15 @@ def emva_frames() -> Path:
 
 
 @pytest.fixture(scope="session")
+def published_edges() -> Path:
+    """The folder of edges with published spatial frequency responses."""
+    folder = reference_folder()
+    if folder is None or not (folder / "sfr_edges" / "h_edge.tif").is_file():
+        pytest.skip("edges with published responses not found; see docs/validation/index.md")
+    return folder / "sfr_edges"
+
+
+@pytest.fixture(scope="session")
 def read_page() -> type[PageReader]:
     """A strict reader of HTML pages."""
     return PageReader

@@ -28,6 +28,7 @@ from .frames.open import open_frames as open_frames
 from .frames.raw_frame import RawFrame as RawFrame
 from .library.profile import load_camera_profile as load_camera_profile
 from .metrics.capture_snr import capture_budget as capture_budget
+from .metrics.measure import measure as measure
 from .metrics.sharpness.slanted_edge import slanted_edge_mtf as slanted_edge_mtf
 from .metrics.snr import noise_budget as noise_budget
 from .optics.diffraction import DiffractionLimited as DiffractionLimited

@@ -6,9 +6,9 @@ import pytest
 import photosite as ps
 from photosite.camera.color_matrix import color_matrix
 from photosite.color.colorimetry import XYZ_FROM_SRGB, delta_e_2000
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.scene.charts.color_checker import MACBETH_NAMES
 from photosite.sensor.assumed_channels import assumed_channels
-from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.values.cfa import cfa_from, channel_names
 
 WHITE = MACBETH_NAMES.index("neutral 8")

@@ -12,8 +12,8 @@ from scipy.special import j1
 import photosite as ps
 from photosite.color.colorimetry import delta_e_2000
 from photosite.errors import InputError, PhotositeWarning
-from photosite.studies.camera_comparison import CameraComparison
 from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65
+from photosite.studies.camera_comparison import CameraComparison
 
 LIGHT = {"exposure_s": 1 / 30, "illuminant": "D65"}
 LENS = ps.DiffractionLimited(2.8, 50)

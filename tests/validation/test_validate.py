@@ -11,8 +11,8 @@ from scipy.stats import kstest
 from photosite.color.colorimetry import delta_e_76, delta_e_2000
 from photosite.errors import InputError, PhotositeWarning
 from photosite.frames.raw_frame import RawFrame
-from photosite.scene.charts import MACBETH_NAMES
 from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65
+from photosite.scene.charts import MACBETH_NAMES
 from photosite.validation.validate import validate
 from photosite.values.cfa import NAMED, channel_mask
 from photosite.values.region import Region

@@ -25,9 +25,9 @@ from photosite.develop.develop import save_picture
 from photosite.errors import InputError
 from photosite.frames.io.formats import raw_files, read_raw
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.charts.color_checker import find_chart
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.studies.camera_comparison import compare_cameras
-from photosite.metrics.charts.color_checker import find_chart
 from photosite.validation.frame_validation import CaptureConditions, FrameValidation, validate_frames
 from photosite.validation.lamp import load_lamp
 

@@ -21,7 +21,7 @@ Stage = Literal["set", "levels", "channels", "result"]
 """What a check looks at: a frame set before any frame is read; its reduction; the reduction and the channels of the
 flat fields; the evidence."""
 
-PACKAGES = "photosite.calibration", "photosite.frames", "photosite.sensor"
+FOLDERS = "calibration", "frames", "sensor", "metrics"
 """Where kinds of diagnostics are defined."""
 
 
@@ -78,7 +78,8 @@ def diagnostic_kinds() -> Mapping[str, DiagnosticKind]:
     'warning'
     """
     found: dict[str, DiagnosticKind] = {}
-    for package in PACKAGES:
+    for name in FOLDERS:
+        package = f"photosite.{name}"
         folder = import_module(package)
         for module in pkgutil.walk_packages(folder.__path__, f"{package}."):
             for value in vars(import_module(module.name)).values():

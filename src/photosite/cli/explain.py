@@ -15,10 +15,10 @@ from photosite.cli.output import show, table
 @click.argument("name", metavar="[ID]", required=False)
 @options.json_option
 def command(name: str | None, as_json: bool) -> None:
-    """Explain a diagnostic of a calibration, by its id.
+    """Explain a diagnostic of a calibration or of image quality, by its id.
 
     What the data show, what it does to which figures, and what to do. The ids are those of the warnings of `photosite
-    calibrate`, in its reports and in --json. Without an id, all of them are listed.
+    calibrate` and `photosite measure`, in their reports and in --json. Without an id, all of them are listed.
 
     Example: photosite explain unsteady-light
     """
@@ -33,7 +33,7 @@ def command(name: str | None, as_json: bool) -> None:
     kind = diagnostic_kind(name)
     from photosite.calibration.parameters import PARAMETER_LABELS
 
-    figures = kind.concerns(PARAMETER_LABELS)
+    figures = kind.concerns(PARAMETER_LABELS) or kind.parameters
     known = kind.entry | detection_entry(kind)
     entry: dict[str, Any] = {"id": kind.id, "severity": kind.severity, **known, "Figures": list(figures)}
 

@@ -377,6 +377,22 @@ def virtual_light_options(photons: str) -> Callable[[F], F]:
 ILLUMINANT_HELP = "CIE illuminant (A, D65, ...) or blackbody (3200K)."
 
 
+def _corner(text: str) -> tuple[float, float]:
+    """Parse row,col."""
+    if text[:1] == "-" and not text[1:2].isdecimal():
+        raise click.BadParameter(f"must be four corners row,col row,col row,col row,col, got fewer before {text}")
+    try:
+        row, col = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"must be row,col in pixels, such as 412,388, got '{text}'") from None
+    return row, col
+
+
+def corners_option(text: str) -> Callable[[F], F]:
+    """Add --corners, four times row,col."""
+    return click.option("--corners", nargs=4, type=_corner, metavar="R,C R,C R,C R,C", help=text)
+
+
 READING = ("bits", "cfa", "region", "layout")
 """Names of the options that `reading_options` adds, which are those of `read_raw` and `open_frames`."""
 

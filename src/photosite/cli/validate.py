@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from photosite.validation.result import Validation
 
 
-def _corner(text: str) -> tuple[float, float]:
-    """Parse row,col."""
-    if text[:1] == "-" and not text[1:2].isdecimal():
-        raise click.BadParameter(f"must be four corners row,col row,col row,col row,col, got fewer before {text}")
-    try:
-        row, col = (float(part) for part in text.split(","))
-    except ValueError:
-        raise click.BadParameter(f"must be row,col in pixels, such as 412,388, got '{text}'") from None
-    return row, col
-
-
 _only_with_measured = options.stacked(
     click.option(
         "--measured",
@@ -56,13 +45,7 @@ _only_with_measured = options.stacked(
     options.lens_options(),
     options.exposure_option(text="Exposure time: 0.01, 1/100 or 10ms; overrides that of the files."),
     options.black_level_option(" of files without it"),
-    click.option(
-        "--corners",
-        nargs=4,
-        type=_corner,
-        metavar="R,C R,C R,C R,C",
-        help="Outer corners of the dark skin, bluish green, black and white patches, row,col in pixels.",
-    ),
+    options.corners_option("Outer corners of the dark skin, bluish green, black and white patches, row,col in pixels."),
     click.option("--detect", is_flag=True, help="Find the chart; the report shows its outlines."),
     click.option(
         "--fit",
@@ -173,9 +156,9 @@ def _validate_measured(
 
 
 def _validated(frames: Sequence[RawFrame], test: Mapping[str, Any], camera: Mapping[str, Any]) -> FrameValidation:
+    from photosite.metrics.charts.color_checker import find_chart
     from photosite.optics.diffraction import DiffractionLimited
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.metrics.charts.color_checker import find_chart
     from photosite.validation.frame_validation import CaptureConditions, validate_frames
     from photosite.validation.lamp import load_lamp
 

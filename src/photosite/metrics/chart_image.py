@@ -182,7 +182,7 @@ def chart_image(frames: Frames, *, sensor: Sensor | None = None, linear: bool = 
     given = list(frames) if isinstance(frames, list | tuple) else [frames]
     if not given:
         raise InputError("frames", value=0, expected="one or more")
-    read = [_read(each, linear, reading) if isinstance(each, str | PathLike) else each for each in given]
+    read: list[Any] = [_read(each, linear, reading) if isinstance(each, str | PathLike) else each for each in given]
     if all(isinstance(each, RawFrame) for each in read):
         return _of_raw(read, sensor)
     arrays = [np.asarray(each, dtype=np.float64) for each in read]
@@ -232,8 +232,8 @@ def _read(path: str | PathLike[str], linear: bool, reading: dict[str, Any]) -> R
     ):
         codes, space = read_codes(file)
         return linear_srgb_of(space.decoded(codes), space.name, linear=linear or space.linear)
-    if file.suffix.lower() in (".tif", ".tiff") and (codes := _color_tiff(file)) is not None:
-        return linear_srgb_of(codes, "sRGB", linear=linear)
+    if file.suffix.lower() in (".tif", ".tiff") and (color := _color_tiff(file)) is not None:
+        return linear_srgb_of(color, "sRGB", linear=linear)
     return read_raw(path, **reading)
 
 

@@ -10,11 +10,13 @@ from photosite.calibration.dark.temperature import DarkTemperature
 from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
+from photosite.metrics.measure import ImageQuality
 from photosite.report.calibration import calibration_page
 from photosite.report.captures import captures_page, combined_page
 from photosite.report.dark_temperature import dark_temperature_page
 from photosite.report.em_gain import em_gain_page
 from photosite.report.gain_series import gain_series_page
+from photosite.report.image_quality import image_quality_page
 from photosite.report.page import Page
 from photosite.report.validation import validation_page
 from photosite.validation.frame_validation import FrameValidation
@@ -33,3 +35,4 @@ page.register(DarkTemperature, dark_temperature_page)
 page.register(EmGainResult, em_gain_page)
 page.register(FrameValidation, validation_page)
 page.register(GainSeries, gain_series_page)
+page.register(ImageQuality, image_quality_page)

@@ -19,9 +19,11 @@ from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.capture_snr import CaptureBudget
+from photosite.metrics.measurement import Result
 from photosite.metrics.snr import NoiseBudget
 from photosite.optics.plot import LensBlur, cutoff_per_m, mtf, sampled_psf
 from photosite.report.figures.captures import draw_captures_snr, draw_knees
+from photosite.report.figures.measurement import draw_curves_of, draw_map, figures_of
 from photosite.report.figures.response import draw_curves
 from photosite.report.figures.sensor import draw_noise_budget, draw_spectral_sensitivity
 from photosite.report.figures.validation import draw_identity, draw_patch_means
@@ -300,3 +302,14 @@ def draw_psf(axes: Axes, psf: NDArray[np.float64], step_um: float, title: str) -
 def _without_grid(axes: Axes, x_label: str, y_label: str) -> None:
     axes.grid(visible=False)
     axes.set(xlabel=x_label, ylabel=y_label)
+
+
+@draw.register(Result)
+@styled()
+def _(result: Result, ax: Axes | None = None) -> Axes:
+    """Draw the first figure of a measurement: curves, or a map."""
+    if result.curves:
+        return draw_curves_of(new_or_given(ax), next(iter(figures_of(result).values())))
+    if result.maps:
+        return draw_map(new_or_given(ax), result.maps[0])
+    raise InputError("plot", expected="a result with curves or maps")

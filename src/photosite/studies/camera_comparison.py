@@ -14,6 +14,7 @@ from photosite.camera.camera import Camera
 from photosite.camera.mean_image import pitch_m
 from photosite.develop.camera_color import ColorMatrix, fit_color_matrix
 from photosite.errors import InputError
+from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.metrics.snr import noise_budget
 from photosite.optics.distortion import image_height
@@ -29,7 +30,6 @@ from photosite.studies.sensor_comparison import (
     sensor_facts,
     transitions_to_dict,
 )
-from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, ResultTable, Shown, Tabular
 

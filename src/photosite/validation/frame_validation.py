@@ -14,6 +14,7 @@ from photosite.camera.camera import Camera
 from photosite.develop.develop import develop_pair
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.lens import Optics
@@ -22,7 +23,6 @@ from photosite.scene.placement import check_corners, in_perspective, seen_patche
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.sensor.model import Sensor
 from photosite.validation.agreement import dependence
-from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.lamp import Lamp

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError, did_you_mean
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import (
     ChiSquare,
@@ -20,7 +21,6 @@ from photosite.validation.agreement import (
     largest,
     relative_difference,
 )
-from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import PatchDifferences, compare_colors
 from photosite.values.choice import check_choice

@@ -23,8 +23,8 @@ from photosite.files.mat import load_mat
 from photosite.files.small_files import read_small
 from photosite.frames.io.formats import raw_files, read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.metrics.patches import patch_statistics
 from photosite.metrics.charts.color_checker import chart_regions
+from photosite.metrics.patches import patch_statistics
 from photosite.validation.frame_validation import MOST_SIMULATED
 from photosite.validation.patch_values import UNITS, PatchComparison, PatchValues, Unit, compare_values
 from photosite.validation.result import Validation

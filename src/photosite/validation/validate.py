@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.charts.color_checker import Chart, chart_regions, chart_xyz_d65
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.validation.agreement import (
     SharedNoise,
@@ -21,7 +22,6 @@ from photosite.validation.agreement import (
     compared,
     dependence,
 )
-from photosite.metrics.charts.color_checker import Chart, chart_regions, chart_xyz_d65
 from photosite.validation.regression import regressions
 from photosite.validation.result import Validation, compare_colors
 from photosite.values.cfa import tile_text

@@ -10,9 +10,9 @@ import photosite as ps
 from photosite.color.colorimetry import colour_science
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65, find_chart
 from photosite.scene.charts import MACBETH_NAMES, macbeth
 from photosite.scene.placement import in_perspective
-from photosite.metrics.charts.color_checker import chart_regions, chart_xyz_d65, find_chart
 
 SHAPE = (300, 440)
 LENS = ps.DiffractionLimited(f_number=8, focal_length_mm=50)

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.container import BarContainer
 
 from photosite.color.colorimetry import delta_e_94
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import MACBETH_NAMES, macbeth_regions
 from photosite.studies.farrell2008.cameras import MeasuredCamera
@@ -22,7 +23,6 @@ from photosite.studies.farrell2008.patches import (
     pictures_figure,
     sensitivity_figure,
 )
-from photosite.metrics.charts.color_checker import chart_xyz_d65
 
 SEED = 5
 

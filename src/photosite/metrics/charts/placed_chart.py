@@ -74,7 +74,7 @@ class PlacedChart(Shown):
     @cached_property
     def white_xyz(self) -> Array:
         """(3,) tristimulus values of a perfect diffuser in the chart's light, from the light of the scene."""
-        return np.asarray(xyz(self.scene.light, self.scene.wavelength_nm))
+        return np.asarray(xyz(self.scene.light(), self.scene.wavelength_nm))
 
     def to_image(self, points: Array) -> Array:
         """Return points of the scene, (n, 2) rows and columns of samples, in the image."""

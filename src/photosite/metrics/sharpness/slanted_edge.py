@@ -18,6 +18,7 @@ from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, s
 from photosite.values.choice import check_choice
 from photosite.values.region import Region
 from photosite.values.shown import Shown
+from photosite.values.uncertain import Uncertain
 
 Array = NDArray[np.float64]
 Window = Literal["tukey", "hamming"]
@@ -47,10 +48,10 @@ class SlantedEdge(Shown):
         crosses the center of each. Pixel i covers the coordinates i to i + 1.
     distance, profile
         Distance from the edge in pixels, negative on the dark side, and the profile there: 0 dark, 1 bright.
+    profile_standard_uncertainty
+        (bins,) of `profile`, from the scatter of the pixels in each bin.
     pitch_um
         Pixel pitch; None if it was not given.
-    mtf50_standard_uncertainty
-        Of `mtf50`, in cycles/pixel, from the same scatter; None where there is no `mtf50`.
     """
 
     frequency_cycles_per_pixel: Array
@@ -63,8 +64,8 @@ class SlantedEdge(Shown):
     edge_position: Array
     distance: Array
     profile: Array
+    profile_standard_uncertainty: Array
     pitch_um: float | None = None
-    mtf50_standard_uncertainty: float | None = None
 
     @property
     def frequency_cycles_per_mm(self) -> Array:
@@ -82,11 +83,63 @@ class SlantedEdge(Shown):
     @property
     def mtf50(self) -> float | None:
         """Frequency in cycles/pixel at which the MTF first falls to 0.5; None if it stays above up to 1."""
-        if (high := _first_below_half(self.mtf)) is None:
+        return None if (found := self.crossing(0.5)) is None else found.value
+
+    @property
+    def mtf50_standard_uncertainty(self) -> float | None:
+        """Standard uncertainty of `mtf50` in cycles/pixel; None where there is no `mtf50`."""
+        return None if (found := self.crossing(0.5)) is None else found.standard_uncertainty
+
+    def crossing(self, level: float) -> Uncertain | None:
+        """Return the frequency in cycles/pixel at which the MTF first falls below a level; None if it does not.
+
+        The uncertainty is that of the MTF over its slope, which is that of a line over many frequencies: noise changes
+        that between neighbors by its own amount.
+        """
+        below = np.flatnonzero(self.mtf < level)
+        if not below.size:
             return None
+        high = int(below[0])
         upper, lower = self.mtf[high - 1], self.mtf[high]
         step = self.frequency_cycles_per_pixel[1]
-        return float(self.frequency_cycles_per_pixel[high - 1] + step * (upper - 0.5) / (upper - lower))
+        value = float(self.frequency_cycles_per_pixel[high - 1] + step * (upper - level) / (upper - lower))
+        reach = min(max(round(0.4 * high), 2), _SLOPE_POINTS)
+        near = slice(max(high - reach, 0), high + reach)
+        slope = float(np.polyfit(self.frequency_cycles_per_pixel[near], self.mtf[near], 1)[0])
+        spread = float(self.standard_uncertainty[high])
+        return Uncertain.of(value, spread / abs(slope) if slope else math.inf)
+
+    def rise_distance(self, low: float = 0.1, high: float = 0.9) -> Uncertain:
+        """Return the distance in pixels over which the profile rises from a level to another.
+
+        It is from the last place below the low level to the first above the high one.
+
+        Raises
+        ------
+        InputError
+            If noise lets the profile cross the levels away from the edge.
+        """
+        start = int(np.flatnonzero(self.profile < low)[-1])
+        end = int(np.flatnonzero(self.profile > high)[0])
+        if end <= start:
+            raise InputError("profile of the edge", expected="rising once", hint="Average frames, or use a longer edge")
+        ends = []
+        for place, level in ((start, low), (end - 1, high)):
+            step = self.profile[place + 1] - self.profile[place]
+            width = self.distance[place + 1] - self.distance[place]
+            at = float(self.distance[place] + width * (level - self.profile[place]) / step)
+            slope = float(np.gradient(self.profile, self.distance)[max(place, 1) : place + 2].mean())
+            ends.append(Uncertain.of(at, float(self.profile_standard_uncertainty[place]) / abs(slope)))
+        return ends[1] - ends[0]
+
+    @property
+    def overshoot(self) -> Uncertain:
+        """Largest profile value above 1, of the difference of bright and dark; of sharpened pictures."""
+        near = np.abs(self.distance) < _OVERSHOOT_PX
+        smooth = np.convolve(np.pad(self.profile, 2, mode="edge"), _SMOOTHING, "valid")
+        place = int(np.flatnonzero(near)[np.argmax(smooth[near])])
+        spread = float(self.profile_standard_uncertainty[place]) * math.sqrt(float((_SMOOTHING**2).sum()))
+        return Uncertain.of(float(smooth[place]) - 1.0, spread)
 
     def at(self, frequency_cycles_per_pixel: ArrayLike) -> Array:
         """Return the MTF at frequencies from 0 to 1 cycle/pixel, by linear interpolation."""
@@ -105,6 +158,8 @@ def slanted_edge_mtf(
     pitch_um: float | None = None,
     oversampling: int = 4,
     window: Window = "tukey",
+    order: int = 1,
+    reach_px: float = math.inf,
 ) -> SlantedEdge:
     """Measure the modulation transfer function on a slanted edge in a raw frame.
 
@@ -122,6 +177,12 @@ def slanted_edge_mtf(
     window
         Window on the line spread function: "tukey" is flat over the middle half and falls to 0 as a cosine on both
         sides; "hamming" is that of ISO 12233:2014 and 2017, which smooths the curve more.
+    order
+        Order of the polynomial of the edge, 1 to 5: 1 is a straight line. ISO 12233:2023 uses 5, for edges that
+        distortion bends.
+    reach_px
+        Largest distance from the edge that is used, 8 pixels or more. A short one leaves out noise and uneven light, a
+        long one includes the lens's wide blur.
 
     Raises
     ------
@@ -145,7 +206,9 @@ def slanted_edge_mtf(
     >>> round(edge.angle_deg, 2), edge.direction, round(edge.mtf50, 2)
     (5.71, 'vertical', 0.14)
     """
-    _check_options(oversampling, window, pitch_um)
+    _check_options(oversampling, window, pitch_um, order)
+    if not reach_px >= LEAST_HALF_WIDTH:
+        raise InputError("reach_px", value=reach_px, expected=f"{LEAST_HALF_WIDTH:g} or more")
     values, tile, name, origin = _channel_of(frame, region, channel, cfa)
     mask = channel_mask(tile, name, values.shape)
     direction: Literal["vertical", "horizontal"] = "vertical"
@@ -154,8 +217,8 @@ def slanted_edge_mtf(
         values, mask, origin = values.T, mask.T, (origin[1], origin[0])
         tile = tuple(zip(*tile, strict=True))
     y, x = (places.astype(np.float64) + 0.5 for places in np.nonzero(mask))
-    pixels = Pixels(y, x, values[mask], values.shape, len(tile[0]))
-    edge = first_edge(values, mask)
+    pixels = Pixels(y, x, values[mask], values.shape, len(tile[0]), reach_px)
+    edge = first_edge(values, mask, order)
     edge, profile = refined(whole_cycles(pixels, edge), edge, oversampling)
     frequency = np.linspace(0.0, 1.0, _FREQUENCIES)
     mtf, sensitivity = _transfer(profile, frequency, window)
@@ -173,37 +236,23 @@ def slanted_edge_mtf(
         edge.at(line.astype(np.float64) + 0.5) + origin[1],
         profile.distance,
         ((profile.mean - min(left, right)) / abs(right - left))[from_dark],
+        (np.sqrt(profile.variance) / abs(right - left))[from_dark],
         pitch_um,
-        _mtf50_uncertainty(frequency, mtf, sensitivity, profile.variance),
     )
 
 
-def _first_below_half(mtf: Array) -> int | None:
-    below = np.flatnonzero(mtf < 0.5)
-    return int(below[0]) if below.size else None
-
-
+_OVERSHOOT_PX = 8.0
+"""Distance from the edge within which sharpening raises the profile."""
 _SLOPE_POINTS = 8
-"""Most frequencies on either side of `mtf50` through which the slope of the MTF is fitted."""
+"""Most frequencies on either side of a crossing through which the slope of the MTF is fitted."""
 
 
-def _mtf50_uncertainty(frequency: Array, mtf: Array, sensitivity: Array, variance: Array) -> float | None:
-    """Return the standard uncertainty of the frequency where the MTF is 0.5: that of the MTF over its slope.
-
-    The slope is that of a line over many frequencies: noise changes that between neighbors by its own amount.
-    """
-    if (high := _first_below_half(mtf)) is None:
-        return None
-    reach = min(max(round(0.4 * high), 2), _SLOPE_POINTS)
-    near = slice(max(high - reach, 0), high + reach)
-    slope = float(np.polyfit(frequency[near], mtf[near], 1)[0])
-    return math.sqrt(float(sensitivity[high] ** 2 @ variance)) / abs(slope) if slope else math.inf
-
-
-def _check_options(oversampling: int, window: str, pitch_um: float | None) -> None:
+def _check_options(oversampling: int, window: str, pitch_um: float | None, order: int) -> None:
     if not 1 <= oversampling <= 16:
         raise InputError("oversampling", value=oversampling, expected="from 1 to 16 bins per pixel")
     check_choice("window", window, Window)
+    if not 1 <= order <= 5:
+        raise InputError("order", value=order, expected="from 1 to 5")
     if pitch_um is not None and not (math.isfinite(pitch_um) and pitch_um > 0):
         raise InputError("pitch_um", value=pitch_um, expected="above 0")
 
@@ -276,7 +325,7 @@ def _window(part: Array, window: Window) -> Array:
     return np.where(part < 0.5, 1.0, 0.5 - 0.5 * np.cos(2.0 * math.pi * np.clip(part, 0.5, 1.0)))
 
 
-# A slanted edge in the pixels of one channel: its straight line, and its profile across that line.
+# A slanted edge in the pixels of one channel: its line, and its profile across that line.
 #
 # Lines of pixels run across the edge: rows for a nearly vertical edge. Pixel i covers the coordinates i to i + 1.
 
@@ -289,6 +338,8 @@ _LEAST_CONTRAST = 0.05
 _STRAIGHT_PX = 2.0
 """Largest RMS distance of the edge in each line from the straight line."""
 _NO_EDGE = -1e6
+_ENDS = 33
+"""Lines along a bent edge where its distance from the sides is looked at."""
 _FIT_STEPS = 8
 _FIT_ENOUGH_PX = 1e-5
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -304,20 +355,43 @@ class Pixels(Shown):
     value: Array
     shape: tuple[int, int]  # (lines, columns) of their rectangle
     period: int  # columns after which the sites of the channel repeat
+    reach: float = math.inf  # largest distance from the edge that is used
 
 
 @dataclass(frozen=True)
 class Edge(Shown):
-    """A straight line x = position + slope (y - middle), bright on the right (sign 1) or on the left (sign -1)."""
+    """An edge x = position + slope (y - middle) + sum_k bend[k] t^(k + 2), t = (y - middle) / middle.
+
+    Bright is on the right (sign 1) or on the left (sign -1). A straight edge has no `bend`.
+    """
 
     position: float
     slope: float
     middle: float
     sign: float
+    bend: tuple[float, ...] = ()
 
     def at(self, y: Array) -> Array:
         """Return the column coordinate where the edge crosses a line."""
-        return np.asarray(self.position + self.slope * (y - self.middle))
+        straight = np.asarray(self.position + self.slope * (y - self.middle))
+        return straight + self._powers(y) @ np.array(self.bend) if self.bend else straight
+
+    def _powers(self, y: Array) -> Array:
+        """Return (n, bends) powers of t."""
+        return ((y - self.middle) / self.middle)[:, None] ** (np.arange(len(self.bend)) + 2)
+
+    def directions(self, y: Array) -> Array:
+        """Return (n, 1 + bends) derivatives of `at` by the slope and by the bends."""
+        return np.column_stack([y - self.middle, self._powers(y)])
+
+    def fitted(self, y: Array, x: Array, order: int) -> Edge:
+        """Return the polynomial of an order through points, by least squares."""
+        bent = replace(self, bend=(0.0,) * (order - 1))
+        if order == 1:
+            slope, position = np.polyfit(y - self.middle, x, 1)
+            return replace(bent, position=float(position), slope=float(slope))
+        position, slope, *bend = np.linalg.lstsq(np.column_stack([np.ones_like(y), bent.directions(y)]), x)[0]
+        return replace(bent, position=float(position), slope=float(slope), bend=tuple(map(float, bend)))
 
     def distance(self, pixels: Pixels) -> Array:
         """Return (n,) distances perpendicular to the edge, positive to the right."""
@@ -344,10 +418,10 @@ class Profile(Shown):
         return float(self.mean[:outer].mean()), float(self.mean[-outer:].mean())
 
 
-def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
-    """Return the edge from the centroids of the derivative of each line.
+def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
+    """Return the edge, a polynomial of an order, from the centroids of the derivative of each line.
 
-    Raises `InputError` if the contrast is too low, or the edge is not straight.
+    Raises `InputError` if the contrast is too low, or the edge is not smooth.
     """
     outer = max(values.shape[1] // 8, 2)
     ends = [float(values[:, part][mask[:, part]].mean()) for part in (slice(0, outer), slice(-outer, None))]
@@ -365,8 +439,7 @@ def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
     for next_half in (values.shape[1] / 4, 2 * LEAST_HALF_WIDTH, None):
         now = edge.at(y)
         centroids = np.array([_centroid(values[r], mask[r], now[k], half) for k, r in enumerate(lines)])
-        slope, position = np.polyfit(y - edge.middle, centroids, 1)
-        edge = replace(edge, position=float(position), slope=float(slope))
+        edge = edge.fitted(y, centroids, 1 if next_half is not None else order)
         if next_half is not None:
             half = max(next_half, 2 * LEAST_HALF_WIDTH)
     scatter = float(np.sqrt(np.mean((centroids - edge.at(y)) ** 2)))
@@ -412,12 +485,14 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
 
     Raises `InputError` if the edge is too close to the sides of the region, or a bin has no pixel.
     """
-    ends = edge.at(np.array([pixels.y.min(), pixels.y.max()]))
+    ends = edge.at(np.linspace(pixels.y.min(), pixels.y.max(), 2 if not edge.bend else _ENDS))
     margin = min(float(ends.min()), pixels.shape[1] - float(ends.max())) - pixels.period
     half = math.floor(oversampling * margin / math.hypot(1.0, edge.slope))
     if half < oversampling * LEAST_HALF_WIDTH:
         what, hint = "distance of the edge from the sides of the region", "Choose a wider region around the edge"
         raise InputError(what, value=max(margin, 0.0), expected=f"{LEAST_HALF_WIDTH:g} pixels or more", hint=hint)
+    if math.isfinite(pixels.reach):
+        half = min(half, math.floor(oversampling * pixels.reach))
     distance = edge.distance(pixels)
     index = np.floor(distance * oversampling).astype(np.intp) + half
     inside = (index >= 0) & (index < 2 * half)
@@ -442,9 +517,9 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
 
 
 def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profile]:
-    """Return the edge whose slope minimizes the residuals of the pixels about their profile, and that profile.
+    """Return the edge whose slope and bends minimize the residuals of the pixels about their profile, and that profile.
 
-    The slope is found by Gauss-Newton steps. A shift of the line only shifts the profile; the line is put, by
+    They are found by Gauss-Newton steps. A shift of the line only shifts the profile; the line is put, by
     convention, where the profile is half way from dark to bright.
     """
     profile = profile_across(pixels, edge, oversampling)
@@ -455,12 +530,13 @@ def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profil
         steepness = np.interp(distance[near], profile.distance, np.gradient(smooth, profile.distance))
         residual = pixels.value[near] - np.interp(distance[near], profile.distance, smooth)
         # As the edge moves to the right, a pixel moves to the left relative to it.
-        moved = -steepness * (pixels.y[near] - edge.middle) / math.hypot(1.0, edge.slope)
-        turn = float(moved @ residual / (moved @ moved))
+        moved = (-steepness / math.hypot(1.0, edge.slope))[:, None] * edge.directions(pixels.y[near])
+        turn, *bends = np.linalg.solve(moved.T @ moved, moved.T @ residual)
         shift = _half_way(profile.distance, smooth, profile.ends()) * math.hypot(1.0, edge.slope)
-        edge = replace(edge, position=edge.position + shift, slope=edge.slope + turn)
+        bend = tuple(float(one + more) for one, more in zip(edge.bend, bends, strict=True))
+        edge = replace(edge, position=edge.position + shift, slope=edge.slope + float(turn), bend=bend)
         profile = profile_across(pixels, edge, oversampling)
-        if abs(shift) + abs(turn) * pixels.shape[0] < _FIT_ENOUGH_PX:
+        if abs(shift) + abs(turn) * pixels.shape[0] + sum(map(abs, bends)) < _FIT_ENOUGH_PX:
             break
     return edge, profile
 

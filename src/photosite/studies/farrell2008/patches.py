@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from photosite.develop.camera_color import ColorMatrix, fit_color_matrix
 from photosite.develop.develop import develop_pair
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.metrics.patches import PatchStatistics
 from photosite.report.figures.sensor import draw_spectral_sensitivity
 from photosite.report.figures.validation import FillStyle, draw_identity, draw_patch_means, draw_patch_snr
@@ -26,7 +27,6 @@ from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, bare, paragraph, text
 from photosite.studies.farrell2008.fill_factor import FillFactors, simulate_chart
-from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.validation.result import ColorComparison, Validation
 from photosite.validation.validate import validate
 

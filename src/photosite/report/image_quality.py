@@ -1,0 +1,145 @@
+"""The report of image quality: the chart as it was found, a table and the figures of every measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from PIL import ImageDraw
+
+from photosite.color.colorimetry import srgb_from_light
+from photosite.metrics.measure import ImageQuality
+from photosite.metrics.measurement import Result
+from photosite.report.diagnostics import explanations, notices
+from photosite.report.figures.measurement import curve_figures, map_figure
+from photosite.report.numbers import format_number
+from photosite.report.page import (
+    WIDEST,
+    Block,
+    Image,
+    Images,
+    Notice,
+    Page,
+    Paragraph,
+    Section,
+    Table,
+    columns,
+    figure_block,
+    jpeg_bytes,
+    numeric,
+    sentence,
+    shrink,
+)
+from photosite.report.tables import format_estimate, interval_text
+from photosite.values.estimate import Estimate
+from photosite.values.region import Patch, Quadrilateral
+from photosite.values.uncertain import Missing
+
+_FOOTER = "Intervals contain the true value in 95 % of measurements."
+_BRIGHT = 99.5
+"""Percentile of the picture that is shown as white."""
+
+
+def image_quality_page(quality: ImageQuality) -> Page:
+    """Return the report of the measurements on a chart as a page."""
+    image, chart = quality.image, quality.chart
+    rows, cols = image.shape
+    count = "one frame" if len(image.frames) == 1 else f"{len(image.frames)} frames"
+    kind = {"raw": "raw", "picture": "developed", "electrons": "noise-free"}[image.origin]
+    lead = f"{chart.name} in {count}, {kind}, {rows} × {cols} pixels. The chart {_FOUND[chart.found]}."
+    missing = tuple(
+        Notice(f"{name}: not measured. {sentence(found.reason)}")
+        for name, found in quality.results.items()
+        if isinstance(found, Missing)
+    )
+    sections = [
+        Section("Chart", (_picture(quality), *missing)),
+        *(_section(found) for found in quality.results.values() if isinstance(found, Result)),
+        Section("Diagnostics", explanations(quality.diagnostics)),
+    ]
+    return Page("Image quality", lead, tuple(sections), _FOOTER)
+
+
+_FOUND = {
+    "given corners": "is at the given corners",
+    "fills the frame": "is assumed to fill the frame",
+    "detected": "was detected",
+}
+
+
+def _section(result: Result) -> Section:
+    entry = result.measurement
+    assert entry is not None
+    blocks: list[Block] = [Paragraph(f"{entry.standard}."), *notices(result.diagnostics), _values(result)]
+    for number, figure in enumerate(curve_figures(result)):
+        curve = next(c for c in result.curves if (c.x_label, c.y_label) == list(_axes(result))[number])
+        label = f"{curve.y_label} over {curve.x_label.removeprefix('log ')}"
+        banded = "; the bands are 95 % intervals" if curve.standard_uncertainty is not None else ""
+        blocks.append(figure_block(figure, label, f"{sentence(label)[:-1]}{banded}."))
+    for found in result.maps:
+        blocks.append(figure_block(map_figure(found), f"{found.label} over the frame", sentence(found.label)))
+    if entry.left_out:
+        blocks.append(Paragraph(f"Not implemented or different from the standard: {entry.left_out}"))
+    return Section(entry.title, tuple(blocks))
+
+
+def _axes(result: Result) -> dict[tuple[str, str], None]:
+    return dict.fromkeys((curve.x_label, curve.y_label) for curve in result.curves)
+
+
+def _values(result: Result) -> Table:
+    rows = []
+    for (name, part), estimate in result.values.items():
+        quantity = result.quantity(name)
+        rows.append((quantity.label, part, value_text(estimate), interval_text(estimate), quantity.unit))
+    titles = columns("Quantity", "Of", numeric("Value ± standard uncertainty"), numeric("95 % interval"), "Unit")
+    return Table("Values", titles, tuple(rows))
+
+
+def value_text(estimate: Estimate) -> str:
+    """Return a value with its uncertainty, a value without one, or the reason why it is missing.
+
+    Examples
+    --------
+    >>> value_text(Estimate(0.25)), value_text(Estimate(reason="no edge"))
+    ('0.25', 'not measured: no edge')
+    """
+    if estimate.value is None:
+        return f"not measured: {estimate.reason}"
+    if not estimate.standard_uncertainty:
+        return format_number(estimate.value)
+    return format_estimate(estimate)
+
+
+def _picture(quality: ImageQuality) -> Images:
+    """Return the first frame with the outlines of the chart and its patches."""
+    image = quality.image
+    planes = [image.plane(name)[0] for name in ("R", "G", "B")] if image.origin == "picture" else [_gray(quality)] * 3
+    light = np.stack(planes, axis=-1)
+    light = np.clip(light / max(float(np.percentile(light, _BRIGHT)), 1e-300), 0.0, 1.0)
+    factor = -(-light.shape[1] // WIDEST)
+    whole = Pillow.fromarray(np.rint(srgb_from_light(shrink(light.astype(np.float32))) * 255.0).astype(np.uint8))
+    draw = ImageDraw.Draw(whole)
+    for outline in (quality.chart.corners, *map(_corners, quality.chart.patches)):
+        points = [(col / factor, row / factor) for row, col in outline]
+        for width, color in ((3, "black"), (1, "white")):
+            draw.line([*points, points[0]], fill=color, width=width)
+    content = jpeg_bytes(np.asarray(whole, dtype=np.float32) / np.float32(255.0))
+    caption = "The first frame with the outlines of the chart and of the measured parts of its patches; check them."
+    return Images((Image(content, "image/jpeg", "Frame with the outlines of the chart"),), caption)
+
+
+def _gray(quality: ImageQuality) -> NDArray[np.float64]:
+    """Return the mosaic averaged over its tile, so that colors do not show as a pattern."""
+    image = quality.image
+    values = np.asarray(image.mean, dtype=np.float64) - image.black
+    down, along = len(image.cfa), len(image.cfa[0])
+    rows, cols = values.shape[0] // down * down, values.shape[1] // along * along
+    tiles = values[:rows, :cols].reshape(rows // down, down, cols // along, along).mean(axis=(1, 3))
+    return np.asarray(tiles.repeat(down, axis=0).repeat(along, axis=1))
+
+
+def _corners(patch: Patch) -> tuple[tuple[float, float], ...]:
+    if isinstance(patch, Quadrilateral):
+        return patch.corners
+    return (patch.r0, patch.c0), (patch.r0, patch.c1), (patch.r1, patch.c1), (patch.r1, patch.c0)

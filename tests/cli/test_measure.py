@@ -1,0 +1,83 @@
+"""`photosite measure` on frames, pictures and wrong calls."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from virtual_charts import virtual_edge
+
+from photosite.cli.main import COMMANDS, run
+from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.registry import measurements
+
+
+@pytest.fixture(scope="module")
+def edge(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("edge") / "edge.png"
+    values = virtual_edge(np.random.default_rng(1)).electrons
+    RawFrame(np.rint(values / values.max() * 3500).astype(np.uint16), bits=12).save(path)
+    return path
+
+
+def found(capsys: pytest.CaptureFixture[str], *arguments: Any) -> dict[str, Any]:
+    assert run(["measure", *map(str, arguments), "--json"]) == 0
+    return dict(json.loads(capsys.readouterr().out))
+
+
+@pytest.mark.smoke("measure")
+def test_json_has_values_with_intervals(edge: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "measure" in COMMANDS
+    content = found(capsys, edge, "--chart", "slanted-edge")["results"]["edge-sfr"]
+    value = next(each for each in content["values"] if each["quantity"] == "mtf50")
+    low, high = value["interval_95"]
+    assert low < value["value"] < high
+    assert value["unit"] == "cycles/pixel"
+    assert {curve["y_label"] for curve in content["curves"]} >= {"SFR"}
+
+
+def test_options_of_a_measurement(edge: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wide, narrow = (
+        found(capsys, edge, "--chart", "slanted-edge", "--set", f"edge-sfr.reach_px={reach}") for reach in (32, 12)
+    )
+    assert wide["results"]["edge-sfr"]["values"] != narrow["results"]["edge-sfr"]["values"]
+
+
+def test_report_and_picture(edge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Image.open(edge) as raw:
+        codes = np.asarray(raw).astype(float) / 16
+    picture = tmp_path / "picture.png"
+    Image.fromarray(np.repeat(codes.astype(np.uint8)[..., None], 3, axis=2)).save(picture)
+    content = found(capsys, picture, "--chart", "slanted-edge", "--linear", "--report", tmp_path / "page.html")
+    assert content["origin"] == "picture"
+    assert "MTF50" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
+    listed = found(capsys, "--list")["measurements"]
+    assert {entry["id"] for entry in listed} == set(measurements())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("--chart", "slanted-edge"),
+        ("{edge}", "--chart", "slantededge"),
+        ("{edge}", "--chart", "zone-plate"),
+        ("{edge}", "--chart", "slanted-edge", "--only", "edgesfr"),
+        ("{edge}", "--chart", "slanted-edge", "--set", "edge-sfr.order=9"),
+        ("{edge}", "--chart", "slanted-edge", "--set", "order=1"),
+        ("{edge}", "--chart", "slanted-edge", "--corners", "0,0", "0,50", "900,50", "900,0"),
+    ],
+)
+def test_wrong_calls_end_with_one_line(
+    arguments: tuple[str, ...], edge: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["measure", *(each.format(edge=edge) for each in arguments)]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("photosite")]
+    assert len(lines) == 1
