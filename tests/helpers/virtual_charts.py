@@ -52,3 +52,39 @@ def virtual_edge(random: np.random.Generator, *, bent: bool = False, uneven: boo
         along = random.uniform(-0.1, 0.1) * np.linspace(-1, 1, rows)[:, None]
         mean = mean * (1 + random.uniform(-0.1, 0.1) * np.linspace(-1, 1, cols) + along)
     return VirtualEdge(random.poisson(mean) + random.normal(0.0, 5.0, mean.shape), sigma, angle)
+
+
+@dataclass(frozen=True)
+class VirtualNoise:
+    """Gain in DN/e-, read noise and DSNU in electrons, PRNU as a fraction, black level in DN."""
+
+    gain: float
+    read_noise: float
+    dsnu: float
+    prnu: float
+    black: float = 200.0
+
+    @property
+    def temporal_floor(self) -> float:
+        """Variance of a pixel without light in DN2, with that of rounding."""
+        return (self.gain * self.read_noise) ** 2 + 1.0 / 12.0
+
+    def frames(self, random: np.random.Generator, mean_e: Array, count: int, white: int) -> list[NDArray[np.uint16]]:
+        """Return frames of one chip with a mean image in electrons."""
+        pattern = mean_e * (1.0 + random.normal(0.0, self.prnu, mean_e.shape))
+        offset = random.normal(0.0, self.dsnu, mean_e.shape)
+        made = []
+        for _ in range(count):
+            charge = (
+                random.poisson(np.maximum(pattern, 0.0)) + offset + random.normal(0.0, self.read_noise, mean_e.shape)
+            )
+            made.append(np.clip(np.rint(self.gain * charge + self.black), 0, white).astype(np.uint16))
+        return made
+
+
+def virtual_noise(random: np.random.Generator) -> VirtualNoise:
+    """Return a sensor of random noise whose quantization is fine."""
+    gain = 10 ** random.uniform(-0.6, 0.3)
+    return VirtualNoise(
+        gain, random.uniform(1.0, 8.0) / min(gain, 1.0), random.uniform(0.2, 3.0), random.uniform(0.002, 0.015)
+    )

@@ -125,13 +125,30 @@ class ChartImage(Shown):
         inside = patch.inside()
         if self.origin == "picture":
             return _channel_of_picture(frame[patch.r0 : patch.r1, patch.c0 : patch.c1], channel)[inside]
-        height, width = len(self.cfa), len(self.cfa[0])
-        parts = []
-        for r, c in channel_sites(self.cfa, channel):
-            down, along = (r - patch.r0) % height, (c - patch.c0) % width
-            which = inside[down::height, along::width]
-            parts.append(frame[patch.r0 + down : patch.r1 : height, patch.c0 + along : patch.c1 : width][which])
+        part = frame[patch.r0 : patch.r1, patch.c0 : patch.c1]
+        parts = [part[where][inside[where]] for where in self._sites(patch, channel)]
         return np.concatenate(parts).astype(np.float64) - self.black
+
+    def places(self, patch: Patch, channel: str) -> tuple[Array, Array]:
+        """Return the rows and columns of the centers of `pixels`, in pixels."""
+        row, col = np.indices((patch.r1 - patch.r0, patch.c1 - patch.c0)) + 0.5
+        inside = patch.inside()
+        if self.origin == "picture":
+            return patch.r0 + row[inside], patch.c0 + col[inside]
+        rows, cols = [], []
+        for where in self._sites(patch, channel):
+            which = inside[where]
+            rows.append(row[where][which])
+            cols.append(col[where][which])
+        return patch.r0 + np.concatenate(rows), patch.c0 + np.concatenate(cols)
+
+    def _sites(self, patch: Patch, channel: str) -> list[tuple[slice, slice]]:
+        """Return the sites of a channel as slices of the rectangle around a patch."""
+        height, width = len(self.cfa), len(self.cfa[0])
+        sites = channel_sites(self.cfa, channel)
+        return [
+            (slice((r - patch.r0) % height, None, height), slice((c - patch.c0) % width, None, width)) for r, c in sites
+        ]
 
     def mosaic_frame(self) -> RawFrame:
         """Return the first frame as a raw frame of 16 bits, for the detection of charts; a picture's luma."""

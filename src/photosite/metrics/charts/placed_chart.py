@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -161,7 +162,12 @@ def _filling(image: ChartImage, chart: str, scene: Scene, known: bool) -> Placed
     rows, cols = image.shape
     inside = [(min(max(row, 0.0), rows), min(max(col, 0.0), cols)) for row, col in points]
     corners: Corners = (inside[0], inside[1], inside[2], inside[3])
-    return PlacedChart(chart, scene, corners, where.regions(scene.regions), "fills the frame", known)
+    patches = {}
+    for region in scene.regions:
+        with suppress(InputError):  # outside the frame
+            (patches[region],) = where.regions([region])
+    seen = replace(scene, regions=tuple(patches))
+    return PlacedChart(chart, seen, corners, tuple(patches.values()), "fills the frame", known)
 
 
 def _detected(image: ChartImage, chart: str) -> Corners:

@@ -1,0 +1,115 @@
+"""Gray patches of a chart in an image: luminance, signal, temporal noise and fixed pattern of each channel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError
+from photosite.metrics.chart_image import ChartImage
+from photosite.metrics.charts.placed_chart import PlacedChart
+from photosite.values.region import Patch
+from photosite.values.shown import Shown
+from photosite.values.uncertain import Uncertain
+
+Array = NDArray[np.float64]
+
+GRAY_CHARTS = ("macbeth", "color-checker-sg", "hdr-patches", "siemens-star")
+"""Charts with gray patches."""
+_GRAY_WITHIN = 0.01
+"""Distance in CIE 1931 chromaticity from the white of the light within which a patch is gray."""
+_LEAST_PIXELS = 50
+_CLIPPED_FRACTION = 1e-3
+"""Fraction of saturated pixels, or of pixels at 0, from which a patch is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class GrayPatch(Shown):
+    """A gray patch in one channel.
+
+    Parameters
+    ----------
+    name, luminance
+        The patch, and its luminance in cd/m2; relative to a perfect diffuser where the light is not known.
+    mean
+        Mean above black, as an estimate for the whole chip.
+    temporal, fixed
+        Variance of a pixel over frames, and over the pixels of an infinite number of frames after a plane is fitted to
+        them; None for a single frame.
+    total
+        Variance over the pixels of one frame, after a plane is fitted to them.
+    clipped
+        Whether more than 0.1 % of the pixels are at the white level or at 0, so that mean and noise are biased.
+    """
+
+    name: str
+    luminance: float
+    mean: Uncertain
+    temporal: Uncertain | None
+    fixed: Uncertain | None
+    total: Uncertain
+    clipped: bool
+
+
+def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[GrayPatch]:
+    """Return the gray patches of a chart in a channel, from the darkest to the brightest.
+
+    Raises
+    ------
+    InputError
+        If the chart has fewer than two gray patches, or they are too small in the image.
+    """
+    xyz = chart.patch_xyz
+    if not len(xyz):
+        raise InputError("chart", value=chart.name, expected="one with gray patches")
+    away = np.hypot(*(_chromaticity(xyz) - _chromaticity(chart.white_xyz)).T)
+    scale = 1.0 if chart.known_light else chart.white_xyz[1]
+    found = [
+        _measured(image, patch, channel, float(y) / scale)
+        for patch, y, distance in zip(chart.patches, xyz[:, 1], away, strict=True)
+        if distance < _GRAY_WITHIN
+    ]
+    if len(found) < 2:
+        raise InputError("gray patches of the chart", value=len(found), expected="two or more")
+    return sorted(found, key=lambda patch: patch.luminance)
+
+
+def _chromaticity(xyz: Array) -> Array:
+    """Return CIE 1931 x and y."""
+    return np.asarray(xyz[..., :2] / xyz.sum(axis=-1, keepdims=True))
+
+
+def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -> GrayPatch:
+    values = image.pixels(patch, channel)
+    frames, pixels = values.shape
+    if pixels < _LEAST_PIXELS:
+        where = f"patch '{patch.name}'"
+        raise InputError(f"pixels of channel {channel}", where=where, value=pixels, expected=f"{_LEAST_PIXELS} or more")
+    row, col = image.places(patch, channel)
+    model = np.column_stack([np.ones(pixels), row - row.mean(), col - col.mean()])
+    orthogonal = np.linalg.qr(model)[0]
+
+    def flat(frame: Array) -> Array:
+        return frame - orthogonal @ (orthogonal.T @ frame)
+
+    freedom = pixels - model.shape[1]
+    mean_frame = values.mean(axis=0)
+    spread = float((flat(mean_frame) ** 2).sum()) / freedom
+    ends = float((values >= image.white - image.black).mean()), float((values <= -image.black).mean())
+    clipped = image.origin != "electrons" and max(ends) > _CLIPPED_FRACTION
+    total = [float((flat(frame) ** 2).sum()) / freedom for frame in values]
+    total_variance = _variance(float(np.mean(total)), freedom)
+    temporal = fixed = None
+    if frames > 1:
+        size = float(values.var(axis=0, ddof=1).mean())
+        temporal = _variance(size, (frames - 1) * pixels)
+        fixed = _variance(spread, freedom) - temporal / frames
+    mean = Uncertain.of(float(mean_frame.mean()), math.sqrt(spread / pixels))
+    return GrayPatch(patch.name, luminance, mean, temporal, fixed, total_variance, clipped)
+
+
+def _variance(value: float, freedom: int) -> Uncertain:
+    return Uncertain.of_variance(value, value * math.sqrt(2.0 / freedom))
