@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo docs linkcheck test smoke test-changed test-slow test-browser test-torch test-raws test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
+.PHONY: demo docs linkcheck test smoke test-changed test-slow test-browser test-torch test-raws real-frames test-faults test-kills test-power test-full-disk test-races fuzz audit install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
@@ -68,6 +68,11 @@ test-torch: $(VENV)/installed-dev
 test-raws: $(VENV)/installed
 	@test -n "$(FOLDER)" || { echo "usage: make test-raws FOLDER=folder of raw files"; exit 2; }
 	$(BIN)/python tests/raws/raw_folder.py "$(FOLDER)"
+
+# Public sets of real frames: docs/validation/real-frames.md, made anew
+real-frames: $(VENV)/installed-dev
+	@test -n "$(DATA)" || { echo "usage: make real-frames DATA=folder of the public sets"; exit 2; }
+	$(BIN)/python tests/raws/real_frames.py --data "$(DATA)"
 
 # Commands that write, while the system fails them (docs/validation/durability.md): MOST tries of each kind for a command.
 MOST ?= 40
