@@ -167,7 +167,11 @@ def _measure_channels(
 ) -> list[Measurements]:
     found = [(pattern if by_line else pattern.in_electrons()).variances for pattern in patterns]
     measured = [replace(m, **variances) for m, variances in zip(dark.channels, found, strict=True)]
-    for k, channel in enumerate(light.channels):  # none without light frames
+    if light.dark_gain is not None and not by_line:
+        measured = [replace(m, gain=light.gain, gain_method=light.dark_gain.method) for m in measured]
+    elif not light.channels:
+        measured = [replace(m, gain=light.line_gain if by_line else light.gain) for m in measured]
+    for k, channel in enumerate(light.channels):
         gain = channel.line_gain if by_line else channel.gain
         responsivity = screen_responsivity(channel.responsivity(by_line=by_line), gain)
         linearity = (channel_linearity(channel),)

@@ -66,6 +66,7 @@ class Measurements:
     column_offset_variance: Value = NO_LIGHT
     column_gain_variance: Value = NO_LIGHT  # of the columns' relative gains, behind the response curve
     lines: tuple[int, int] = (1, 1)  # rows and columns that the pixels are in
+    gain_method: str = ""  # where it is not that of the flat fields
     saturation_method: str = "fully clipped flat fields"
     dsnu_method: str = ""
     # Variance over pixels of single dark frames, of which read noise and DSNU are unknown parts, each at most the whole
@@ -277,6 +278,7 @@ def pool_channels(
     changed |= {
         "saturation_photons": first.saturation_photons,
         "saturation_responsivity": first.saturation_responsivity,
+        "gain_method": fullest.gain_method,
         "saturation_method": saturated.saturation_method,
         "lines": (max(m.lines[0] for m in channels), max(m.lines[1] for m in channels)),
         "curved": any(entry.curved for entry in channels),

@@ -172,7 +172,9 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value, *, standard: bool = F
     """
     per_e = derive(lambda k: 1.0 / k, m.gain)
     gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
-    if m.curved:
+    if m.gain_method:
+        gain_method = m.gain_method
+    elif m.curved:
         gain_method = "gain at small signal, fitted with the response curve to means and temporal variances"
     elif isinstance(m.dark_variance, Missing):
         gain_method = "slope of temporal variance against mean with a free constant, from the flat fields alone"

@@ -9,6 +9,7 @@ from scipy.special import chdtri
 
 from photosite.calibration.checks.result_screening import Implausible
 from photosite.calibration.chip_maps.pixel_gain import PIXEL_GAINS_MISSING
+from photosite.calibration.dark.dark_gain import GAIN_FROM_DARKS
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.effects.em_gain import STATED_EM_GAIN, stated_gain_warning
 from photosite.calibration.evidence import Evidence
@@ -78,7 +79,12 @@ def ranges(evidence: Evidence) -> Iterator[Diagnostic]:
     """Dark frames and flat fields that do not cover the range of exposures."""
     names, dark, channels = evidence.reduction.names, evidence.dark, evidence.light.channels
     if not channels:
-        yield NO_FLAT_FIELDS("no light frames: gain, electrons, PRNU and saturation could not be estimated")
+        if (found := evidence.light.dark_gain) is None:
+            yield NO_FLAT_FIELDS("no light frames: gain, electrons, PRNU and saturation could not be estimated")
+        else:
+            text, lacking = "no light frames: PRNU and saturation could not be estimated", ("prnu*", "saturation_*")
+            yield NO_FLAT_FIELDS(text, parameters=lacking)
+            yield GAIN_FROM_DARKS(str(found), found.gain.standard_uncertainty / found.gain.value)
         return
     longest_dark = max((entry.group.exposure_s for entry in dark.groups), default=math.inf)
     longest_light = max(float(channel.levels.exposure_s.max()) for channel in channels)

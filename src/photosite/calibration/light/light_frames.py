@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.dark.dark_gain import DarkGain, measure_dark_gain
 from photosite.calibration.dark.dark_result import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.photon_transfer.channel import Channel
@@ -79,6 +80,8 @@ class LightResult:
         Without dark frames, the factor of the gain for a bend of the means (`straightening`), if they bend.
     straight_gain
         System gain of a straight response with shared noise, DN/e-.
+    dark_gain
+        Without light frames, the source of the gain, where dark frames give one.
     """
 
     channels: tuple[Channel, ...]
@@ -91,6 +94,7 @@ class LightResult:
     outliers: tuple[LightOutlier, ...] = ()
     bend: Uncertain | None = None
     straight_gain: Value = NO_LIGHT
+    dark_gain: DarkGain | None = None
 
 
 def measure_light_frames(
@@ -101,7 +105,10 @@ def measure_light_frames(
     The sensor as known before gives the line time, for the frequency of flicker.
     """
     if not reduction.lights:
-        return LightResult((), None, NO_LIGHT, NO_LIGHT, noise)
+        found = measure_dark_gain(reduction, dark)
+        if isinstance(found, Missing):
+            return LightResult((), None, found, NO_LIGHT, noise)
+        return LightResult((), None, found.gain, NO_LIGHT, noise, dark_gain=found)
     if noise.flicker is not None:
         assert dark.mean is not None  # flicker is found against the reference dark frames
         reduction, flicker = without_flicker(
