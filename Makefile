@@ -64,7 +64,7 @@ test-torch: $(VENV)/installed-dev
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
 	$(PYTEST) -rs tests/training tests/camera/test_signal_model.py
 
-# Read, develop and calibrate a user's own raw files: make test-raws FOLDER=~/pictures
+# Read, develop and calibrate a user's own raw files, with a table to send: make test-raws FOLDER=~/pictures
 test-raws: $(VENV)/installed
 	@test -n "$(FOLDER)" || { echo "usage: make test-raws FOLDER=folder of raw files"; exit 2; }
 	$(BIN)/python tests/raws/raw_folder.py "$(FOLDER)"

@@ -37,8 +37,26 @@ def test_a_folder_of_raw_frames(tmp_path: Path) -> None:
     assert abs(gain - 0.25) < 0.02  # 2400 pixels and 6 flat fields give 2 %
 
 
+def test_the_table_to_send_has_levels_and_noise_and_no_names(tmp_path: Path) -> None:
+    _measurement(tmp_path / "secret stack")
+    RawFrame(np.zeros((40, 60), np.uint16), bits=12, exposure_s=0.01).save(tmp_path / "dark_clipped.png")
+    (tmp_path / "secret.nef").write_bytes(b"II*\0" + bytes(40))
+    shown = raw_folder.table(raw_folder.check(tmp_path), tmp_path)
+    assert "secret" not in shown
+    assert str(tmp_path) not in shown
+    cells = [[cell.strip() for cell in line.strip("| ").split("|")] for line in shown.splitlines()]
+    lines = {(line[0], line[1]): line for line in cells if len(line) == 2 + len(raw_folder.HEADINGS)}
+    stack = lines["12", "DNG (.dng)"]
+    low, high = map(float, stack[9].split(" to "))
+    assert 1.9 < low <= high < 2.15  # 2 DN and rounding; 2400 pixels: 1.4 %
+    assert stack[4:9] == ["40 x 60", "12", "M", "64", "4095"]
+    assert lines["1", "PNG (.png)"][9] == "0 (100% are 0)"
+    assert lines["1", "camera raw (.nef)"][10].startswith("refused: ")
+    assert "- 12 frames; gain 0.2" in shown
+
+
 def test_an_unexpected_exception_is_an_error() -> None:
     def broken(path: Path) -> str:
         raise KeyError(path.name)
 
-    assert raw_folder.attempt(broken, Path("a")) == ("error", "KeyError: 'a'")
+    assert raw_folder.attempt(broken, Path("a")) == ("error", "KeyError: 'a'", ("",))
