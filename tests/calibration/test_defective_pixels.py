@@ -46,6 +46,7 @@ class Defective:
     hot: np.ndarray = field(init=False)
     response: np.ndarray = field(init=False)
     jump_dn: np.ndarray = field(init=False)
+    flicker: np.ndarray = field(init=False)
     stuck_dn: np.ndarray = field(init=False)
     cfa: tuple[tuple[str, ...], ...] = (("M",),)
 
@@ -54,6 +55,7 @@ class Defective:
         self.offset = self.rng.normal(0.0, DSNU_E, SHAPE)
         self.response = 1.0 + self.rng.normal(0.0, PRNU, SHAPE)
         self.hot, self.jump_dn, self.stuck_dn = np.zeros(SHAPE), np.zeros(SHAPE), np.full(SHAPE, -1)
+        self.flicker = np.zeros(SHAPE)
 
     def some(self, fraction: float) -> np.ndarray:
         chosen = np.zeros(SHAPE, bool)
@@ -61,7 +63,10 @@ class Defective:
         return chosen
 
     def frame(self, kind: str, time_s: float) -> np.ndarray:
-        mean = (DARK_E_PER_S + self.hot) * time_s + (RATE * time_s * self.response if kind == "light" else 0.0)
+        light = RATE * time_s * self.response if kind == "light" else np.zeros(SHAPE)
+        if self.flicker.any():
+            light = light * (1.0 + self.flicker * (2 * self.rng.integers(0, 2, SHAPE) - 1))
+        mean = (DARK_E_PER_S + self.hot) * time_s + light
         electrons = self.rng.poisson(mean) + self.offset + self.rng.normal(0.0, READ_E, SHAPE)
         jump = self.jump_dn * self.rng.integers(0, 2, SHAPE)
         dn = np.clip(np.rint(GAIN * electrons + BLACK_DN + jump), 0, TOP)
@@ -118,9 +123,14 @@ def many_blinking(sensor: Defective) -> None:
     sensor.jump_dn[sensor.some(0.01)] = 2000.0
 
 
+def blinking_if_lit(sensor: Defective) -> None:
+    """0.2 % of the pixels, whose dark frames and whose mean response are like those of the others."""
+    sensor.flicker[sensor.some(0.002)] = 0.12
+
+
 KINDS = {
     hot: "hot", white: "stuck", stuck: "stuck", columns: "stuck", row: "stuck", dead: "dead", cluster: "dead",
-    blinking: "noisy", many_blinking: "noisy",
+    blinking: "noisy", many_blinking: "noisy", blinking_if_lit: "noisy",
 }  # fmt: skip
 
 
@@ -157,7 +167,7 @@ def test_figures_are_those_of_the_other_pixels(kind, usual) -> None:
     found = calibration.findings["pixel_defects"].left_out.pixels
     assert found.counts() == {KINDS[kind]: len(found)}
     sensor = Defective(1)
-    plain = [sensor.hot, sensor.response, sensor.jump_dn, sensor.stuck_dn]
+    plain = [sensor.hot, sensor.response, sensor.jump_dn, sensor.flicker, sensor.stuck_dn]
     before = [part.copy() for part in plain]
     kind(sensor)
     changed = np.any([part != other for part, other in zip(plain, before, strict=True)], axis=0)
@@ -284,6 +294,28 @@ def test_the_sensor_file_has_the_defects_as_sections() -> None:
     assert (column.kind, column.cols, column.rows, column.value) == ("stuck", (70, 70), (0, SHAPE[0] - 1), 1000.0)
     read_e = calibration.sensor.electrons(calibration.sensor.noise.read_noise_mv.value)
     assert read_e == pytest.approx(READ_E, rel=0.02)
+
+
+def test_pixels_that_blink_if_lit_are_no_telegraph_noise_of_the_dark() -> None:
+    sensor = Defective(1)
+    blinking_if_lit(sensor)
+    base = ps.load_sensor("nikon-d200").with_(cfa="mono", channels={"M": ps.load_sensor("nikon-d200").channels["G"]})
+    effects = ps.calibrate(sensor.frames(), base.with_(rows=SHAPE[0], cols=SHAPE[1])).sensor.effects
+    assert effects is None or effects.telegraph_noise is None
+
+
+def test_uneven_light_is_no_noise_of_pixels() -> None:
+    """Corners at 30 % of the light: the flat field is not searched, and would show no pixel."""
+    rng = np.random.default_rng(5)
+    rows, cols = (np.linspace(-1.0, 1.0, length) for length in SHAPE)
+    light = 20_000.0 * (1.0 - 0.35 * (rows[:, None] ** 2 + cols**2))
+    dn = np.rint(64.0 + GAIN * rng.poisson(light, (8, *SHAPE))).astype(np.uint16)
+    frames = FrameSet.from_arrays([("light", 0.1, each) for each in dn], bits=16)
+    sums = FrameSums(SHAPE).add(dn)
+    found = PixelSurvey(frames, np.zeros((1, 1), np.int64))
+    found.add(GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals()))), sums)
+    assert not found.noisy_flats()
+    assert not found.add_noise(sums)
 
 
 def survey(dark: np.ndarray) -> int:

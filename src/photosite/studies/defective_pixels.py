@@ -92,6 +92,14 @@ def _blinking(bad: _Places, sensor: Sensor, rng: np.random.Generator) -> Disturb
     return Disturbance(numbers=lambda values, noise, frame: values + bad * jump * noise.integers(0, 2, bad.shape))
 
 
+def _lit_blinking(bad: _Places, sensor: Sensor, rng: np.random.Generator) -> Disturbance:
+    """Return pixels whose response is 10 to 15 % smaller or larger, at random in each frame."""
+    change = np.where(bad, rng.uniform(0.10, 0.15, bad.shape), 0.0)
+    return Disturbance(
+        light=lambda values, noise, frame: values * (1.0 + change * (2 * noise.integers(0, 2, bad.shape) - 1))
+    )
+
+
 KINDS: Mapping[str, tuple[Callable[[tuple[int, int], int, np.random.Generator], _Places], _Make]] = {
     "hot": (_scattered, _hot),
     "stuck": (_scattered, _stuck),
@@ -99,6 +107,7 @@ KINDS: Mapping[str, tuple[Callable[[tuple[int, int], int, np.random.Generator], 
     "dead": (_scattered, _dead),
     "offset": (_scattered, _offset),
     "blinking": (_scattered, _blinking),
+    "blinking if lit": (_scattered, _lit_blinking),
     "white columns": (_column, _white),
     "dead cluster": (_cluster, _dead),
 }

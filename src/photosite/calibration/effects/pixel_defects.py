@@ -120,7 +120,7 @@ def _hot(pixels: DefectivePixels, gain: float, source: str) -> dict[str, Any]:
 
 def _blinking(pixels: DefectivePixels, gain: float) -> dict[str, Any]:
     """Return noisy pixels as blinking ones with the same mean variance: <a^2> / 6 of exponential distances a."""
-    variance = pixels.noise_dn2[pixels.of(BadPixel.NOISY)]
+    variance = pixels.noise_dn2[pixels.of(BadPixel.NOISY) & ~pixels.steady_dark]
     if not len(variance) or not np.isfinite(variance).all():
         return {}
     amplitude_e = math.sqrt(3.0 * float(variance.mean())) / gain

@@ -1,8 +1,9 @@
 """Defective pixels, found before anything is estimated: hot, stuck, dead and noisy ones, columns and clusters.
 
 A pixel is defective where its mean over a group of frames lies far from those of its color around it, or its temporal
-variance in dark frames far above that of the others. The limits follow the quantiles 10 to 90 % of each color, so that
-a skewed distribution, as that of the dark current, has no defects. Every figure is then that of the other pixels.
+variance in dark frames or flat fields far above that of the others. The limits follow the quantiles 10 to 90 % of each
+color, so that a skewed distribution, as that of the dark current, has no defects. Every figure is then that of the
+other pixels.
 """
 
 from __future__ import annotations
@@ -50,6 +51,9 @@ JUMPS = 4.0
 
 NOISE_SPREAD = 2.0
 """Squared relative spread of the pixels' variances from which dark frames beside the reference are searched."""
+
+FLAT_NOISE_SPREAD = 0.05
+"""The same of flat fields, where it is more than that of uneven light: 1 of 2000 pixels with 10 times the variance."""
 
 LEAST_SIDE = 4
 """Least rows and columns of a color."""
@@ -100,6 +104,8 @@ class DefectivePixels:
         (n,) response to light, relative to that of the other pixels; NaN without flat fields.
     mean_dn
         (groups, n) mean in each group, of dark frames first.
+    steady_dark
+        (n,) whether a pixel is noisy in flat fields only.
     """
 
     index: _Ints
@@ -111,6 +117,7 @@ class DefectivePixels:
     rate_dn_per_s: _Floats = field(repr=False)
     response: _Floats = field(repr=False)
     mean_dn: _Floats = field(repr=False)
+    steady_dark: NDArray[np.bool_] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.index)
@@ -179,6 +186,7 @@ def classified(
         own.rate,
         own.response,
         own.mean,
+        own.lit_jumps & ~own.dark_jumps,
     )
 
 
@@ -261,19 +269,35 @@ class _OwnSeries:
             kind[beyond] = BadPixel.OFFSET
             first = off[0]
             kind[beyond & (off.max(axis=0) > 2.0 * first + self.far[self.darks[0]])] = BadPixel.HOT
-        kind[self._jumps()] = BadPixel.NOISY
+        kind[self.dark_jumps | self.lit_jumps] = BadPixel.NOISY
         still = np.ptp(self.mean, axis=0) <= LEAST_DN
         still &= ~(np.nan_to_num(self.variance).max(axis=0) > LEAST_DN2)
         kind[still & (beyond if len(self.darks) else True)] = BadPixel.STUCK
         return kind
 
-    def _jumps(self) -> NDArray[np.bool_]:
-        """Return whether dark numbers vary far more than by read noise, and by shot noise of the excess."""
+    @cached_property
+    def dark_jumps(self) -> NDArray[np.bool_]:
+        """Whether dark numbers vary far more than by read noise, and by shot noise of the excess."""
+        return self._jumps(self.reference, JUMPS)
+
+    @cached_property
+    def lit_jumps(self) -> NDArray[np.bool_]:
+        """Whether numbers of flat fields vary far more than by their noise and by chance."""
+        from scipy.special import chdtri
+
+        found = np.zeros(self.mean.shape[1], np.bool_)
+        if self.brightest is not None:
+            for group in np.flatnonzero(~self.dark & (self.usual <= self.usual[self.brightest]).all(axis=1)):
+                freedom = max(int(self.frames[group]) - 1, 1)
+                found |= self._jumps(int(group), max(JUMPS, float(chdtri(freedom, _NOISE_P_VALUE)) / freedom))
+        return found
+
+    def _jumps(self, group: int, most: float) -> NDArray[np.bool_]:
         r = self.reference
         signal = np.maximum(self.usual - self.usual[r], 1.0)
         gain = max(float(np.nan_to_num((self.usual_variance - self.usual_variance[r]) / signal).max()), 0.0)
-        explained = self.usual_variance[r] + gain * np.maximum(self.excess[r], 0.0)
-        return np.asarray(self.variance[r] > JUMPS * explained + LEAST_DN2)
+        explained = self.usual_variance[group] + gain * np.maximum(self.excess[group], 0.0)
+        return np.asarray(self.variance[group] > most * explained + LEAST_DN2)
 
 
 def _variance(values: _Ints) -> _Floats:
@@ -333,19 +357,22 @@ class PixelSurvey:
         if chosen:
             self._suspects.append((statistics, _outliers(sums, self.tile)))
 
-    def add_noise(self, sums: FrameSums) -> None:
-        """Search the temporal variances of a group of dark frames, whose sums have the squares."""
+    def add_noise(self, sums: FrameSums) -> bool:
+        """Search the temporal variances of a group, whose sums have the squares, and return whether it has more."""
+        before = np.concatenate([np.zeros(0, np.int64), *self._noisy])
         self._noisy += _noisy(sums, self.tile)
+        return bool(np.setdiff1d(np.concatenate([before, *self._noisy]), before).size)
 
     @staticmethod
     def noise_differs(statistics: GroupStatistics, *, reference: bool) -> bool:
         """Return whether some pixels of dark frames may be far noisier than the others."""
-        for level in statistics.levels:
-            if level.repeated and level.variance > 0.0:
-                spread = level.variance_spread**2 * level.pixels / level.variance**2
-                if spread > (0.0 if reference else NOISE_SPREAD):
-                    return True
-        return False
+        return _noise_spread(statistics) > (0.0 if reference else NOISE_SPREAD)
+
+    def noisy_flats(self) -> list[GroupStatistics]:
+        """Return the flat fields in which some pixels are far noisier than the others, by how much."""
+        lights = [entry for entry in self._groups if entry.group.kind == "light" and self._clear(entry)]
+        noisy = [entry for entry in lights if _noise_spread(entry) > FLAT_NOISE_SPREAD]
+        return sorted(noisy, key=_noise_spread, reverse=True)
 
     def found(self) -> _Ints | None:
         """Return the defective pixels, as numbers in the order of the rows; None without any, or with too many."""
@@ -362,6 +389,12 @@ class PixelSurvey:
             if level.mean > UNSATURATED * noisiest.mean:
                 return False
         return True
+
+
+def _noise_spread(statistics: GroupStatistics) -> float:
+    """Return the squared relative spread of the pixels' variances beyond chance, of the channel where it is largest."""
+    known = [level for level in statistics.levels if level.repeated and level.variance > 0.0]
+    return max((each.variance_spread**2 * each.pixels / each.variance**2 for each in known), default=0.0)
 
 
 def _sites(tile: _Ints) -> Iterator[tuple[int, int]]:

@@ -138,12 +138,17 @@ def reduce_frames(reader: FrameReader, survey: PixelSurvey | None = None) -> Red
 def find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: PixelSurvey) -> NDArray[np.int64] | None:
     """Return the few pixels that must not decide a figure, as numbers in the order of the rows; None without such.
 
-    Dark frames whose pixels differ in noise are read again for the variance of each pixel.
+    Dark frames whose pixels differ in noise are read again for the variance of each pixel, and so are flat fields whose
+    pixels differ by more than uneven light makes them, until one shows no more pixels.
     """
     for index, entry in enumerate(reduction.darks):
         if survey.noise_differs(entry, reference=index == reduction.reference):
             reader.expect(entry.frames)
             survey.add_noise(reader.sums(entry.group, variance=True))
+    for entry in survey.noisy_flats():
+        reader.expect(entry.frames)
+        if not survey.add_noise(reader.sums(entry.group, variance=True)):
+            break  # a pixel may be still in all frames of one group
     reader.release()
     return survey.found()
 
