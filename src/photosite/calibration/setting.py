@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from os import PathLike
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
@@ -22,6 +22,7 @@ from photosite.calibration.photon_transfer.noise_structure import measure_noise_
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.defective_pixels import PixelSurvey
+from photosite.calibration.reduction.fading_light import LightFades
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.reduce import Reduction, find_defective_pixels, reduce_frames, without_pixels
 from photosite.calibration.reduction.shared_sums import SharedSums
@@ -51,11 +52,34 @@ def calibrate_setting(
     scheduler: str | None = None,
 ) -> Calibration:
     """Estimate the parameters of one gain setting and capture; options and errors are those of `calibrate`."""
+    while True:
+        try:
+            return _calibrate(frames, sensor, outliers, maps, progress, _Saving(checkpoint, processes, scheduler))
+        except LightFades as found:
+            frames = found.frames
+
+
+class _Saving(NamedTuple):
+    """Where sums are kept or computed, as the options of `calibrate`."""
+
+    checkpoint: str | PathLike[str] | None
+    processes: int | None
+    scheduler: str | None
+
+
+def _calibrate(
+    frames: FrameSet,
+    sensor: Sensor | None,
+    outliers: OutlierThresholds | None,
+    maps: MapsWanted,
+    progress: Progress | None,
+    saving: _Saving,
+) -> Calibration:
     sensor = sensor if sensor is not None else frames.sensor
     raised = [*run_checks("set", frames, sensor)]
     frames = without_covered_lines(frames, sensor)
-    with _saved_sums(frames, checkpoint, processes, scheduler) as saved:
-        with reduced(frames, progress, saved) as (reader, reduction):
+    with _saved_sums(frames, *saving) as saved:
+        with _removed_if_light_fades(saved), reduced(frames, progress, saved) as (reader, reduction):
             raised += run_checks("levels", reduction)
             dark = measure_dark_frames(reduction, reader)
             noise = measure_noise_structure(reduction, reader)
@@ -74,6 +98,17 @@ def calibrate_setting(
         if isinstance(saved, Checkpoint):
             saved.remove()
     return calibration
+
+
+@contextmanager
+def _removed_if_light_fades(saved: object) -> Iterator[None]:
+    """Remove a checkpoint's files of groups that are divided."""
+    try:
+        yield
+    except LightFades:
+        if isinstance(saved, Checkpoint):
+            saved.remove()
+        raise
 
 
 @contextmanager

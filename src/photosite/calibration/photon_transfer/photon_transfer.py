@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.dark.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
-from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics, Level
 from photosite.calibration.withheld import NO_PHOTON_TRANSFER, NO_SATURATION, SINGLE_FLATS
 from photosite.values.block_diagonal import block_diagonal
 from photosite.values.uncertain import Source, Uncertain, Value, combined
@@ -151,7 +151,8 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
 
     take_mean, take_variance = dark.mean.weights_at(exposure), dark.variance.weights_at(exposure)
     mean, spread = each("mean"), each("variance_uncertainty")
-    variance = np.array([level.noise.value for level in levels])
+    signal = mean - take_mean @ dark.mean.y
+    variance = np.array([level.noise.value for level in levels]) - _uneven_shifts(levels, signal)
     over_pixels, shift = each("spatial_variance") / each("pixels"), each("frame_shift")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
@@ -160,7 +161,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         abscissa="signal_dn" if unmeasured else "photons_per_pixel" if known else "exposure_s",
         x=x[order],
         exposure_s=exposure,
-        signal=mean - take_mean @ dark.mean.y,
+        signal=signal,
         signal_covariance=np.diag(sampling + each("rounding_mean") ** 2) + take_mean @ dark_covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
         shot_covariance=np.diag(spread**2 + each("rounding_variance") ** 2)
@@ -179,6 +180,30 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         frames=each("frames").astype(np.float64),
         trusted=np.array([lights[i].light_trusted for i in order]),
     )
+
+
+SHIFTS_P_VALUE = 1e-3
+"""Fraction of levels under steady light whose shifts may count as those of the lamp."""
+
+
+NEGLIGIBLE_SHIFTS = 1e-4
+"""Fraction of a variance below which the shifts may be those of image lag or of the black level as well."""
+
+
+def _uneven_shifts(levels: Sequence[Level], signal: Array) -> Array:
+    """Return the temporal variance that a change of the light from frame to frame leaves in uneven pixels.
+
+    Light that changes by the relative variance f shifts a pixel of the signal s by s f^(1/2). The shift of the whole
+    frame is not in the variance of a level; the spread of s over the pixels, lens fall-off included, leaves f Var(s).
+    """
+    left = np.zeros(len(levels))
+    for i, (level, mean) in enumerate(zip(levels, signal, strict=True)):
+        if level.repeated and mean > 0.0 and level.frame_shift > 0.0 and level.shifts_beyond_chance(SHIFTS_P_VALUE):
+            uneven = max(level.spatial_variance - level.variance / level.frames, 0.0)
+            left[i] = (level.frame_shift / mean) ** 2 * uneven
+            if left[i] < NEGLIGIBLE_SHIFTS * level.variance:
+                left[i] = 0.0
+    return left
 
 
 @dataclass(frozen=True)

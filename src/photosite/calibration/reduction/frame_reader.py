@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, SavedSums, identity
 from photosite.calibration.reduction.codes import Counts, channel_counts
+from photosite.calibration.reduction.fading_light import LightFades, with_fading_levels
 from photosite.calibration.reduction.frame_screening import NEAR_COPY_FRAME, NO_MAJORITY, sample_grid
 from photosite.calibration.reduction.group_screening import Screening, screen_frames
 from photosite.calibration.reduction.groups import group_label, label_tile
@@ -380,7 +381,17 @@ class FrameReader:
             self._screening = computed_beside(self._threads, screen_frames, samples, labels, self._dark_dn, dark=dark)
 
     def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums, *, variance: bool) -> None:
-        """Leave near copies and outlier frames out of a group's sums."""
+        """Leave near copies and outlier frames out of a group's sums.
+
+        Raises
+        ------
+        LightFades
+            If the light of the group fades, so that its frames are several levels.
+        """
+        if group.kind == "light":
+            means = np.array([float(sample.mean()) for sample in first.samples])
+            if (divided := with_fading_levels(self.frames, group, first.used, means, self._dark_dn)) is not None:
+                raise LightFades(divided)
         label, before = group_label(group), len(first.used)
         copies, outliers, counts = self._screening.result()
         if copies:
