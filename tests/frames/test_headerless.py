@@ -13,7 +13,9 @@ import photosite as ps
 from photosite.errors import FileError, InputError
 from photosite.frames.io.camera_raw import check_filled, check_size
 from photosite.frames.io.formats import read_headers
-from photosite.frames.io.headerless import guessed_layouts, parse_layout
+from photosite.frames.io.headerless import guessed_layouts
+from photosite.frames.io.protocol import read_protocol, write_protocol
+from photosite.frames.layout import parse_layout
 from photosite.values.cfa import cfa_from
 
 COLS, ROWS = 20, 6
@@ -36,6 +38,11 @@ def stored(dn, packing):
         elif packing == "mipi12":
             for a, b in zip(row[::2], row[1::2], strict=True):
                 out += [a >> 4, b >> 4, (b & 15) << 4 | a & 15]
+        elif packing == "d100":
+            for k in range(0, len(row), 10):
+                text = "".join(f"{value:012b}" for value in row[k : k + 10]).ljust(120 if k + 10 < COLS else 0, "0")
+                out += [int(text[j : j + 8].ljust(8, "0"), 2) for j in range(0, len(text), 8)]
+                out += [0] if len(row[k : k + 10]) == 10 else []
         elif packing == "nikon12":
             text = "".join(f"{value:012b}" for value in row)
             out += [int(text[k : k + 8], 2) for k in range(0, len(text), 8)]
@@ -53,6 +60,7 @@ CASES = [
     ("20x6,packed=mipi10", "mipi10", 10, 10),
     ("20x6,packed=mipi12", "mipi12", 12, 12),
     ("20x6,packed=nikon12", "nikon12", 12, 12),
+    ("20x6,packed=d100", "d100", 12, 12),
 ]
 
 
@@ -89,6 +97,29 @@ def test_a_folder_of_headerless_files(tmp_path):
     assert (frames.bits, frames.cfa, frames.groups[0].exposure_s) == (10, cfa_from("rggb"), 0.01)
     assert frames.groups[0].frames[0].open_rows() is None
     np.testing.assert_array_equal([*frames.groups[0]], [numbers(10, 0), numbers(10, 1)])
+
+
+def test_rows_of_a_d100_that_end_within_a_group(tmp_path):
+    dn = numbers(12)[:, :13]
+    (tmp_path / "a.raw").write_bytes(b"".join(stored(dn, "d100")))
+    assert parse_layout("13x6,packed=d100").row_bytes == 16 + 5
+    np.testing.assert_array_equal(ps.read_raw(tmp_path / "a.raw", layout="13x6,packed=d100").dn, dn)
+
+
+def test_a_protocol_states_the_layout(tmp_path):
+    for number in range(2):
+        (tmp_path / f"{number}.raw").write_bytes(b"".join(stored(numbers(10, number), "mipi10")))
+    entry = "frames: [{kind: dark, exposure: 0.01, files: '*.raw'}]\n"
+    listing = tmp_path / "protocol.yaml"
+    listing.write_text(f"photosite_protocol: 1\nlayout: 20x6,packed=mipi10\n{entry}")
+    np.testing.assert_array_equal([*ps.open_frames(tmp_path).groups[0]], [numbers(10, 0), numbers(10, 1)])
+    write_protocol(read_protocol(listing), tmp_path / "again.yaml")
+    assert read_protocol(tmp_path / "again.yaml").layout == parse_layout("20x6,packed=mipi10")
+    with raises(FileError, "layout", value="20x6,packed=mipi12", expected="20x6,packed=mipi10, as the protocol states"):
+        ps.open_frames(tmp_path, layout="20x6,packed=mipi12")
+    listing.write_text(f"photosite_protocol: 1\nlayout: 20x\n{entry}")
+    with raises(FileError, "layout", line=2, value="20x"):
+        ps.open_frames(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -418,7 +418,7 @@ reading_options = stacked(
         "--layout",
         metavar="LAYOUT",
         help="Pixels of headerless files: 3280x2464,uint16,little,offset=0,stride=6560 or "
-        "4056x3040,packed=mipi12,stride=6112. Also packed=mipi10, packed=nikon12, uint8, big.",
+        "4056x3040,packed=mipi12,stride=6112. Also packed=mipi10, packed=nikon12, packed=d100, uint8, big.",
     ),
 )
 """The options of `READING`."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError
 from photosite.frames.conditions import stated_conditions
 from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.layout import Layout
 from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
 from photosite.frames.sections import Section
 from photosite.frames.stored_numbers import NumberKind
@@ -327,3 +328,4 @@ class SetProperties:
     black_level_dn: float | None = None
     sensor: Sensor | None = None
     region: Section | None = None
+    layout: Layout | None = None

@@ -43,7 +43,8 @@ from photosite.frames.io.formats import (
     read_whole,
     select_headers,
 )
-from photosite.frames.io.headerless import LAYOUT, Layout
+from photosite.frames.io.headerless import LAYOUT
+from photosite.frames.layout import Layout
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
 from photosite.frames.stored_numbers import (
@@ -147,7 +148,6 @@ def frame_sets_from_files(
     properties: SetProperties,
     where: Mapping[str, str] | None = None,
     together: Collection[str] = (),
-    layout: Layout | None = None,
 ) -> list[FrameSet]:
     """Return the frame set of each setting of listed files.
 
@@ -165,12 +165,10 @@ def frame_sets_from_files(
         Selection of frames by their conditions.
     together
         Conditions that do not separate settings.
-    layout
-        Layout of headerless files.
     """
     _check_existing(files)
     _check_unique(files)
-    opened, skipped = _open_all(files, layout)
+    opened, skipped = _open_all(files, properties.layout)
     frames = selected(opened, where or {})
     settings = []
     for found, same in separated(frames, together):

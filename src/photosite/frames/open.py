@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from photosite.errors import FileError, InputError
 from photosite.files.small_files import check_stored_file
@@ -20,9 +20,10 @@ from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_desc
 from photosite.frames.io.format_table import NAMES, frame_stem, is_frame_name
 from photosite.frames.io.formats import read_headers, select_headers
 from photosite.frames.io.headerless import SUFFIXES as HEADERLESS_SUFFIXES
-from photosite.frames.io.headerless import Layout, guess_text, parse_layout
+from photosite.frames.io.headerless import guess_text
 from photosite.frames.io.protocol import read_protocol
 from photosite.frames.io.raspberry_pi import has_raw_data
+from photosite.frames.layout import Layout, parse_layout
 from photosite.frames.raw_frame import MOST_BITS, check_bits
 from photosite.frames.sections import Section, parse_region
 from photosite.sensor.io.sensor_file import load_sensor
@@ -69,40 +70,27 @@ KindPatterns = Mapping[Kind, tuple[str, ...]]
 """Glob patterns of the dark and of the light frames."""
 
 
-def open_frames(
-    path: str | PathLike[str],
-    *,
-    bits: int | None = None,
-    cfa: str | Sequence[Sequence[str]] | None = None,
-    dark: str | Sequence[str] = (),
-    light: str | Sequence[str] = (),
-    exposure_from_name: str | None = None,
-    region: str | None = None,
-    where: Where = (),
-    together: Collection[str] = (),
-    sensor: Sensor | None = None,
-    layout: str | None = None,
-) -> FrameSet:
-    """Open the frames of a measurement, grouped by kind, exposure and gain setting.
+class FrameArguments(TypedDict, total=False):
+    """The fields of `FrameOptions` as keyword arguments."""
 
-    Headers are read here, pixels when they are needed. Settings come from three sources; an earlier one overrides
-    the later ones:
+    bits: int | None
+    cfa: str | Sequence[Sequence[str]] | None
+    dark: str | Sequence[str]
+    light: str | Sequence[str]
+    exposure_from_name: str | None
+    region: str | None
+    where: Where
+    together: Collection[str]
+    sensor: Sensor | None
+    layout: str | None
 
-    1. the protocol or descriptor, or the patterns `dark` and `light`;
-    2. the file's metadata (exposure time, ISO or gain, temperature, kind): Exif and TIFF/EP in camera raw, DNG and
-       TIFF, keywords in FITS, attributes in HDF5, and the description in files that photosite wrote;
-    3. the names of the file and its subfolder, such as `dark_10ms_iso400.tif` (`photosite.frames.frame_settings`).
 
-    If no source states the kind, frames are classified by their signal level, with a warning. A file of several frames
-    (pages of TIFF; datasets, stacks and units of HDF5 and FITS) stands for all of them.
+@dataclass(frozen=True, kw_only=True)
+class FrameOptions:
+    """How the frames of a measurement are opened.
 
     Parameters
     ----------
-    path
-        A YAML protocol, an EMVA 1288 descriptor, a folder, or a file of several frames. A protocol.yaml or a single
-        descriptor in a folder defines its frames; otherwise all frames in the folder are used. A folder without frames
-        is searched one level down, unless a subfolder is a measurement with its own listing.
-        A part of a file is named in brackets: `"x.fits[1]"`.
     bits, cfa
         Bit depth of the converter and color filter array (`"rggb"` or its tile), if neither files nor protocol state
         them.
@@ -126,7 +114,68 @@ def open_frames(
         The sensor that took the frames, for bits and mosaic that they do not state. Default: that of the protocol.
     layout
         How the pixels of headerless files are stored, such as `"3280x2464,packed=mipi10,stride=4128"`
-        (`photosite.frames.io.headerless`). All files of a folder with their suffixes (.raw, .bin, ...) are frames then.
+        (`photosite.frames.layout`). All files of a folder with their suffixes (.raw, .bin, ...) are frames then.
+
+    Examples
+    --------
+    >>> FrameOptions(dark="bias/*", light="flat/*").patterns
+    {'dark': ('bias/*',), 'light': ('flat/*',)}
+    """
+
+    bits: int | None = None
+    cfa: str | Sequence[Sequence[str]] | None = None
+    dark: str | Sequence[str] = ()
+    light: str | Sequence[str] = ()
+    exposure_from_name: str | None = None
+    region: str | None = None
+    where: Where = ()
+    together: Collection[str] = ()
+    sensor: Sensor | None = None
+    layout: str | None = None
+
+    @property
+    def patterns(self) -> KindPatterns:
+        """Glob patterns by kind."""
+        return {"dark": _texts(self.dark), "light": _texts(self.light)}
+
+    @property
+    def properties(self) -> SetProperties:
+        """What is stated of all frames; raise `InputError` if it is invalid."""
+        check_bits(self.bits, MOST_BITS)
+        return SetProperties(
+            bits=self.bits,
+            cfa=None if self.cfa is None else cfa_from(self.cfa),
+            sensor=self.sensor,
+            region=None if self.region is None else parse_region(self.region),
+            layout=None if self.layout is None else parse_layout(self.layout),
+        )
+
+
+def open_frames(path: str | PathLike[str], **options: Unpack[FrameArguments]) -> FrameSet:
+    """Open the frames of a measurement, grouped by kind, exposure and gain setting.
+
+    Headers are read here, pixels when they are needed. Settings come from three sources; an earlier one overrides
+    the later ones:
+
+    1. the protocol or descriptor, or the patterns `dark` and `light`;
+    2. the file's metadata (exposure time, ISO or gain, temperature, kind): Exif and TIFF/EP in camera raw, DNG and
+       TIFF, keywords in FITS, attributes in HDF5, and the description in files that photosite wrote;
+    3. the names of the file and its subfolder, such as `dark_10ms_iso400.tif` (`photosite.frames.frame_settings`).
+
+    If no source states the kind, frames are classified by their signal level, with a warning. A file of several frames
+    (pages of TIFF; datasets, stacks and units of HDF5 and FITS) stands for all of them.
+
+    Parameters
+    ----------
+    path
+        A YAML protocol, an EMVA 1288 descriptor, a folder, or a file of several frames. A protocol.yaml or a single
+        descriptor in a folder defines its frames; otherwise all frames in the folder are used. A folder without frames
+        is searched one level down, unless a subfolder is a measurement with its own listing.
+        A part of a file is named in brackets: `"x.fits[1]"`.
+    **options
+        Fields of `photosite.frames.open.FrameOptions`: `bits` and `cfa` that files do not state; patterns `dark` and
+        `light`; `exposure_from_name`; `region` with light; `where`, a selection of settings, and `together`; `sensor`;
+        `layout` of headerless files.
 
     Returns
     -------
@@ -155,19 +204,7 @@ def open_frames(
     >>> [(group.kind, group.exposure_s, len(group)) for group in frames.groups], frames.bits
     ([('dark', 0.1, 2)], 12)
     """
-    found = open_settings(
-        path,
-        together=together,
-        sensor=sensor,
-        layout=layout,
-        bits=bits,
-        cfa=cfa,
-        dark=dark,
-        light=light,
-        exposure_from_name=exposure_from_name,
-        region=region,
-        where=where,
-    )
+    found = open_settings(path, **options)
     if len(found) > 1:
         choice = {"where": label(found[0].conditions)}
         raise FileError(path, f"the frames have {settings_text(found)}", hint="Pass {where}", arguments=choice)
@@ -185,20 +222,7 @@ def settings_text(settings: Sequence[FrameSet]) -> str:
 _MOST_SETTINGS = 8
 
 
-def open_settings(
-    path: str | PathLike[str],
-    *,
-    bits: int | None = None,
-    cfa: str | Sequence[Sequence[str]] | None = None,
-    dark: str | Sequence[str] = (),
-    light: str | Sequence[str] = (),
-    exposure_from_name: str | None = None,
-    region: str | None = None,
-    where: Where = (),
-    together: Collection[str] = (),
-    sensor: Sensor | None = None,
-    layout: str | None = None,
-) -> list[FrameSet]:
+def open_settings(path: str | PathLike[str], **options: Unpack[FrameArguments]) -> list[FrameSet]:
     """Open the frames of a measurement of one or several settings, a frame set each.
 
     Settings differ in a condition of `photosite.frames.conditions`: camera, read mode, binning, filter, part of a file,
@@ -206,7 +230,7 @@ def open_settings(
 
     Parameters
     ----------
-    path, bits, cfa, dark, light, exposure_from_name, region, where, together, sensor, layout
+    path, **options
         As for `open_frames`; `where` may leave several settings.
 
     Returns
@@ -232,13 +256,10 @@ def open_settings(
     >>> [dict(each.conditions) for each in settings]
     [{'read_mode': 'fast'}, {'read_mode': 'slow'}]
     """
-    check_bits(bits, MOST_BITS)
-    part = None if region is None else parse_region(region)
-    given = SetProperties(bits, None if cfa is None else cfa_from(cfa), sensor=sensor, region=part)
-    patterns: KindPatterns = {"dark": _texts(dark), "light": _texts(light)}
+    chosen = FrameOptions(**options)
+    given, patterns = chosen.properties, chosen.patterns
+    choice = parse_where(chosen.where), chosen.together
     name, selection = split_selection(os.fspath(path))
-    stored = None if layout is None else parse_layout(layout)
-    choice = parse_where(where), together, stored
     place = Path(name)
     if not os.path.exists(place):  # which is False, too, for a name that the system refuses
         raise FileError(place, "there is no such file or folder")
@@ -246,26 +267,32 @@ def open_settings(
         check_stored_file(place)
     listing = _find_listing(place) if place.is_dir() else place
     if listing is None:
-        files = _frame_files_in_folder(place, patterns, exposure_from_name, stored is not None)
+        files = _frame_files_in_folder(place, patterns, chosen.exposure_from_name, given.layout is not None)
         return frame_sets_from_files(files, str(place), given, *choice)
-    if exposure_from_name is not None:
+    if chosen.exposure_from_name is not None:
         what = "exposure_from_name applies to folders without a protocol or descriptor"
         raise InputError(what, hint=f"Omit it: {listing} states the exposure times")
-    if listing is place and (is_frame_name(place) if stored is None else place.suffix.lower() in HEADERLESS_SUFFIXES):
-        return frame_sets_from_files([_stack(place, patterns, selection, stored)], str(path), given, *choice)
+    if listing is place and _is_frame(place, given.layout is not None):
+        return frame_sets_from_files([_stack(place, patterns, selection, given.layout)], str(path), given, *choice)
     if any(patterns.values()):
         raise InputError("patterns for dark and light frames apply to folders only", hint=f"{listing} states the kinds")
     if listing.suffix.lower() in (".yaml", ".yml"):
         protocol = read_protocol(listing)
+        sensor = given.sensor
         if sensor is None and protocol.sensor is not None:
             sensor = load_sensor(listing.parent / protocol.sensor)
         stated = SetProperties(
-            protocol.bits, protocol.cfa, None, protocol.black_level_dn, sensor, region=protocol.region
+            protocol.bits,
+            protocol.cfa,
+            black_level_dn=protocol.black_level_dn,
+            sensor=sensor,
+            region=protocol.region,
+            layout=protocol.layout,
         )
         files, kind = protocol.frame_files(listing), "protocol"
     elif looks_like_descriptor(listing):
         (files, stated), kind = read_descriptor(listing), "descriptor"
-        stated = replace(stated, sensor=sensor)
+        stated = replace(stated, sensor=given.sensor)
     else:
         hint = "A descriptor's first command is 'v' or 'n'"
         raise FileError(place, "the file is neither a YAML protocol nor an EMVA 1288 descriptor", hint=hint)
@@ -286,7 +313,7 @@ def _stack(file: Path, patterns: KindPatterns, selection: str | None, layout: La
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:
     """Return what a listing states, completed by what the caller states; the two must not contradict each other."""
-    for name in ("bits", "cfa", "region"):
+    for name in ("bits", "cfa", "region", "layout"):
         from_listing, from_caller = getattr(stated, name), getattr(given, name)
         if from_listing is None:
             stated = replace(stated, **{name: from_caller})
@@ -298,7 +325,7 @@ def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) 
 
 
 def _shown(value: Any) -> Any:
-    return value if isinstance(value, int) else str(value) if isinstance(value, Section) else tile_text(value)
+    return value if isinstance(value, int) else str(value) if isinstance(value, Section | Layout) else tile_text(value)
 
 
 def _find_listing(folder: Path) -> Path | None:

@@ -27,7 +27,7 @@ from photosite.frames.io.format_table import (
     format_to_write,
     is_frame_name,
 )
-from photosite.frames.io.headerless import Layout, parse_layout
+from photosite.frames.layout import Layout, parse_layout
 from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, RawFrame, check_bits
 from photosite.frames.sections import Section, lines_around, parse_region
 from photosite.frames.stored_numbers import NumberRange, StoredNumbers, conversion_diagnostics, conversion_of
@@ -89,7 +89,7 @@ def read_raw(
         Part of the stored image that receives light, as in `photosite.frames.open.open_frames`.
     layout
         How the pixels of a headerless file are stored, such as `"3280x2464,packed=mipi10,stride=4128"`
-        (`photosite.frames.io.headerless`).
+        (`photosite.frames.layout`).
 
     Raises
     ------

@@ -6,6 +6,7 @@ bits: 12                        # optional, if the files do not state it
 cfa: rggb                       # likewise; a name or a tile
 black_level_dn: 64              # likewise
 region: 0:1080,0:1920           # pixels with light; rows, then columns, counted from 0; or "[1:1920,1:1080]"
+layout: 3280x2464,packed=mipi10 # how headerless files store their pixels (photosite.frames.layout)
 sensor: d200.sensor.yaml        # known properties of the sensor; path relative to the protocol
 frames:
   - {kind: dark, exposure: 1/8000, files: dark/*.dng}
@@ -19,11 +20,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from photosite.errors import FileError, InputError
 from photosite.files.writing import atomic_path
@@ -31,13 +32,14 @@ from photosite.files.yaml import check_keys, check_version, dump_yaml, line_of, 
 from photosite.frames.conditions import CONDITIONS, stated_conditions
 from photosite.frames.frame_file import FrameFile, split_selection
 from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.layout import Layout, parse_layout
 from photosite.frames.sections import Section, parse_region
 from photosite.values.cfa import NAMED, Cfa, cfa_from
 from photosite.values.exposure import format_exposure, parse_exposure
 
 VERSION_KEY = "photosite_protocol"
 
-_KEYS = (VERSION_KEY, "name", "bits", "cfa", "black_level_dn", "region", "sensor", "frames")
+_KEYS = (VERSION_KEY, "name", "bits", "cfa", "black_level_dn", "region", "layout", "sensor", "frames")
 _NUMBERS = ("photons_per_pixel", "gain_setting", "temperature_c")
 _FRAME_KEYS = ("kind", "exposure", "files", *_NUMBERS, *CONDITIONS)
 _WILDCARDS = frozenset("*?[")
@@ -81,6 +83,8 @@ class Protocol:
         Path of a sensor file relative to the protocol, or None.
     region
         Part of the stored images that receives light, if the files do not state it, or None.
+    layout
+        How headerless files store their pixels, or None.
     """
 
     frames: tuple[ProtocolFrames, ...]
@@ -90,6 +94,7 @@ class Protocol:
     black_level_dn: float | None = None
     sensor: str | None = None
     region: Section | None = None
+    layout: Layout | None = None
 
     def frame_files(self, path: Path) -> list[FrameFile]:
         """List the files of the protocol at `path`, with patterns expanded, in its order."""
@@ -123,9 +128,9 @@ def write_protocol(protocol: Protocol, path: str | PathLike[str]) -> None:
     - {kind: dark, exposure: 1/8000, files: dark/*.png}
     """
     content: dict[str, Any] = {VERSION_KEY: 1}
-    for key in ("name", "bits", "cfa", "black_level_dn", "region", "sensor"):
+    for key in ("name", "bits", "cfa", "black_level_dn", "region", "layout", "sensor"):
         value = getattr(protocol, key)
-        if key == "region" and value is not None:
+        if key in ("region", "layout") and value is not None:
             value = str(value)
         if key == "cfa" and value is not None:
             value = next((name for name, tile in NAMED.items() if tile == value), value)
@@ -168,7 +173,8 @@ def read_protocol(path: str | PathLike[str]) -> Protocol:
         cfa=_cfa(file, data),
         black_level_dn=None if black is None else float(black),
         sensor=optional_text(file, data, "sensor"),
-        region=_region(file, data),
+        region=_parsed(file, data, "region", parse_region),
+        layout=_parsed(file, data, "layout", parse_layout),
     )
 
 
@@ -227,10 +233,13 @@ def _cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
         raise error.in_file(file, line_of(data, "cfa")) from None
 
 
-def _region(file: Path, data: Mapping[Any, Any]) -> Section | None:
-    if data.get("region") is None:
+T = TypeVar("T")
+
+
+def _parsed(file: Path, data: Mapping[Any, Any], name: str, parse: Callable[[str], T]) -> T | None:
+    if data.get(name) is None:
         return None
     try:
-        return parse_region(str(optional_text(file, data, "region")))
+        return parse(str(optional_text(file, data, name)))
     except InputError as error:
-        raise error.in_file(file, line_of(data, "region")) from None
+        raise error.in_file(file, line_of(data, name)) from None

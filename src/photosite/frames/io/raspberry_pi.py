@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError
 from photosite.frames.frame_file import FrameHeader, FrameLocation
 from photosite.frames.io import headerless
+from photosite.frames.layout import Layout
 from photosite.values.cfa import cfa_from
 
 _BLOCKS = (18711040, 10270208, 6404096)
@@ -33,7 +34,7 @@ _ALIGNED = 32
 class _Block:
     """The raw data in a file: their layout, Bayer order and the name of the mode."""
 
-    layout: headerless.Layout
+    layout: Layout
     cfa: str
     mode: str
 
@@ -71,7 +72,7 @@ def _block(path: Path) -> _Block:
     if kind not in _PACKINGS or order >= len(_ORDERS) or min(cols, rows) < 1:
         problem = f"the header of the raw data states {cols} x {rows} pixels of format {kind}, order {order}"
         raise FileError(path, problem, hint="Formats 3 (RAW10) and 4 (RAW12) are supported")
-    layout = headerless.Layout(cols, rows, _PACKINGS[kind], offset=start + _HEADER_BYTES)
+    layout = Layout(cols, rows, _PACKINGS[kind], offset=start + _HEADER_BYTES)
     layout = replace(layout, stride=-(-layout.row_bytes // _ALIGNED) * _ALIGNED)
     return _Block(layout, _ORDERS[order], name.split(b"\0")[0].decode("ascii", "replace"))
 
