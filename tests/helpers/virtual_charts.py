@@ -88,3 +88,21 @@ def virtual_noise(random: np.random.Generator) -> VirtualNoise:
     return VirtualNoise(
         gain, random.uniform(1.0, 8.0) / min(gain, 1.0), random.uniform(0.2, 3.0), random.uniform(0.002, 0.015)
     )
+
+
+def blurred(fine: Array, cells: int, sigma_px: float) -> Array:
+    """Return an image of square pixels of `cells` x `cells` points under a Gaussian blur."""
+    fy, fx = (np.fft.fftfreq(size) * cells for size in fine.shape)  # cycles per pixel
+    gauss = np.exp(-2.0 * (np.pi * sigma_px) ** 2 * (fy[:, None] ** 2 + fx**2))
+    smooth = np.fft.ifft2(np.fft.fft2(fine) * gauss).real
+    rows, cols = (size // cells for size in fine.shape)
+    return smooth.reshape(rows, cells, cols, cells).mean(axis=(1, 3))
+
+
+def response(frequency: Array, sigma_px: float, cells: int = 0) -> Array:
+    """Return the mean over directions of a Gaussian blur times square pixels, of `cells` x `cells` points if not 0."""
+    angle = np.linspace(0.0, np.pi / 2, 91)
+    along = (frequency[..., None] * part for part in (np.cos(angle), np.sin(angle)))
+    pixel = [np.sinc(each) / (np.sinc(each / cells) if cells else 1.0) for each in along]
+    across = pixel[0] * pixel[1]
+    return np.asarray(np.exp(-2.0 * (np.pi * sigma_px * frequency) ** 2) * across.mean(axis=-1))

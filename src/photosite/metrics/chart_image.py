@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -109,6 +109,12 @@ class ChartImage(Shown):
         if self.origin == "picture":
             return _channel_of_picture(part, channel), MONOCHROME
         return part.astype(np.float64) - self.black, shifted(self.cfa, box.r0, box.c0)
+
+    def planes(self, channel: str, region: Region) -> Iterator[Array]:
+        """Yield the values above black of each frame in a region, as `plane` returns those of the mean."""
+        for frame in self.frames:
+            part = frame[region.r0 : region.r1, region.c0 : region.c1]
+            yield _channel_of_picture(part, channel) if self.origin == "picture" else part - self.black
 
     def mask(self, channel: str, region: Region) -> NDArray[np.bool_]:
         """Return which pixels of a region belong to a channel."""

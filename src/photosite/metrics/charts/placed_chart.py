@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.color_checker import find_chart
 from photosite.scene.placement import Homography, check_corners, field_corners, field_size, place, seen_patches
 from photosite.scene.scene import Scene
-from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest
+from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest, chart_options
 from photosite.values.region import Corners, Patch, Region
 from photosite.values.shown import Shown
 
@@ -46,8 +46,12 @@ class PlacedChart(Shown):
         The insides of the patches in the image.
     found
         How the corners are known.
+    shape
+        (rows, cols) of the image.
     known_light
         Whether the luminance of the chart was given.
+    options
+        Of the built-in scene.
     """
 
     name: str
@@ -55,13 +59,16 @@ class PlacedChart(Shown):
     corners: Corners
     patches: tuple[Patch, ...]
     found: Found
+    shape: tuple[int, int]
     known_light: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def region(self) -> Region:
         """The rectangle of whole pixels around the corners, within the image."""
         points = np.array(self.corners)
         (r0, c0), (r1, c1) = np.maximum(np.ceil(points.min(axis=0) - 1e-6), 0), np.floor(points.max(axis=0) + 1e-6)
+        r1, c1 = min(r1, self.shape[0]), min(c1, self.shape[1])
         return Region(self.name, int(r0), int(r1), int(c0), int(c1))
 
     @cached_property
@@ -80,6 +87,34 @@ class PlacedChart(Shown):
     def to_image(self, points: Array) -> Array:
         """Return points of the scene, (n, 2) rows and columns of samples, in the image."""
         return Homography.between(_scene_corners(self.scene), self.corners)(points)
+
+    def to_scene(self, points: Array) -> Array:
+        """Return points of the image, (n, 2) rows and columns, in samples of the scene."""
+        return Homography.between(self.corners, _scene_corners(self.scene))(points)
+
+    @property
+    def samples_per_pixel(self) -> float:
+        """Samples of the scene along a pixel's side, in the middle of the chart."""
+        points = np.array(self.corners)
+        middle = points.mean(axis=0)
+        near = self.to_scene(middle + np.array([(0, 0), (1, 0), (0, 1)]))
+        return float(max(np.hypot(*(near[1] - near[0])), np.hypot(*(near[2] - near[0]))))
+
+    def gray_at(self, row: NDArray[np.floating[Any]], col: NDArray[np.floating[Any]]) -> Array:
+        """Return the chart at points of the image, relative to its brightest sample; for gray charts.
+
+        Raises
+        ------
+        InputError
+            If the chart is in color.
+        """
+        if len(self.scene.weights) != 1:
+            raise InputError("chart", value=self.name, expected="gray")
+        y, x = np.broadcast_arrays(row, col)
+        at = np.floor(self.to_scene(np.stack([y, x], axis=-1))).astype(np.intp)
+        rows, cols = self.scene.shape
+        found = self.scene.weights[0][np.clip(at[..., 0], 0, rows - 1), np.clip(at[..., 1], 0, cols - 1)]
+        return np.asarray(found, dtype=np.float64)
 
 
 def _scene_corners(scene: Scene) -> Corners:
@@ -130,10 +165,11 @@ def placed_chart(
         light["mean_luminance_cd_m2"] = luminance_cd_m2
     scene = SceneRequest(chart, {**light, **(options or {})}).scene()
     known = luminance_cd_m2 is not None
+    own = chart_options(chart) | dict(options or {})
     if detect:
         corners = _detected(image, chart)
     if corners is None:
-        return _filling(image, chart, scene, known)
+        return _filling(image, PlacedChart(chart, scene, _NOWHERE, (), "fills the frame", image.shape, known, own))
     check_corners(corners, image.shape)
     patches: tuple[Patch, ...] = ()
     if scene.patches:
@@ -141,7 +177,8 @@ def placed_chart(
     elif scene.regions:
         view = Homography.between(_scene_corners(scene), corners)
         patches = tuple(_rectangle(view, region) for region in scene.regions)
-    return PlacedChart(chart, scene, corners, patches, "detected" if detect else "given corners", known)
+    found: Found = "detected" if detect else "given corners"
+    return PlacedChart(chart, scene, corners, patches, found, image.shape, known, own)
 
 
 def _rectangle(view: Homography, region: Region) -> Region:
@@ -152,22 +189,23 @@ def _rectangle(view: Homography, region: Region) -> Region:
     return Region(region.name, r0, r1, c0, c1)
 
 
-def _filling(image: ChartImage, chart: str, scene: Scene, known: bool) -> PlacedChart:
-    """Return the chart as a camera places a scene that fills the frame."""
+_NOWHERE: Corners = ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
+
+
+def _filling(image: ChartImage, chart: PlacedChart) -> PlacedChart:
+    """Return the chart where a camera places a scene that fills the frame; patches outside the frame are left out."""
+    scene = chart.scene
     where = place(scene.shape, image.shape, content=field_size(scene))
-    points = [
+    a, b, c, d = (
         ((row - where.row_start) / where.row_step, (col - where.col_start) / where.col_step)
         for row, col in _scene_corners(scene)
-    ]
-    rows, cols = image.shape
-    inside = [(min(max(row, 0.0), rows), min(max(col, 0.0), cols)) for row, col in points]
-    corners: Corners = (inside[0], inside[1], inside[2], inside[3])
+    )
     patches = {}
     for region in scene.regions:
-        with suppress(InputError):  # outside the frame
+        with suppress(InputError):
             (patches[region],) = where.regions([region])
     seen = replace(scene, regions=tuple(patches))
-    return PlacedChart(chart, seen, corners, tuple(patches.values()), "fills the frame", known)
+    return replace(chart, scene=seen, corners=(a, b, c, d), patches=tuple(patches.values()))
 
 
 def _detected(image: ChartImage, chart: str) -> Corners:

@@ -65,7 +65,7 @@ def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[Gr
     xyz = chart.patch_xyz
     if not len(xyz):
         raise InputError("chart", value=chart.name, expected="one with gray patches")
-    away = np.hypot(*(_chromaticity(xyz) - _chromaticity(chart.white_xyz)).T)
+    away = np.where(xyz[:, 1] > 0, np.hypot(*(_chromaticity(xyz) - _chromaticity(chart.white_xyz)).T), 0.0)
     scale = 1.0 if chart.known_light else chart.white_xyz[1]
     found = [
         _measured(image, patch, channel, float(y) / scale)
@@ -79,7 +79,7 @@ def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[Gr
 
 def _chromaticity(xyz: Array) -> Array:
     """Return CIE 1931 x and y."""
-    return np.asarray(xyz[..., :2] / xyz.sum(axis=-1, keepdims=True))
+    return np.asarray(xyz[..., :2] / np.maximum(xyz.sum(axis=-1, keepdims=True), 1e-300))
 
 
 def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -> GrayPatch:

@@ -77,8 +77,8 @@ def _values(image: ChartImage, patches: list[GrayPatch]) -> dict[str, Value]:
     several = len(image.frames) > 1
     found: dict[str, Value] = {}
     white = image.white - image.black
-    floor, per_signal = _line(patches, "temporal" if several else "total")
-    relative = _relative_pattern(patches) if several else Uncertain(0.0)
+    floor, per_signal, *rest = _polynomial(patches, "temporal" if several else "total", 1 if several else 2)
+    relative = _relative_pattern(patches) if several else rest[0]
     if math.isinf(white):
         missing = Missing("the image has no level of saturation")
         names = ("snr_18_temporal_db", "snr_18_db", "dynamic_range_db")
@@ -88,7 +88,7 @@ def _values(image: ChartImage, patches: list[GrayPatch]) -> dict[str, Value]:
         found["snr_18_db"] = _decibel(signal, floor + per_signal * signal + relative * signal**2)
         if several:
             found["snr_18_temporal_db"] = _decibel(signal, floor + per_signal * signal)
-        darkest = _signal_at(1.0, floor, per_signal, Uncertain(0.0))
+        darkest = _signal_at(1.0, floor, per_signal, Uncertain(0.0) if several else relative)
         found["dynamic_range_db"] = darkest if isinstance(darkest, Missing) else (white / darkest).decibel(20.0)
     found["signal_snr_10"] = _signal_at(10.0, floor, per_signal, relative)
     if several:
@@ -96,23 +96,23 @@ def _values(image: ChartImage, patches: list[GrayPatch]) -> dict[str, Value]:
     return found
 
 
-def _line(patches: list[GrayPatch], kind: str) -> tuple[Uncertain, Uncertain]:
-    """Return the variance without signal and its slope, by weighted least squares over the patches."""
+def _polynomial(patches: list[GrayPatch], kind: str, order: int) -> tuple[Uncertain, ...]:
+    """Return the coefficients of the variance over the signal, by weighted least squares over the patches."""
     pairs = [(patch.mean.value, getattr(patch, kind)) for patch in patches]
-    if len(pairs) < 3:
-        raise InputError("gray patches below saturation", value=len(pairs), expected="three or more")
+    if len(pairs) < order + 2:
+        expected = f"{order + 2} or more"
+        raise InputError("gray patches that are not clipped", value=len(pairs), expected=expected)
     x = np.array([mean for mean, _ in pairs])
     y = np.array([variance.value for _, variance in pairs])
     relative = np.array([variance.standard_uncertainty / max(variance.value, 1e-300) for _, variance in pairs])
-    model = np.column_stack([np.ones_like(x), x])
+    model = np.vander(x, order + 1, increasing=True)
     fitted = y
-    for _ in range(10):  # weights from the line, not from the noisy variances
+    for _ in range(10):  # weights from the polynomial, not from the noisy variances
         weight = 1.0 / np.maximum(relative * np.maximum(fitted, y.min() * 0.1), 1e-300) ** 2
         covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
-        line = covariance @ (model.T @ (weight * y))
-        fitted = model @ line
-    floor, slope = correlated(line, covariance)
-    return floor, slope
+        found = covariance @ (model.T @ (weight * y))
+        fitted = model @ found
+    return correlated(found, covariance)
 
 
 def _relative_pattern(patches: list[GrayPatch]) -> Uncertain:

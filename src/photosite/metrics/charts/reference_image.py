@@ -1,0 +1,161 @@
+"""A gray chart drawn on the pixels of its image: what the image would be without lens, pixels and noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+from scipy import fft
+
+from photosite.errors import InputError
+from photosite.metrics.charts.placed_chart import PlacedChart
+from photosite.values.region import Region
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_MOST_FINE = 6
+"""Points along a pixel's side at which the chart is looked up."""
+_BLOCKS = 5
+"""Blocks along a side in which the displacement of the image from the chart is measured."""
+_LOW_FREQUENCY = 0.15
+"""Highest frequency in cycles/pixel of the displacements."""
+_ROUNDS = 3
+_ALIGNED_PX = 0.02
+_LARGEST_PX = 8.0
+"""Displacement from which the chart counts as elsewhere."""
+
+
+class ReferenceImage:
+    """Spectra of a gray chart and of an image of it in the same square of pixels.
+
+    Parameters
+    ----------
+    chart
+        The chart in the image; its corners may be off by a few pixels.
+    region
+        The square of pixels.
+    values, mask
+        (rows, cols) of the image there, and which pixels count; those of other channels do not.
+
+    Raises
+    ------
+    InputError
+        If the image does not show the chart.
+    """
+
+    def __init__(self, chart: PlacedChart, region: Region, values: Array, mask: NDArray[np.bool_]) -> None:
+        self._chart, self._region = chart, region
+        self._values = np.where(mask, values - values[mask].mean(), 0.0)
+        size = region.shape
+        self.fine = min(max(math.ceil(chart.samples_per_pixel), 1), _MOST_FINE)
+        self._shift = np.zeros((2, 3, 3))
+        for _ in range(_ROUNDS):
+            drawn = self._drawn()
+            moved = self._displacements(drawn)
+            self._shift += moved
+            if np.abs(self._field(moved, *self._grid(1))).max() < _ALIGNED_PX:
+                break
+        if np.abs(self._field(self._shift, *self._grid(1))).max() > _LARGEST_PX:
+            raise InputError(
+                "texture", expected="that of the chart at its corners", hint="Check --corners and the seed"
+            )
+        self.window = _window(*size)
+        self.reference = self._spectrum(self._drawn())
+        """Spectrum of the chart, (rows, cols), relative to its brightest sample."""
+        self.frequency = np.hypot(*np.meshgrid(fft.fftfreq(size[0]), fft.fftfreq(size[1]), indexing="ij"))
+
+    def spectrum(self, values: Array, mask: NDArray[np.bool_]) -> Complex:
+        """Return the spectrum of an image under the window; that of a sparse channel at its full density."""
+        level = values[mask].mean()
+        found: Complex = fft.fft2(np.where(mask, values - level, 0.0) * self.window) / mask.mean()
+        return found
+
+    def _grid(self, fine: int) -> tuple[Array, Array]:
+        """Return rows and columns of points in the region, from -1 to 1."""
+        rows, cols = self._region.shape
+        return tuple(  # type: ignore[return-value]
+            (np.arange(size * fine) + 0.5) / (size * fine) * 2.0 - 1.0 for size in (rows, cols)
+        )
+
+    @staticmethod
+    def _field(coefficients: Array, row: Array, col: Array) -> Array:
+        """Return (2, rows, cols) displacements of a polynomial of order 2 on each axis."""
+        return np.stack([polynomial.polygrid2d(row, col, each) for each in coefficients])
+
+    def _drawn(self) -> Array:
+        """Return the chart at `fine` points along the side of each pixel, moved by the displacements."""
+        row, col = self._grid(self.fine)
+        rows, cols = self._region.shape
+        moved = self._field(self._shift, row, col)
+        y = self._region.r0 + (row[:, None] + 1.0) / 2.0 * rows - moved[0]
+        x = self._region.c0 + (col + 1.0) / 2.0 * cols - moved[1]
+        return self._chart.gray_at(y, x)
+
+    def _spectrum(self, drawn: Array) -> Complex:
+        """Return the spectrum of the chart at the frequencies of the image, without the points' own averaging."""
+        rows, cols = self._region.shape
+        whole = fft.fft2((drawn - drawn.mean()) * _window(rows * self.fine, cols * self.fine)) / self.fine**2
+        kept = np.take(np.take(whole, _lowest(rows, rows * self.fine), 0), _lowest(cols, cols * self.fine), 1)
+        # Points are in the middle of their cells, pixels in the middle of theirs.
+        phase = [fft.fftfreq(size) * (0.5 - 0.5 / self.fine) for size in (rows, cols)]
+        turn = np.exp(2j * np.pi * (phase[0][:, None] + phase[1]))
+        return np.asarray(kept * turn)
+
+    def _displacements(self, drawn: Array) -> Array:
+        """Return coefficients of the displacement of the image from the drawn chart, from blocks."""
+        rows, cols = self._region.shape
+        coarse = drawn.reshape(rows, self.fine, cols, self.fine).mean(axis=(1, 3))
+        height, width = rows // _BLOCKS, cols // _BLOCKS
+        window = _window(height, width)
+        fy, fx = fft.fftfreq(height)[:, None], fft.fftfreq(width)
+        low = (np.hypot(fy, fx) < _LOW_FREQUENCY) & (np.hypot(fy, fx) > 0)
+        places, shifts = [], []
+        for r in range(_BLOCKS):
+            for c in range(_BLOCKS):
+                part = slice(r * height, (r + 1) * height), slice(c * width, (c + 1) * width)
+                one, other = (each[part] - each[part].mean() for each in (coarse, self._values))
+                cross = fft.fft2(other * window) * np.conj(fft.fft2(one * window))
+                shifts.append(_peak(np.where(low, cross, 0.0)))
+                places.append(((r + 0.5) / _BLOCKS * 2 - 1, (c + 0.5) / _BLOCKS * 2 - 1))
+        row, col = np.array(places).T
+        powers = [(i, j) for i in range(3) for j in range(3) if i + j <= 2]
+        model = np.column_stack([row**i * col**j for i, j in powers])
+        found = np.zeros((2, 3, 3))
+        moved = np.array(shifts)
+        for axis in range(2):
+            fit = np.linalg.lstsq(model, moved[:, axis])[0]
+            rest = moved[:, axis] - model @ fit
+            good = np.abs(rest) <= 3.0 * 1.4826 * np.median(np.abs(rest)) + 0.02
+            fit = np.linalg.lstsq(model[good], moved[good, axis])[0]
+            for (i, j), value in zip(powers, fit, strict=True):
+                found[axis, i, j] = value
+        return found
+
+
+def _window(rows: int, cols: int) -> Array:
+    """Return a Hann window whose values are those in the middle of its points."""
+    one, other = (np.sin(np.pi * (np.arange(size) + 0.5) / size) ** 2 for size in (rows, cols))
+    return np.outer(one, other)
+
+
+def _lowest(size: int, whole: int) -> NDArray[np.intp]:
+    """Return where the `size` lowest frequencies are among `whole`."""
+    return np.asarray(np.rint(fft.fftfreq(size) * size).astype(np.intp) % whole)
+
+
+def _peak(cross: Complex) -> tuple[float, float]:
+    """Return the displacement of the largest correlation, by a parabola through it and its neighbors."""
+    correlation = fft.ifft2(cross).real
+    rows, cols = correlation.shape
+    r, c = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
+
+    def between(low: float, middle: float, high: float) -> float:
+        bend = low - 2.0 * middle + high
+        return 0.5 * (low - high) / bend if bend else 0.0
+
+    down = between(*(float(correlation[(r + step) % rows, c]) for step in (-1, 0, 1)))
+    along = between(*(float(correlation[r, (c + step) % cols]) for step in (-1, 0, 1)))
+    return (r + rows // 2) % rows - rows // 2 + down, (c + cols // 2) % cols - cols // 2 + along

@@ -1,0 +1,111 @@
+"""Responses of stars and textures against a Gaussian blur on square pixels that plain NumPy applies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, median_filter
+from scipy.optimize import brentq
+from virtual_charts import blurred, response
+
+import photosite as ps
+from photosite.metrics.chart_image import ChartImage
+from photosite.metrics.measurement import Result
+
+CELLS, SIDE, SIGMA = 3, 240, 0.5
+BAYER = (("R", "G"), ("G", "B"))
+"""Samples of the charts are means over their area: with the points of a pixel they make a square pixel."""
+TRUE_MTF50 = float(brentq(lambda f: float(response(np.array(f), SIGMA)) - 0.5, 0.05, 0.5))
+
+
+def chart(name: str, **options: Any) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    options |= {"rows": CELLS * SIDE, "cols": CELLS * SIDE}
+    scene = getattr(ps.charts, name)("D65", 100, **options)
+    return blurred(scene.weights[0].astype(float), CELLS, SIGMA), options
+
+
+@pytest.fixture(scope="module")
+def star() -> tuple[NDArray[np.float64], dict[str, Any]]:
+    return chart("siemens_star", cycles=36)
+
+
+@pytest.fixture(scope="module")
+def leaves() -> tuple[NDArray[np.float64], dict[str, Any]]:
+    return chart("dead_leaves", smallest_radius=2.0, largest_radius=100.0, supersampling=4)
+
+
+def star_sfr(values: Any, options: dict[str, Any]) -> Result:
+    return ps.measure(values, "siemens-star", only=["star-sfr"], chart_options=options)["star-sfr"]
+
+
+def texture_sfr(values: Any, options: dict[str, Any], **placing: Any) -> Result:
+    return ps.measure(values, "dead-leaves", only=["texture-sfr"], chart_options=options, **placing)["texture-sfr"]
+
+
+def noisy(random: np.random.Generator, image: NDArray[np.float64], level: float) -> NDArray[np.float64]:
+    mean = level * np.maximum(image, 0.0)
+    return random.poisson(mean) + random.normal(0.0, 5.0, mean.shape)
+
+
+def test_star_is_the_blur(star: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    found = star_sfr(star[0] * 1000, star[1])
+    curve = next(each for each in found.curves if each.part == "M")
+    shown = curve.x < 0.4
+    assert np.abs(curve.y - response(curve.x, SIGMA))[shown].max() < 0.006
+    assert found["mtf50", "M"].value == pytest.approx(TRUE_MTF50, rel=0.01)
+
+
+def test_star_intervals(star: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    """About the value without noise: of 40, more than 7 misses have a probability below 1 in 300."""
+    random = np.random.default_rng(8)
+    without = star_sfr(star[0] * 1000, star[1])["mtf50", "M"].value
+    assert without is not None
+    missed = 0
+    for _ in range(40):
+        low, high = star_sfr(noisy(random, star[0], 400.0), star[1])["mtf50", "M"].interval_95 or (1.0, 0.0)
+        missed += not low < without < high
+    assert missed <= 7
+
+
+def test_star_of_a_mosaic(star: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    image = ChartImage((star[0] * 1000,), "electrons", BAYER)
+    found = star_sfr(image, star[1])
+    curve = next(each for each in found.curves if each.part == "R")
+    assert np.abs(curve.y - response(curve.x, SIGMA)).max() < 0.02
+
+
+def test_texture_is_the_blur(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    found = texture_sfr(leaves[0] * 1000, leaves[1])
+    for curve in found.curves:
+        shown = curve.x < 0.3
+        assert np.abs(curve.y - response(curve.x, SIGMA, CELLS))[shown].max() < 0.015, curve.part
+    truth = brentq(lambda f: float(response(np.array(f), SIGMA, CELLS)) - 0.5, 0.05, 0.5)
+    assert found["mtf50_cross", "M"].value == pytest.approx(truth, rel=0.01)
+
+
+def test_texture_of_noisy_mosaic_and_wrong_corners(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    """Within 4 standard uncertainties, with the chart one pixel from where its corners are said to be."""
+    random = np.random.default_rng(9)
+    frames = tuple(noisy(random, leaves[0], 2000.0) for _ in range(2))
+    corners = ((1.0, 0.6), (0.3, SIDE - 0.2), (SIDE - 0.5, SIDE - 1.0), (SIDE - 1.0, 0.9))
+    found = texture_sfr(ChartImage(frames, "raw", BAYER, white=1e5), leaves[1], corners=corners)
+    curve = next(each for each in found.curves if each.part == "G, cross")
+    assert curve.standard_uncertainty is not None
+    away = np.abs(curve.y - response(curve.x, SIGMA, CELLS)) / (curve.standard_uncertainty + 0.005)
+    assert away[curve.x < 0.35].max() < 4.0
+
+
+def test_denoised_texture_is_named(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    random = np.random.default_rng(10)
+    frames = [noisy(random, leaves[0], 300.0) for _ in range(2)]
+
+    def ids(images: list[NDArray[np.float64]]) -> set[str]:
+        image = ChartImage(tuple(images), "raw", white=1e5)
+        return {entry.id for entry in texture_sfr(image, leaves[1]).diagnostics}
+
+    assert "texture-and-artifacts" not in ids(frames)
+    sharpened = [3.0 * median_filter(each, 5) - 2.0 * gaussian_filter(median_filter(each, 5), 2.0) for each in frames]
+    assert "texture-and-artifacts" in ids(sharpened)
