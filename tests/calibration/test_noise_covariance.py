@@ -243,6 +243,7 @@ def test_a_small_coupling_that_is_not_seen_widens_the_gain() -> None:
         if shared is not None and not shared.seen:
             assert not isinstance(shared.charge, Missing)
             suspected.append(shared.charge[0].factor.standard_uncertainty)
+            assert shared.suspected > 0.0
     # The correlation is 3.6 %, with a standard uncertainty of 1.3 %: it is below 2 standard uncertainties in 22 %.
     assert seen + len(suspected) >= 6
     assert np.mean(suspected) == pytest.approx(0.036, abs=0.012)

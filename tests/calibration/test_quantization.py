@@ -5,8 +5,15 @@ import pytest
 from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction.quantization import remaining_fraction, rounding_error, rounding_uncertainty
+from photosite.calibration.reduction.quantization import (
+    remaining_fraction,
+    rounding_error,
+    rounding_uncertainty,
+    with_rounding,
+)
+from photosite.calibration.spatial.nonuniformity import VarianceComponents
 from photosite.frames.frame_set import FrameSet
+from photosite.values.uncertain import Uncertain
 
 GAIN, SHAPE = 0.02, (60, 80)
 
@@ -103,3 +110,26 @@ def test_rounding_between_two_numbers_enlarges_the_spread_of_dark_frames(black):
     for estimate in (found.dsnu_e, found.dsnu1288_e):
         low, high = estimate.interval_95
         assert low < 0.066 / GAIN < high
+
+
+def test_the_interval_of_a_rounded_spread_ends_at_the_largest_change():
+    """0.2 DN of spread whose pixels have errors of 0.1 DN at most, in proportion to their means."""
+    error = 0.1 / np.sqrt(2.0)
+    low, high = with_rounding(Uncertain(0.2**2), error).interval_95
+    assert high == pytest.approx(0.2**2 + (2.0 * 0.2 + error) * error)
+    assert low == pytest.approx(0.2**2 - (2.0 * 0.2 + error) * error)
+
+
+@pytest.mark.parametrize("sd", [0.1, 0.2, 0.3])
+def test_means_of_lines_are_rounded_as_means_of_all_pixels(sd):
+    """400 rows of 200 pixels with 0.15 DN of DSNU: the errors of the rows' means, which differ by 0.05 DN."""
+    rng = np.random.default_rng(3)
+    analog = 64.3 + 0.05 * rng.normal(size=(400, 1)) + 0.15 * rng.normal(size=(400, 200))
+    shift = rounding_error(analog, sd)[0]
+    rows = (analog + shift).mean(axis=1).var(ddof=1) - (analog + shift).var(axis=1, ddof=1).mean() / 200
+    before = analog.mean(axis=1).var(ddof=1) - analog.var(axis=1, ddof=1).mean() / 200
+    mean_error, _, pixel_error = rounding_uncertainty(sd**2 + 1.0 / 12.0, 1e-4, 0.15**2)
+    none = Uncertain(0.0)
+    row = VarianceComponents(none, Uncertain(rows), none, none).with_rounding(pixel_error, mean_error).row
+    assert abs(row.value - before) < row.interval_95[1] - row.value
+    assert row.standard_uncertainty <= with_rounding(Uncertain(rows), pixel_error).standard_uncertainty

@@ -7,10 +7,11 @@ import pytest
 from tests.helpers.diagnosed import limits
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.photon_transfer.noise_covariance import SharedCharge, SharedNoise
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain
 from photosite.calibration.photon_transfer.response_curve import fit_bent_gain, unseen_fall
 from photosite.frames.frame_set import FrameSet
-from photosite.values.uncertain import Uncertain
+from photosite.values.uncertain import COVERAGE_95, Source, Uncertain
 
 GAIN, PIXELS, FRAMES, TOP_E, READ_E = 0.3, 17_280, 8, 10_000.0, 6.0
 
@@ -189,12 +190,22 @@ def test_a_fall_of_the_variances_that_is_not_excluded_is_in_the_uncertainty(frac
         levels = brighter_fatter(light_levels(rng), fraction)
         line, bent = analyzed(levels)
         fall = unseen_fall([levels], [np.ones(len(levels.x), np.bool_)], line.value)
-        gain = line + Uncertain.of(0.0, fall * line.value) if bent is None else bent.gain
+        wider = Uncertain.of(0.0, fall * line.value, Source(0.0, COVERAGE_95))
+        gain = line + wider if bent is None else bent.gain
         low, high = gain.interval_95
         held, widened = held + (low <= GAIN <= high), widened + (fall > 0.0)
     assert held >= least
     if fraction == 0.0:
         assert widened <= 30  # 15 % of 120 and 3 standard deviations
+
+
+@pytest.mark.parametrize("correlation", [0.03, -0.03])
+def test_a_suspected_correlation_widens_the_gain_to_one_side(correlation):
+    """Charge that pixels share makes the gain of variances too low, never too high."""
+    levels = replace(light_levels(np.random.default_rng(17)), frames=np.full(12, FRAMES))
+    charge = SharedCharge(Uncertain.of(1.0, 0.03), np.empty(0))
+    _, factor = SharedNoise(None, None, (charge,), suspected=correlation).summed_covariances([levels], [0])
+    assert factor.interval_95 == pytest.approx(sorted((1.0, 1.0 + 1.96 * correlation)), abs=1e-4)
 
 
 @pytest.mark.parametrize("lights", [1, 2, 3])

@@ -253,7 +253,7 @@ def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> Slope
 def _dsnu_variance(moments: Moments, dark: GroupMean, channel: int) -> Uncertain:
     """Return the spread of a channel of a mean dark frame, with the uncertainties from rounding and digital gain."""
     dsnu, parts = excess_variance(moments, dark.total_noise[channel]), dark.components(channel)
-    dsnu = with_rounding(dsnu, dark.rounding[channel])
+    dsnu = with_rounding(dsnu, dark.rounding[channel].pixel)
     dsnu = dsnu * Uncertain.of(1.0, dark.statistics.levels[channel].scale_uncertainty)
     if isinstance(parts, Missing):
         return dsnu

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,13 @@ NEGLIGIBLE_SPREAD = 0.1
 """Variance from the spread of the dark slopes, over the uncertainty of DSNU squared, up to which it is not."""
 
 
+class Rounding(NamedTuple):
+    """Standard uncertainties from rounding of a pixel's mean, and of the mean over pixels, DN."""
+
+    pixel: float
+    mean: float
+
+
 @dataclass(frozen=True)
 class GroupMean:
     """The (rows, cols) mean frame of a group, with the temporal variance left in it per channel.
@@ -52,7 +59,7 @@ class GroupMean:
     tile: NDArray[np.int64]
     noise: Sequence[TemporalComponents]
     total_noise: Sequence[Uncertain]  # the sum of the parts, without the uncertainty of the division
-    rounding: Sequence[float]  # standard uncertainty of a pixel's mean from rounding, per channel
+    rounding: Sequence[Rounding]
     exposure_s: float
 
     @classmethod
@@ -70,7 +77,7 @@ class GroupMean:
         """
         noise = mean_frame_components(reader, statistics, scatter)
         total = [mean_frame_noise(level, scatter) for level in statistics.levels]
-        rounding = [level.rounding_pixel for level in statistics.levels]
+        rounding = [Rounding(level.rounding_pixel, level.rounding_mean) for level in statistics.levels]
         return cls(
             statistics,
             held(mean) if values is None else values,
@@ -95,7 +102,7 @@ class GroupMean:
         if isinstance(parts, Missing):
             return parts
         digital_gain = Uncertain.of(1.0, self.statistics.levels[channel].scale_uncertainty)
-        return parts.with_rounding(self.rounding[channel]).scaled(digital_gain)
+        return parts.with_rounding(*self.rounding[channel]).scaled(digital_gain)
 
     def planes(self, channel: int, *, own: bool = False) -> MeanPlanes:
         """Return the planes of a channel, with their `own` memory where the mean frame is not needed for others."""
@@ -121,9 +128,11 @@ class SlopeMap:
         exposure_s = np.array([entry.group.exposure_s for entry in self.groups])
         return slope_noise(weights, self._frames, *temporal_variances(exposure_s, levels), self.scatter)
 
-    def rounding(self, weights: NDArray[np.float64], channel: int) -> float:
-        """Return the largest standard uncertainty of such a combination from rounding, for a pixel."""
-        return float(np.abs(weights) @ [entry.levels[channel].rounding_pixel for entry in self.groups])
+    def rounding(self, weights: NDArray[np.float64], channel: int) -> Rounding:
+        """Return the largest standard uncertainties of such a combination from rounding."""
+        levels = [entry.levels[channel] for entry in self.groups]
+        of_pixel, of_mean = ([getattr(level, name) for level in levels] for name in ("rounding_pixel", "rounding_mean"))
+        return Rounding(float(np.abs(weights) @ of_pixel), float(np.abs(weights) @ of_mean))
 
     @property
     def _frames(self) -> NDArray[np.int64]:
@@ -140,7 +149,7 @@ class SlopeMap:
         fraction = differing_fraction(
             np.array([level.mean for level in levels]), max(level.rounding_pixel for level in levels)
         )
-        return with_rounding(variance, fraction * self.rounding(self.coefficients, channel))
+        return with_rounding(variance, fraction * self.rounding(self.coefficients, channel).pixel)
 
     def moved(self, mean: GroupMean, exposure_s: float) -> GroupMean:
         """Return the mean frame of one of the groups, extrapolated to another exposure time.

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from photosite.calibration.checks.result_screening import screen_dark_slope
 from photosite.calibration.dark.dark_lines import DarkLine, DarkLines
-from photosite.calibration.dark.dark_result import DarkResult, GroupMean, dark_exposure
+from photosite.calibration.dark.dark_result import DarkResult, GroupMean, Rounding, dark_exposure
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.photon_transfer.without_darks import SINGLE_DARK_FRAMES, unknown_level, unknown_variance
 from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, GroupStatistics, pooled_level
@@ -67,7 +67,7 @@ def measure_single_darks(reduction: Reduction, reference: GroupStatistics, frame
         tile=tile,
         noise=[_NO_NOISE] * len(channels),
         total_noise=[_NO_NOISE.total] * len(channels),
-        rounding=[0.0] * len(channels),
+        rounding=[Rounding(0.0, 0.0)] * len(channels),
         exposure_s=reference.group.exposure_s,
     )
     spreads, planes = [], MapPlanes(values, tile)

@@ -39,7 +39,7 @@ from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.withheld import SINGLE_FLATS
 from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import DiagnosticKind
-from photosite.values.uncertain import Missing, Uncertain, Value, derive
+from photosite.values.uncertain import COVERAGE_95, Missing, Source, Uncertain, Value, derive
 
 EQUAL_GAINS = 0.01
 """Relative difference up to which the digital gains of two channels are equal."""
@@ -234,7 +234,8 @@ def _photon_transfer(channels: Sequence[Channel], shared: SharedNoise | None) ->
         gain = _times(gain_value(bent.fit, bent.gain), factor)
     elif line is not None and isinstance(straight, Uncertain) and not (channels[0].dark.mean.reason or rounded):
         fall = unseen_fall(levels, used, float(line.parameters[0]))
-        gain = straight + Uncertain.of(0.0, fall * straight.value) if fall > 0.0 else straight
+        if fall > 0.0:  # makes the gain of the line too low, never too high
+            gain = straight + Uncertain.of(0.0, fall * straight.value, Source(0.0, COVERAGE_95))
     # The standard takes the variances of single pixels, and those of the dark frames as they are.
     in_series = [channel.in_series for channel in channels]
     line_gain = _times(gain_value(fit_gain([channel.levels for channel in channels], in_series, plain=True)), of_single)

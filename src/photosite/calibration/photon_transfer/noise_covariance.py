@@ -41,7 +41,7 @@ from photosite.engine.noise_products import DifferenceProducts, difference_produ
 from photosite.engine.threads import thread_count
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.diagnostic import DiagnosticKind, one_in
-from photosite.values.uncertain import Missing, Uncertain, Value
+from photosite.values.uncertain import COVERAGE_95, Missing, Source, Uncertain, Value
 
 FRAME_REACH = 2
 """Frames to the farthest frame whose covariance is estimated."""
@@ -545,12 +545,15 @@ class SharedNoise:
         By channel, what corrects photon transfer; or why the noise of the frames is not the sensor's.
     unclear_cause
         Why a filter in the camera may be the cause, and what would tell; empty where shared charge is.
+    suspected
+        Correlation with the four next pixels, summed, that is suspected and not corrected.
     """
 
     neighbors: tuple[float, float] | None
     frames: float | None
     charge: tuple[SharedCharge, ...] | Missing
     unclear_cause: str = ""
+    suspected: float = 0.0
 
     @property
     def seen(self) -> bool:
@@ -571,15 +574,17 @@ class SharedNoise:
         charge = [self.charge[index] for index in indices]
         relative = np.array([entry.factor.relative for entry in charge])
         several = len(charge) > 1 and bool(relative.all())
+        # What is suspected makes the gain of the variances too low, or too high where it is negative: never both.
+        side = Source(*(COVERAGE_95 * (self.suspected * sign <= 0.0) for sign in (1.0, -1.0)))
         scaled = [
             levels.with_variances(entry.factors(levels.frames), entry.factor.relative if several else 0.0)
             for levels, entry in zip(channels, charge, strict=True)
         ]
         if not several:
-            return scaled, Uncertain.of(1.0, float(relative.mean()))
+            return scaled, Uncertain.of(1.0, float(relative.mean()), side)
         independent = 1.0 / float(np.sum(relative**-2.0))
         sum_error = independent * float(np.sum(1.0 / relative))
-        return scaled, Uncertain.of(1.0, math.sqrt(sum_error**2 - independent))
+        return scaled, Uncertain.of(1.0, math.sqrt(sum_error**2 - independent), side)
 
     def means(self, levels: LightLevels, index: int) -> LightLevels:
         """Return the levels of a channel with the noise of their means, which contain all covariances."""
@@ -650,7 +655,7 @@ def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCova
         if next_score < SUSPICION_SIGMA:
             return None
         suspected = SharedCharge(Uncertain.of(1.0, abs(next_pixels.value)), np.empty(0))
-        return SharedNoise(None, None, (suspected,) * len(shot))
+        return SharedNoise(None, None, (suspected,) * len(shot), suspected=next_pixels.value)
     neighbor_values, frame_values = np.split(scores, [2 + len(shot[0].neighbor_values)], axis=1)
     neighbors = frames = None
     if max(neighbor_values.max(), next_score) >= limit:

@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.values.uncertain import Uncertain
+from photosite.values.uncertain import Source, Uncertain
 
 NEGLIGIBLE_FROM = 2.0
 """Variance before rounding, DN^2, above which the sums are below 1e-16."""
@@ -154,7 +154,7 @@ def with_rounding(variance: Uncertain, pixel_error: float) -> Uncertain:
 
     The errors of the pixels may be correlated with their means. By the Cauchy-Schwarz inequality they change the
     variance by at most 2 s e + e^2, with s and e the standard deviations of means and errors; divided by sqrt(2) as in
-    `rounding_uncertainty`.
+    `rounding_uncertainty`. The interval ends at the largest change.
 
     Examples
     --------
@@ -162,7 +162,8 @@ def with_rounding(variance: Uncertain, pixel_error: float) -> Uncertain:
     0.00051
     """
     spread = math.sqrt(max(variance.value, 0.0))
-    return variance + Uncertain.of(0.0, (2.0 * spread + pixel_error) * pixel_error / math.sqrt(2.0))
+    root = math.sqrt(2.0)
+    return variance + Uncertain.of(0.0, (2.0 * spread + pixel_error) * pixel_error / root, Source(root, root))
 
 
 def differing_fraction(means: NDArray[np.float64], pixel_error: float) -> float:

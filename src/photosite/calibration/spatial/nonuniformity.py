@@ -175,9 +175,15 @@ class VarianceComponents:
         """Return all parts multiplied by a factor."""
         return self.each(lambda part, _: part * factor)
 
-    def with_rounding(self, pixel_error: float) -> VarianceComponents:
-        """Return all parts with the uncertainty from rounding (`quantization.with_rounding`)."""
-        return self.each(lambda part, _: with_rounding(part, pixel_error))
+    def with_rounding(self, pixel_error: float, mean_error: float) -> VarianceComponents:
+        """Return all parts with the uncertainty from rounding (`quantization.with_rounding`).
+
+        The errors of a line's pixels average out as those of all pixels do. What is left by chance belongs to pixels.
+        """
+        standard = None if self.standard is None else self.standard.with_rounding(pixel_error, mean_error)
+        total, pixel = (with_rounding(part, pixel_error) for part in (self.total, self.pixel))
+        row, column = (with_rounding(part, mean_error) for part in (self.row, self.column))
+        return VarianceComponents(total, row, column, pixel, standard)
 
     @property
     def values(self) -> tuple[Uncertain, ...]:
