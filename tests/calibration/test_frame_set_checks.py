@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from tests.helpers.diagnosed import limits
 
+import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.setting import calibrate_setting
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.raw_frame import RawFrame
 from photosite.values.diagnostic import Diagnostic
 
 
@@ -228,3 +230,26 @@ def test_exposures_of_zero_and_others():
     assert error_of(frames).id == "invalid-exposure-time"
     bias = [("dark", 0.0, dn) for dn in stack(64.0, n=4)]
     assert calibrate(frame_set(bias + measurement())).dark_current_dn_per_s.value is not None
+
+
+def test_series_of_light_frames_may_start_at_zero(tmp_path):
+    """A descriptor whose exposures are 0, 40, ... ms: the shortest flat fields have hardly any light."""
+    rng = np.random.default_rng(11)
+    response = 1.0 + 0.01 * rng.standard_normal((48, 64))
+    lines = ["v 3.0", "n 12 64 48"]
+    for number in range(12):
+        for command, photons in (("b", 0.7 + 1200.0 * number), ("d", None)):
+            lines.append(f"{command} {40e6 * number:.2f}" + (f" {photons:.2f}" if photons is not None else ""))
+            for repeat in range(4):
+                electrons = rng.poisson((photons or 0.0) * 0.5 * response) + rng.poisson(0.8 * number, response.shape)
+                dn = np.rint(64.0 + 0.3 * electrons + 2.0 * rng.standard_normal(response.shape)).astype(np.uint16)
+                name = f"{command}_{number}_{repeat}.png"
+                RawFrame(dn, 12, (("M",),)).save(tmp_path / name)
+                lines.append(f"i {name}")
+    (tmp_path / "EMVA1288_Data.txt").write_text("\n".join(lines) + "\n")
+    found = calibrate(ps.open_frames(tmp_path / "EMVA1288_Data.txt"))
+    truths = {"system_gain_dn_per_e": 0.3, "quantum_efficiency_percent": 50.0, "dark_current_e_per_s": 20.0}
+    for name, truth in truths.items():
+        entry = getattr(found, name)
+        assert abs(entry.value - truth) < 3.9 * entry.standard_uncertainty, name
+    assert not {"wrong-light-levels", "constant-light", "light-leak"} & set(limits(found))

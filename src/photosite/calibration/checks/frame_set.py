@@ -82,7 +82,8 @@ def usable_groups(frames: FrameSet, sensor: Sensor | None) -> None:
             hint="Select one with FrameSet.at_gain(setting), or calibrate all of them with calibrate",
         )
     lights = frames.of_kind("light")
-    unknown = any(group.exposure_s == 0 for group in lights)
+    # A series of light frames may start at 0, the time of an electronic shutter that is not opened.
+    unknown = bool(lights) and all(group.exposure_s == 0 for group in lights)
     for group in frames.groups:
         zero = group.exposure_s == 0 and (group.kind == "dark" or group.photons_per_pixel is not None)
         if not (math.isfinite(group.exposure_s) and (group.exposure_s > 0 or zero)):

@@ -74,7 +74,7 @@ def light_leak(evidence: Evidence) -> Iterator[Diagnostic]:
     for channel in evidence.light.channels:
         _, slope = channel.dark.mean.line
         levels = channel.levels
-        take = channel.used & levels.trusted & (levels.signal > 0.0)
+        take = channel.used & levels.trusted & (levels.signal > 0.0) & (levels.exposure_s > 0.0)
         if isinstance(slope, Missing) or not take.any():
             continue
         rate = float(np.median(levels.signal[take] / levels.exposure_s[take]))

@@ -186,6 +186,8 @@ SHIFTS_P_VALUE = 1e-3
 """Fraction of levels under steady light whose shifts may count as those of the lamp."""
 
 
+LIT_SIGMA = 5.0
+"""Signal from which shifts of whole frames are those of the light, over the noise of a pixel."""
 NEGLIGIBLE_SHIFTS = 1e-4
 """Fraction of a variance below which the shifts may be those of image lag or of the black level as well."""
 
@@ -198,7 +200,9 @@ def _uneven_shifts(levels: Sequence[Level], signal: Array) -> Array:
     """
     left = np.zeros(len(levels))
     for i, (level, mean) in enumerate(zip(levels, signal, strict=True)):
-        if level.repeated and mean > 0.0 and level.frame_shift > 0.0 and level.shifts_beyond_chance(SHIFTS_P_VALUE):
+        # In less light, the black level shifts as much as the lamp.
+        lit = level.repeated and mean > LIT_SIGMA * math.sqrt(max(level.variance, 0.0))
+        if lit and level.frame_shift > 0.0 and level.shifts_beyond_chance(SHIFTS_P_VALUE):
             uneven = max(level.spatial_variance - level.variance / level.frames, 0.0)
             left[i] = (level.frame_shift / mean) ** 2 * uneven
             if left[i] < NEGLIGIBLE_SHIFTS * level.variance:
