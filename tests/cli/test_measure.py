@@ -81,3 +81,18 @@ def test_wrong_calls_end_with_one_line(
     assert run(["measure", *(each.format(edge=edge) for each in arguments)]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("photosite")]
     assert len(lines) == 1
+
+
+def test_a_camera_file_and_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    camera, limits = tmp_path / "phone.camera.yaml", tmp_path / "phone.limits.yaml"
+    camera.write_text(
+        "photosite_camera: 1\nsensor: google-pixel-4a\noptics: {f_number: 1.8, focal_length_mm: 4.4}\n", "utf-8"
+    )
+    limits.write_text(
+        "photosite_limits: 1\nlimits:\n  - noise.snr_18_db >= 20\n  - noise.snr_18_db <= 21\n", encoding="utf-8"
+    )
+    call = ("--camera", camera, "--chart", "macbeth", "--only", "noise", "--frames", 2, "--limits", limits)
+    content = found(capsys, *call)
+    verdicts = [entry["verdict"] for entry in content["verdicts"]["limits"]]
+    assert verdicts == ["pass"] * 3 + ["fail"] * 3
+    assert run(["measure", *map(str, call), "--exit-status"]) == 1

@@ -13,12 +13,33 @@ from photosite.cli.command import Command
 from photosite.cli.output import diagnostics_text, listed, say, show, table, tabular, working
 
 if TYPE_CHECKING:
+    from photosite.metrics.camera_quality import CameraQuality
+    from photosite.metrics.limits import Limits
     from photosite.metrics.measure import ImageQuality
 
 
 @click.command("measure", cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="FRAMES")
-@click.option("--chart", metavar="NAME", help="Chart in the frames, a built-in scene; --list shows which are measured.")
+@click.option(
+    "--chart",
+    "charts",
+    multiple=True,
+    metavar="NAME",
+    help="Chart in the frames, a built-in scene; --list shows which are measured. With --camera: may be repeated.  "
+    "[default: all]",
+)
+@click.option(
+    *("--camera", "camera_file"),
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Camera file: simulate its frames of the charts, and measure them.",
+)
+@click.option(
+    *("--frames", "count"),
+    type=options.Whole(0),
+    default=8,
+    help="Simulated frames of each chart; 0: mean electrons without noise. With --camera.",
+)
 @click.option("--only", multiple=True, metavar="ID", help="A measurement to make; may be repeated.  [default: all]")
 @click.option("--list", "list_them", is_flag=True, help="List the measurements, their charts and standards.")
 @click.option(
@@ -48,16 +69,23 @@ if TYPE_CHECKING:
 @options.quantity("--luminance", "luminance_cd_m2", unit="CD/M2", text="Mean luminance of the chart, in cd/m2.")
 @options.sensor_option(text="Sensor of raw frames (preset or file), for values in electrons.")
 @click.option("--linear", is_flag=True, help="Codes of PNG, JPEG and TIFF pictures are proportional to light.")
+@click.option(
+    *("--limits", "limits_file"),
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Limits (YAML, docs/howto/image-quality.md) to judge the values by.",
+)
+@click.option("--exit-status", is_flag=True, help="Exit with status 1 unless every limit passes.")
+@options.seed_option()
 @options.file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Report to write, .html or .pdf.")
 @options.reading_options
 @options.json_option
 def command(
     paths: tuple[Path, ...],
-    chart: str | None,
-    only: tuple[str, ...],
     list_them: bool,
-    settings: Sequence[tuple[str, Any]],
     report: Path | None,
+    limits_file: Path | None,
+    exit_status: bool,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -73,41 +101,89 @@ def command(
     if list_them:
         _list(as_json)
         return
-    if not paths or chart is None:
-        raise click.UsageError("expected FRAMES and --chart, or --list")
-    found = _measured(paths, chart, only, settings, given)
+    if exit_status and limits_file is None:
+        raise click.UsageError("--exit-status requires --limits")
+    limits = None if limits_file is None else _limits(limits_file)
+    found: ImageQuality | CameraQuality
+    if given["camera_file"] is not None:
+        if paths:
+            raise click.UsageError("expected FRAMES or --camera, not both")
+        found = _simulated(given)
+    else:
+        if not paths or len(given["charts"]) != 1:
+            raise click.UsageError("expected FRAMES and one --chart, --camera, or --list")
+        found = _measured(paths, given)
     if report is not None:
         with working("writing the report"):
             found.report(report)
-    show(
-        as_json,
-        found.to_dict,
-        lambda: "\n\n".join([tabular(found), *diagnostics_text(found.diagnostics)]),
-        report=report,
-    )
+    judged = None if limits is None else limits.judge(found.qualities)
+    content = found.to_dict() if judged is None else found.to_dict() | {"verdicts": judged.to_dict()}
+
+    def text() -> str:
+        verdicts = [] if judged is None else [tabular(judged)]
+        return "\n\n".join([tabular(found), *diagnostics_text(found.diagnostics), *verdicts])
+
+    show(as_json, content, text, report=report)
+    if exit_status and judged is not None and not judged.passed:
+        raise click.exceptions.Exit(1)
 
 
-def _measured(
-    paths: Sequence[Path], chart: str, only: Sequence[str], settings: Sequence[tuple[str, Any]], given: dict[str, Any]
-) -> ImageQuality:
-    from photosite.frames.io.formats import raw_files
-    from photosite.metrics.chart_image import chart_image
-    from photosite.metrics.measure import measure
-    from photosite.sensor.io.sensor_file import load_sensor
+def _limits(path: Path) -> Limits:
+    from photosite.metrics.limits import load_limits
 
-    reading = {name: given.pop(name) for name in options.READING}
-    name, linear = given.pop("sensor_name"), given.pop("linear")
-    sensor = None if name is None else load_sensor(name)
-    files = [file for path in paths for file in raw_files(path)]
-    image = chart_image(files, sensor=sensor, linear=linear, **reading)
+    return load_limits(path)
+
+
+def _own_options(settings: Sequence[tuple[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the options of measurements by id."""
     own: dict[str, dict[str, Any]] = {}
     for key, value in settings:
         id, dot, option = key.partition(".")
         if not dot:
             raise click.BadParameter(f"must be ID.NAME=VALUE, such as edge-sfr.order=1, got '{key}'")
         own.setdefault(id.replace("_", "-"), {})[option] = value
-    given["chart_options"] = dict(given["chart_options"])
-    return measure(image, chart, only=only, options=own, on_progress=lambda id: say(f"measuring {id}"), **given)
+    return own
+
+
+def _simulated(given: dict[str, Any]) -> CameraQuality:
+    from photosite.camera.file import load_camera
+    from photosite.studies.simulated_charts import measure_camera
+
+    setup = load_camera(given["camera_file"])
+    light = {name: given[name] for name in ("illuminant", "luminance_cd_m2") if given[name] is not None}
+    return measure_camera(
+        setup.camera,
+        charts=given["charts"],
+        only=given["only"],
+        options=_own_options(given["settings"]),
+        frames=given["count"],
+        seed=given["seed"],
+        name=setup.name or given["camera_file"].name,
+        on_progress=say,
+        **light,
+    )
+
+
+def _measured(paths: Sequence[Path], given: dict[str, Any]) -> ImageQuality:
+    from photosite.frames.io.formats import raw_files
+    from photosite.metrics.chart_image import chart_image
+    from photosite.metrics.measure import measure
+    from photosite.sensor.io.sensor_file import load_sensor
+
+    sensor = None if given["sensor_name"] is None else load_sensor(given["sensor_name"])
+    files = [file for path in paths for file in raw_files(path)]
+    reading = {name: given[name] for name in options.READING}
+    image = chart_image(files, sensor=sensor, linear=given["linear"], **reading)
+    placing = {name: given[name] for name in ("corners", "detect", "illuminant", "luminance_cd_m2")}
+    return measure(
+        image,
+        given["charts"][0],
+        only=given["only"],
+        options=_own_options(given["settings"]),
+        on_progress=lambda id: say(f"measuring {id}"),
+        chart_options=dict(given["chart_options"]),
+        **placing,
+    )
 
 
 def _list(as_json: bool) -> None:

@@ -34,6 +34,7 @@ FILE_KINDS = {
     "photosite_protocol": "a protocol of dark frames and flat fields",
     "photosite_spectral": "a spectral protocol",
     "photosite_sweep": "a sweep file",
+    "photosite_limits": "a file of limits",
     "photosite_entry": "a contributed camera",
     "photosite_camera_index": "an index of contributed cameras",
 }

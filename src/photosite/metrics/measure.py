@@ -76,6 +76,20 @@ class ImageQuality(Tabular, Diagnosed, Reported):
             },
         }
 
+    @property
+    def qualities(self) -> tuple[ImageQuality, ...]:
+        """These results, as those of one chart."""
+        return (self,)
+
+    def with_results(self, other: ImageQuality) -> ImageQuality:
+        """Return these results and those of other frames of the chart; image and chart are these."""
+        return replace(self, results={**self.results, **other.results})
+
+    @property
+    def table(self) -> ResultTable:
+        """All values, a row for each."""
+        return self._table()
+
     def _table(self) -> ResultTable:
         rows: list[tuple[Cell, ...]] = []
         for name, found in self.results.items():
@@ -157,7 +171,5 @@ def measure(
         try:
             found[name] = entry(image, chart, **given.given())
         except InputError as error:
-            if name in only and len(only) == 1:
-                raise
             found[name] = Missing(str(error))
     return ImageQuality(image, chart, found)

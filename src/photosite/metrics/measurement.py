@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from photosite.values.uncertain import Missing
 from photosite.values.validated import Validated
 
 Array = NDArray[np.float64]
+
+View = Literal["middle", "fine", "field"]
 
 
 @dataclass(frozen=True)
@@ -225,6 +227,9 @@ class Measurement:
         What the standard has and this implementation has not.
     order
         Place among the measurements.
+    view
+        What a simulated frame must show: the "middle" of the field at a usual number of pixels; the middle with "fine"
+        cells, for responses; or the whole "field".
     """
 
     title: str
@@ -235,6 +240,7 @@ class Measurement:
     oracle: str
     left_out: str = ""
     order: int = 0
+    view: View = "middle"
     id: str = ""
 
     @cached_property

@@ -8,6 +8,7 @@ from PIL import Image as Pillow
 from PIL import ImageDraw
 
 from photosite.color.colorimetry import srgb_from_light
+from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.measure import ImageQuality
 from photosite.metrics.measurement import Result
 from photosite.report.diagnostics import explanations, notices
@@ -58,6 +59,19 @@ def image_quality_page(quality: ImageQuality) -> Page:
         Section("Diagnostics", explanations(quality.diagnostics)),
     ]
     return Page("Image quality", lead, tuple(sections), _FOOTER)
+
+
+def camera_quality_page(found: CameraQuality) -> Page:
+    """Return the report of a camera's charts as a page."""
+    lead = f"{found.name}: {', '.join(found.charts)}."
+    sections = [
+        Section(f"{section.title} ({name})", section.blocks)
+        for name, quality in found.charts.items()
+        for section in image_quality_page(quality).sections
+        if section.title != "Diagnostics"
+    ]
+    sections.append(Section("Diagnostics", explanations(found.diagnostics)))
+    return Page("Image quality of a camera", lead, tuple(sections), _FOOTER)
 
 
 _FOUND = {

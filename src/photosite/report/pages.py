@@ -10,13 +10,14 @@ from photosite.calibration.dark.temperature import DarkTemperature
 from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
+from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.measure import ImageQuality
 from photosite.report.calibration import calibration_page
 from photosite.report.captures import captures_page, combined_page
 from photosite.report.dark_temperature import dark_temperature_page
 from photosite.report.em_gain import em_gain_page
 from photosite.report.gain_series import gain_series_page
-from photosite.report.image_quality import image_quality_page
+from photosite.report.image_quality import camera_quality_page, image_quality_page
 from photosite.report.page import Page
 from photosite.report.validation import validation_page
 from photosite.validation.frame_validation import FrameValidation
@@ -36,3 +37,4 @@ page.register(EmGainResult, em_gain_page)
 page.register(FrameValidation, validation_page)
 page.register(GainSeries, gain_series_page)
 page.register(ImageQuality, image_quality_page)
+page.register(CameraQuality, camera_quality_page)

@@ -228,4 +228,5 @@ MEASUREMENT = Measurement(
         "MTF50 needs a value of the channel at each pixel."
     ),
     order=100,
+    view="fine",
 )

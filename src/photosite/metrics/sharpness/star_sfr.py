@@ -147,4 +147,5 @@ MEASUREMENT = Measurement(
     oracle="lens times pixel transfer function of simulated stars",
     left_out="Linearization by the gray patches beside the star: frames are proportional to light, or sRGB.",
     order=110,
+    view="fine",
 )

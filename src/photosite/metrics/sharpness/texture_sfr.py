@@ -177,4 +177,5 @@ MEASUREMENT = Measurement(
         "texture in the direct response, errors of alignment as lost details in the cross response."
     ),
     order=120,
+    view="fine",
 )

@@ -35,7 +35,8 @@ ONE_FRAME = DiagnosticKind(
     "Take eight frames or more.",
     ("snr_*",),
 )
-_CORRELATED = 0.1
+_CORRELATED, _SIGNIFICANT = 0.1, 4.0
+"""Correlation that is named, and its least size in its standard deviation by chance."""
 _MIDDLE = 0.18
 """Signal of middle gray over saturation."""
 
@@ -52,7 +53,8 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
             x, y, spread = _ratios(clear, kind)
             curves.append(Curve(f"{channel}, {kind}", "log signal (DN)", "signal-to-noise ratio (dB)", x, y, spread))
         values |= {(name, channel): Estimate.of(value, "") for name, value in _values(image, clear).items()}
-        if (alike := _neighbors(image, chart, channel)) is not None and alike > _CORRELATED:
+        alike, chance = _neighbors(image, chart, channel)
+        if alike > max(_CORRELATED, _SIGNIFICANT * chance):
             text = f"channel {channel}: neighboring pixels have a correlation of {alike:.2f}"
             diagnostics.append(NOISE_REDUCED(text, alike))
     if len(image.frames) == 1:
@@ -152,11 +154,11 @@ def _signal_at(ratio: float, floor: Uncertain, slope: Uncertain, relative: Uncer
     return change - change.value + signal
 
 
-def _neighbors(image: ChartImage, chart: PlacedChart, channel: str) -> float | None:
-    """Return the correlation of neighbors along the rows in the largest patch; None where the channel is sparse."""
+def _neighbors(image: ChartImage, chart: PlacedChart, channel: str) -> tuple[float, float]:
+    """Return the correlation of neighbors along the rows in the largest patch, and its spread by chance."""
     rectangles = sorted(chart.patches, key=lambda patch: (patch.r1 - patch.r0) * (patch.c1 - patch.c0))
     if not rectangles or image.origin == "electrons":
-        return None
+        return 0.0, 1.0
     patch = rectangles[-1]
     row, col = image.places(patch, channel)
     values = image.pixels(patch, channel)
@@ -166,8 +168,8 @@ def _neighbors(image: ChartImage, chart: PlacedChart, channel: str) -> float | N
     step = np.diff(col)
     near = (np.diff(row) == 0) & (step == np.min(step[step > 0]))
     if near.sum() < 100 or not rest.any():
-        return None
-    return float(np.corrcoef(rest[:-1][near], rest[1:][near])[0, 1])
+        return 0.0, 1.0
+    return float(np.corrcoef(rest[:-1][near], rest[1:][near])[0, 1]), 1.0 / math.sqrt(near.sum())
 
 
 MEASUREMENT = Measurement(

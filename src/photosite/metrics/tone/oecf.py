@@ -28,6 +28,8 @@ CURVED_TONE = DiagnosticKind(
     "Deviation of the exponent from 1.",
 )
 _EXPONENT_MATTERS, _SIGNIFICANT = 0.02, 4.0
+_RANGE = 0.01
+"""Luminance over that of the brightest patch from which patches count; dark signal and flare bend the rest."""
 _LOG_LUMINANCE = "log luminance (cd/m2)", "log luminance relative to a perfect diffuser"
 
 
@@ -63,7 +65,12 @@ def _power_law(patches: list[GrayPatch]) -> tuple[Uncertain, Uncertain]:
 
     The uncertainty of reflectances and light, which patches scatter by beyond noise, is in the result.
     """
-    used = [patch for patch in patches if patch.mean.value > 3.0 * patch.mean.standard_uncertainty]
+    brightest = max((patch.luminance for patch in patches), default=0.0)
+    used = [
+        patch
+        for patch in patches
+        if patch.luminance > _RANGE * brightest and patch.mean.beyond(3.0) and patch.mean.value > 0
+    ]
     if len(used) < 2:
         raise InputError("gray patches above noise", value=len(used), expected="two or more")
     x = np.log([patch.luminance for patch in used])

@@ -1,0 +1,133 @@
+"""Image quality of a camera that need not exist: its frames of every chart are simulated and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from photosite.camera.camera import Camera
+from photosite.errors import InputError
+from photosite.metrics.camera_quality import CameraQuality
+from photosite.metrics.chart_image import chart_image
+from photosite.metrics.charts.placed_chart import placed_chart
+from photosite.metrics.measure import ImageQuality, measure
+from photosite.metrics.measurement import View
+from photosite.metrics.registry import charts_measured, measurements
+from photosite.scene.scene_request import SceneRequest, chart_options
+
+_MIDDLE_PX, _FINE_PX = (900, 1200), (400, 400)
+"""Largest frames of views that do not need the whole field."""
+_FINE_CELLS = 5
+_MOST_FIELD_PX = 16_000_000
+"""Pixels of whole fields up to which a camera's own number is simulated."""
+
+
+def measure_camera(
+    camera: Camera,
+    *,
+    charts: Collection[str] = (),
+    only: Collection[str] = (),
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    frames: int = 8,
+    illuminant: str | float = "D65",
+    luminance_cd_m2: float = 200.0,
+    exposure_s: float | None = None,
+    seed: int = 0,
+    name: str | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> CameraQuality:
+    """Simulate frames of charts with a camera, and measure them.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    charts, only, options
+        Charts and measurements; empty: all that are registered. Options of measurements, as for `measure`.
+    frames, seed
+        Frames of each chart, one stack; 0: mean electrons without noise. Seed of their noise.
+    illuminant, luminance_cd_m2, exposure_s
+        Light of the charts, their mean luminance, and the exposure time; None: just below saturation.
+    name
+        Of the camera, for the report.
+    on_progress
+        Called with the name of each chart and measurement.
+
+    Raises
+    ------
+    InputError
+        If a chart or measurement is unknown, or no measurement is left.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=64)
+    >>> camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    >>> found = measure_camera(camera, charts=["macbeth"], only=["noise"], frames=2)
+    >>> 30 < found.charts["macbeth"]["noise"]["snr_18_db", "G"].value < 40
+    True
+    """
+    known = charts_measured()
+    for chart in charts:
+        if chart not in known:
+            raise InputError("charts", value=chart, expected=f"one of {', '.join(known)}")
+    found: dict[str, ImageQuality] = {}
+    for chart in charts or known:
+        chosen = {
+            key: entry for key, entry in measurements().items() if chart in entry.charts and (not only or key in only)
+        }
+        for view in ("middle", "fine", "field"):
+            ids = [key for key, entry in chosen.items() if entry.view == view]
+            if not ids:
+                continue
+            if on_progress is not None:
+                on_progress(f"{chart}: simulating")
+            image, placed = _simulated(camera, chart, view, frames, (illuminant, luminance_cd_m2), exposure_s, seed)
+            own = {key: value for key, value in (options or {}).items() if key in ids}
+            quality = measure(image, placed, only=ids, options=own, on_progress=on_progress)
+            before = found.get(chart)
+            found[chart] = quality if before is None else before.with_results(quality)
+    if not found:
+        raise InputError("only", value=tuple(only), expected="a measurement of the charts")
+    return CameraQuality(name or camera.sensor.name or "camera", found)
+
+
+def _simulated(
+    camera: Camera,
+    chart: str,
+    view: View,
+    frames: int,
+    light: tuple[str | float, float],
+    exposure_s: float | None,
+    seed: int,
+) -> tuple[Any, Any]:
+    """Return frames of a chart that fills them, as an image, and the chart in it."""
+    array = camera.sensor.array
+    rows, cols = array.rows, array.cols
+    cells = camera.cells_per_pixel
+    if view == "field":
+        if rows * cols > _MOST_FIELD_PX:
+            raise InputError("pixels of the field", value=rows * cols, expected=f"at most {_MOST_FIELD_PX}")
+    else:
+        most = _MIDDLE_PX if view == "middle" else _FINE_PX
+        tile = len(array.cfa), len(array.cfa[0])
+        sizes = zip((rows, cols), most, tile, strict=True)
+        rows, cols = (min(size, limit) // step * step for size, limit, step in sizes)
+        cells = max(cells, _FINE_CELLS) if view == "fine" else cells
+    seen = Camera(camera.optics, camera.sensor.with_(rows=rows, cols=cols), camera.integration, cells)
+    known = chart_options(chart)
+    options: dict[str, Any] = {}
+    if view == "fine" and {"rows", "cols"} <= known.keys():
+        options = {"rows": rows * cells, "cols": cols * cells}
+        if "supersampling" in known:  # a texture whose finest details are those of the pixels
+            options |= {"supersampling": 2, "smallest_radius": float(cells)}
+    illuminant, luminance = light
+    scene = SceneRequest(chart, {"illuminant": illuminant, "mean_luminance_cd_m2": luminance, **options}).scene()
+    time_s = seen.auto_exposure_s(seen.mean_electrons(scene, 1.0)) if exposure_s is None else exposure_s
+    mean = seen.mean_electrons(scene, time_s)
+    given: Any = mean
+    if frames:
+        given = [seen.expose(mean, time_s, seed=seed, frame=number, scene=scene) for number in range(frames)]
+    image = chart_image(given, sensor=seen.sensor)
+    placed = placed_chart(image, chart, illuminant=illuminant, luminance_cd_m2=luminance, options=options)
+    return image, placed

@@ -1,0 +1,47 @@
+"""Image quality of simulated cameras against the truth that the simulator knows."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import photosite as ps
+from photosite.errors import InputError
+from photosite.studies.simulated_charts import measure_camera
+
+
+@pytest.fixture(scope="module")
+def camera() -> ps.Camera:
+    sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=100)
+    return ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+
+
+def test_noise_is_the_budget_of_the_sensor(camera: ps.Camera) -> None:
+    found = measure_camera(camera, charts=["macbeth"], only=["noise"], frames=8, seed=3).charts["macbeth"]["noise"]
+    sensor = camera.sensor
+    white_e = (4095 - 100) / sensor.system_gain_dn_per_e
+    budget = ps.noise_budget(sensor, [0.18 * white_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6])
+    low, high = found["snr_18_db", "G"].interval_95 or (math.nan, math.nan)
+    assert low - 0.1 < float(budget.total_db[0]) < high + 0.1
+
+
+def test_response_without_noise_is_that_with_noise(camera: ps.Camera) -> None:
+    charts = {"charts": ["slanted-edge"], "only": ["edge-sfr"]}
+    clean, noisy = (measure_camera(camera, frames=n, **charts).charts["slanted-edge"] for n in (0, 4))  # type: ignore[arg-type]
+    low, high = noisy["edge-sfr"]["mtf50", "G"].interval_95 or (math.nan, math.nan)
+    truth = clean["edge-sfr"]["mtf50", "G"].value
+    assert truth is not None
+    assert low < truth < high
+
+
+def test_two_measurements_of_one_chart_need_two_views(camera: ps.Camera) -> None:
+    found = measure_camera(camera, charts=["siemens-star"], only=["oecf", "star-sfr"], frames=2).charts["siemens-star"]
+    assert set(found.results) == {"oecf", "star-sfr"}
+
+
+def test_unknown_charts_are_refused(camera: ps.Camera) -> None:
+    with pytest.raises(InputError):
+        measure_camera(camera, charts=["zone-plate"])
+    with pytest.raises(InputError):
+        measure_camera(camera, charts=["macbeth"], only=["edge-sfr"])
