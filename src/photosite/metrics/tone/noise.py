@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.tone.gray_patches import GRAY_CHARTS, GrayPatch, gray_patches
+from photosite.metrics.tone.noise_model import NoiseModel
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import Missing, Uncertain, Value, correlated
+from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 Array = NDArray[np.float64]
 
@@ -77,81 +77,29 @@ def _ratios(patches: list[GrayPatch], kind: str) -> tuple[Array, Array, Array]:
 def _values(image: ChartImage, patches: list[GrayPatch]) -> dict[str, Value]:
     """Return ratios at 18 % of saturation, the signal at a ratio of 10, and the dynamic range."""
     several = len(image.frames) > 1
+    model = NoiseModel.of(patches, several=several)
     found: dict[str, Value] = {}
     white = image.white - image.black
-    floor, per_signal, *rest = _polynomial(patches, "temporal" if several else "total", 1 if several else 2)
-    relative = _relative_pattern(patches) if several else rest[0]
     if math.isinf(white):
         missing = Missing("the image has no level of saturation")
         names = ("snr_18_temporal_db", "snr_18_db", "dynamic_range_db")
         found |= dict.fromkeys(names[0 if several else 1 :], missing)
     else:
-        signal = _MIDDLE * white
-        found["snr_18_db"] = _decibel(signal, floor + per_signal * signal + relative * signal**2)
+        found["snr_18_db"] = model.ratio_db(_MIDDLE * white)
         if several:
-            found["snr_18_temporal_db"] = _decibel(signal, floor + per_signal * signal)
-        darkest = _signal_at(1.0, floor, per_signal, Uncertain(0.0) if several else relative)
-        found["dynamic_range_db"] = darkest if isinstance(darkest, Missing) else (white / darkest).decibel(20.0)
-    found["signal_snr_10"] = _signal_at(10.0, floor, per_signal, relative)
+            found["snr_18_temporal_db"] = model.temporal.ratio_db(_MIDDLE * white)
+        darkest = (model.temporal if several else model).signal_at(1.0)
+        found["dynamic_range_db"] = derive(lambda signal: (white / signal).decibel(20.0), darkest)
+    found["signal_snr_10"] = model.signal_at(10.0)
     if several:
-        found["fixed_pattern_percent"] = _root(relative)
+        found["fixed_pattern_percent"] = _root(model.pattern)
     return found
-
-
-def _polynomial(patches: list[GrayPatch], kind: str, order: int) -> tuple[Uncertain, ...]:
-    """Return the coefficients of the variance over the signal, by weighted least squares over the patches."""
-    pairs = [(patch.mean.value, getattr(patch, kind)) for patch in patches]
-    if len(pairs) < order + 2:
-        expected = f"{order + 2} or more"
-        raise InputError("gray patches that are not clipped", value=len(pairs), expected=expected)
-    x = np.array([mean for mean, _ in pairs])
-    y = np.array([variance.value for _, variance in pairs])
-    relative = np.array([variance.standard_uncertainty / max(variance.value, 1e-300) for _, variance in pairs])
-    model = np.vander(x, order + 1, increasing=True)
-    fitted = y
-    for _ in range(10):  # weights from the polynomial, not from the noisy variances
-        weight = 1.0 / np.maximum(relative * np.maximum(fitted, y.min() * 0.1), 1e-300) ** 2
-        covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
-        found = covariance @ (model.T @ (weight * y))
-        fitted = model @ found
-    return correlated(found, covariance)
-
-
-def _relative_pattern(patches: list[GrayPatch]) -> Uncertain:
-    """Return the variance of the fixed pattern over the square of the signal, from the brightest patches."""
-    brightest = [patch for patch in patches if patch.mean.value > 0.2 * patches[-1].mean.value]
-    ratios = [patch.fixed / (patch.mean * patch.mean) for patch in brightest if patch.fixed is not None]
-    weights = [1.0 / max(ratio.standard_uncertainty, 1e-300) ** 2 for ratio in ratios]
-    total = sum(weights)
-    return sum((ratio * (weight / total) for ratio, weight in zip(ratios, weights, strict=True)), Uncertain(0.0))
 
 
 def _root(relative: Uncertain) -> Value:
     if relative.value <= 0.0:
         return Missing("the fixed pattern is below the noise")
     return relative.sqrt() * 100.0
-
-
-def _decibel(signal: float, variance: Uncertain) -> Value:
-    if variance.value <= 0.0:
-        return Missing("the variance of the noise is not above 0")
-    return (signal / variance.sqrt()).decibel(20.0)
-
-
-def _signal_at(ratio: float, floor: Uncertain, slope: Uncertain, relative: Uncertain) -> Value:
-    """Return the signal S at which S^2 = ratio^2 (floor + slope S + relative S^2)."""
-    square = ratio**2
-    rest = 1.0 - square * relative.value
-    inside = (square * slope.value) ** 2 + 4.0 * rest * square * floor.value
-    if rest <= 0.0 or inside < 0.0:
-        return Missing(f"the fixed pattern keeps the ratio below {ratio:g}")
-    signal = (square * slope.value + math.sqrt(inside)) / (2.0 * rest)
-    if signal <= 0.0:
-        return Missing("the variance of the noise is not above 0")
-    # Implicit differentiation of F = S^2 (1 - r relative) - r slope S - r floor, r = ratio^2.
-    steepness = 2.0 * signal * rest - square * slope.value
-    change = (floor + slope * signal + relative * signal**2) * (square / steepness)
-    return change - change.value + signal
 
 
 def _neighbors(image: ChartImage, chart: PlacedChart, channel: str) -> tuple[float, float]:

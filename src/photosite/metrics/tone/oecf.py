@@ -40,7 +40,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
     for channel in image.channels:
         patches = [patch for patch in gray_patches(image, chart, channel) if not patch.clipped]
         shown = [patch for patch in patches if patch.luminance > 0]
-        exponent, slope = _power_law(shown)
+        exponent, slope = power_law(shown)
         values["signal_per_luminance", channel] = Estimate.of(slope, "")
         values["exponent", channel] = Estimate.of(exponent, "")
         luminance = np.array([patch.luminance for patch in shown])
@@ -60,7 +60,7 @@ def unit_of(image: ChartImage) -> str:
     return {"raw": "DN", "picture": "of display white", "electrons": "e-"}[image.origin]
 
 
-def _power_law(patches: list[GrayPatch]) -> tuple[Uncertain, Uncertain]:
+def power_law(patches: list[GrayPatch]) -> tuple[Uncertain, Uncertain]:
     """Return exponent and factor of signal = factor luminance^exponent, by weighted least squares of the logarithms.
 
     The uncertainty of reflectances and light, which patches scatter by beyond noise, is in the result.

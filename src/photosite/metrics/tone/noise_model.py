@@ -1,0 +1,108 @@
+"""The variance of the noise over the signal, from gray patches, and the signals at which it has a ratio."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photosite.errors import InputError
+from photosite.metrics.tone.gray_patches import GrayPatch
+from photosite.values.shown import Shown
+from photosite.values.uncertain import Missing, Uncertain, Value, correlated
+
+
+@dataclass(frozen=True)
+class NoiseModel(Shown):
+    """The variance floor + per_signal S + pattern S^2 of a signal S.
+
+    Parameters
+    ----------
+    floor, per_signal, pattern
+        Without signal, of shot noise, and of the fixed pattern.
+
+    Examples
+    --------
+    >>> model = NoiseModel(Uncertain(4.0), Uncertain(1.0), Uncertain(0.0))
+    >>> round(model.signal_at(10.0).value, 1), round(model.ratio_db(100.0).value, 2)
+    (103.9, 19.83)
+    """
+
+    floor: Uncertain
+    per_signal: Uncertain
+    pattern: Uncertain
+
+    @classmethod
+    def of(cls, patches: Sequence[GrayPatch], *, several: bool) -> NoiseModel:
+        """Return the model of patches that are not clipped; of several frames the fixed pattern is known apart.
+
+        Raises
+        ------
+        InputError
+            If there are too few patches.
+        """
+        if several:
+            floor, per_signal = _polynomial(patches, "temporal", 1)
+            return cls(floor, per_signal, _pattern(patches))
+        return cls(*_polynomial(patches, "total", 2))
+
+    @property
+    def temporal(self) -> NoiseModel:
+        """The model without the fixed pattern."""
+        return replace(self, pattern=Uncertain(0.0))
+
+    def variance(self, signal: float) -> Uncertain:
+        """Return the variance of a signal."""
+        return self.floor + self.per_signal * signal + self.pattern * signal**2
+
+    def ratio_db(self, signal: float) -> Value:
+        """Return 20 log10 of a signal over its noise."""
+        variance = self.variance(signal)
+        if variance.value <= 0.0:
+            return Missing("the variance of the noise is not above 0")
+        return (signal / variance.sqrt()).decibel(20.0)
+
+    def signal_at(self, ratio: float) -> Value:
+        """Return the signal that is a number of times its noise."""
+        square = ratio**2
+        rest = 1.0 - square * self.pattern.value
+        inside = (square * self.per_signal.value) ** 2 + 4.0 * rest * square * self.floor.value
+        if rest <= 0.0 or inside < 0.0:
+            return Missing(f"the fixed pattern keeps the ratio below {ratio:g}")
+        signal = (square * self.per_signal.value + math.sqrt(inside)) / (2.0 * rest)
+        if signal <= 0.0:
+            return Missing("the variance of the noise is not above 0")
+        # Implicit differentiation of S^2 = ratio^2 variance(S).
+        steepness = 2.0 * signal * rest - square * self.per_signal.value
+        change = self.variance(signal) * (square / steepness)
+        return change - change.value + signal
+
+
+def _polynomial(patches: Sequence[GrayPatch], kind: str, order: int) -> tuple[Uncertain, ...]:
+    """Return the coefficients of the variance over the signal, by weighted least squares over the patches."""
+    pairs = [(patch.mean.value, getattr(patch, kind)) for patch in patches]
+    if len(pairs) < order + 2:
+        expected = f"{order + 2} or more"
+        raise InputError("gray patches that are not clipped", value=len(pairs), expected=expected)
+    x = np.array([mean for mean, _ in pairs])
+    y = np.array([variance.value for _, variance in pairs])
+    relative = np.array([variance.standard_uncertainty / max(variance.value, 1e-300) for _, variance in pairs])
+    model = np.vander(x, order + 1, increasing=True)
+    fitted = y
+    for _ in range(10):  # weights from the polynomial, not from the noisy variances
+        weight = 1.0 / np.maximum(relative * np.maximum(fitted, y.min() * 0.1), 1e-300) ** 2
+        covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
+        found = covariance @ (model.T @ (weight * y))
+        fitted = model @ found
+    return correlated(found, covariance)
+
+
+def _pattern(patches: Sequence[GrayPatch]) -> Uncertain:
+    """Return the variance of the fixed pattern over the square of the signal, from the brightest patches."""
+    brightest = [patch for patch in patches if patch.mean.value > 0.2 * patches[-1].mean.value]
+    ratios = [patch.fixed / (patch.mean * patch.mean) for patch in brightest if patch.fixed is not None]
+    weights = [1.0 / max(ratio.standard_uncertainty, 1e-300) ** 2 for ratio in ratios]
+    total = sum(weights)
+    return sum((ratio * (weight / total) for ratio, weight in zip(ratios, weights, strict=True)), Uncertain(0.0))
