@@ -62,10 +62,21 @@ def test_amplifiers_of_a_chip_are_joined(tmp_path, binning, keyword, offset):
 
 
 def test_stacks_of_amplifiers_are_joined(tmp_path):
-    units = [(np.stack([data, data + 1]), name, keywords) for data, name, keywords in quadrants()]
+    units = [(np.stack([data, data + (data != 7)]), name, keywords) for data, name, keywords in quadrants()]
     put(tmp_path / "a.fits", *units)
     (group,) = ps.open_frames(tmp_path).groups
     np.testing.assert_array_equal([*group], [CHIP, CHIP + 1])
+
+
+def test_each_amplifier_follows_its_overscan(tmp_path):
+    """The second frame has other black levels, one for each amplifier."""
+    for name, drifts in (("dark_1.fits", (0, 0, 0, 0)), ("dark_2.fits", (2, -3, 0, 5))):
+        chip = zip(quadrants(), drifts, strict=True)
+        put(tmp_path / name, *(((data.astype(int) + drift).astype(np.uint16), *rest) for (data, *rest), drift in chip))
+    frames = ps.open_frames(tmp_path)
+    np.testing.assert_array_equal([*frames.groups[0]], [CHIP, CHIP])
+    (found,) = [entry for entry in frames.diagnostics if entry.id == "overscan-levels"]
+    assert found.size == 5.0
 
 
 def test_chips_of_a_camera_are_joined_each(tmp_path):

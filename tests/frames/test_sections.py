@@ -68,6 +68,46 @@ def test_overscan_is_the_black_level_of_a_single_frame(tmp_path):
     assert ps.read_raw(put(tmp_path / "b.fits", TRIMSEC="[1:26,*]")).black_level_dn == 0.0
 
 
+def drifting(path, drift, signal, **keywords):
+    """Write a frame with overscan of 5 columns, a black level of 100 + drift, and one saturated pixel."""
+    dn = np.full((20, 30), 100 + drift, np.uint16)
+    dn[:, :25] += np.uint16(signal)
+    dn[3, 4] = 65535
+    dn[:, 25] += np.uint16(40)  # charge of the last pixels with light
+    header = fits.Header({"EXPTIME": 1.0, "TRIMSEC": "[1:25,*]", "BIASSEC": "[26:30,*]", **keywords})
+    fits.PrimaryHDU(dn, header).writeto(path)
+
+
+def test_frames_follow_their_overscan(tmp_path):
+    for number, (kind, drift, signal) in enumerate((("DARK", 0, 0), ("DARK", 7, 0), ("FLAT", -4, 1000))):
+        drifting(tmp_path / f"{number}.fits", drift, signal, IMAGETYP=kind)
+    frames = ps.open_frames(tmp_path)
+    dark, light = ([*group] for group in frames.groups)
+    for dn, level in zip((*dark, *light), (100, 100, 1100), strict=True):
+        assert dn[3, 4] == 65535  # a saturated pixel stays one
+        assert set(np.delete(dn, 3 * 25 + 4)) == {level}
+    assert [entry.size for entry in frames.diagnostics if entry.id == "overscan-levels"] == [4.0]
+
+
+def test_prescan_and_overscan_of_eso(tmp_path):
+    keywords = {"HIERARCH ESO DET OUT1 PRSCX": 3, "HIERARCH ESO DET OUT1 OVSCX": 5, "HIERARCH ESO DET OUT1 OVSCY": 2}
+    frame = ps.read_raw(put(tmp_path / "a.fits", **keywords))
+    np.testing.assert_array_equal(frame.dn, DN[:18, 3:25])
+    assert frame.black_level_dn == np.median(DN[:18, 25:].mean(axis=0))
+    path = put(tmp_path / "b.fits", **keywords, **{"HIERARCH ESO DET OUTPUTS": 2})
+    with raises(FileError, "the image has several outputs with prescan or overscan of their own"):
+        ps.read_raw(path)
+
+
+def test_a_region_replaces_sections_that_are_not_those_of_the_image(tmp_path):
+    path = put(tmp_path / "a.fits", DATASEC="[1:31,1:20]")
+    with raises(FileError, "DATASEC", value="[1:31,1:20]", hint="Pass {region} with the pixels that receive light"):
+        ps.read_raw(path)
+    np.testing.assert_array_equal(ps.read_raw(path, region="0:20,0:26").dn, DN[:, :26])
+    frames = ps.open_frames(tmp_path, region="0:20,0:26")
+    np.testing.assert_array_equal([*frames.groups[0]], [DN[:, :26]])
+
+
 def test_frames_of_a_set_have_the_same_sections(tmp_path):
     put(tmp_path / "a.fits", TRIMSEC="[1:26,*]")
     put(tmp_path / "b.fits", TRIMSEC="[2:27,*]")

@@ -77,6 +77,8 @@ class FrameHeader:
         Lines around the frame, as in `FrameSet`, that `read_whole` reads with it.
     overscan
         Whether the file states overscan, whose level `read_frame` takes for the black level if none is stated.
+    problem
+        Why the stated lines with light are not those of the image; a region that the caller states is needed then.
     numbers
         How the numbers are stored. Those of signed ones and floats are converted (`photosite.frames.stored_numbers`).
     first_pixel
@@ -100,6 +102,7 @@ class FrameHeader:
     masked_border: bool = False
     border: Border | None = None
     overscan: bool = False
+    problem: FileError | None = None
     numbers: NumberKind = "unsigned"
     first_pixel: int | None = None
 
@@ -124,6 +127,13 @@ class FrameHeader:
             self.metadata.get("iso") if gain is None else gain,
             self.metadata.get("temperature_c"),
         )
+
+    def check_sections(self, path: Path) -> None:
+        """Raise the error of stated lines with light that are not those of the image."""
+        if self.problem is not None:
+            size, hint = {"region": f"0:{self.rows},0:{self.cols}"}, "Pass {region} with the pixels that receive light"
+            fields = {name: value for name, value in self.problem.fields.items() if name not in ("hint", "arguments")}
+            raise FileError(path, self.problem.what, **fields, hint=hint, arguments=size)
 
     def resolve_bits(self, path: Path, bits: int | None) -> int:
         """Return the bit depth: what the file states, else what the caller states, else what the file stores."""

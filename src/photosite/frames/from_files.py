@@ -37,8 +37,10 @@ from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_n
 from photosite.frames.io.format_table import frame_stem
 from photosite.frames.io.formats import (
     open_stored_rows,
+    overscan_levels,
     read_frame,
     read_headers,
+    read_leveled,
     read_pixels,
     read_whole,
     select_headers,
@@ -51,6 +53,7 @@ from photosite.frames.stored_numbers import (
     Conversion,
     NumberKind,
     NumberRange,
+    StoredNumbers,
     conversion_diagnostics,
     conversion_of,
     joined,
@@ -142,6 +145,18 @@ ASSUMED_BITS = DiagnosticKind(
 )
 
 
+OVERSCAN = DiagnosticKind(
+    "overscan-levels",
+    "note",
+    "The files state overscan, the level of which follows the black level of each frame.",
+    "Frames are shifted by whole numbers to the level of the first dark frame, each amplifier by itself: drifts of the "
+    "black level do not count as light or dark current. A drift below half a number stays.",
+    "None. `black-level-shifts` states what is left.",
+    size="largest shift of the frames that were compared, DN",
+    false_alarms="none: the files state it",
+)
+
+
 def frame_sets_from_files(
     files: Sequence[FrameFile],
     source: str,
@@ -201,6 +216,9 @@ _MOST_NAMED = 6
 
 
 def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetProperties) -> FrameSet:
+    if properties.region is None:
+        for frame in frames:
+            frame.header.check_sections(frame.file.path)
     frames, border_warnings = _complete_headers(frames)
     _warn_of_header_notes(frames)
     shape = _common("size", frames, [(f.header.rows, f.header.cols) for f in frames], properties.shape)
@@ -214,11 +232,14 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
     if properties.sensor is not None:
         cfa = cfa or properties.sensor.array.cfa
         _check_sensor(frames, source, properties, bits, cfa)
+    levels, leveled = _overscan(frames)
     beside = _common("border without light", frames, [f.header.border for f in frames], None)
     sources = [
         FrameSource(
             f.file.name,
-            _FrameReading(f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp, conversion),
+            _FrameReading(
+                f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp, conversion, levels
+            ),
             True,
             path=f.file.path,
             whole=partial(_read_whole, f.file, conversion) if beside else None,
@@ -233,7 +254,7 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         raise error.in_file(source) from None
     found = [(KIND_BY_LEVEL, level_warning), (OTHER_EXPOSURE, _exposure_warning(frames))]
     found += [(TEMPERATURE_VARIED, _temperature_warning(settings)), *((LIT_BORDER, each) for each in border_warnings)]
-    diagnostics = (*_warned(found, source), *_other_orientations(frames), *_assumed_bits(frames, properties))
+    diagnostics = (*_warned(found, source), *_other_orientations(frames), *_assumed_bits(frames, properties), *leveled)
     if conversion is not None and numbers is not None:
         diagnostics += conversion_diagnostics(conversion, numbers, stated_bits)
     stated_black = _shared([f.header.black_level_dn for f in frames])
@@ -511,17 +532,23 @@ class _FrameReading:
     first_pixel: int | None  # as in `FrameHeader`, while the file has the stamp
     stamp: tuple[int, ...] | None
     conversion: Conversion | None = None  # None for numbers that are stored as unsigned integers
+    levels: tuple[float, ...] | None = None  # of the overscan, by amplifier, to which the numbers are shifted
 
     def __call__(self) -> Numbers:
         """Return the digital numbers."""
         if self.conversion is not None:
-            stored = self.conversion.apply(self._name, read_pixels(self.path, self.location))
+            stored = self.conversion.apply(self._name, self._stored())
             dn = of_bits(self._name, stored, self.bits)
         elif self.location is None:
             dn = read_frame(self.path, self.bits, self.cfa)[0].dn
         else:
-            dn = of_bits(self._name, Conversion().apply(self._name, read_pixels(self.path, self.location)), self.bits)
+            dn = of_bits(self._name, Conversion().apply(self._name, self._stored()), self.bits)
         return dn if dn.shape == self.shape else self._changed(dn.shape)
+
+    def _stored(self) -> StoredNumbers:
+        if self.levels is None:
+            return read_pixels(self.path, self.location)
+        return read_leveled(self.path, self.location, self.levels, (1 << self.bits) - 1)
 
     def open_rows(self) -> StoredRows | None:
         """Open the frame to read some rows at a time; None where its pixels are not stored as they are."""
@@ -540,6 +567,23 @@ class _FrameReading:
 
     def _changed(self, shape: tuple[int, ...]) -> Never:
         raise FileError(self._name, f"the frame was {self.shape} when the frame set was opened and is now {shape}")
+
+
+def _overscan(frames: Sequence[_OpenedFrame]) -> tuple[tuple[float, ...] | None, tuple[Diagnostic, ...]]:
+    """Return the overscan levels of the first dark frame, if all frames state overscan, and a diagnostic."""
+    if not all(frame.header.overscan for frame in frames):
+        return None, ()
+    first = next((frame for frame in frames if frame.settings.kind == "dark"), frames[0])
+    last = frames[-1] if frames[-1] is not first else frames[0]
+    levels = overscan_levels(first.file.path, first.file.location)
+    others = overscan_levels(last.file.path, last.file.location)
+    drift = max((b - a for a, b in zip(levels, others, strict=True)), key=abs)
+    known = " and ".join(f"{level:.1f}" for level in levels)
+    text = (
+        f"frames are shifted to the overscan level of {first.file.name}, {known} DN; "
+        f"that of {last.file.name} differs by {drift:.1f} DN"
+    )
+    return levels, (OVERSCAN(text, abs(drift)),)
 
 
 def _shared(values: Sequence[Value | None]) -> Value | None:

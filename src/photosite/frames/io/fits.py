@@ -4,7 +4,8 @@ Every image unit is a frame, or a stack if it has three axes; units of one chip 
 others are its parts (`photosite.frames.io.fits_units`). Unsigned numbers are stored minus BZERO, 2^15 or 2^31, as FITS
 requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP or SET-TEMP (degrees Celsius),
 IMAGETYP (words as in file names: "Dark Frame"), BAYERPAT with XBAYROFF, YBAYROFF and ROWORDER, and `_CONDITIONS`.
-The frame is the common part of DATASEC and TRIMSEC without BIASSEC. Rows are in the order in which they are stored.
+The frame is the common part of DATASEC and TRIMSEC without BIASSEC, or without ESO's prescan and overscan. Rows are in
+the order in which they are stored.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import io
 import math
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,16 @@ from photosite.files.small_files import reading
 from photosite.frames.conditions import cooled
 from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.frame_settings import kinds_in_name
-from photosite.frames.io.fits_units import JoinedUnits, Keywords, Unit, are_parts, image_unit, image_units, joined_units
+from photosite.frames.io.fits_units import (
+    JoinedUnits,
+    Keywords,
+    Unit,
+    alone,
+    are_parts,
+    image_unit,
+    image_units,
+    joined_units,
+)
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import StoredNumbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
@@ -132,25 +142,62 @@ def _headers(image: JoinedUnits, units: list[Unit], images: list[JoinedUnits]) -
         yield replace(header, location=location, metadata={**header.metadata, **parts})
 
 
-def read_pixels(path: Path, location: FrameLocation) -> StoredNumbers:
-    """Read the (rows, cols) digital numbers of one frame."""
+def read_pixels(
+    path: Path, location: FrameLocation, levels: Sequence[float] | None = None, most: int | None = None
+) -> StoredNumbers:
+    """Read the (rows, cols) digital numbers of one frame.
+
+    With the overscan levels of another frame, the numbers are shifted by whole numbers to its levels. Numbers at 0 and
+    at the largest one, `most`, stay.
+    """
     with _open_fits(path) as opened:
-        if isinstance(location.part, int):
-            single = image_unit(path, opened, location.part)
-            light, dn = single.light, _stored_numbers(single, opened, location.index)
-            part: StoredNumbers = dn[light.slices]
-            return dn if light.shape == dn.shape else part.copy()
-        first = int(location.part.partition("+")[0])
-        image = next(image for image in joined_units(image_units(path, opened)) if image.units[0].number == first)
-        parts = [
-            _stored_numbers(unit, opened, location.index)[source.slices]
-            for unit, source in zip(image.units, image.sources, strict=True)
-        ]
+        image = _image(path, opened, location)
+        parts: list[Any] = []
+        for number, (unit, source) in enumerate(zip(image.units, image.sources, strict=True)):
+            dn = _stored_numbers(unit, opened, location.index)
+            shift = 0 if levels is None else round(_level(unit, dn) - levels[number])
+            parts.append(_shifted(dn[source.slices], shift, most))
+        if len(parts) == 1:
+            single: StoredNumbers = np.ascontiguousarray(parts[0])
+            return single
         out: Any = np.zeros(image.shape, np.result_type(*parts))
         for part, target in zip(parts, image.targets, strict=True):
             rows, cols = (slice(None, None, -1 if flip else None) for flip in target.flipped)
             out[target.slices] = part[rows, cols]
         return out  # type: ignore[no-any-return]
+
+
+def _image(path: Path, opened: Any, location: FrameLocation) -> JoinedUnits:
+    if isinstance(location.part, int):
+        return alone(image_unit(path, opened, location.part))
+    first = int(location.part.partition("+")[0])
+    return next(image for image in joined_units(image_units(path, opened)) if image.units[0].number == first)
+
+
+def _shifted(part: Any, shift: int, most: int | None) -> Any:
+    if not shift:
+        return part
+    if part.dtype.kind != "u":
+        return part - shift
+    top = int(np.iinfo(part.dtype).max) if most is None else most
+    moved = np.clip(part.astype(np.int64) - shift, 0, top).astype(part.dtype)
+    return np.where((part == 0) | (part >= top), part, moved)
+
+
+_LEAST_LINES = 5
+
+
+def _level(unit: Unit, dn: StoredNumbers) -> float:
+    """Return the level of the overscan; of five lines or more, the median of their means.
+
+    The first lines after the pixels with light have charge that these left behind.
+    """
+    overscan = unit.overscan
+    if overscan is None:
+        return 0.0
+    part = dn[overscan.slices].astype(np.float64)
+    means = part.mean(axis=0 if overscan.shape[0] >= overscan.shape[1] else 1)
+    return float(np.median(means) if len(means) >= _LEAST_LINES else means.mean())
 
 
 def read_whole(path: Path, location: FrameLocation) -> StoredNumbers:
@@ -159,13 +206,11 @@ def read_whole(path: Path, location: FrameLocation) -> StoredNumbers:
         return _stored_numbers(image_unit(path, opened, int(location.part)), opened, location.index)
 
 
-def overscan_level(path: Path, location: FrameLocation) -> float:
-    """Return the mean of the pixels of BIASSEC."""
+def overscan_levels(path: Path, location: FrameLocation) -> tuple[float, ...]:
+    """Return the level of the overscan of each unit of a frame."""
     with _open_fits(path) as opened:
-        unit = image_unit(path, opened, int(location.part))
-        overscan = unit.keywords.section("BIASSEC", unit.size)
-        dn = _stored_numbers(unit, opened, location.index)
-        return float(dn[overscan.slices].mean()) if overscan else 0.0
+        units = _image(path, opened, location).units
+        return tuple(_level(unit, _stored_numbers(unit, opened, location.index)) for unit in units)
 
 
 def _stored_numbers(unit: Unit, opened: Any, index: int) -> StoredNumbers:
@@ -319,7 +364,8 @@ def _header(image: JoinedUnits) -> FrameHeader:
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
         metadata={name: value for name, value in metadata.items() if value is not None},
         border=border if any(border) and not joined else None,
-        overscan=not joined and keywords.text("BIASSEC") is not None,
+        overscan=all(each.overscan is not None for each in image.units),
+        problem=None if joined else unit.problem,
     )
 
 

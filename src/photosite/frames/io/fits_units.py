@@ -118,14 +118,56 @@ class Unit:
         name, version = self.keywords.own.get("EXTNAME"), self.keywords.own.get("EXTVER", 1)
         return f"{name.strip()}{'' if version == 1 else f',{version}'}" if isinstance(name, str) else ""
 
-    @cached_property
+    @property
     def light(self) -> Section:
-        """The lines with light (IRAF's ccdproc: TRIMSEC is kept, BIASSEC is overscan)."""
-        found = (self.keywords.section(name, self.size) for name in ("DATASEC", "TRIMSEC", "BIASSEC"))
+        """The lines with light (IRAF's ccdproc: TRIMSEC is kept, BIASSEC is overscan); all if `problem` is an error."""
+        return self._sections[0]
+
+    @property
+    def overscan(self) -> Section | None:
+        """The overscan of BIASSEC, or of ESO's keywords."""
+        return self._sections[1]
+
+    @property
+    def problem(self) -> FileError | None:
+        """Why the stated sections are not those of the image."""
+        return self._sections[2]
+
+    @cached_property
+    def _sections(self) -> tuple[Section, Section | None, FileError | None]:
+        whole = Section(0, self.size[0], 0, self.size[1])
         try:
-            return section_with_light(self.size, *found)
+            data, trim, bias = (self.keywords.section(name, self.size) for name in ("DATASEC", "TRIMSEC", "BIASSEC"))
+            if data is None and trim is None and bias is None:
+                data, bias = self._eso_sections()
+            return section_with_light(self.size, data, trim, bias), bias, None
+        except FileError as error:
+            return whole, None, error
         except InputError as error:
-            raise error.in_file(self.keywords.path) from None
+            return whole, None, error.in_file(self.keywords.path)
+
+    def _eso_sections(self) -> tuple[Section | None, Section | None]:
+        """Return the lines with light and the overscan of ESO's DET OUT1 keywords; prescan where there is no overscan.
+
+        An image with several outputs has the overscan of each between their pixels.
+        """
+        keywords = self.keywords
+        before, after = (
+            [int(keywords.number(f"ESO DET OUT1 {name}{axis}") or 0) for axis in "YX"] for name in ("PRSC", "OVSC")
+        )
+        if not any((*before, *after)):
+            return None, None
+        if (keywords.number("ESO DET OUTPUTS") or 1) > 1:
+            raise FileError(keywords.path, "the image has several outputs with prescan or overscan of their own")
+        (rows, cols), (top, left), (bottom, right) = self.size, before, after
+        if top + bottom >= rows or left + right >= cols:
+            expected = f"less than {cols} columns and {rows} rows"
+            raise FileError(keywords.path, "ESO DET OUT1 PRSC and OVSC", value=(*before, *after), expected=expected)
+        light = Section(top, rows - bottom, left, cols - right)
+        if right or left:
+            beside = (cols - right, cols) if right else (0, left)
+            return light, Section(light.top, light.bottom, *beside)
+        return light, Section(*((rows - bottom, rows) if bottom else (0, top)), light.left, light.right)
 
 
 @dataclass(frozen=True)
@@ -200,11 +242,12 @@ def joined_units(units: list[Unit]) -> list[JoinedUnits]:
     images = []
     for name, same in _by_chip(units).items():
         joined = _joined(same, name)
-        images += [joined] if joined else [_alone(unit) for unit in same]
+        images += [joined] if joined else [alone(unit) for unit in same]
     return images
 
 
-def _alone(unit: Unit) -> JoinedUnits:
+def alone(unit: Unit) -> JoinedUnits:
+    """Return the image of one unit."""
     light = unit.light
     return JoinedUnits(
         (unit,), (light,), (Section(0, light.shape[0], 0, light.shape[1]),), unit.name or str(unit.number)

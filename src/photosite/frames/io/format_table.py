@@ -8,7 +8,8 @@ To add a format: write a module in `photosite.frames.io` and add an entry to `FO
 - `write(frame, path)`, and `check_cfa(cfa)`, which rejects color filter arrays that it cannot hold;
 - `open_rows(path, location, bits, cfa)`: the frame as `StoredRows`, or None;
 - `read_whole(path, location)`: the digital numbers with the border that a header states;
-- `overscan_level(path, location)`: the level of the overscan that a header states.
+- `overscan_levels(path, location)`: the levels of the overscan that a header states, by amplifier, and
+  `read_pixels(path, location, levels, most)`, which shifts the numbers to such levels.
 
 Each raises `FileError` for a file that it cannot read. docs/development/contributing.md lists tests and documentation.
 """

@@ -11,6 +11,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import reading
 from photosite.files.writing import atomic_path
@@ -132,7 +134,8 @@ def read_raw(
         if not 0 <= index < len(headers):
             raise FileError(path, "index", value=index, expected=f"0 to {len(headers) - 1}")
         location = headers[index].location
-    frame, notes = read_frame(file, bits, None if cfa is None else cfa_from(cfa), location)
+    tile = None if cfa is None else cfa_from(cfa)
+    frame, notes = read_frame(file, bits, tile, location, has_region=part is not None)
     for note in notes:
         warnings.warn(PhotositeWarning(note, where=str(path)), stacklevel=2)
     return frame if part is None else _cropped(frame, part, file, headers[index or 0].border)
@@ -152,9 +155,17 @@ def _cropped(frame: RawFrame, region: Section, path: Path, border: Border | None
 
 
 def read_frame(
-    path: Path, bits: int | None = None, cfa: Cfa | None = None, location: FrameLocation | None = None
+    path: Path,
+    bits: int | None = None,
+    cfa: Cfa | None = None,
+    location: FrameLocation | None = None,
+    *,
+    has_region: bool = False,
 ) -> tuple[RawFrame, tuple[str, ...]]:
-    """Read one raw frame, as `read_raw` does, and return the notes for warnings with it."""
+    """Read one raw frame, as `read_raw` does, and return the notes for warnings with it.
+
+    With `has_region`, the caller crops the frame, and stated lines with light that are wrong do not matter.
+    """
     module: Any = headerless
     if location is not None and str(location.part).startswith(headerless.LAYOUT):
         headers = read_headers(path, parse_layout(str(location.part).removeprefix(headerless.LAYOUT)))
@@ -169,8 +180,10 @@ def read_frame(
     if len(headers) != 1:
         raise _several(path, headers)
     header: FrameHeader = headers[0]
+    if not has_region:
+        header.check_sections(path)
     if header.overscan and header.black_level_dn is None:
-        level = module.overscan_level(path, header.location)
+        level = float(np.mean(module.overscan_levels(path, header.location)))
         header = replace(header, black_level_dn=level, metadata={**header.metadata, MASKED_BORDER: level})
     stored = module.read_pixels(path, header.location)
     found = number_range(path, stored, header, bits)
@@ -191,6 +204,18 @@ def number_range(
     if header.numbers == "unsigned" and (bits is None or header.bits is not None or header.stored_bits in (None, bits)):
         return None
     return NumberRange.of(path, stored)
+
+
+def overscan_levels(path: Path, location: FrameLocation | None) -> tuple[float, ...]:
+    """Return the levels of the overscan of a frame, by amplifier."""
+    levels: tuple[float, ...] = detect_format(path).load().overscan_levels(path, location)
+    return levels
+
+
+def read_leveled(path: Path, location: FrameLocation | None, levels: tuple[float, ...], most: int) -> StoredNumbers:
+    """Read the stored numbers of one frame, shifted to the overscan levels of another one."""
+    numbers: StoredNumbers = detect_format(path).load().read_pixels(path, location, levels, most)
+    return numbers
 
 
 def read_pixels(path: Path, location: FrameLocation | None) -> StoredNumbers:
