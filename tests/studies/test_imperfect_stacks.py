@@ -47,6 +47,10 @@ ANSWERS: dict[str, tuple[tuple[float, float] | None, str, str, str]] = {
     "mirrored dark frames": ((-0.3, 0.3), "dsnu_dn", GIVEN, GIVEN),
     "covered columns": ((0.033, 0.034), "prnu_percent", GIVEN, WITHHELD),
     "frames of another chip": (None, "", GIVEN, GIVEN),
+    "turned frames": (None, "", GIVEN, GIVEN),
+    "light that does not grow": ((0.015, 0.025), "responsivity_dn_per_photon", GIVEN, GIVEN),
+    "hot pixels": ((0.0015, 0.0025), "dark_current_dn_per_s", GIVEN, GIVEN),
+    "pixels that blink if lit": ((0.0015, 0.0025), "system_gain_dn_per_e", GIVEN, GIVEN),
 }  # fmt: skip
 
 

@@ -155,6 +155,15 @@ def _soft(a: float) -> dict[str, Any]:
     return {"charge": lambda values, *_: np.asarray(values / (1.0 + a * values / SATURATION_E))}
 
 
+def _some(fraction: float) -> Frame:
+    return np.asarray(np.random.default_rng(3).random(SHAPE) < fraction, np.float64)
+
+
+def _blinking(a: float) -> dict[str, Any]:
+    chosen = _some(a)
+    return {"light": lambda v, rng, _: v * (1.0 + 0.12 * chosen * (2 * rng.integers(0, 2, SHAPE) - 1))}
+
+
 def _another_chip(values: Frame, rng: np.random.Generator, frame: int) -> Frame:
     foreign: Frame = values.mean() * (1.0 + PRNU * rng.normal(size=values.shape))
     return foreign if rng.random() < 0.03 else values
@@ -238,6 +247,19 @@ KINDS = (
     ),
     StackKind("covered columns", "8 of 240", "unlit-lines", light=_covered),
     StackKind("frames of another chip", "3 % of the frames", "foreign-frames", light=_another_chip),
+    StackKind(
+        "turned frames", "one of eight flat fields of each level, by 180 degrees", "turned-frame",
+        numbers=lambda v, rng, frame: v[::-1, ::-1] if frame >= DARK_FRAMES and frame % FRAMES == 5 else v,
+    ),
+    _sized(
+        "light that does not grow", "{} of the brightest level in all flat fields", "constant-light", 0.01,
+        lambda a: {"light": lambda v, *_: v + a * ELECTRONS_PER_S * LIGHT_S[-1] * (v > 0.0)},
+    ),
+    _sized(
+        "hot pixels", "{} of the pixels, 3000 e-/s", "defective-pixels", 0.002,
+        lambda a: {"hot_e_per_s": 3000.0 * _some(a)},
+    ),
+    _sized("pixels that blink if lit", "{} of the pixels, by 12 %", "defective-pixels", 0.002, _blinking),
 )  # fmt: skip
 """The kinds of stacks."""
 

@@ -16,7 +16,10 @@ DEFECTIVE_PIXELS = DiagnosticKind(
     "noisier: hot, stuck, dead or blinking ones, lines or clusters of them.",
     "All figures are those of the other pixels. The sensor file has the defects as a section of their own.",
     "Nothing. Maps (--maps) list the pixels. Above 3 % of the pixels, none is left out.",
-    ("read_noise_*", "dsnu*", "prnu*", "black_level_dn", "dark_current_*", "dark_voltage_*", "dcnu_percent"),
+    (
+        *("read_noise_*", "dsnu*", "prnu*", "black_level_dn", "dark_current_*", "dark_voltage_*", "dcnu_percent"),
+        "system_gain_dn_per_e",
+    ),
     "fraction of the pixels",
     "below 1 of 1000 sets",
 )
