@@ -84,7 +84,7 @@ def test_speed_is_the_closed_form() -> None:
         for ratio in (10, 40):
             # S^2 = ratio^2 (floor + gain S + pattern S^2)
             rest = 1 - ratio**2 * noise.prnu**2
-            floor = noise.temporal_floor + (noise.gain * noise.dsnu) ** 2 * 0
+            floor = noise.temporal_floor
             b, c = ratio**2 * noise.gain, ratio**2 * floor
             truth[f"noise_{ratio}"] = 10 * per_lx_s * 2 * rest / (b + math.sqrt(b**2 + 4 * rest * c))
         for name, value in truth.items():

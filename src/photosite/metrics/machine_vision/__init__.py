@@ -1,0 +1,1 @@
+"""Machine vision: detection of contrasts, and information in frames."""
