@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
+import numpy as np
 import pytest
 
 import photosite as ps
 from photosite.errors import InputError
-from photosite.studies.simulated_charts import measure_camera
+from photosite.studies.simulated_charts import image_quality, measure_camera
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +47,22 @@ def test_unknown_charts_are_refused(camera: ps.Camera) -> None:
         measure_camera(camera, charts=["zone-plate"])
     with pytest.raises(InputError):
         measure_camera(camera, charts=["macbeth"], only=["edge-sfr"])
+
+
+def test_columns_of_a_sweep(camera: ps.Camera) -> None:
+    """A smaller aperture blurs more, by more than the noise; the noise at 18 % of saturation is the same."""
+    found = ps.studies.sweep(
+        camera,
+        {"f_number": [4, 16]},
+        partial(image_quality, values=["edge-sfr.mtf50.G", "noise.snr_18_db.G"], frames=2),
+        progress=False,
+    )
+    sharp, spread = found["edge-sfr.mtf50.G"], found["u(edge-sfr.mtf50.G)"]
+    assert sharp[0] - sharp[1] > 5 * math.hypot(*spread)
+    assert abs(np.diff(found["noise.snr_18_db.G"])[0]) < 0.3
+
+
+def test_names_of_columns_are_checked(camera: ps.Camera) -> None:
+    for values in (["edge-sfr.mtf51"], ["edgesfr.mtf50"], ["mtf50"]):
+        with pytest.raises(InputError):
+            image_quality(camera, values=values)

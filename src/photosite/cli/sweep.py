@@ -47,7 +47,8 @@ def command(
 ) -> None:
     """Measure a camera for all combinations of values of its fields.
 
-    FILE is a sweep file (YAML): a camera, the values of its fields, and a measure, snr or sensor_figures.
+    FILE is a sweep file (YAML): a camera, the values of its fields, and a measure: snr, sensor_figures or
+    image_quality.
 
     \b
     photosite_sweep: 1

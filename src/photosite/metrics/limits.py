@@ -23,13 +23,13 @@ from photosite.errors import InputError
 from photosite.files.yaml import check_version, line_of, read_yaml, validated
 from photosite.metrics.measure import ImageQuality
 from photosite.metrics.measurement import Result
-from photosite.metrics.registry import measurement
+from photosite.metrics.registry import ValueName
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Shown, Tabular
 from photosite.values.validated import Section
 
 VERSION_KEY = "photosite_limits"
-_LIMIT = re.compile(r"\s*([\w-]+)\.(\w+)(?:\.(.+?))?\s*(>=|<=)\s*([-+.\deE]+)\s*$")
+_LIMIT = re.compile(r"(.+?)\s*(>=|<=)\s*([-+.\deE]+)\s*$")
 
 Guard = Literal["interval", "value"]
 Verdict = Literal["pass", "fail", "undecided", "missing"]
@@ -41,15 +41,13 @@ class Limit(Shown):
 
     Parameters
     ----------
-    measurement, quantity, part
-        Which value; the part None: every part.
+    name
+        Which value.
     sign, bound
         ">=" or "<=", and the number.
     """
 
-    measurement: str
-    quantity: str
-    part: str | None
+    name: ValueName
     sign: Literal[">=", "<="]
     bound: float
 
@@ -70,21 +68,17 @@ class Limit(Shown):
         match = _LIMIT.match(text)
         if match is None:
             raise InputError("limit", value=text, expected="such as edge-sfr.mtf50.G >= 0.3")
-        name, quantity, part, sign, bound = match.groups()
-        known = measurement(name).quantities
-        if quantity not in known:
-            raise InputError("quantity", where=name, value=quantity, expected=f"one of {', '.join(known)}")
+        name, sign, bound = match.groups()
         try:
             number = float(bound)
         except ValueError:
             raise InputError("limit", value=text, expected="a number after the sign") from None
-        return cls(name, quantity, part, sign, number)  # type: ignore[arg-type]  # the sign is one of the two
+        return cls(ValueName.parse(name), sign, number)  # type: ignore[arg-type]  # the sign is one of the two
 
     @property
     def text(self) -> str:
         """The condition as it is written."""
-        part = "" if self.part is None else f".{self.part}"
-        return f"{self.measurement}.{self.quantity}{part} {self.sign} {self.bound:g}"
+        return f"{self.name} {self.sign} {self.bound:g}"
 
     def verdict(self, estimate: Estimate, guard: Guard) -> Verdict:
         """Return whether a value passes; undecided where its interval holds the bound, or is not known."""
@@ -163,18 +157,15 @@ class Limits(Shown):
         """Return the verdicts on the results of one or more charts; values that were not measured are missing."""
         rows = []
         for limit in self.limits:
-            results = [found for quality in qualities if (found := quality.results.get(limit.measurement)) is not None]
+            name = limit.name
+            results = [found for quality in qualities if (found := quality.results.get(name.measurement)) is not None]
             matching = [
-                (part, estimate)
-                for found in results
-                if isinstance(found, Result)
-                for (quantity, part), estimate in found.values.items()
-                if quantity == limit.quantity and limit.part in (None, part)
+                pair for found in results if isinstance(found, Result) for pair in name.among(found.values).items()
             ]
             if not matching:
                 reasons = [found.reason for found in results if not isinstance(found, Result)]
                 missing = Estimate(reason=reasons[0] if reasons else "it was not measured")
-                matching = [(limit.part or "", missing)]
+                matching = [(name.part or "", missing)]
             rows += [(limit, part, each, limit.verdict(each, self.guard)) for part, each in matching]
         return Judged(self.name, tuple(rows))
 

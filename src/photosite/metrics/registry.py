@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from types import MappingProxyType
 
 from photosite.errors import InputError, did_you_mean
 from photosite.metrics.measurement import Measurement
+from photosite.values.estimate import Estimate
 from photosite.values.registry import registered
 
 PACKAGE = "photosite.metrics"
@@ -48,6 +49,47 @@ def measurement(name: str) -> Measurement:
         hint = did_you_mean(name, known, "photosite measure --list lists them")
         raise InputError("measurement", value=name, expected="the id of a measurement", hint=hint)
     return known[name]
+
+
+@dataclass(frozen=True)
+class ValueName:
+    """Which value of a measurement: `edge-sfr.mtf50.G`, or every part of `edge-sfr.mtf50`."""
+
+    measurement: str
+    quantity: str
+    part: str | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> ValueName:
+        """Parse MEASUREMENT.QUANTITY.PART; the part may be left out.
+
+        Raises
+        ------
+        InputError
+            If the text is not of the form, or the measurement or its quantity is unknown.
+
+        Examples
+        --------
+        >>> ValueName.parse("edge-sfr.mtf50.G").quantity
+        'mtf50'
+        """
+        name, _, rest = text.strip().partition(".")
+        quantity, dot, part = rest.partition(".")
+        known = measurement(name).quantities
+        if quantity not in known:
+            raise InputError("quantity", where=name, value=quantity, expected=f"one of {', '.join(known)}")
+        return cls(name, quantity, part if dot else None)
+
+    def __str__(self) -> str:
+        return ".".join(filter(None, (self.measurement, self.quantity, self.part)))
+
+    def among(self, values: Mapping[tuple[str, str], Estimate]) -> dict[str, Estimate]:
+        """Return the values of a result that have the name, by part."""
+        return {
+            part: estimate
+            for (quantity, part), estimate in values.items()
+            if quantity == self.quantity and self.part in (None, part)
+        }
 
 
 def charts_measured() -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from photosite.camera.camera import Camera
@@ -11,9 +13,11 @@ from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.chart_image import chart_image
 from photosite.metrics.charts.placed_chart import placed_chart
 from photosite.metrics.measure import ImageQuality, measure
-from photosite.metrics.measurement import View
-from photosite.metrics.registry import charts_measured, measurements
+from photosite.metrics.measurement import Result, View
+from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
+from photosite.scene.scene import Scene
 from photosite.scene.scene_request import SceneRequest, chart_options
+from photosite.values.estimate import Estimate
 
 _MIDDLE_PX, _FINE_PX = (900, 1200), (400, 400)
 """Largest frames of views that do not need the whole field."""
@@ -90,6 +94,55 @@ def measure_camera(
     if not found:
         raise InputError("only", value=tuple(only), expected="a measurement of the charts")
     return CameraQuality(name or camera.sensor.name or "camera", found)
+
+
+def image_quality(
+    camera: Camera,
+    scene: Scene | None = None,
+    *,
+    values: Sequence[str],
+    frames: int = 4,
+    luminance_cd_m2: float = 200.0,
+    illuminant: str | float = "D65",
+    exposure_s: float | None = None,
+) -> dict[str, float]:
+    """Return values of image quality of simulated charts, for `sweep`.
+
+    Parameters
+    ----------
+    camera, scene
+        The camera; a scene is refused: the charts are the scenes.
+    values
+        Names such as "edge-sfr.mtf50.G", or "edge-sfr.mtf50" for every part.
+    frames, luminance_cd_m2, illuminant, exposure_s
+        As for `measure_camera`.
+
+    Returns
+    -------
+    dict
+        Each value by its name, NaN where it is missing, and its standard uncertainty as "u(name)".
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or there is a scene.
+    """
+    if scene is not None:
+        raise InputError("scene", expected="omitted: image quality is that of charts")
+    wanted = [ValueName.parse(name) for name in values]
+    found: dict[str, float] = {}
+    for id in dict.fromkeys(name.measurement for name in wanted):
+        chart = measurement(id).charts[0]
+        light: dict[str, Any] = {"illuminant": illuminant, "luminance_cd_m2": luminance_cd_m2}
+        quality = measure_camera(camera, charts=[chart], only=[id], frames=frames, exposure_s=exposure_s, **light)
+        result = quality.charts[chart].results[id]
+        for name in (each for each in wanted if each.measurement == id):
+            matching = name.among(result.values) if isinstance(result, Result) else {}
+            for part, estimate in (matching or {name.part or "": Estimate()}).items():
+                key = str(replace(name, part=part or None))
+                found[key] = math.nan if estimate.value is None else estimate.value
+                found[f"u({key})"] = math.nan if estimate.value is None else estimate.standard_uncertainty or 0.0
+    return found
 
 
 def _simulated(

@@ -6,7 +6,7 @@ camera: {sensor: google-pixel-4a, optics: {f_number: 2.8, focal_length_mm: 4}}  
 values:
   pixel_width_um: [0.8, 1.0, 1.4, 2.0, 3.0]
   f_number: [1.8, 2.8, 4]
-measure: {snr: {luminance_cd_m2: 5, exposure: 1/15}}     # or the name alone
+measure: {snr: {luminance_cd_m2: 5, exposure: 1/15}}     # or the name alone; sensor_figures, image_quality
 scene: {source: macbeth, illuminant: A}                  # as in a camera file; without it, an even surface
 
 File names are relative to the sweep file.
@@ -27,10 +27,12 @@ from photosite.camera.camera import Camera
 from photosite.camera.file import SetUp, load_camera, parse_camera, parse_illuminant, parse_scene
 from photosite.errors import FileError, InputError, in_file
 from photosite.files.yaml import check_version, line_of, read_yaml, validated
+from photosite.metrics.registry import ValueName
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import PlanesRequest
 from photosite.studies.gray_surface import snr
 from photosite.studies.sensor_comparison import sensor_figures
+from photosite.studies.simulated_charts import image_quality
 from photosite.studies.sweep import Measure, check_point
 from photosite.values.exposure import parse_exposure
 from photosite.values.shown import Shown
@@ -59,14 +61,46 @@ class _SensorFigures(Section):
         return partial(sensor_figures, exposure_s=self.exposure, illuminant=self.illuminant)
 
 
+class _ImageQuality(Section):
+    values: list[str] = Field(min_length=1)
+    frames: Annotated[int, Field(ge=0)] = 4
+    luminance_cd_m2: PositiveNumber = 200.0
+    exposure: _Exposure | None = None
+    illuminant: _Light = "D65"
+
+    @model_validator(mode="after")
+    def _known(self) -> _ImageQuality:
+        for name in self.values:
+            ValueName.parse(name)
+        return self
+
+    def measure(self) -> Measure:
+        return partial(
+            image_quality,
+            values=tuple(self.values),
+            frames=self.frames,
+            luminance_cd_m2=self.luminance_cd_m2,
+            illuminant=self.illuminant,
+            exposure_s=self.exposure,
+        )
+
+
 class _Measure(Section):
     snr: _Snr | None = None
     sensor_figures: _SensorFigures | None = None
+    image_quality: _ImageQuality | None = None
+
+    @property
+    def chosen(self) -> _Snr | _SensorFigures | _ImageQuality:
+        """The measure that is given."""
+        found = self.snr or self.sensor_figures or self.image_quality
+        assert found is not None
+        return found
 
     @model_validator(mode="after")
     def _one(self) -> _Measure:
-        if (self.snr is None) == (self.sensor_figures is None):
-            raise ValueError("one measure: snr or sensor_figures")
+        if [self.snr, self.sensor_figures, self.image_quality].count(None) != 2:
+            raise ValueError("one measure: snr, sensor_figures or image_quality")
         return self
 
 
@@ -123,13 +157,13 @@ def load_sweep(path: str | PathLike[str]) -> SweepRequest:
     data = read_yaml(file, "a sweep file")
     check_version(file, data, VERSION_KEY)
     content: _SweepFile = validated(_SweepFile, data, file)
-    chosen = content.measure.snr or content.measure.sensor_figures
-    assert chosen is not None
+    chosen = content.measure.chosen
     camera = _camera(file, data).camera
     scene = None
     if content.scene is not None:
-        if content.measure.sensor_figures is not None:
-            raise FileError(file, "sensor_figures has no scene", line_of(data, "scene"), hint="Omit the scene")
+        if content.measure.snr is None:
+            named = "sensor_figures" if content.measure.sensor_figures is not None else "image_quality"
+            raise FileError(file, f"{named} has no scene", line_of(data, "scene"), hint="Omit the scene")
         scene = _scene(file, data)
     settings = data.get("measure")
     section = next(iter(settings.values())) if isinstance(settings, Mapping) else None
