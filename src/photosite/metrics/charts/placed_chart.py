@@ -27,6 +27,8 @@ Found = Literal["given corners", "fills the frame", "detected"]
 
 INNER = 0.6
 """Part of a patch's side that is measured, around its center, so that blur and flare at borders stay outside."""
+_GRAY_WITHIN = 0.01
+"""Distance in CIE 1931 chromaticity from the white of the light within which a patch is gray."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,14 @@ class PlacedChart(Shown):
     def white_xyz(self) -> Array:
         """(3,) tristimulus values of a perfect diffuser in the chart's light, from the light of the scene."""
         return np.asarray(xyz(self.scene.light(), self.scene.wavelength_nm))
+
+    @cached_property
+    def gray(self) -> NDArray[np.bool_]:
+        """(patches,) whether a patch has the chromaticity of the light; black ones do."""
+        xyz, white = self.patch_xyz, self.white_xyz
+        chromaticity = xyz[:, :2] / np.maximum(xyz.sum(axis=1, keepdims=True), 1e-300)
+        away = np.hypot(*(chromaticity - white[:2] / white.sum()).T)
+        return np.asarray((xyz[:, 1] <= 0) | (away < _GRAY_WITHIN))
 
     def to_image(self, points: Array) -> Array:
         """Return points of the scene, (n, 2) rows and columns of samples, in the image."""

@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 GRAY_CHARTS = ("macbeth", "color-checker-sg", "hdr-patches", "siemens-star")
 """Charts with gray patches."""
-_GRAY_WITHIN = 0.01
-"""Distance in CIE 1931 chromaticity from the white of the light within which a patch is gray."""
 _LEAST_PIXELS = 50
 _CLIPPED_FRACTION = 1e-3
 """Fraction of saturated pixels, or of pixels at 0, from which a patch is left out."""
@@ -65,21 +63,15 @@ def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[Gr
     xyz = chart.patch_xyz
     if not len(xyz):
         raise InputError("chart", value=chart.name, expected="one with gray patches")
-    away = np.where(xyz[:, 1] > 0, np.hypot(*(_chromaticity(xyz) - _chromaticity(chart.white_xyz)).T), 0.0)
     scale = 1.0 if chart.known_light else chart.white_xyz[1]
     found = [
         _measured(image, patch, channel, float(y) / scale)
-        for patch, y, distance in zip(chart.patches, xyz[:, 1], away, strict=True)
-        if distance < _GRAY_WITHIN
+        for patch, y, gray in zip(chart.patches, xyz[:, 1], chart.gray, strict=True)
+        if gray
     ]
     if len(found) < 2:
         raise InputError("gray patches of the chart", value=len(found), expected="two or more")
     return sorted(found, key=lambda patch: patch.luminance)
-
-
-def _chromaticity(xyz: Array) -> Array:
-    """Return CIE 1931 x and y."""
-    return np.asarray(xyz[..., :2] / np.maximum(xyz.sum(axis=-1, keepdims=True), 1e-300))
 
 
 def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -> GrayPatch:

@@ -1,0 +1,1 @@
+"""Color: differences from the colors of a chart, white balance, and spectral sensitivities."""
