@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.amplifiers import Amplifier, AmplifierGains
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
@@ -49,6 +50,8 @@ class Evidence:
         channel.
     electrical_scale
         Voltage swing and analog gain of `base`.
+    amplifiers, amplifier_gains
+        The amplifiers that the files name, and their gains where they differ.
     chip, temporal, dark_rate_dn_per_s
         With maps: the maps and the temporal noise of the chip; (rows, cols) dark current of its pixels without glow.
     pixel_gains
@@ -68,6 +71,8 @@ class Evidence:
     by_line: Parameters
     channel_parameters: Mapping[str, Parameters]
     electrical_scale: Mapping[str, Uncertain]
+    amplifiers: Mapping[str, Amplifier] = field(default_factory=dict)
+    amplifier_gains: AmplifierGains | None = None
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
     dark_rate_dn_per_s: NDArray[np.float32] | None = None
@@ -114,13 +119,22 @@ class Evidence:
 
 
 def collect_evidence(
-    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: FixedPatterns, sensor: Sensor | None
+    reduction: Reduction,
+    dark: DarkResult,
+    light: LightResult,
+    patterns: FixedPatterns,
+    sensor: Sensor | None,
+    amplifiers: Mapping[str, Amplifier] | None = None,
 ) -> Evidence:
     """Return the evidence: the results of the stages, with the parameters that follow from them."""
     dark = with_shared_charge(dark, light.noise.shared)
-    dark = without_mean_slope(dark, _contradiction(dark, light.gain))
+    at_mean_gain = dark
+    if (gains := AmplifierGains.of(amplifiers or {})) is not None:
+        light, at_mean_gain = gains.light(light), gains.dark(dark)
+    found = _contradiction(at_mean_gain, light.gain)
+    dark, at_mean_gain = without_mean_slope(dark, found), without_mean_slope(at_mean_gain, found)
     scale, mv_per_dn = _electrical_scale(sensor)
-    measured, pooled = _measurements(reduction, dark, light, patterns.channels, by_line=False)
+    measured, pooled = _measurements(reduction, at_mean_gain, light, patterns.channels, by_line=False)
     lines = _measurements(reduction, with_standard_lines(dark), light, patterns.channels, by_line=True)[1]
     return Evidence(
         reduction=reduction,
@@ -136,6 +150,8 @@ def collect_evidence(
             name: estimate_parameters(m, mv_per_dn) for name, m in zip(reduction.names, measured, strict=True)
         },
         electrical_scale=scale,
+        amplifiers=amplifiers or {},
+        amplifier_gains=gains,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from photosite.calibration.amplifiers import Amplifier
 from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.effect import effects
@@ -71,6 +72,8 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
         where they are missing for the reason given.
     pixel_gains
         With a map of the gain: the spread of the pixels' gains and the precision of one, or why they are missing.
+    amplifiers
+        The amplifiers of the chip that the files name, each calibrated by itself.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius, that of the dark frames if they state one.
@@ -111,6 +114,7 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
     temporal: TemporalNoise | None = None
     no_maps_reason: str | None = None
     pixel_gains: PixelGains | Missing | None = None
+    amplifiers: Mapping[str, Amplifier] = field(default_factory=dict)
 
     @property
     def light_unknown(self) -> bool:
@@ -220,7 +224,8 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
             `channels` (the parameters per color channel), `model`, `general` (results of the general model per
             channel), `linear_range`, `outlier_pixels` (per channel, candidates for the defect list), the findings of
             effects by their keys (`photosite.calibration.effect.effects`), with maps `temporal` and
-            `pixel_gains`; `diagnostics`, and the texts of some of them as `warnings` and `rejected`.
+            `pixel_gains`; `amplifiers`, where the files name several; `diagnostics`, and the texts of some of them as
+            `warnings` and `rejected`.
         """
 
         def of(parameters: Parameters) -> dict[str, Any]:
@@ -250,4 +255,6 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
             entries["temporal"] = self.temporal.to_dict()
         if isinstance(self.pixel_gains, PixelGains):
             entries["pixel_gains"] = self.pixel_gains.to_dict()
+        if self.amplifiers:
+            entries["amplifiers"] = {name: each.to_dict() for name, each in self.amplifiers.items()}
         return entries

@@ -8,6 +8,7 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any, Literal, NamedTuple, TypeAlias
 
+from photosite.calibration.amplifiers import AMPLIFIER_UNKNOWN, Amplifier
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.calibration.dark.dark_frames import measure_dark_frames
 from photosite.calibration.diagnostics import collected, run_checks
@@ -16,7 +17,7 @@ from photosite.calibration.effects.glow import GlowMap, deferred_glow
 from photosite.calibration.effects.optical_black import without_covered_lines
 from photosite.calibration.evidence import Evidence, collect_evidence
 from photosite.calibration.light.light_frames import measure_light_frames
-from photosite.calibration.parameters import saturated_electrons
+from photosite.calibration.parameters import Parameters, saturated_electrons
 from photosite.calibration.photon_transfer.general_model import general_model
 from photosite.calibration.photon_transfer.noise_structure import measure_noise_structure
 from photosite.calibration.photon_transfer.snr import snr_curve
@@ -29,8 +30,8 @@ from photosite.calibration.reduction.shared_sums import SharedSums
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.spatial.spatial_analysis import OutlierThresholds, SpatialAnalysis
-from photosite.errors import InputError
-from photosite.frames.frame_set import FrameSet
+from photosite.errors import CalibrationError, InputError
+from photosite.frames.frame_set import FrameSet, of_amplifier
 from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
 from photosite.values.diagnostic import Diagnostic
@@ -87,7 +88,9 @@ def _calibrate(
             if light.tone is None:
                 raised += run_checks("channels", reduction, light.channels)
             patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-        evidence = collect_evidence(reduction, dark, light, patterns, sensor)
+        amplifiers, unknown = _amplifiers(frames, sensor, progress)
+        raised += unknown
+        evidence = collect_evidence(reduction, dark, light, patterns, sensor, amplifiers)
         del reduction, dark, noise, light, patterns
         findings: dict[str, Found] = {}
         if maps:
@@ -134,6 +137,24 @@ def _saved_sums(
     if not alone:
         raise InputError("checkpoint", value=checkpoint, expected="omitted with several workers")
     return Checkpoint(checkpoint, frames)
+
+
+def _amplifiers(
+    frames: FrameSet, sensor: Sensor | None, progress: Progress | None
+) -> tuple[dict[str, Amplifier], list[Diagnostic]]:
+    """Return the amplifiers that the files name, each calibrated by itself, and why others are missing."""
+    found: dict[str, Amplifier] = {}
+    problems = []
+    for part in frames.amplifiers if len(frames.amplifiers) > 1 else ():
+        own = of_amplifier(frames, part)
+        known = sensor if own.cfa == frames.cfa else None
+        try:
+            result = calibrate_setting(replace(own, sensor=None), known, progress=progress)
+        except CalibrationError as error:
+            problems.append(AMPLIFIER_UNKNOWN(f"amplifier {part.name} was not calibrated by itself: {error}"))
+        else:
+            found[part.name] = Amplifier(part, Parameters(**result.estimates()))
+    return ({} if problems else found), problems
 
 
 def _glow(evidence: Evidence) -> GlowMap | Missing:
@@ -195,6 +216,7 @@ def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagno
         chip=evidence.chip,
         temporal=evidence.temporal,
         pixel_gains=evidence.pixel_gains,
+        amplifiers=evidence.amplifiers,
         no_maps_reason=evidence.no_maps if evidence.maps_failed else None,
         gain_setting=frames.gain_settings[0],
         temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,

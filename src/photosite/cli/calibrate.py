@@ -149,6 +149,9 @@ def command(
     conversion gain and the two parts of the read noise. -o then writes one sensor file with all settings, for
     `photosite simulate --gain-setting 400`.
 
+    Amplifiers of a chip that FITS files name (DETSEC) are also calibrated one by one; the chip has the mean of their
+    gains.
+
     Settings that differ in camera, read mode, offset, binning, subframe, set-point temperature, filter, or amplifier or
     chip of a file, as the files state them, are listed and calibrated one by one. --where chooses one, and then -o and
     --report apply.

@@ -75,7 +75,8 @@ def _settings(result: SettingsCalibration) -> list[str]:
 def _calibration(calibration: Calibration, every: bool) -> list[str]:
     heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
     if every:
-        return [heading, _parameters(calibration), *_effects(calibration), *_chip(calibration)]
+        own = [_amplifiers(calibration)] if calibration.amplifiers else []
+        return [heading, _parameters(calibration), *own, *_effects(calibration), *_chip(calibration)]
     rows = [("parameter", "value", "unit", "95 % interval")]
     for names in _FIGURES:
         name = next((name for name in names if getattr(calibration, name).value is not None), names[0])
@@ -85,12 +86,25 @@ def _calibration(calibration: Calibration, every: bool) -> list[str]:
     if calibration.chip is not None:
         counts = (f"{kind} {count}" for kind, count in calibration.chip.defects.counts().items() if count)
         parts.append(f"defective pixels: {', '.join(counts) or 'none'}")
+    if calibration.amplifiers:
+        parts.append(_amplifiers(calibration))
     if isinstance(gains := calibration.pixel_gains, PixelGains):
         parts.append(
             f"gains of the pixels: spread {format_estimate(gains.spread_percent)} %, a pixel's standard uncertainty "
             f"{gains.uncertainty_percent:.2g} % from {gains.frames} flat fields of {gains.levels} levels"
         )
     return parts
+
+
+def _amplifiers(calibration: Calibration) -> str:
+    """Return the table of the amplifiers."""
+    shown = ("system_gain_dn_per_e", "read_noise_e", "black_level_dn")
+    labels = [parameter_label(name) for name in shown]
+    rows: list[Sequence[str]] = [("amplifier", *(f"{one.label}, {one.unit}" for one in labels))]
+    for name, each in calibration.amplifiers.items():
+        entries = (getattr(each.parameters, parameter) for parameter in shown)
+        rows.append((name, *(format_estimate(e) if e.value is not None else e.reason_id for e in entries)))
+    return table(rows, "<<<<")
 
 
 def _parameters(calibration: Calibration) -> str:

@@ -27,7 +27,7 @@ from photosite.frames.raw_frame import MOST_BITS, Numbers, RawFrame
 from photosite.frames.sections import Section
 from photosite.frames.stored_numbers import NumberKind
 from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, tile_text
-from photosite.values.region import Border
+from photosite.values.region import Border, Region
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
@@ -81,6 +81,8 @@ class FrameHeader:
         Why the stated lines with light are not those of the image; a region that the caller states is needed then.
     numbers
         How the numbers are stored. Those of signed ones and floats are converted (`photosite.frames.stored_numbers`).
+    amplifiers
+        The parts of the frame that amplifiers of their own read, by their names; empty where the file states none.
     first_pixel
         Position in the file, in bytes, of the first pixel of uint16, if all follow as they do in memory; else None.
     """
@@ -105,6 +107,7 @@ class FrameHeader:
     problem: FileError | None = None
     numbers: NumberKind = "unsigned"
     first_pixel: int | None = None
+    amplifiers: tuple[Region, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, shifted, tile_text
 from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
 from photosite.values.exposure import check_exposure, format_exposure
-from photosite.values.region import Border
+from photosite.values.region import Border, Region
 from photosite.values.shown import ResultTable, Shown, Tabular, clipped
 
 
@@ -120,6 +120,8 @@ class FrameSet(Diagnosed, Tabular):
     border
         Lines without light around the frames, which only `FrameSource.whole` reads: rows at the top and at the bottom,
         columns at the left and at the right. None without them.
+    amplifiers
+        The parts of a frame that amplifiers of their own read, as files state them; empty where there is one.
     conditions
         The conditions by which the frames differ from others of the measurement, such as the filter.
 
@@ -142,6 +144,7 @@ class FrameSet(Diagnosed, Tabular):
     diagnostics: tuple[Diagnostic, ...] = ()
     white_level_dn: float | None = None
     border: Border | None = None
+    amplifiers: tuple[Region, ...] = ()
     conditions: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -274,7 +277,32 @@ def without_border(frames: FrameSet, border: Border) -> FrameSet:
     groups = tuple(replace(group, frames=tuple(map(within, group.frames))) for group in frames.groups)
     above, below, before, behind = frames.border or (0, 0, 0, 0)
     whole = top + above, bottom + below, left + before, right + behind
-    return replace(frames, groups=groups, rows=rows, cols=cols, cfa=shifted(frames.cfa, top, left), border=whole)
+    amplifiers = tuple(
+        Region(each.name, max(each.r0 - top, 0), r1, max(each.c0 - left, 0), c1)
+        for each in frames.amplifiers
+        for r1, c1 in [(min(each.r1 - top, rows), min(each.c1 - left, cols))]
+        if r1 > max(each.r0 - top, 0) and c1 > max(each.c0 - left, 0)
+    )
+    cfa = shifted(frames.cfa, top, left)
+    return replace(frames, groups=groups, rows=rows, cols=cols, cfa=cfa, border=whole, amplifiers=amplifiers)
+
+
+def of_amplifier(frames: FrameSet, part: Region) -> FrameSet:
+    """Return the frames of one of `FrameSet.amplifiers`, without all others.
+
+    Examples
+    --------
+    >>> dn = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    >>> frames = FrameSet.from_arrays([("dark", 0.1, dn)], bits=12)
+    >>> of_amplifier(frames, Region("B", 0, 3, 2, 4)).groups[0].frames[0].read().tolist()
+    [[2, 3], [6, 7], [10, 11]]
+    """
+    whole = (part.r0, frames.rows - part.r1, part.c0, frames.cols - part.c1)
+    inside = without_border(replace(frames, border=None, amplifiers=()), whole)
+    groups = tuple(
+        replace(group, frames=tuple(replace(source, whole=None) for source in group.frames)) for group in inside.groups
+    )
+    return replace(inside, groups=groups, border=None, source=f"{frames.source} ({part.name})")
 
 
 @dataclass(frozen=True, eq=False)

@@ -271,6 +271,7 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         diagnostics=diagnostics,
         white_level_dn=_shared([f.header.white_level_dn for f in frames]),
         border=beside,
+        amplifiers=_shared([f.header.amplifiers for f in frames]) or (),
     )
     if properties.region is not None:
         return without_border(opened, lines_around(properties.region, shape, beside, source))

@@ -11,6 +11,7 @@ from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Calibration
+from photosite.calibration.withheld import NO_FLAT_FIELDS
 from photosite.errors import FileError
 from photosite.files.writing import is_temporary
 from photosite.report.chip import defect_lists, nonuniformity_blocks, outlier_pixel_blocks, temporal_blocks
@@ -239,7 +240,7 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     EMVA 1288 R4.0 Linear, the plots of a data sheet.
     """
     ranges = [linear_range_table(calibration.linear_range)] if calibration.linear_range else []
-    no_light = calibration.system_gain_dn_per_e.reason or (
+    no_light = _no_gain_of_light(calibration) or (
         "the light of the levels is not known"
         if calibration.light_unknown
         else "there is only one light level; a curve needs at least two"
@@ -263,6 +264,12 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     return tuple(Section(title, blocks) for title, blocks in sections.items())
 
 
+def _no_gain_of_light(calibration: Calibration) -> str | None:
+    """Return why flat fields give no system gain; without any, dark frames may give one."""
+    no_flats = calibration.prnu_percent.reason_id == NO_FLAT_FIELDS.id
+    return (calibration.prnu_percent if no_flats else calibration.system_gain_dn_per_e).reason
+
+
 def _or_reason(calibration: Calibration, kind: str, lacking: str) -> tuple[Block, ...]:
     """Return the figure of a kind of curve, or the reason why it is missing."""
     return curve_blocks(calibration, (kind,)) or (reason_block(lacking),)
@@ -278,7 +285,7 @@ def _known(found: Mapping[str, _Content | Missing]) -> dict[str, _Content]:
 def _snr_blocks(calibration: Calibration) -> tuple[Block, ...]:
     curves = {channel: curve for channel, curve in _known(calibration.snr).items() if curve.x.size}
     if not curves:
-        otherwise = calibration.system_gain_dn_per_e.reason or "no level has a ratio"
+        otherwise = _no_gain_of_light(calibration) or "no level has a ratio"
         return (first_reason(calibration.snr, otherwise),)
     ideal = (
         "which turns every photon into an electron and adds no noise"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from photosite.calibration.amplifiers import AMPLIFIER_GAINS
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.spatial.periodic_structure import PERIOD_P_VALUE, TAPS_P_VALUE, UNSTATED_MOSAIC
@@ -65,12 +66,14 @@ def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
         yield PERIODIC_OFFSET(str(dark), dark.difference)
     for taps in found.taps:
         # Taps of gains k have the mean variance <k^2> n at the mean signal <k> n.
-        excess = 0.0 if taps.dark else float((taps.level**2).mean())
+        excess = 0.0 if taps.dark or evidence.amplifiers else float((taps.level**2).mean())
         if excess > _LEAST_EXCESS:
             text = f"{taps}. If their gains differ, the system gain is {100 * excess:.2g} % above the mean of the taps'"
             yield TAP_STEPS(text, taps.step, ("prnu*", "system_gain_dn_per_e", "*_e", "*_e_per_s"))
         else:
             yield TAP_STEPS(str(taps), taps.step, ("dsnu*",) if taps.dark else ("prnu*",))
+    if (gains := evidence.amplifier_gains) is not None:
+        yield AMPLIFIER_GAINS(str(gains), gains.difference)
     for far in found.far:
         explained = found.unlit is not None if far.what == "PRNU" else evidence.dark.rounding_shows
         if explained:

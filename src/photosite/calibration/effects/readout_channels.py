@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from photosite.calibration.amplifiers import amplifier_channels
 from photosite.calibration.effect import Effect
 from photosite.calibration.evidence import Evidence
 from photosite.calibration.finding import Finding, SensorChanges, why_zero
@@ -54,9 +55,41 @@ class ChannelDifferences(Finding, Shown):
         return None if self.channels is None else self.channels.model_dump(mode="json")
 
 
+_AGREE_SIGMA = 4.0
+"""Standard uncertainties up to which steps between mean signals are the ratios of amplifiers' gains."""
+
+
+def _of_amplifiers(own: ReadoutChannels, by_steps: ReadoutChannels | None) -> ReadoutChannels:
+    """Return amplifiers as channels, with the gains by the steps of mean flat fields where these agree.
+
+    Steps are more precise, and need light without a step; the offsets are those of the amplifiers.
+    """
+    if by_steps is None or by_steps.arrangement != "blocks" or not (own.relative_gain and by_steps.relative_gain):
+        return own
+    times = tuple(count // part for count, part in zip(by_steps.shape, own.shape, strict=True))
+    if tuple(count * part for count, part in zip(times, own.shape, strict=True)) != by_steps.shape:
+        return own
+
+    def repeated(table: tuple[tuple[Measured, ...], ...]) -> list[list[Measured]]:
+        return [[entry for entry in row for _ in range(times[1])] for row in table for _ in range(times[0])]
+
+    for row, steps in zip(repeated(own.relative_gain), by_steps.relative_gain, strict=True):
+        for entry, step in zip(row, steps, strict=True):
+            if abs(entry.value - step.value) > _AGREE_SIGMA * entry.standard_uncertainty:
+                return own
+    offsets = None if own.offset_e is None else repeated(own.offset_e)
+    return ReadoutChannels.model_validate(
+        {"arrangement": "blocks", "relative_gain": by_steps.relative_gain, "offset_e": offsets}
+    )
+
+
 def _measure(evidence: Evidence) -> ChannelDifferences:
     found, gain = evidence.patterns, evidence.light.gain
     channels = measured_channels(found.structure, found.dark_structure, found.taps, gain)
+    frames = evidence.reduction.frames
+    own = amplifier_channels(evidence.amplifiers, frames.rows, frames.cols)
+    if own is not None:
+        channels = _of_amplifiers(own, channels)
     return ChannelDifferences(channels, evidence.parameters.system_gain_dn_per_e.uncertain)
 
 

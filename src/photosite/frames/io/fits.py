@@ -41,6 +41,7 @@ from photosite.frames.io.fits_units import (
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import StoredNumbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
+from photosite.values.region import Region
 
 _BLOCK, _MOST_BLOCKS, _END = 2880, 1000, b"END     "
 """Bytes of a block, blocks of a header, its last keyword; astropy reads on until it finds that."""
@@ -366,6 +367,18 @@ def _header(image: JoinedUnits) -> FrameHeader:
         border=border if any(border) and not joined else None,
         overscan=all(each.overscan is not None for each in image.units),
         problem=None if joined else unit.problem,
+        amplifiers=_amplifiers(image) if joined else (),
+    )
+
+
+def _amplifiers(image: JoinedUnits) -> tuple[Region, ...]:
+    """Return the place of each unit in the image, by AMPNAME, the unit's name or its number."""
+    names = [each.keywords.own.get("AMPNAME") or each.name or each.number for each in image.units]
+    if len(set(names)) < len(names):
+        names = [each.number for each in image.units]
+    return tuple(
+        Region(str(name).strip(), place.top, place.bottom, place.left, place.right)
+        for name, place in zip(names, image.targets, strict=True)
     )
 
 

@@ -8,25 +8,46 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from photosite.calibration.parameters import parameter_label
 from photosite.calibration.result import Calibration
 from photosite.report.effect import EffectFigure
 from photosite.report.numbers import format_uncertain
 from photosite.report.page import Block, Table, columns, figure_block, numeric
 from photosite.report.style import BLACK, BLUE, WIDTH_IN, styled
+from photosite.report.tables import format_estimate
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Measured
 
 
 def _blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return gains and offsets of the readout channels, if they differ."""
+    """Return gains and offsets of the readout channels, if they differ, and the amplifiers that the files name."""
+    own = _amplifiers(calibration)
     if (channels := calibration.readout_channels) is None:
-        return ()
+        return own
     figure = figure_block(
         readout_channels_figure(channels),
         "Gain and offset of each readout channel with 95 % intervals",
         "Readout channels: deviation of their gains and offsets from the mean channel, with 95 % intervals.",
     )
-    return figure, readout_channel_table(channels)
+    return (figure, readout_channel_table(channels), *own)
+
+
+def _amplifiers(calibration: Calibration) -> tuple[Block, ...]:
+    """Return a table of the amplifiers, each calibrated by itself."""
+    if not calibration.amplifiers:
+        return ()
+    shown = ("system_gain_dn_per_e", "read_noise_e", "black_level_dn", "saturation_dn")
+    labels = [parameter_label(name) for name in shown]
+    rows = tuple(
+        (
+            name,
+            f"{each.region.r0} to {each.region.r1 - 1}, {each.region.c0} to {each.region.c1 - 1}",
+            *(format_estimate(getattr(each.parameters, parameter)) for parameter in shown),
+        )
+        for name, each in calibration.amplifiers.items()
+    )
+    titles = columns("Amplifier", "Rows, columns", *(numeric(f"{one.label} ({one.unit})") for one in labels))
+    return (Table("Amplifiers, each calibrated by itself", titles, rows),)
 
 
 def readout_channel_table(channels: ReadoutChannels) -> Table:
