@@ -20,7 +20,6 @@ CALLS = [
     (("dataset", "a.dng", "--inputs-are", "raw", "-o", "out", "--no-lens-blur"), "--inputs-are scenes"),
     (("dataset", "e.npy", "--inputs-are", "electrons", "-o", "out", "--averaged", "4"), "--inputs-are raw"),
     (("dataset", "macbeth", "-o", "out", "--input-sensor", "nosuch"), "--inputs-are raw"),
-    (("develop", "a.dng", "-o", "out.png", "--sensor", "nosuch"), "--polarization"),
     (("develop", "a.dng", "-o", "out.png", "--color", "G"), "--polarization"),
     (("develop", "a.dng", "-o", "out.png", "--polarization", "degree", "--demosaic", "menon"), "--polarization"),
     (("develop", "a.dng", "-o", "out.png", "--polarization", "degree", "--brightness", "2"), "--polarization"),

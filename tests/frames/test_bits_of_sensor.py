@@ -12,6 +12,7 @@ from raising import raises
 
 import photosite as ps
 from photosite.cli.calibrate import command
+from photosite.cli.main import run
 from photosite.errors import FileError
 from photosite.values.cfa import cfa_from
 
@@ -52,6 +53,26 @@ def test_conflicts_name_both_sources(tmp_path, frame, given, what):
         ps.RawFrame(dn, bits, cfa_from(cfa), exposure_s=1.0).save(tmp_path / "dark_1s.tif")
     with raises(FileError, what):
         ps.open_frames(tmp_path, sensor=SENSOR, **given)
+
+
+def test_a_single_frame_takes_bits_and_mosaic_of_the_sensor(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", DN, photometric="minisblack")
+    frame = ps.read_raw(tmp_path / "a.tif", sensor=SENSOR)
+    assert (frame.bits, frame.cfa) == (12, SENSOR.array.cfa)
+    np.testing.assert_array_equal(frame.dn, DN)
+    with raises(FileError, "14 bits are stated for the frames, but the sensor 'Nikon D200' has 12"):
+        ps.read_raw(tmp_path / "a.tif", sensor=SENSOR, bits=14)
+    ps.RawFrame(DN, 12, cfa_from("bggr")).save(tmp_path / "b.dng")
+    with raises(FileError, "the files state the color filter array BG/GR, but the sensor 'Nikon D200' has"):
+        ps.read_raw(tmp_path / "b.dng", sensor=SENSOR)
+
+
+@pytest.mark.parametrize("name", ["develop", "mtf"])
+def test_commands_of_one_frame_take_the_sensor(tmp_path, capsys, name):
+    tifffile.imwrite(tmp_path / "a.tif", DN.astype(np.uint8), photometric="minisblack")
+    arguments = [name, str(tmp_path / "a.tif"), "--sensor", "nikon-d200"]
+    assert run([*arguments, *(["-o", str(tmp_path / "a.png")] if name == "develop" else [])]) == 2
+    assert "the file stores 8 bits, but the sensor 'Nikon D200' has 12" in capsys.readouterr().err
 
 
 def test_command_takes_the_bits_of_the_sensor(tmp_path):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -63,6 +65,25 @@ def test_an_output_that_is_named_is_an_error(folder):
     (folder / "protocol.yaml").write_text(text)
     with raises(OwnOutputError, "the file is a noise-free mosaic"):
         ps.open_frames(folder)
+
+
+def test_color_pictures_of_others_are_not_photosites(tmp_path):
+    """libpng writes the chunk sRGB behind the header too."""
+    from imagecodecs import png_encode
+
+    chunk = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
+    content = png_encode(np.full((24, 32, 3), 128, np.uint8))
+    (tmp_path / "flat_1s.png").write_bytes(content[:33] + chunk + content[33:])
+    with raises(FileError, "pixels", value="RGB") as caught:
+        ps.open_frames(tmp_path)
+    assert not isinstance(caught.value, OwnOutputError)
+
+
+@pytest.mark.parametrize("size", [24, 1000])  # compressed by imagecodecs, and in threads
+def test_pictures_of_each_size_are_known(tmp_path, size):
+    save_picture(np.full((size, 1000, 3), 0.5, np.float32), tmp_path / "preview.png")
+    with raises(OwnOutputError, "the file is a picture that photosite wrote"):
+        ps.read_raw(tmp_path / "preview.png")
 
 
 def test_a_folder_of_outputs_alone(tmp_path):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import gzip
 import json
 import re
 import struct
 import tempfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +38,10 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
         made["tiff"] = ((place / "a.tif").read_bytes(), *_other_tiffs(place))
         made["hdf5"] = _hdf5(place)
         made["fits"] = _fits(place)
+        made["fits amplifiers"] = _fits_of_amplifiers(place)
+        made["fits gz"] = tuple(gzip.compress(content, 1) for content in made["fits"])
+        made["raw"] = tuple(np.random.default_rng(seed).bytes(12 * 24) for seed in range(2))
+        made |= _camera_maps(place)
         made["maps"] = _maps(place)
         made |= _scenes(place)
         made |= _charts_and_renders(place)
@@ -282,6 +288,39 @@ def _fits(place: Path) -> tuple[bytes, ...]:
     fits.HDUList([fits.PrimaryHDU(dn, header)]).writeto(place / "a.fits")
     fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.stack([dn, dn]), header)]).writeto(place / "b.fits")
     return (place / "a.fits").read_bytes(), (place / "b.fits").read_bytes()
+
+
+def _fits_of_amplifiers(place: Path) -> tuple[bytes, ...]:
+    """Return amplifiers of a chip with overscan, a frame with ESO's keywords, and one compressed as tiles."""
+    from astropy.io import fits
+
+    dn = _frame().dn
+    units: list[Any] = [fits.PrimaryHDU(header=fits.Header({"EXPTIME": 1.0, "IMAGETYP": "FLAT"}))]
+    for left in (0, 12):
+        keywords = {"DATASEC": "[1:12,1:12]", "BIASSEC": "[13:16,1:12]", "DETSEC": f"[{left + 1}:{left + 12},1:12]"}
+        units.append(fits.ImageHDU(dn, fits.Header(keywords)))
+    fits.HDUList(units).writeto(place / "amps.fits")
+    eso = fits.Header({"EXPTIME": 1.0, "HIERARCH ESO DET OUT1 PRSCX": 2, "HIERARCH ESO DET OUT1 OVSCX": 3})
+    fits.PrimaryHDU(dn, eso).writeto(place / "eso.fits")
+    fits.HDUList([units[0], fits.CompImageHDU(dn)]).writeto(place / "tiles.fits")
+    return tuple((place / f"{name}.fits").read_bytes() for name in ("amps", "eso", "tiles"))
+
+
+def _camera_maps(place: Path) -> dict[str, tuple[bytes, ...]]:
+    """Return maps of microscope cameras, in each form that is one file."""
+    from photosite.sensor.io.camera_maps import write_camera_maps
+
+    rng = np.random.default_rng(4)
+    offset, noise = rng.normal(0, 1, (2, 12, 16)).astype(np.float32)
+    chip = MeasuredChip(offset_dn=offset, read_noise_dn=noise**2 + 1, black_level_dn=100, system_gain_dn_per_e=2.2)
+    found: dict[str, tuple[bytes, ...]] = {}
+    for suffix, forms in (("mat", ("smite", "smap")), ("calb", ("accent",)), ("tif", ("gdsc", "ome"))):
+        for form in forms:
+            path = place / f"{form}.{suffix}"
+            write_camera_maps(chip, path, form)
+            found[f"camera maps {suffix}"] = (*found.get(f"camera maps {suffix}", ()), path.read_bytes())
+    np.save(place / "calib.npy", np.stack([offset + 100, noise**2 + 1, noise**2 + 2]))
+    return found | {"camera maps npy": ((place / "calib.npy").read_bytes(),)}
 
 
 def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:

@@ -268,7 +268,7 @@ def targets(folder: Path) -> dict[str, Target]:
     from photosite.camera.file import load_camera
     from photosite.color.spectrum import load_spectrum
     from photosite.frames.io.darktable import read_darktable
-    from photosite.frames.io.formats import read_frame, read_headers
+    from photosite.frames.io.formats import read_frame, read_headers, read_raw
     from photosite.frames.io.libcamera import read_libcamera
     from photosite.frames.linearization import read_linearization
     from photosite.frames.open import open_frames
@@ -277,6 +277,7 @@ def targets(folder: Path) -> dict[str, Target]:
     from photosite.library.spectra import csv_camera
     from photosite.optics.io.formats import load_psf_table
     from photosite.optics.io.tables import load_otf_table
+    from photosite.sensor.io.camera_maps import read_camera_maps
     from photosite.sensor.io.sensor_file import load_sensor, read_maps
     from photosite.studies.chart_spectral import read_chart
     from photosite.studies.sweep_file import load_sweep
@@ -365,6 +366,12 @@ def targets(folder: Path) -> dict[str, Target]:
     def electrons(path: Path) -> object:
         return Electrons([path]).shape
 
+    def headerless(path: Path) -> object:
+        return read_raw(path, layout="16x12,packed=mipi12").dn
+
+    def camera_maps(path: Path) -> object:
+        return read_camera_maps([path]).chip()
+
     files = folder / "files"
     grammar: list[Any] = []
 
@@ -413,6 +420,13 @@ def targets(folder: Path) -> dict[str, Target]:
         "picture": Target(".png", seeds["picture"], chart),
         "hdf5": Target(".h5", seeds["hdf5"], frame),
         "fits": Target(".fits", seeds["fits"], frame),
+        "fits gz": Target(".fits.gz", seeds["fits gz"], frame),
+        "fits amplifiers": Target(".fits", seeds["fits amplifiers"], frame),
+        "raw": Target(".raw", seeds["raw"], headerless),
+        **{
+            name: Target(f".{name.rpartition(' ')[2]}", seeds[name], camera_maps)
+            for name in ("camera maps mat", "camera maps calb", "camera maps tif", "camera maps npy")
+        },
         "maps": Target(".h5", seeds["maps"], read_maps),
         "descriptor": Target(".txt", seeds["descriptor"], frames, text=True),
         "protocol": Target(".yaml", seeds["protocol"], frames, text=True, tree=True),

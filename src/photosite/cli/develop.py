@@ -78,7 +78,10 @@ def brightness_of(text: str) -> str | float:
     "with the degree as saturation; or the maps s0, s1, s2, dolp and aolp_deg as HDF5.",
 )
 @click.option("--color", metavar="NAME", help="Color of the channels for --polarization, such as G of G0 to G135.")
-@options.sensor_option(text="Sensor file with angles and extinction ratios for --polarization.  [default: ideal ones]")
+@options.sensor_option(
+    text="Sensor that took the frame, for bits and mosaic that the file does not state, and for angles and extinction "
+    "ratios of --polarization.  [default: ideal ones]"
+)
 @options.reading_options
 @options.json_option
 def command(
@@ -113,11 +116,12 @@ def command(
     if (output.suffix.lower() == ".h5") != (polarization == "stokes"):
         raise click.UsageError("--polarization stokes writes .h5, and nothing else does")
     if polarization is None:
-        options.only_for("--polarization", "color", "sensor_name")
+        options.only_for("--polarization", "color")
     else:
         options.not_for("--polarization", "white_balance", "exposure", "demosaic")
     demosaic, color, sensor_name = (reading.pop(name) for name in ("demosaic", "color", "sensor_name"))
-    frame = read_raw(raw, **reading)
+    sensor = options.sensor_or(None, sensor_name)
+    frame = read_raw(raw, sensor=sensor, **reading)
     if factor is not None:
         frame = bin_frame(frame, factor)
     rows, cols = frame.shape
@@ -127,7 +131,7 @@ def command(
     if polarization is not None:
         from photosite.develop.polarization import polarization_picture, save_stokes, stokes
 
-        seen = stokes(frame, color, options.sensor_or(None, sensor_name))
+        seen = stokes(frame, color, sensor)
         if polarization == "stokes":
             save_stokes(seen, output)
         else:

@@ -47,6 +47,7 @@ def _region(text: str) -> tuple[int, int, int, int]:
     default="tukey",
     help="Window on the line spread function; hamming is that of ISO 12233:2014 and 2017.",
 )
+@options.sensor_option(text="Sensor that took the frame, for bits and mosaic that the file does not state.")
 @options.black_level_option("; by default the file's")
 @options.reading_options
 @options.json_option
@@ -58,6 +59,7 @@ def command(
     oversampling: int,
     window: Any,
     black_level_dn: float | None,
+    sensor_name: str | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -76,7 +78,7 @@ def command(
     from photosite.frames.io.formats import read_raw
     from photosite.metrics.sharpness.slanted_edge import slanted_edge_mtf
 
-    frame = read_raw(raw, **reading)
+    frame = read_raw(raw, sensor=options.sensor_or(None, sensor_name), **reading)
     if black_level_dn is not None:
         frame = replace(frame, black_level_dn=black_level_dn)
     if channel is None and "G" in frame.channels:

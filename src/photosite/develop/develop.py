@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
-import zlib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -41,12 +39,6 @@ _BLOCK_ROWS = 256
 BITS = (8, 16)
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
-
-_AFTER_HEADER = 33
-"""Bytes of the signature and the chunk IHDR."""
-_SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
-"""The chunk for sRGB, with perceptual intent."""
-
 
 _LARGE_PNG = 1 << 21
 """Numbers in a picture from which it is compressed in several threads."""
@@ -415,8 +407,9 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     elif suffix == ".png":
         from imagecodecs import png_encode
 
-        encoded = png_encode(codes, level=3)
-        encoded = encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:]
+        from photosite.develop.png import with_chunks
+
+        encoded = with_chunks(bytes(png_encode(codes, level=3)))
     else:
         from imagecodecs import jpeg8_encode
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.threads import parallel_for
+from photosite.frames.frame_file import SOFTWARE
 
 _BAND_ROWS = 128
 """Rows compressed at a time, without reference to others."""
@@ -49,11 +50,24 @@ def encode_png(codes: NDArray[np.unsignedinteger]) -> bytes:
     *_, (_, checksum, _) = accumulate(bands, _joined)
     header = struct.pack(">IIBBBBB", cols, rows, bits, 2, 0, 0, 0)  # RGB, deflate, not interlaced
     data = [b"\x78\x01", *(band for band, _, _ in bands), struct.pack(">I", checksum)]
-    chunks = [(b"IHDR", header), (b"sRGB", b"\0"), *((b"IDAT", part) for part in data), (b"IEND", b"")]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(content, zlib.crc32(kind)))
-        for kind, content in chunks
-    )
+    chunks = [(b"IHDR", header), *((b"IDAT", part) for part in data), (b"IEND", b"")]
+    return with_chunks(b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, content) for kind, content in chunks))
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    checked = zlib.crc32(content, zlib.crc32(kind))
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", checked)
+
+
+_AFTER_HEADER = 33
+"""Bytes of the signature and the chunk IHDR."""
+_OF_PICTURES = _chunk(b"sRGB", b"\0") + _chunk(b"tEXt", b"Software\0" + SOFTWARE.encode())
+"""Colors are sRGB, with perceptual intent; by the software, folders of frames skip the picture."""
+
+
+def with_chunks(encoded: bytes) -> bytes:
+    """Return a PNG with the chunks of developed pictures behind its header."""
+    return encoded[:_AFTER_HEADER] + _OF_PICTURES + encoded[_AFTER_HEADER:]
 
 
 def _band(lines: NDArray[np.uint8], first: int, last: int) -> tuple[bytes, int, int]:

@@ -200,6 +200,36 @@ class OwnOutputError(FileError):
         return type(self), (self.path, self.kind)
 
 
+SOFTWARE = "photosite"
+"""Software that developed pictures in PNG name, by which they are known."""
+
+
+def check_sensor(where: str | PathLike[str], sensor: Sensor, bits: int, cfa: Cfa, *, stated: tuple[bool, bool]) -> None:
+    """Check that a sensor has the bits and the mosaic of frames; the error names where these are from.
+
+    Parameters
+    ----------
+    where
+        File or folder of the frames, for the error.
+    sensor, bits, cfa
+        The sensor, and bits and mosaic of the frames.
+    stated
+        Whether files state bits and mosaic.
+    """
+    if bits not in (known := {sensor.readout.bits, sensor.output_bits}):
+        theirs = " or ".join(map(str, sorted(known)))
+        own = f"the files state {bits} bits" if stated[0] else f"{bits} bits are stated for the frames"
+        raise FileError(where, f"{own}, but the sensor '{sensor.name}' has {theirs}", hint=WHICH_SENSOR)
+    if sensor.array.cfa != cfa:
+        own = "the files state the" if stated[1] else "the frames are stated to have the"
+        theirs = f"the sensor '{sensor.name}' has {tile_text(sensor.array.cfa)}"
+        what = f"{own} color filter array {tile_text(cfa)}, but {theirs}"
+        raise FileError(where, what, hint=WHICH_SENSOR)
+
+
+WHICH_SENSOR = "Name the sensor that took the frames, or correct its file"
+
+
 MARK = "photosite_frame"
 """The description's first key; its value is the version of the format."""
 

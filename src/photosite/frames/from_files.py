@@ -18,11 +18,13 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import file_stamp
 from photosite.frames.conditions import label, selected, separated
 from photosite.frames.frame_file import (
+    WHICH_SENSOR,
     FrameFile,
     FrameHeader,
     FrameLocation,
     OwnOutputError,
     SetProperties,
+    check_sensor,
     of_bits,
 )
 from photosite.frames.frame_set import (
@@ -231,7 +233,8 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
     cfa = _common("color filter array", frames, cfas, None)
     if properties.sensor is not None:
         cfa = cfa or properties.sensor.array.cfa
-        _check_sensor(frames, source, properties, bits, cfa)
+        stated = tuple(any(getattr(f.header, name) is not None for f in frames) for name in ("bits", "cfa"))
+        check_sensor(source, properties.sensor, bits, cfa, stated=(stated[0], stated[1]))
     levels, leveled = _overscan(frames)
     beside = _common("border without light", frames, [f.header.border for f in frames], None)
     sources = [
@@ -420,7 +423,7 @@ def _bits(frames: Sequence[_OpenedFrame], properties: SetProperties, stated: int
     stored = frames[0].header.stored_bits
     if properties.bits is None and properties.sensor is not None and stated is not None and stated > (stored or stated):
         what = f"the files store {stored} bits, but the sensor '{properties.sensor.name}' has {stated}"
-        raise frames[0].file.error(what, hint=_WHICH_SENSOR)
+        raise frames[0].file.error(what, hint=WHICH_SENSOR)
     return _common("bit depth", frames, [f.header.resolve_bits(f.file.path, stated) for f in frames], None)
 
 
@@ -499,26 +502,6 @@ def _assumed_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> 
             f"{(1 << assumed[0]) - 1} DN. If the converter has fewer bits, state them: saturation depends on them"
         ),
     )
-
-
-def _check_sensor(frames: Sequence[_OpenedFrame], source: str, properties: SetProperties, bits: int, cfa: Cfa) -> None:
-    """Check that the sensor has the bits and the mosaic of the frames; an error names where these are from."""
-    sensor = properties.sensor
-    assert sensor is not None
-    if bits not in (known := {sensor.readout.bits, sensor.output_bits}):
-        theirs = " or ".join(map(str, sorted(known)))
-        stated = any(frame.header.bits is not None for frame in frames)
-        own = f"the files state {bits} bits" if stated else f"{bits} bits are stated for the frames"
-        raise FileError(source, f"{own}, but the sensor '{sensor.name}' has {theirs}", hint=_WHICH_SENSOR)
-    if sensor.array.cfa != cfa:
-        stated = any(frame.header.cfa is not None for frame in frames)
-        own = "the files state the" if stated else "the frames are stated to have the"
-        theirs = f"the sensor '{sensor.name}' has {tile_text(sensor.array.cfa)}"
-        what = f"{own} color filter array {tile_text(cfa)}, but {theirs}"
-        raise FileError(source, what, hint=_WHICH_SENSOR)
-
-
-_WHICH_SENSOR = "Name the sensor that took the frames, or correct its file"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,14 @@ import numpy as np
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import reading
 from photosite.files.writing import atomic_path
-from photosite.frames.frame_file import FrameHeader, FrameLocation, OwnOutputError, split_selection
+from photosite.frames.frame_file import (
+    WHICH_SENSOR,
+    FrameHeader,
+    FrameLocation,
+    OwnOutputError,
+    check_sensor,
+    split_selection,
+)
 from photosite.frames.io import headerless
 from photosite.frames.io.format_table import (
     DEEP_SUFFIXES,
@@ -34,6 +41,7 @@ from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, 
 from photosite.frames.sections import Section, lines_around, parse_region
 from photosite.frames.stored_numbers import NumberRange, StoredNumbers, conversion_diagnostics, conversion_of
 from photosite.frames.stored_rows import StoredRows
+from photosite.sensor.model import Sensor
 from photosite.values.cfa import Cfa, cfa_from, shifted
 from photosite.values.region import Border
 
@@ -73,6 +81,7 @@ def read_raw(
     index: int | None = None,
     region: str | None = None,
     layout: str | None = None,
+    sensor: Sensor | None = None,
 ) -> RawFrame:
     """Read one raw frame from a file of one of the formats in `photosite.frames.io.format_table`.
 
@@ -92,6 +101,8 @@ def read_raw(
     layout
         How the pixels of a headerless file are stored, such as `"3280x2464,packed=mipi10,stride=4128"`
         (`photosite.frames.layout`).
+    sensor
+        The sensor that took the frame, for bits and mosaic that neither file nor caller states.
 
     Raises
     ------
@@ -124,7 +135,7 @@ def read_raw(
     stored = None if layout is None else parse_layout(layout)
     location = None
     headers: tuple[FrameHeader, ...] = ()
-    if index is not None or part is not None or selection is not None or stored is not None:
+    if sensor is not None or index is not None or part is not None or selection is not None or stored is not None:
         headers = select_headers(file, read_headers(file, stored), selection)
     if (selection is not None or stored is not None) and index is None:
         if len(headers) > 1:
@@ -135,7 +146,19 @@ def read_raw(
             raise FileError(path, "index", value=index, expected=f"0 to {len(headers) - 1}")
         location = headers[index].location
     tile = None if cfa is None else cfa_from(cfa)
+    known = headers[index or 0] if headers else None
+    if sensor is not None and known is not None and known.stored_bits is not None:
+        if known.bits is None and bits is None:
+            bits = sensor.readout.bits
+            if bits > known.stored_bits:
+                what = f"the file stores {known.stored_bits} bits, but the sensor '{sensor.name}' has {bits}"
+                raise FileError(path, what, hint=WHICH_SENSOR)
+        tile = tile if known.cfa is not None or tile is not None else sensor.array.cfa
     frame, notes = read_frame(file, bits, tile, location, has_region=part is not None)
+    if sensor is not None and known is not None:
+        decoded = known.stored_bits is None
+        stated = decoded or known.bits is not None, decoded or known.cfa is not None
+        check_sensor(path, sensor, frame.bits, frame.cfa, stated=stated)
     for note in notes:
         warnings.warn(PhotositeWarning(note, where=str(path)), stacklevel=2)
     return frame if part is None else _cropped(frame, part, file, headers[index or 0].border)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, message_of
 from photosite.files.quiet import no_stderr
 from photosite.frames.frame_file import (
+    SOFTWARE,
     FrameHeader,
     FrameLocation,
     OwnOutputError,
@@ -50,6 +51,7 @@ def read_headers(path: Path) -> tuple[FrameHeader]:
     try:
         with path.open("rb") as file, PngImageFile(file) as image:
             (cols, rows), mode, text = image.size, _stored_mode(image), str(image.info.get("photosite", ""))
+            software = image.info.get("Software")
             size = file.seek(0, os.SEEK_END)
             file.seek(max(0, size - len(_END)))
             complete = file.read() == _END
@@ -61,7 +63,7 @@ def read_headers(path: Path) -> tuple[FrameHeader]:
         raise FileError(path, f"is damaged: {message_of(error)}") from None
     if mode in _TOO_FEW_BITS:
         raise FileError(path, "pixels", value=f"{_TOO_FEW_BITS[mode]} bits", expected="of 8 or 16 bits in a raw frame")
-    if mode in ("RGB", "RGBA") and _is_own_picture(path):
+    if mode == "RGB" and software == SOFTWARE:
         raise OwnOutputError(path, "a picture")
     if mode not in _BITS:
         raise FileError(path, "pixels", value=_KINDS.get(mode, mode), expected="gray in a raw frame, one value a pixel")
@@ -74,12 +76,6 @@ def read_headers(path: Path) -> tuple[FrameHeader]:
     if size > 2 * pixel_bytes + _MOST_METADATA:
         raise FileError(path, f"is damaged: {size} bytes for {rows} x {cols} pixels of {bits} bits")
     return (parse_description(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits),)
-
-
-def _is_own_picture(path: Path) -> bool:
-    """Return whether the chunk of sRGB follows the header, as `save_picture` writes it."""
-    with path.open("rb") as file:
-        return file.read(41)[37:] == b"sRGB"
 
 
 def _stored_mode(image: Any) -> str:
