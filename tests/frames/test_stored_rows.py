@@ -12,6 +12,7 @@ from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
 from photosite.files import small_files
+from photosite.frames.stored_rows import StoredRows
 
 BAYER = np.array([[0, 1], [1, 2]])
 SHAPE = (70, 50)
@@ -127,3 +128,16 @@ def test_a_replaced_file_is_read_where_its_pixels_are_now(tmp_path):
     source = frame_set(tmp_path, frames).groups[0].frames[1]
     tifffile.imwrite(source.path, frames[2], photometric="minisblack", description="another header " * 50)
     np.testing.assert_array_equal(source.open_rows().read(), frames[2])
+
+
+def test_single_numbers_are_those_of_the_frame(tmp_path):
+    """A file of odd offset, cut off within and before the rows that are read."""
+    dn = np.random.default_rng(5).integers(0, 4096, (7, 9)).astype(np.uint16)
+    path, row, col = tmp_path / "frame.raw", np.array([6, 0, 3, 3]), np.array([8, 0, 5, 5])
+    path.write_bytes(b"\0" * 33 + dn.tobytes())
+    assert np.array_equal(StoredRows(path, 33, dn.shape).numbers_at(row, col), dn[row, col])
+    path.write_bytes(path.read_bytes()[:-4])
+    stored = StoredRows(path, 33, dn.shape)
+    assert np.array_equal(stored.numbers_at(row[1:], col[1:]), dn[row[1:], col[1:]])
+    with pytest.raises(FileError, match="truncated"):
+        stored.numbers_at(row, col)

@@ -24,14 +24,14 @@ class Limits(NamedTuple):
 
 
 @compiled()
-def _mark_outside(start: int, stop: int, values: NDArray[Any], limits: Limits, marked: U32) -> None:
+def _count_outside(start: int, stop: int, values: NDArray[Any], limits: Limits, counts: U32) -> None:
     lowest, width = limits
     tile_rows, steps = lowest.shape[0], lowest.shape[1]
     for r in range(start, stop):
         site = r % tile_rows
         rows = (values.shape[0] - site + tile_rows - 1) // tile_rows
         step = r // tile_rows * steps // rows
-        marked[r] = _outside(values[r], lowest[site, step], width[site, step])
+        counts[r] = _outside(values[r], lowest[site, step], width[site, step])
 
 
 @compiled()
@@ -39,8 +39,22 @@ def _outside(row: NDArray[Any], lowest: U32, width: U32) -> int:
     found = np.uint32(0)
     for c in range(np.uint64(row.size)):
         # Unsigned: what is below the lowest number becomes large.
-        found |= np.uint32(np.uint32(np.uint32(row[c]) - lowest[c]) > width[c])
+        found += np.uint32(np.uint32(np.uint32(row[c]) - lowest[c]) > width[c])
     return int(found)
+
+
+@compiled()
+def _columns_outside(rows: I64, values: NDArray[Any], limits: Limits, cols: I64) -> None:
+    lowest, width = limits
+    tile_rows, steps = lowest.shape[0], lowest.shape[1]
+    place = 0
+    for r in rows:
+        site = r % tile_rows
+        step = r // tile_rows * steps // ((values.shape[0] - site + tile_rows - 1) // tile_rows)
+        for c in range(np.uint64(values.shape[1])):
+            if np.uint32(np.uint32(values[r, c]) - lowest[site, step, c]) > width[site, step, c]:
+                cols[place] = c
+                place += 1
 
 
 def outside(values: NDArray[np.unsignedinteger], limits: Limits) -> tuple[I64, I64]:
@@ -53,14 +67,9 @@ def outside(values: NDArray[np.unsignedinteger], limits: Limits) -> tuple[I64, I
     >>> [found.tolist() for found in outside(values, limits)]
     [[0, 1], [3, 2]]
     """
-    marked = np.zeros(len(values), np.uint32)
-    parallel_for(_mark_outside, len(values), values, limits, marked)
-    rows, (tile_rows, steps) = np.flatnonzero(marked), limits.lowest.shape[:2]
-    cols = []
-    for r in rows.tolist():
-        site = r % tile_rows
-        step = r // tile_rows * steps // len(range(site, len(values), tile_rows))
-        off = values[r].astype(np.uint32) - limits.lowest[site, step]
-        cols.append(np.flatnonzero(off > limits.width[site, step]))
-    counts = [len(each) for each in cols]
-    return np.repeat(rows, counts), np.concatenate([np.zeros(0, np.int64), *cols])
+    counts = np.zeros(len(values), np.uint32)
+    parallel_for(_count_outside, len(values), values, limits, counts)
+    rows = np.flatnonzero(counts)
+    cols = np.empty(int(counts.sum()), np.int64)
+    _columns_outside(rows, values, limits, cols)
+    return np.repeat(rows, counts[rows]), cols

@@ -197,10 +197,12 @@ def repaired(frames: FrameSet, replacement: PixelReplacement) -> FrameSet:
 
 
 def numbers_at(source: FrameSource, row: _Places, col: _Places) -> NDArray[np.uint16]:
-    """Return the numbers (n,) of some pixels of a frame; of a stored frame, only their rows are read."""
+    """Return the numbers (n,) of some pixels of a frame; of a stored frame, only they or their rows are read."""
     stored = source.open_rows()
     if stored is None:
         return source.read()[row, col].astype(np.uint16)
+    if stored.place is not None:
+        return stored.numbers_at(row, col)
     lines, at = np.unique(row, return_inverse=True)
     out = np.empty(len(row), np.uint16)
     for first in range(0, len(lines), _LINES):
