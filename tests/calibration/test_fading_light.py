@@ -49,6 +49,26 @@ def test_a_fading_lamp_is_a_sweep(frames: int, dimmest: float) -> None:
     assert found.linear_range["M"].abscissa == "signal_dn"
 
 
+@pytest.mark.parametrize("turned", [False, True], ids=["rising", "in any order"])
+def test_steps_of_a_lamp_are_levels(turned: bool) -> None:
+    """Nine levels of five frames in one list without names: an odd number, so that pairs would straddle the steps."""
+    levels = np.geomspace(1500.0, 12_000.0, 9)
+    levels = np.random.default_rng(4).permutation(levels) if turned else levels
+    found = ps.calibrate(frame_set(Chip(7), {0.01: np.repeat(levels, 5)}))
+    gain = found.system_gain_dn_per_e
+    assert abs(gain.value - GAIN) < 3.9 * gain.standard_uncertainty < 0.15 * GAIN
+    assert "are taken as 9 levels" in next(entry.text for entry in found.diagnostics if entry.id == "fading-light")
+    assert found.frame_count == 65
+
+
+def test_a_few_dark_frames_in_a_row_are_no_level() -> None:
+    """A lamp that was off for three frames has two levels, of which one is left out as before."""
+    electrons = np.full(20, 9000.0)
+    electrons[5:8] = 800.0
+    found = ps.calibrate(frame_set(Chip(8), {0.01: electrons}))
+    assert [entry.id for entry in found.diagnostics if entry.severity == "left out"] == ["outlier-frame"] * 3
+
+
 def test_intervals_hold() -> None:
     """Of 40 chips, 33 intervals or more hold: fewer by chance in 1 of 4000."""
     electrons = np.geomspace(10_000.0, 1000.0, 16)

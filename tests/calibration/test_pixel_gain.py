@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from tests.helpers.diagnosed import limits
 import photosite as ps
 from photosite.calibration.chip_maps.pixel_gain import PixelGains, pixel_gain_uncertainty
 from photosite.calibration.spatial.pixel_slopes import slope_coefficients
+from photosite.engine import lazy_maps
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 from photosite.values.uncertain import Missing
 
@@ -158,6 +160,30 @@ def test_an_unsteady_lamp_does_not_raise_the_gains() -> None:
     z = found.chip.pixel_gain_dn_per_e / found.system_gain_dn_per_e.value - chip.gain / GAIN
     z /= found.chip.pixel_gain_uncertainty_dn_per_e / GAIN
     assert abs((z**2).mean() - 1.0) < 3.9 * np.sqrt(2.0 / z.size)
+
+
+def test_strips_give_the_same_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in frames that are calibrated a few rows at a time."""
+    _, stacks, held = measured()
+    monkeypatch.setattr(lazy_maps, "HELD_PIXELS", 0)
+    monkeypatch.setattr(lazy_maps, "STRIP_VALUES", 500)
+    strips = ps.calibrate(frame_set(stacks), maps="gain")
+    for name in ("pixel_gain_dn_per_e", "pixel_gain_uncertainty_dn_per_e"):
+        assert (getattr(strips.chip, name) == getattr(held.chip, name)).all(), name
+
+
+def test_mosaics_have_the_gains_of_their_pixels() -> None:
+    """Colors that receive 30 to 100 % of the light: bias and scatter of each are those of the closed form."""
+    chip = Chip(7)
+    share = np.tile([[0.5, 1.0], [1.0, 0.3]], (SHAPE[0] // 2, SHAPE[1] // 2))
+    chip.response *= share
+    frames = frame_set(taken(chip))
+    found = ps.calibrate(replace(frames, cfa=(("R", "G"), ("G", "B"))), maps="gain")
+    own, u = found.chip.pixel_gain_dn_per_e, found.chip.pixel_gain_uncertainty_dn_per_e
+    for part in (0.3, 0.5, 1.0):
+        z = (own / found.system_gain_dn_per_e.value - chip.gain / GAIN)[share == part] / (u[share == part] / GAIN)
+        assert abs(z.mean()) < 3.9 / np.sqrt(z.size) + 0.1  # the gain of a color is known to a tenth of a pixel's
+        assert abs((z**2).mean() - 1.0) < 3.9 * np.sqrt(2.0 / z.size) + 0.01
 
 
 def test_few_frames_give_no_map() -> None:

@@ -1,4 +1,4 @@
-"""A lamp that fades within one level of light: its frames are divided into levels by their means."""
+"""A lamp that fades, or is changed, within one list of frames: they are divided into levels by their means."""
 
 from __future__ import annotations
 
@@ -24,15 +24,21 @@ LARGEST_STEP = 1.2
 SMOOTH = 0.5
 """Mean squared difference of successive frames over twice their variance, which is 1 for levels in random order."""
 
-MOST_LEVELS = 64
+LEAST_STEP = 1.02
+"""Ratio of two frames from which a lamp that is changed in steps may have a step between them."""
+
+STEP_RATIO = 8.0
+"""Logarithm of such a step over that of the usual ratio of neighbors by brightness."""
+
+LEAST_LEVELS, MOST_LEVELS = 3, 64
 
 FADING_LIGHT = DiagnosticKind(
     "fading-light",
     "note",
-    "The light of one level changes slowly and widely from frame to frame.",
+    "The light of one level changes widely from frame to frame: slowly, or in steps of several frames each.",
     "The frames are divided into levels by their means, and the signal stands for the light: the system gain and what "
     "follows from it are those of a sweep.",
-    "Nothing, if the lamp was meant to fade. Otherwise let it warm up.",
+    "Nothing, if the lamp was meant to change. Otherwise let it warm up.",
     ("system_gain_dn_per_e", "prnu*", "linearity_*"),
     "ratio of the brightest to the dimmest frame",
     "none: steady light has a ratio near 1",
@@ -85,8 +91,9 @@ def with_fading_levels(
     ):
         return None
     order = np.argsort(signal, kind="stable")
-    parts = np.array_split(order, max(min(len(order) // 2, MOST_LEVELS), 1))
-    if any(signal[part].max() > LARGEST_STEP * signal[part].min() for part in parts):
+    parts = _levels(order, signal)
+    most = max(float(signal[part].max() / signal[part].min()) for part in parts)
+    if len(parts) < LEAST_LEVELS or min(map(len, parts)) < 2 or most > LARGEST_STEP:
         return None
     digits = len(str(len(parts)))
     levels = tuple(
@@ -100,11 +107,23 @@ def with_fading_levels(
     at = next(n for n, each in enumerate(frames.groups) if each is group)
     low, high = (float(end) for end in (signal.min(), signal.max()))
     text = (
-        f"the light of {len(used)} frames of {group.exposure_s:g} s changes slowly from {signal[0]:.4g} to "
-        f"{signal[-1]:.4g} DN above dark: they are taken as {len(parts)} levels of light"
+        f"the light of {len(used)} frames of {group.exposure_s:g} s changes between {low:.4g} and {high:.4g} DN above "
+        f"dark: they are taken as {len(parts)} levels of light"
     )
     return replace(
         frames,
         groups=(*frames.groups[:at], *levels, *frames.groups[at + 1 :]),
         diagnostics=(*frames.diagnostics, FADING_LIGHT(text, high / low if low > 0.0 else math.inf)),
     )
+
+
+def _levels(order: NDArray[np.intp], signal: NDArray[np.float64]) -> list[NDArray[np.intp]]:
+    """Return the frames, sorted by brightness, in levels: those between two steps, or pairs where the light fades."""
+    ratio = np.diff(np.log(signal[order]))
+    steps = np.flatnonzero(ratio > max(math.log(LEAST_STEP), STEP_RATIO * float(np.median(ratio))))
+    size = max(2, -(-len(order) // MOST_LEVELS))
+    levels: list[NDArray[np.intp]] = []
+    for part in np.split(order, steps + 1):
+        steady = signal[part].max() < LEAST_STEP * signal[part].min()
+        levels += [part] if steady else np.array_split(part, max(len(part) // size, 1))
+    return levels
