@@ -59,6 +59,15 @@ def published_edges() -> Path:
 
 
 @pytest.fixture(scope="session")
+def isetcam_metrics() -> Path:
+    """The folder of results of ISETCam's metrics."""
+    folder = reference_folder()
+    if folder is None or not (folder / "isetcam_metrics").is_dir():
+        pytest.skip("results of ISETCam's metrics not found; see docs/validation/index.md")
+    return folder / "isetcam_metrics"
+
+
+@pytest.fixture(scope="session")
 def read_page() -> type[PageReader]:
     """A strict reader of HTML pages."""
     return PageReader
