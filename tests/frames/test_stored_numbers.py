@@ -182,3 +182,37 @@ def test_conversions():
     assert conversion_of(NumberRange(-16385.0, 9.0, True, 0), "signed", None, 32).added == 32768
     assert NumberRange.of("a", np.array([[16, 48]], np.uint16)).clear_bits == 4
     assert conversion_of(NumberRange(0.0, 4080.0, True, 4), "unsigned", 12, 16).plain
+
+
+@pytest.mark.parametrize("level", [1, 6])
+def test_numbers_below_zero_that_are_stored_as_unsigned_ones(tmp_path, level):
+    """-1 is stored as 65535; the level of 6 has no number below 0."""
+    rng = np.random.default_rng(1)
+    signed = {}
+    for name, signal in (("dark_1s_0", 0), ("dark_1s_1", 0), ("flat_1s_0", 20000), ("flat_1s_1", 20000)):
+        numbers = np.rint(np.clip(rng.normal(level + signal, 2.0, (40, 50)), level + signal - 6, None)).astype(np.int16)
+        signed[name] = numbers
+        tifffile.imwrite(tmp_path / f"{name}.tif", numbers.view(np.uint16), photometric="minisblack")
+    frames = ps.open_frames(tmp_path)
+    added = 8 if level == 1 else 0
+    read = {source.path.stem: source.read() for group in frames.groups for source in group.frames}
+    for name, numbers in signed.items():
+        np.testing.assert_array_equal(read[name], numbers.astype(int) + added)
+    assert [entry.id for entry in frames.diagnostics if entry.id == "negative-numbers"] == ["negative-numbers"] * (
+        level == 1
+    )
+
+
+def test_saturated_hot_pixels_are_not_below_zero(tmp_path):
+    dark = np.random.default_rng(1).integers(0, 5, (40, 50)).astype(np.uint16)
+    dark[::7, ::9] = 65535
+    tifffile.imwrite(tmp_path / "dark_1s.tif", dark, photometric="minisblack")
+    np.testing.assert_array_equal([*ps.open_frames(tmp_path).groups[0]], [dark])
+
+
+def test_numbers_that_are_below_zero_in_the_dark_and_large_in_the_light(tmp_path):
+    dark = np.rint(np.random.default_rng(1).normal(1.0, 2.0, (40, 50))).astype(np.int16).view(np.uint16)
+    for name, numbers in (("dark_1s", dark), ("flat_1s", np.full((40, 50), 40000, np.uint16))):
+        tifffile.imwrite(tmp_path / f"{name}.tif", numbers, photometric="minisblack")
+    with raises(FileError, "dark frames have numbers below 0 that are stored as 65535 and less"):
+        ps.open_frames(tmp_path)

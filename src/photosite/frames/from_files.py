@@ -52,12 +52,15 @@ from photosite.frames.layout import Layout
 from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
 from photosite.frames.stored_numbers import (
+    MOST_BELOW_ZERO,
     Conversion,
     NumberKind,
     NumberRange,
     StoredNumbers,
+    as_signed,
     conversion_diagnostics,
     conversion_of,
+    falls_below_zero,
     joined,
 )
 from photosite.frames.stored_rows import StoredRows
@@ -454,7 +457,8 @@ def _conversion(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conve
     kinds, stored_bits = {frame.header.numbers for frame in frames}, frames[0].header.stored_bits
     known = bits is None or stored_bits is None or bits >= stored_bits or frames[0].header.bits is not None
     if kinds == {"unsigned"} and known:
-        return None
+        unstated = stored_bits == 16 and bits in (None, 16) and all(frame.header.bits is None for frame in frames)
+        return _below_zero(frames, bits) if unstated else None
 
     def found(some: Sequence[_OpenedFrame]) -> NumberRange:
         pixels = ((f.file.name, read_pixels(f.file.path, f.file.location)) for f in some)
@@ -470,6 +474,21 @@ def _conversion(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conve
     if first.lowest < 0 or not first.whole:
         first = found(frames)
     return conversion_of(first, kind, bits, stored_bits), first
+
+
+def _below_zero(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conversion, NumberRange] | None:
+    """Return the conversion of unsigned numbers that are below 0, where a dark frame has such, and their range."""
+    dark = next((frame for frame in frames if frame.settings.kind == "dark"), None)
+    if dark is None or not falls_below_zero(read_pixels(dark.file.path, dark.file.location)):
+        return None
+    pixels = ((f.file.name, as_signed(read_pixels(f.file.path, f.file.location))) for f in frames)
+    found = joined(NumberRange.of(name, numbers) for name, numbers in pixels)
+    if found.lowest < -MOST_BELOW_ZERO:
+        what = (
+            "dark frames have numbers below 0 that are stored as 65535 and less, and others have numbers of both kinds"
+        )
+        raise dark.file.error(what, hint="Export the frames as signed numbers, or raise the camera's black level")
+    return replace(conversion_of(found, "signed", bits, None), below_zero=True), found
 
 
 def _stated_bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int | None:

@@ -109,6 +109,8 @@ class Conversion:
         Bits by which the numbers are shifted down.
     whole
         Whether all numbers are whole.
+    below_zero
+        Whether numbers of 16 bits from 32768 on are those below 0, less 65536.
     """
 
     added: int = 0
@@ -116,6 +118,7 @@ class Conversion:
     wrapped: bool = False
     shift: int = 0
     whole: bool = True
+    below_zero: bool = False
 
     @property
     def plain(self) -> bool:
@@ -137,6 +140,8 @@ class Conversion:
         >>> Conversion(wrapped=True).apply("a.tif", np.array([[-3, 5]], np.int16))
         array([[65533,     5]], dtype=uint16)
         """
+        if self.below_zero:
+            stored = as_signed(stored)
         if self.wrapped:
             return stored.astype(np.int64).astype(np.uint16)
         if self.shift:
@@ -163,6 +168,33 @@ class Conversion:
         if bits is None or not self.added:
             return bits
         return min(max(bits, (int(found.highest) + self.added).bit_length()), 16)
+
+
+MOST_BELOW_ZERO = 1024
+"""Magnitude of the lowest number of a dark frame that is stored as an unsigned one."""
+
+
+def falls_below_zero(dark: NDArray[Any]) -> bool:
+    """Return whether numbers below 0 of a dark frame are stored as unsigned ones: -1 as 65535.
+
+    They go on from 0 to 65535, 65534 and 65533, where saturated pixels are all alike, and nothing lies between.
+
+    Examples
+    --------
+    >>> numbers = np.rint(np.random.default_rng(1).normal(1.0, 2.0, (40, 50))).astype(np.int16)
+    >>> falls_below_zero(numbers.view(np.uint16)), falls_below_zero((numbers + 9).view(np.uint16))
+    (True, False)
+    """
+    if dark.dtype != np.uint16 or int(dark.max()) < (1 << 16) - 3:
+        return False
+    counts = np.bincount(dark.ravel(), minlength=1 << 16)
+    near, between = int(counts[-MOST_BELOW_ZERO:].sum()), int(counts[1 << 14 : -MOST_BELOW_ZERO].sum())
+    return bool(counts[:3].all() and counts[-3:].all() and counts[-1] < 0.9 * near and between < 0.1 * near)
+
+
+def as_signed(stored: NDArray[Any]) -> NDArray[np.int16]:
+    """Return unsigned numbers of 16 bits as signed ones of the same bits."""
+    return np.ascontiguousarray(stored, np.uint16).view(np.int16)
 
 
 def conversion_of(found: NumberRange, kind: NumberKind, bits: int | None, stored_bits: int | None) -> Conversion:
