@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from photosite.engine import fourier
+from photosite.engine import extension_module, fourier
 
 RNG = np.random.default_rng(1)
 REAL = RNG.random((30, 44), np.float32)
@@ -48,7 +48,7 @@ def test_scipy_fft_imports_before_and_after(first: str) -> None:
     code = f"""
 import sys
 import numpy as np
-from photosite.engine import fourier
+from photosite.engine import extension_module, fourier
 values = np.ones((8, 2), np.float32)
 {first}
 import scipy.fft
@@ -58,8 +58,9 @@ sys.exit(not (scipy.fft.rfft(values, axis=0) == fourier.rfft(values, 0)).all())
 
 
 def test_another_place_in_scipy_is_found_by_importing_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fourier, "PathFinder", type("Nowhere", (), {"find_spec": staticmethod(lambda *_: None)}))
-    monkeypatch.delitem(sys.modules, fourier._MODULE)
-    fourier._library.cache_clear()
+    nowhere = type("Nowhere", (), {"find_spec": staticmethod(lambda *_: None)})
+    monkeypatch.setattr(extension_module, "PathFinder", nowhere)
+    monkeypatch.delitem(sys.modules, "scipy.fft._pocketfft.pypocketfft")
+    extension_module.extension_module.cache_clear()
     assert (fourier.rfft(REAL, 0) == scipy.fft.rfft(REAL, axis=0)).all()
-    fourier._library.cache_clear()
+    extension_module.extension_module.cache_clear()

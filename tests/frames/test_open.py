@@ -189,3 +189,20 @@ def test_frame_sets_can_be_pickled(tmp_path):
     put(tmp_path / "dark_1.dng", 77)
     frames = pickle.loads(pickle.dumps(open_frames(tmp_path)))
     assert int(next(iter(frames.groups[0])).max()) == 77
+
+
+@pytest.mark.parametrize("ending", ["dng", "tif", "png", "h5"])
+def test_headers_are_read_again_only_where_a_file_has_changed(tmp_path, monkeypatch, ending):
+    monkeypatch.setattr("photosite.files.small_files.SETTLED_NS", -1 << 62)  # the files have just been written
+    for number in range(2):
+        put(tmp_path / f"dark{number}.{ending}", 60 + number)
+    first, second = open_frames(tmp_path).groups[0].frames
+    with monkeypatch.context() as without:
+        without.setattr("photosite.frames.io.formats.detect_format", None)
+        if ending == "png":
+            assert first.open_rows() is None
+            assert (first.read() == 60).all()
+    assert (second.read() == 61).all()
+    put(tmp_path / f"dark1.{ending}", 7, shape=(26, 24))
+    with raises(FileError, "the frame was (24, 26) when", path=second.name):
+        second.read()

@@ -79,3 +79,26 @@ def test_an_interlaced_picture_is_read(tmp_path, capfd):
     assert np.array_equal(read_raw(tmp_path / "a.png").dn, dn)
     assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), dn)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("bits", "dtype"), [(8, np.uint8), (16, np.dtype(">u2"))])
+def test_rows_without_filter_are_read_without_libpng(tmp_path, monkeypatch, bits, dtype):
+    dn = np.random.default_rng(2).integers(0, 1 << bits, (9, 11)).astype(dtype)
+    data = zlib.compress(b"".join(b"\0" + row.tobytes() for row in dn))
+    (tmp_path / "a.png").write_bytes(png(9, 11, data, bits=bits))
+    with monkeypatch.context() as without:
+        without.setattr("imagecodecs.png_decode", None)
+        assert np.array_equal(read_raw(tmp_path / "a.png").dn, dn)
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), dn)
+
+
+@pytest.mark.parametrize("place", [0, -5, -1])
+def test_damaged_rows_without_filter_are_an_error(tmp_path, place):
+    """A changed byte of the filters, of the pixels or of their checksum."""
+    rows = bytearray(b"\0" + bytes(range(40))) * 30
+    data = bytearray(zlib.compress(bytes(rows), 0))
+    data[7 if place == 0 else place] ^= 2
+    (tmp_path / "a.png").write_bytes(png(30, 40, bytes(data)))
+    with pytest.raises(FileError) as caught:
+        read_raw(tmp_path / "a.png")
+    assert "is damaged" in caught.value.what

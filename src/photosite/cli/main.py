@@ -97,6 +97,9 @@ class LazyGroup(Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
+_SMALL_MATRICES = frozenset({"calibrate"})
+"""Commands of small matrices: threads of OpenBLAS would wait for the next one, on the cores that decode frames."""
+
 _LEAST_ADDRESS_SPACE_KB = 1_500_000
 """A small calibration takes 1.39 million kB while LLVM compiles its kernels (docs/validation/faults.md)."""
 
@@ -133,6 +136,8 @@ def main() -> NoReturn:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminated)
     _open_closed_streams()
+    if _SMALL_MATRICES.intersection(sys.argv[1:2]):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported
     prepare_process()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal's encoding may lack characters of names and units

@@ -92,8 +92,8 @@ def calibrate_bytes(sets: Sequence[FrameSet], processes: int | None = 1, *, maps
     if maps == "gain":  # sums for the gains, and squares of the flat fields
         each += 20 * pixels
     first = sets[0].groups[0].frames[0]
-    if first.open_rows() is None:  # whole frames are read ahead, and added in batches
-        each += 10 * pixels
+    if first.open_rows() is None:  # whole frames are read ahead, many of small ones, and added in batches
+        each += max(10 * pixels, min(256 * pixels, 80 << 20))
     workers = processes or 1
     return PROCESS_BYTES + each + (workers > 1) * workers * (PROCESS_BYTES + 18 * pixels)
 

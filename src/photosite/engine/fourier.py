@@ -1,28 +1,21 @@
 """Discrete Fourier transforms along one axis: those of scipy.fft, by its extension module alone.
 
-Importing scipy.fft takes 0.1 s, a fifteenth of a simulated frame: it imports scipy.special and most of NumPy. Where a
-version of SciPy keeps the module elsewhere, scipy.fft is imported.
+Importing scipy.fft takes 0.1 s, a fifteenth of a simulated frame: it imports scipy.special and most of NumPy.
 """
 
 from __future__ import annotations
 
-import sys
-from functools import lru_cache
-from importlib import import_module
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.extension_module import extension_module
 from photosite.engine.threads import thread_count
 
 C64 = NDArray[np.complex64]
 F32 = NDArray[np.float32]
 
-_MODULE = "scipy.fft._pocketfft.pypocketfft"
 _UNSCALED = 0
 """What the module calls a transform without a factor."""
 
@@ -56,14 +49,5 @@ def next_fast_len(count: int) -> int:
     return int(_library().good_size(count, True))
 
 
-@lru_cache(maxsize=1)
 def _library() -> Any:
-    import scipy
-
-    folder = Path(scipy.__path__[0], *_MODULE.split(".")[1:-1])
-    if _MODULE not in sys.modules and (spec := PathFinder.find_spec(_MODULE, [str(folder)])) is not None:
-        module = module_from_spec(spec)
-        assert spec.loader is not None
-        spec.loader.exec_module(module)
-        sys.modules[_MODULE] = module
-    return import_module(_MODULE)
+    return extension_module("scipy.fft._pocketfft.pypocketfft")

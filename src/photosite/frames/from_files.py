@@ -36,13 +36,15 @@ from photosite.frames.frame_set import (
     without_border,
 )
 from photosite.frames.frame_settings import FrameSettings, Kind, settings_from_names
-from photosite.frames.io.format_table import frame_stem
+from photosite.frames.io.format_table import Format, frame_stem
 from photosite.frames.io.formats import (
+    detect_format,
     open_stored_rows,
     overscan_levels,
     read_frame,
     read_headers,
     read_leveled,
+    read_numbers,
     read_pixels,
     read_whole,
     select_headers,
@@ -87,6 +89,7 @@ class _OpenedFrame:
     file: FrameFile
     header: FrameHeader
     stamp: tuple[int, ...] | None  # `file_stamp` before the header was read
+    format: Format | None  # None for a headerless file
     conditions: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -244,7 +247,7 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         FrameSource(
             f.file.name,
             _FrameReading(
-                f.file.path, f.file.location, bits, cfa, shape, f.header.first_pixel, f.stamp, conversion, levels
+                f.file.path, f.file.location, bits, cfa, shape, f.header, f.format, f.stamp, conversion, levels
             ),
             True,
             path=f.file.path,
@@ -332,7 +335,9 @@ def _check_unique(files: Sequence[FrameFile]) -> None:
 def _open(file: FrameFile, layout: Layout | None) -> Iterator[_OpenedFrame]:
     """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
     stamp = file_stamp(file.path)
-    for header in select_headers(file.path, read_headers(file.path, layout), file.selection):
+    format = None if layout is not None else detect_format(file.path)
+    headers = read_headers(file.path, layout) if format is None else format.load().read_headers(file.path)
+    for header in select_headers(file.path, headers, file.selection):
         frame = replace(file, location=header.location)
         if file.names:
             settings = file.settings.or_else(header.settings)
@@ -348,7 +353,8 @@ def _open(file: FrameFile, layout: Layout | None) -> Iterator[_OpenedFrame]:
             settings = replace(settings, level=_level_name(file, header)).validated()
         except InputError as error:
             raise frame.error(error.what, value=error.value, expected=error.expected) from None
-        yield _OpenedFrame(replace(frame, settings=settings), header, stamp, {**header.conditions, **file.conditions})
+        conditions = {**header.conditions, **file.conditions}
+        yield _OpenedFrame(replace(frame, settings=settings), header, stamp, format, conditions)
 
 
 def _level_name(file: FrameFile, header: FrameHeader) -> str:
@@ -532,7 +538,8 @@ class _FrameReading:
     bits: int
     cfa: Cfa | None
     shape: tuple[int, int]
-    first_pixel: int | None  # as in `FrameHeader`, while the file has the stamp
+    header: FrameHeader = field(compare=False)  # and format: of the file while it has the stamp
+    format: Format | None
     stamp: tuple[int, ...] | None
     conversion: Conversion | None = None  # None for numbers that are stored as unsigned integers
     levels: tuple[float, ...] | None = None  # of the overscan, by amplifier, to which the numbers are shifted
@@ -542,6 +549,8 @@ class _FrameReading:
         if self.conversion is not None:
             stored = self.conversion.apply(self._name, self._stored())
             dn = of_bits(self._name, stored, self.bits)
+        elif self.location is None and self.format is not None and self._unchanged:
+            dn = read_numbers(self.path, self.format, self.header, self.bits, self.cfa)
         elif self.location is None:
             dn = read_frame(self.path, self.bits, self.cfa)[0].dn
         else:
@@ -557,12 +566,18 @@ class _FrameReading:
         """Open the frame to read some rows at a time; None where its pixels are not stored as they are."""
         if self.conversion is not None:
             return None
-        if self.first_pixel is not None and self.stamp is not None and self.stamp == file_stamp(self.path):
-            return StoredRows(self.path, self.first_pixel, self.shape)
+        known = self._unchanged
+        if self.header.first_pixel is not None and known:
+            return StoredRows(self.path, self.header.first_pixel, self.shape)
         if self.location is not None and str(self.location.part).startswith(LAYOUT):
             return None
-        opened = open_stored_rows(self.path, self.location, self.bits, self.cfa)
+        format = self.format if known else None
+        opened = open_stored_rows(self.path, self.location, self.bits, self.cfa, format)
         return opened if opened is None or opened.shape == self.shape else self._changed(opened.shape)
+
+    @property
+    def _unchanged(self) -> bool:
+        return self.stamp is not None and self.stamp == file_stamp(self.path)
 
     @property
     def _name(self) -> str:

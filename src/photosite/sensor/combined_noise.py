@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
+from photosite.engine.roots import brentq
 from photosite.sensor.capture_readout import capture_scale, captures_of, part_sensor
 from photosite.sensor.captures import Combination
 from photosite.sensor.model import Sensor

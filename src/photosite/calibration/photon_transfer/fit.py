@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.roots import brentq
 from photosite.values.uncertain import Uncertain, correlated
 
 Array = NDArray[np.float64]
@@ -114,8 +115,6 @@ def _extra_variance(design: Array, y: Array, covariance: Array) -> float:
     With an orthonormal basis of the residuals, and there the eigenvalues w of the covariance and the components z of
     the points along its eigenvectors, chi square is the sum of z^2 / (w + v).
     """
-    from scipy.optimize import brentq
-
     basis = np.linalg.qr(design, mode="complete")[0][:, design.shape[1] :]
     variances, axes = np.linalg.eigh(basis.T @ covariance @ basis)
     squares: Array = (axes.T @ (basis.T @ y)) ** 2

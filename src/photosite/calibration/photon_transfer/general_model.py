@@ -13,6 +13,7 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.linearity import UNKNOWN_LIGHT
 from photosite.calibration.photon_transfer.photon_transfer import NOT_REACHED
 from photosite.calibration.withheld import FEW_LEVELS, NO_SIGNAL_TO_NOISE, UNKNOWN_DARK_NOISE
+from photosite.engine.roots import brentq
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -167,8 +168,6 @@ def _threshold(dark: Value, x: Array, slope: Array, variance: Array) -> Value:
         part = (at - light[i - 1]) / (light[i] - light[i - 1])
         between = rise[i - 1] + part * (rise[i] - rise[i - 1])
         return float((at * between) ** 2 - noise[i - 1] - part * (noise[i] - noise[i - 1]))
-
-    from scipy.optimize import brentq
 
     root = float(brentq(excess, light[i - 1], light[i]))
     # Near zero light the noise is the dark noise: the root moves by half the relative error of its variance.

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,7 @@ from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import group_lines, temporal_components
 from photosite.engine.lazy_maps import row_means
+from photosite.engine.threads import thread_count
 from photosite.values.uncertain import Measured, Missing, Uncertain
 
 PIXELS = 1 << 21
@@ -37,6 +40,9 @@ PIXELS = 1 << 21
 
 PIXELS_CORRELATED = 1 << 25
 """Pixels that measure a correlation once it has been found."""
+
+SMALL_FRAME = 1 << 20
+"""Pixels of the largest frames of which several groups are compared at a time."""
 
 RUN = 8
 """Successive frames that are compared with each other."""
@@ -138,15 +144,19 @@ def _mean_covariances(
 
     The weights make the correlation of the shot noise as precise as possible.
     """
-    found: list[list[NoiseCovariance]] = []
     used: list[GroupStatistics] = []
+    wanted: list[int] = []
     pairs: list[int] = []
     for group in flats:
         if (left := pixels - sum(pairs)) <= 0:
             break
-        found.append(_covariances(reader, group, left))
+        wanted.append(left)
         pairs.append(min(_pairs(reader, group), left))
         used.append(group)
+    # One thread does much of the work on a group of few frames. Runs of large frames take too much memory for two.
+    small = reader.frames.rows * reader.frames.cols <= SMALL_FRAME
+    with ThreadPoolExecutor(thread_count() if small else 1) as threads:
+        found = list(threads.map(partial(_covariances, reader), used, wanted))
     means, squares = [], []
     for k, dark_covariance in enumerate(dark_noise):
         noise = [entry[k] for entry in found]

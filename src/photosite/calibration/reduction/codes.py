@@ -210,7 +210,11 @@ def _doubled(
     steps = {1.0 / value for value in inverse if 1.0 + 1.0 / _LENGTH < value < 1.0 / LEAST_STEP}
     # With gains like 0.75, ties of the rounding change the peaks; they occur at exact values only.
     steps |= {round(step, 3) for step in steps if abs(step - round(step, 3)) < 1e-4}
-    misfits = {step: _misfit(step, power, number, lowest) for step in sorted(steps)}
+    near = power.copy()  # the highest power within two frequencies
+    for shift in (1, 2):
+        near[shift:] = np.maximum(near[shift:], power[:-shift])
+        near[:-shift] = np.maximum(near[:-shift], power[shift:])
+    misfits = {step: _misfit(step, near, number, lowest) for step in sorted(steps)}
     best = min(misfits, key=misfits.__getitem__, default=1.0)
     if misfits.get(best, 1.0) >= MISFIT or _count_ratio(total, best) < LEAST_RATIO:
         return None
@@ -223,9 +227,9 @@ def _count_ratio(counts: NDArray[np.float64], step: float) -> float:
     The offset of the codes is the one with the largest ratio. A converter with unequal steps, whose counts may have the
     same frequencies, reaches 1.2.
     """
-    from scipy.ndimage import uniform_filter1d
-
-    usual = uniform_filter1d(counts, 2 * NEAR_NUMBERS + 1)
+    near = 2 * NEAR_NUMBERS + 1
+    sums = np.cumsum(np.pad(counts, (NEAR_NUMBERS + 1, NEAR_NUMBERS), "symmetric"))
+    usual = (sums[near:] - sums[:-near]) / near
     known = np.flatnonzero(usual > FREQUENT_COUNT)
     relative = counts[known] / usual[known]
     codes = np.arange(int(known.max(initial=0) / step) + 2)
@@ -237,7 +241,7 @@ def _count_ratio(counts: NDArray[np.float64], step: float) -> float:
     return max(ratios)
 
 
-def _misfit(step: float, power: NDArray[np.float64], number: float, lowest: int) -> float:
+def _misfit(step: float, near: NDArray[np.float64], number: float, lowest: int) -> float:
     """Return the squared misfit of the peaks' heights, relative to the squares of those expected for a step."""
     order = np.arange(1, ORDERS + 1) / step
     folded = np.abs(order - np.rint(order))
@@ -245,10 +249,10 @@ def _misfit(step: float, power: NDArray[np.float64], number: float, lowest: int)
     if not take.any():
         return math.inf
     codes = np.rint(step * np.arange(600))
-    expected = np.abs(np.exp(2j * np.pi * folded[take, None] * codes).mean(axis=1))
+    phases = 2.0 * np.pi * folded[take, None] * codes
+    expected = np.hypot(np.cos(phases).mean(axis=1), np.sin(phases).mean(axis=1))
     places = np.rint(folded[take] * _LENGTH).astype(int)
-    near = np.max([power[np.clip(places + shift, 0, len(power) - 1)] for shift in range(-2, 3)], axis=0)
-    found = np.sqrt(near / number)
+    found = np.sqrt(near[places] / number)
     return float(((found - expected) ** 2).sum() / (expected**2).sum())
 
 

@@ -97,15 +97,13 @@ def find_wrong_exposure(darks: Sequence[GroupStatistics]) -> WrongExposure | Non
         others = np.arange(len(places)) != i
         if len(np.unique(exposure_s[others])) < LEAST_EXPOSURES - 1:
             continue
-        line, noise = (
-            fit_linear(design[others], y[others], np.diag(u2[others]))
-            for y, u2 in ((mean, u2_mean), (variance, u2_variance))
-        )
+        line = fit_linear(design[others], mean[others], np.diag(u2_mean[others]))
         black, slope = line.parameters
         spread = np.sqrt(u2_mean[i] + line.extra_variance + at @ line.covariance @ at)
         far = abs(mean[i] - at @ line.parameters) / spread
         if far < MEAN_SIGMA or slope <= MEAN_SIGMA * np.sqrt(line.covariance[1, 1]):
             continue
+        noise = fit_linear(design[others], variance[others], np.diag(u2_variance[others]))
         shown_line = np.array([1.0, (mean[i] - black) / slope])
         stated_off, shown_off = (
             abs(variance[i] - t @ noise.parameters)

@@ -87,8 +87,9 @@ _STRIP_BYTES = 4 << 20
 _MOST_OPEN = 256
 """The same of frames whose rows are read while they are added: files that are open at a time."""
 
-_AHEAD, _AHEAD_BYTES = 4, 80 << 20
-"""Frames read ahead, and their memory limit; at least two frames, and one for each core."""
+_AHEAD, _AHEAD_BYTES = 128, 80 << 20
+"""Frames read ahead, and their memory limit; at least two frames, and one for each core. Many small frames are decoded
+while the first kernels are loaded."""
 
 KEPT_BYTES = 240 << 20
 """Memory limit of the mean frames that are kept; groups beyond it, and those of large frames, are read again."""
@@ -149,7 +150,7 @@ class FrameReader:
         self._batch_frames = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // frame_bytes))
         self._open = _open_files()
         threads = thread_count()  # compressed frames are decoded on all cores
-        self._ahead = max(2, threads, min(_AHEAD, _AHEAD_BYTES // frame_bytes))
+        self._ahead = max(2, threads, min(_AHEAD, self._open, _AHEAD_BYTES // frame_bytes))
         self._threads = ThreadPoolExecutor(threads, "photosite-read")
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)

@@ -44,28 +44,29 @@ def rounding_error(
 
     `mean` and `sd` are those of the normal numbers before rounding, DN; they are broadcast together.
     """
-    m, s = np.broadcast_arrays(np.asarray(mean, np.float64), np.asarray(sd, np.float64))
-    shift, square, slope = np.zeros(m.shape), np.zeros(m.shape), np.zeros(m.shape)
+    m, s = np.asarray(mean, np.float64), np.asarray(sd, np.float64)
+    shift, square, slope = (np.zeros(np.broadcast_shapes(m.shape, s.shape)) for _ in range(3))
     for k in range(1, _TERMS + 1):
         c = (-1) ** k * np.exp(-2.0 * (math.pi * k * s) ** 2)
+        cosine = np.cos(2.0 * math.pi * k * m)
         shift += c / (math.pi * k) * np.sin(2.0 * math.pi * k * m)
-        square += c / (math.pi * k) ** 2 * np.cos(2.0 * math.pi * k * m)
-        slope += 2.0 * c * np.cos(2.0 * math.pi * k * m)
+        square += c / (math.pi * k) ** 2 * cosine
+        slope += 2.0 * c * cosine
     return shift, square - shift**2 + 2.0 * s**2 * slope
 
 
 @lru_cache(maxsize=1)
 def _grid() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the variance before rounding, and the change of mean and variance, for all phases and noises."""
-    mean, sd = np.meshgrid(*_AXES)
-    return sd**2, *rounding_error(mean, sd)
+    mean, sd = _AXES[0], _AXES[1][:, None]
+    return np.broadcast_to(sd**2, (len(sd), len(mean))), *rounding_error(mean, sd)
 
 
 @lru_cache(maxsize=1)
 def _notable() -> tuple[NDArray[np.float64], ...]:
     """Return the slope of the rounded mean against the mean, and the grid, where the slope is notable."""
-    mean, sd = np.meshgrid(*_AXES)
-    slope = np.ones(mean.shape)
+    mean, sd = _AXES[0], _AXES[1][:, None]
+    slope = np.ones((len(sd), len(mean)))
     for k in range(1, _TERMS + 1):
         slope += 2.0 * (-1) ** k * np.exp(-2.0 * (math.pi * k * sd) ** 2) * np.cos(2.0 * math.pi * k * mean)
     return tuple(each[slope > _NOTABLE_GAIN] for each in (slope, *_grid()))

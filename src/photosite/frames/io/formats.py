@@ -37,7 +37,7 @@ from photosite.frames.io.format_table import (
     is_frame_name,
 )
 from photosite.frames.layout import Layout, parse_layout
-from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, RawFrame, check_bits
+from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, Numbers, RawFrame, check_bits
 from photosite.frames.sections import Section, lines_around, parse_region
 from photosite.frames.stored_numbers import NumberRange, StoredNumbers, conversion_diagnostics, conversion_of
 from photosite.frames.stored_rows import StoredRows
@@ -202,9 +202,23 @@ def read_frame(
         headers = tuple(header for header in headers if header.location == location)
     if len(headers) != 1:
         raise _several(path, headers)
-    header: FrameHeader = headers[0]
     if not has_region:
-        header.check_sections(path)
+        headers[0].check_sections(path)
+    return _read_described(path, module, headers[0], bits, cfa)
+
+
+def read_numbers(path: Path, format: Format, header: FrameHeader, bits: int, cfa: Cfa | None) -> Numbers:
+    """Read the digital numbers of the only frame in a file as `read_frame` does, with its known format and header."""
+    module = format.load()
+    if not hasattr(module, "read_pixels"):
+        return read_frame(path, bits, cfa)[0].dn
+    header.check_sections(path)
+    return _read_described(path, module, header, bits, cfa)[0].dn
+
+
+def _read_described(
+    path: Path, module: Any, header: FrameHeader, bits: int | None, cfa: Cfa | None
+) -> tuple[RawFrame, tuple[str, ...]]:
     if header.overscan and header.black_level_dn is None:
         level = float(np.mean(module.overscan_levels(path, header.location)))
         header = replace(header, black_level_dn=level, metadata={**header.metadata, MASKED_BORDER: level})
@@ -259,13 +273,15 @@ def read_whole(path: Path, location: FrameLocation | None = None) -> StoredNumbe
 
 
 def open_stored_rows(
-    path: Path, location: FrameLocation | None, bits: int | None, cfa: Cfa | None
+    path: Path, location: FrameLocation | None, bits: int | None, cfa: Cfa | None, format: Format | None = None
 ) -> StoredRows | None:
     """Open a frame to read some rows at a time; None where its pixels are not stored as they are.
 
-    The header is checked as by `read_frame`, but not the numbers against the bit depth.
+    The header is checked as by `read_frame`, but not the numbers against the bit depth. `format` is that of the file,
+    if it is known.
     """
-    open_rows = getattr(detect_format(path).load(), "open_rows", None) if hasattr(os, "preadv") else None
+    format = format or detect_format(path)
+    open_rows = getattr(format.load(), "open_rows", None) if hasattr(os, "preadv") else None
     return None if open_rows is None else open_rows(path, location, bits, cfa)
 
 
