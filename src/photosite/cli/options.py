@@ -674,9 +674,11 @@ def changed_sensor(
 
 def sensor_or(default: T, name: str | None) -> Sensor | T:
     """Return the sensor of --sensor, or the default where it is not given."""
+    if name is None:
+        return default
     from photosite.sensor.io.sensor_file import load_sensor
 
-    return default if name is None else load_sensor(name)
+    return load_sensor(name)
 
 
 def is_given(ctx: click.Context, name: str) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,9 +41,11 @@ from photosite.frames.raw_frame import MASKED_BORDER, MOST_BITS, OPTICAL_BLACK, 
 from photosite.frames.sections import Section, lines_around, parse_region
 from photosite.frames.stored_numbers import NumberRange, StoredNumbers, conversion_diagnostics, conversion_of
 from photosite.frames.stored_rows import StoredRows
-from photosite.sensor.model import Sensor
 from photosite.values.cfa import Cfa, cfa_from, shifted
 from photosite.values.region import Border
+
+if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
 
 
 def raw_files(path: Path) -> list[Path]:
