@@ -101,13 +101,35 @@ def _axes(result: Result) -> dict[tuple[str, str], None]:
     return dict.fromkeys((curve.x_label, curve.y_label) for curve in result.curves)
 
 
+_MOST_PARTS = 4
+"""Parts up to which each has a column."""
+
+
 def _values(result: Result) -> Table:
-    rows = []
-    for (name, part), estimate in result.values.items():
-        quantity = result.quantity(name)
-        rows.append((quantity.label, part, value_text(estimate), interval_text(estimate), quantity.unit))
+    """Return the values: a column for each of a few parts, or a row for each value."""
+    parts = list(dict.fromkeys(part for _, part in result.values))
+    names = list(dict.fromkeys(name for name, _ in result.values))
+    if 1 < len(parts) <= _MOST_PARTS:
+        titles = columns("Quantity", *map(numeric, parts), "Unit")
+        rows = tuple(
+            (
+                result.quantity(name).label,
+                *(_text(result.values.get((name, part))) for part in parts),
+                result.quantity(name).unit,
+            )
+            for name in names
+        )
+        return Table("Values ± standard uncertainties", titles, rows)
+    rows = tuple(
+        (result.quantity(name).label, part, value_text(each), interval_text(each), result.quantity(name).unit)
+        for (name, part), each in result.values.items()
+    )
     titles = columns("Quantity", "Of", numeric("Value ± standard uncertainty"), numeric("95 % interval"), "Unit")
-    return Table("Values", titles, tuple(rows))
+    return Table("Values", titles, rows)
+
+
+def _text(estimate: Estimate | None) -> str:
+    return "" if estimate is None else value_text(estimate)
 
 
 def value_text(estimate: Estimate) -> str:

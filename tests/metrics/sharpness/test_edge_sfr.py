@@ -74,8 +74,8 @@ def test_saturated_and_empty_frames_are_refused() -> None:
         measured(np.full((100, 100), 50.0))
     clipped = np.minimum(edge, np.median(edge))
     image = ChartImage((clipped,), "electrons", white=float(clipped.max()))
-    with pytest.raises(InputError):
-        measure(image, "slanted-edge", only=["edge-sfr"])
+    with raises(InputError, what="edge-sfr"):
+        measured(image)
 
 
 PUBLISHED = {"h_edge.tif": (0.1983, 0.1967), "v_edge.tif": (0.1982, 0.1964)}
@@ -99,3 +99,16 @@ def test_standard_arithmetic_on_a_known_edge() -> None:
     truth = edge.crossing(0.5)
     assert truth is not None
     assert found["mtf50_standard"].value == pytest.approx(truth, rel=0.03)
+
+
+def test_an_edge_in_a_large_frame_is_that_of_its_surroundings() -> None:
+    """Lines and pixels far from the edge do not count: the response is that of the part around it."""
+    edge = virtual_edge(np.random.default_rng(8)).electrons
+    rows = len(edge)
+    wide = np.pad(edge, ((0, 0), (400, 700)), mode="edge")
+    random = np.random.default_rng(9)
+    wide[:, :400] += random.normal(0.0, 5.0, (rows, 400))
+    found, part = measured(wide, reach_px=20), measured(edge, reach_px=20)
+    assert found["mtf50"].value == pytest.approx(part["mtf50"].value, rel=0.02)
+    turned = measured(wide.T, reach_px=20)
+    assert turned["mtf50"].value == pytest.approx(found["mtf50"].value, rel=1e-6)

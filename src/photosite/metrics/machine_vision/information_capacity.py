@@ -11,6 +11,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
+from photosite.metrics.sharpness.edge_region import edge_region
 from photosite.metrics.sharpness.slanted_edge import SlantedEdge, slanted_edge_mtf
 from photosite.values.cfa import MONOCHROME, Cfa
 from photosite.values.estimate import Estimate
@@ -29,7 +30,7 @@ _LEAST_PIXELS = 200
 
 
 def _measure(image: ChartImage, chart: PlacedChart) -> Result:
-    region = chart.region
+    region = edge_region(image, chart.region, _REACH_PX)
     values: dict[tuple[str, str], Estimate] = {}
     curves: list[Curve] = []
     for channel in image.channels:

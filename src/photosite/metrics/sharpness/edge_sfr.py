@@ -13,6 +13,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
+from photosite.metrics.sharpness.edge_region import edge_region
 from photosite.metrics.sharpness.iso_12233 import edge_sfr as standard_sfr
 from photosite.metrics.sharpness.slanted_edge import SlantedEdge, Window, slanted_edge_mtf
 from photosite.values.cfa import MONOCHROME
@@ -64,7 +65,7 @@ def _measure(
     oversampling: Annotated[int, Field(ge=1, le=16)] = 4,
     reach_px: Annotated[float, Field(ge=8)] = 32.0,
 ) -> Result:
-    region = chart.region
+    region = edge_region(image, chart.region, reach_px)
     values: dict[tuple[str, str], Estimate] = {}
     curves: list[Curve] = []
     diagnostics: list[Diagnostic] = []
