@@ -43,6 +43,7 @@ def test_contrast_detection_is_the_gaussian_probability() -> None:
             low, high = estimate.interval_95 or (1.0, 0.0)
             missed += not low - 1e-9 <= truth <= high + 1e-9
             count += 1
+    print(f"{100 * (1 - missed / count):.1f} % of {count}")
     assert count >= 40
     assert missed <= 0.15 * count
 
@@ -72,4 +73,5 @@ def test_capacity_is_the_closed_form() -> None:
         estimate = found["capacity"]
         low, high = estimate.interval_95 or (1.0, 0.0)
         missed += not low <= truth <= high
+    print(f"{100 * (1 - missed / 60):.1f} %")
     assert missed <= 8

@@ -57,7 +57,8 @@ class Curve(Shown):
     part
         What it is of: a channel, an edge, a patch.
     x_label, y_label
-        Labels of the axes, with units. Curves with equal labels share a figure.
+        Labels of the axes, with units; "log " in front of one makes its axis logarithmic. Curves with equal labels
+        share a figure.
     x, y
         (n,) values.
     standard_uncertainty

@@ -87,7 +87,7 @@ def _section(result: Result) -> Section:
     blocks: list[Block] = [Paragraph(f"{entry.standard}."), *notices(result.diagnostics), _values(result)]
     for number, figure in enumerate(curve_figures(result)):
         curve = next(c for c in result.curves if (c.x_label, c.y_label) == list(_axes(result))[number])
-        label = f"{curve.y_label} over {curve.x_label.removeprefix('log ')}"
+        label = f"{curve.y_label.removeprefix('log ')} over {curve.x_label.removeprefix('log ')}"
         banded = "; the bands are 95 % intervals" if curve.standard_uncertainty is not None else ""
         blocks.append(figure_block(figure, label, f"{sentence(label)[:-1]}{banded}."))
     for found in result.maps:

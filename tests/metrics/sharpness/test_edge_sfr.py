@@ -39,6 +39,7 @@ def test_intervals_hold_the_truth(bent: bool, uneven: bool) -> None:
             if value is not None and estimate.interval_95 is not None:
                 inside[name].append(estimate.interval_95[0] < value < estimate.interval_95[1])
     for name, held in inside.items():
+        print(f"{name}: {100 * sum(held) / len(held):.1f} % of {len(held)}")
         assert len(held) - sum(held) <= 13 * len(held) / EDGES, name
 
 

@@ -12,6 +12,7 @@ from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.tone.gray_patches import GRAY_CHARTS, GrayPatch, gray_patches
 from photosite.metrics.tone.noise_model import NoiseModel
+from photosite.metrics.tone.oecf import unit_of
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -51,7 +52,11 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
         kinds = ("temporal", "fixed", "total") if len(image.frames) > 1 else ("total",)
         for kind in kinds:
             x, y, spread = _ratios(clear, kind)
-            curves.append(Curve(f"{channel}, {kind}", "log signal (DN)", "signal-to-noise ratio (dB)", x, y, spread))
+            curves.append(
+                Curve(
+                    f"{channel}, {kind}", f"log signal ({unit_of(image)})", "signal-to-noise ratio (dB)", x, y, spread
+                )
+            )
         values |= {(name, channel): Estimate.of(value, "") for name, value in _values(image, clear).items()}
         alike, chance = _neighbors(image, chart, channel)
         if alike > max(_CORRELATED, _SIGNIFICANT * chance):

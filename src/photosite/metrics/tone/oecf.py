@@ -47,7 +47,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
         signal = np.array([patch.mean.value for patch in shown])
         spread = np.array([patch.mean.standard_uncertainty for patch in shown])
         label = _LOG_LUMINANCE[not chart.known_light]
-        curves.append(Curve(channel, label, f"signal ({unit_of(image)})", luminance, signal, spread))
+        curves.append(Curve(channel, label, f"log signal ({unit_of(image)})", luminance, signal, spread))
         away = exponent.value - 1.0
         if abs(away) > max(_EXPONENT_MATTERS, _SIGNIFICANT * exponent.standard_uncertainty):
             text = f"channel {channel}: the signal follows the luminance to the power {exponent.value:.3f}"

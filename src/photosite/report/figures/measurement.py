@@ -7,7 +7,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from photosite.metrics.measurement import Curve, FieldMap, Result
-from photosite.report.style import channel_style, draw_band, legend_above, line_style, new_figure, styled
+from photosite.report.style import (
+    channel_style,
+    draw_band,
+    label_log_ticks,
+    legend_above,
+    line_style,
+    new_figure,
+    styled,
+)
 from photosite.values.uncertain import COVERAGE_95
 
 _CHANNELS = ("R", "G", "B", "Y", "M")
@@ -33,8 +41,11 @@ def draw_curves_of(axes: Axes, curves: list[Curve]) -> Axes:
             draw_band(axes, curve.x, curve.y, COVERAGE_95 * curve.standard_uncertainty, color)
     axes.set(xlabel=curves[0].x_label, ylabel=curves[0].y_label)
     if curves[0].x_label.startswith("log "):
-        axes.set_xlabel(curves[0].x_label.removeprefix("log "))
-        axes.set_xscale("log")
+        axes.set(xlabel=curves[0].x_label.removeprefix("log "), xscale="log")
+        label_log_ticks(axes.xaxis)
+    if curves[0].y_label.startswith("log "):
+        axes.set(ylabel=curves[0].y_label.removeprefix("log "), yscale="log")
+        label_log_ticks(axes.yaxis)
     return axes
 
 
