@@ -1,1 +1,1 @@
-"""Measurements of even fields: shading of luminance and color, defective pixels and dust."""
+"""Measurements of even fields: shading of luminance and color, defective pixels."""
