@@ -161,7 +161,7 @@ def _curves(colors: PatchColors, found: dict[str, Array], shown: str) -> tuple[C
     true, seen = lab(colors.reference_xyz), lab(found[shown][0])
     for i, name in enumerate(colors.names):
         a, b = np.column_stack([true[i, 1:], seen[i, 1:]])
-        curves.append(Curve(name, "a*", "b*, each patch from the chart to the image", a, b))
+        curves.append(Curve(name, "a*", "from color of the chart to that of the image, b*", a, b))
     return tuple(curves)
 
 

@@ -228,7 +228,7 @@ MEASUREMENT = Measurement(
     },
     oracle="integrals of white noise over the sensitivities in closed form; S-CIELAB filters of ISETCam",
     left_out=(
-        "The texts of the standards were not at hand: sensitivities and weights are those of publications. ISO "
+        "The texts of the standards were not at hand: weights and color sensitivities are not checked with them. ISO "
         "15739:2023 and the response of the display are not included. Options give the size of an image pixel as it is "
         "viewed, and the distance."
     ),
