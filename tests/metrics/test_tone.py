@@ -136,3 +136,16 @@ def test_averaged_neighbors_are_named() -> None:
         raw = [RawFrame(dn, 12, black_level_dn=noise.black) for dn in frames]
         found = measure(raw, "macbeth", only=["noise"])["noise"]
         assert ("noise-reduction" in {entry.id for entry in found.diagnostics}) == expected
+
+
+def test_frames_without_the_chart_are_refused() -> None:
+    random = np.random.default_rng(8)
+    noise = VirtualNoise(0.5, 3.0, 1.0, 0.005)
+    mirrored = noise.frames(random, mean_image(4000.0)[:, ::-1], 2, WHITE)
+    even = noise.frames(random, np.full(SHAPE, 2000.0), 2, WHITE)
+    for made in (mirrored, even):
+        frames = [RawFrame(dn, 12, black_level_dn=noise.black) for dn in made]
+        found = measure(frames, "macbeth", only=["oecf", "noise"])
+        for name in ("oecf", "noise"):
+            with pytest.raises(InputError):
+                found[name]

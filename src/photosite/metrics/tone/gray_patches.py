@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 GRAY_CHARTS = ("macbeth", "color-checker-sg", "hdr-patches", "siemens-star")
 """Charts with gray patches."""
 _LEAST_PIXELS = 50
+_LEAST_CORRELATION = 0.5
+"""Of the signals of the patches with their luminance; less where the image does not show the chart."""
 _CLIPPED_FRACTION = 1e-3
 """Fraction of saturated pixels, or of pixels at 0, from which a patch is left out."""
 
@@ -58,7 +60,7 @@ def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[Gr
     Raises
     ------
     InputError
-        If the chart has fewer than two gray patches, or they are too small in the image.
+        If the chart has fewer than two gray patches, they are too small in the image, or the image does not show them.
     """
     xyz = chart.patch_xyz
     if not len(xyz):
@@ -71,6 +73,12 @@ def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[Gr
     ]
     if len(found) < 2:
         raise InputError("gray patches of the chart", value=len(found), expected="two or more")
+    signal, light = (np.array(each) for each in zip(*((p.mean.value, p.luminance) for p in found), strict=True))
+    alike = float(np.corrcoef(signal, light)[0, 1]) if np.ptp(signal) > 0 else 0.0
+    if alike < _LEAST_CORRELATION:
+        hint = "Check the chart, its corners, and whether it is mirrored"
+        expected = f"{_LEAST_CORRELATION} or more"
+        raise InputError("correlation of gray patches with their luminance", value=alike, expected=expected, hint=hint)
     return sorted(found, key=lambda patch: patch.luminance)
 
 
