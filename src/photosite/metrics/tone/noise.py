@@ -38,6 +38,8 @@ ONE_FRAME = DiagnosticKind(
 )
 _CORRELATED, _SIGNIFICANT = 0.1, 4.0
 """Correlation that is named, and its least size in its standard deviation by chance."""
+_VAGUE_DB = 2.0
+"""Standard uncertainty from which a ratio is not drawn."""
 _MIDDLE = 0.18
 """Signal of middle gray over saturation."""
 
@@ -74,7 +76,8 @@ def _ratios(patches: list[GrayPatch], kind: str) -> tuple[Array, Array, Array]:
         variance = getattr(patch, kind)
         if patch.mean.value > 0 and variance is not None and variance.value > 0:
             ratio = (patch.mean / variance.sqrt()).decibel(20.0)
-            found.append((patch.mean.value, ratio.value, ratio.standard_uncertainty))
+            if ratio.standard_uncertainty < _VAGUE_DB:
+                found.append((patch.mean.value, ratio.value, ratio.standard_uncertainty))
     x, y, spread = np.array(found).reshape(-1, 3).T
     return x, y, spread
 

@@ -19,6 +19,8 @@ from photosite.report.style import (
 from photosite.values.uncertain import COVERAGE_95
 
 _CHANNELS = ("R", "G", "B", "Y", "M")
+_SHORT_NAME = 10
+"""Characters of names of which six fit side by side."""
 _MOST_NAMED = 12
 """Curves up to which a legend names each."""
 
@@ -73,7 +75,8 @@ def curve_figures(result: Result) -> list[Figure]:
         figure, axes = new_figure(3.4)
         draw_curves_of(axes, curves)
         if 1 < len(curves) <= _MOST_NAMED:
-            legend_above(figure, columns=6)
+            longest = max(len(curve.part) for curve in curves)
+            legend_above(figure, columns=6 if longest < _SHORT_NAME else 3)
         figures.append(figure)
     return figures
 
