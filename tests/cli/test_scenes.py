@@ -45,6 +45,31 @@ def test_shows_what_a_scene_is(photosite: Any, tmp_path: Path) -> None:
     assert Image.open(picture).size == (196, 132)
 
 
+@pytest.mark.smoke("scenes print")
+@pytest.mark.parametrize("suffix", [".png", ".pdf"])
+def test_prints_a_chart_at_its_size(photosite: Any, tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"star{suffix}"
+    call = ("scenes", "print", "siemens-star", "--width", 100, "--dpi", 150, "-o", file, "--brightest", 0.8)
+    patches = photosite(*call, "--json").json["patches"]
+    assert [round(patch["reflectance"], 6) for patch in patches] == [round(0.8 * k / 15, 6) for k in range(16)]
+    white = max(patches, key=lambda patch: patch["reflectance"])
+    assert white["lightness"] == pytest.approx(116 * 0.8 ** (1 / 3) - 16, abs=1e-6)
+    if suffix == ".png":
+        with Image.open(file) as picture:
+            assert picture.size == (591, 591)
+            assert picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
+            codes = np.asarray(picture)
+        assert codes.max() == round(255 * (1.055 * 0.8 ** (1 / 2.4) - 0.055))
+    else:
+        assert file.read_bytes().startswith(b"%PDF")
+
+
+def test_charts_in_color_are_not_printed(photosite: Any, tmp_path: Path) -> None:
+    for name in ("macbeth", "siemensstar"):
+        assert photosite("scenes", "print", name, "-o", tmp_path / "a.png").status == 2
+        assert not (tmp_path / "a.png").exists()
+
+
 def test_the_luminance_of_a_chart_file_is_that_of_its_patches(photosite: Any, tmp_path: Path) -> None:
     message = ("--luminance", 50)
     made = photosite("scenes", "show", "macbeth", *message)

@@ -108,6 +108,48 @@ def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
     show(as_json, {**facts, "picture": None}, lambda: text, picture=picture)
 
 
+@command.command("print")
+@click.argument("name", metavar="NAME")
+@options.file_option(
+    *("-o", "--output"), suffixes=(".png", ".pdf"), required=True, text="Picture or page to write: .png or .pdf."
+)
+@click.option(
+    *("--scene-option", "given"),
+    type=options.name_and_value,
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="An option of the chart, such as cycles=72; may be repeated.",
+)
+@options.quantity("--width", "width_mm", unit="MM", default=200.0, text="Width on paper, in mm.")
+@click.option("--dpi", "dots_per_inch", type=options.Whole(10, 4800), default=600, help="Dots per inch.")
+@options.quantity(
+    "--brightest", "brightest", unit="R", default=0.9, text="Reflectance of the brightest part of the chart."
+)
+@options.json_option
+def print_(name: str, output: Path, given: tuple[tuple[str, Any], ...], as_json: bool, **paper: Any) -> None:
+    """Write a gray chart that prints at its size, and what its patches should reflect.
+
+    Print it at 100 %, matte, with the printer's color management for sRGB. Measure the patches: papers and inks differ.
+
+    Example: photosite scenes print siemens-star --width 180 -o star.pdf
+    """
+    from photosite.report.printed_chart import dots, write_printed_chart
+    from photosite.scene.scene_request import OF_ANY_SIZE, SceneRequest, chart_function, chart_options
+
+    SceneRequest(name)  # an unknown name is an error that says so
+    own = dict(given)
+    if name in OF_ANY_SIZE and not own.keys() & {"rows", "cols"}:
+        default = chart_options(name)
+        cols = dots(paper["width_mm"], paper["dots_per_inch"])
+        own |= {"rows": round(cols * default["rows"] / default["cols"]), "cols": cols}
+    patches = write_printed_chart(chart_function(name).chart(**own), output, **paper)
+    rows = [("patch", "reflectance", "L*"), *((patch, f"{y:.3f}", f"{light:.1f}") for patch, y, light in patches)]
+    content = {"patches": [{"name": patch, "reflectance": y, "lightness": light} for patch, y, light in patches]}
+    width = paper["width_mm"]
+    text = f"{name}, {width:g} mm wide" + (f"\n{table(rows, '<>>')}" if patches else "")
+    show(as_json, content, lambda: text, output=output)
+
+
 def _facts(scene: Scene) -> dict[str, Any]:
     from photosite.scene.scene import tristimulus
 

@@ -1,0 +1,113 @@
+"""Charts to print: a picture at its size on paper, and the reflectances that the paper should have."""
+
+from __future__ import annotations
+
+import io
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from fpdf import FPDF
+from numpy.typing import NDArray
+from PIL import Image
+
+from photosite.color.colorimetry import srgb_from_light
+from photosite.errors import InputError
+from photosite.files.writing import atomic_path, date_of_files
+from photosite.scene.charts.chart import Chart
+from photosite.values.region import Region
+
+_MM_PER_INCH = 25.4
+_MARGIN_MM = 15.0
+_TEXT_PT, _LINE_MM = 9.0, 4.5
+_MOST_PIXELS = 1 << 28
+
+
+def dots(width_mm: float, dots_per_inch: int) -> int:
+    """Return the dots across a width.
+
+    Examples
+    --------
+    >>> dots(25.4, 600)
+    600
+    """
+    return round(width_mm / _MM_PER_INCH * dots_per_inch)
+
+
+def write_printed_chart(
+    chart: Chart, path: str | PathLike[str], *, width_mm: float, dots_per_inch: int = 600, brightest: float = 0.9
+) -> list[tuple[str, float, float]]:
+    """Write a gray chart as PNG or PDF that prints at its size, in sRGB, and return what its patches should reflect.
+
+    Parameters
+    ----------
+    chart
+        A gray chart, without a light.
+    path
+        A .png file with its resolution, or a .pdf file of one page with the chart's size, name and patches below it.
+    width_mm, dots_per_inch
+        Width on paper, and the resolution; a sample becomes the nearest dots.
+    brightest
+        Reflectance of the brightest sample.
+
+    Returns
+    -------
+    list
+        Name, reflectance and CIELAB L* of each patch.
+
+    Raises
+    ------
+    InputError
+        If the chart is in color, whose spectra no printer has, or the picture would be too large.
+    """
+    if chart.reflectance is not None:
+        raise InputError("chart", value=chart.name, expected="gray: a printer does not have the spectra of colors")
+    rows, cols = chart.weights.shape[1:]
+    wide = dots(width_mm, dots_per_inch)
+    high = round(wide * rows / cols)
+    if not 1 <= wide * high <= _MOST_PIXELS:
+        raise InputError("width_mm", value=width_mm, expected=f"at most {_MOST_PIXELS} dots in all")
+    if not 0 < brightest <= 1:
+        raise InputError("brightest", value=brightest, expected="above 0 and at most 1")
+    reflectance = chart.weights[0].astype(np.float64) * (brightest / float(chart.weights.max()))
+    row = ((np.arange(high) + 0.5) * rows / high).astype(np.intp)
+    col = ((np.arange(wide) + 0.5) * cols / wide).astype(np.intp)
+    codes = np.rint(srgb_from_light(reflectance) * 255.0).astype(np.uint8)[row][:, col]
+    picture = Image.fromarray(codes)
+    patches = [_patch(region, reflectance) for region in chart.regions]
+    target = Path(path)
+    with atomic_path(target) as file:
+        if target.suffix.lower() == ".png":
+            picture.save(file, format="PNG", dpi=(dots_per_inch, dots_per_inch))
+        else:
+            file.write_bytes(_pdf(picture, chart, (width_mm, width_mm * high / wide), patches))
+    return patches
+
+
+def _patch(region: Region, reflectance: NDArray[np.float64]) -> tuple[str, float, float]:
+    y = float(reflectance[region.r0 : region.r1, region.c0 : region.c1].mean())
+    return region.name, y, 116.0 * y ** (1 / 3) - 16.0 if y > (6 / 29) ** 3 else y * (29 / 3) ** 3
+
+
+def _pdf(
+    picture: Image.Image, chart: Chart, size_mm: tuple[float, float], patches: list[tuple[str, float, float]]
+) -> bytes:
+    width, height = size_mm
+    lines = -(-len(patches) // 3) + 2
+    page = width + 2 * _MARGIN_MM, height + 2 * _MARGIN_MM + lines * _LINE_MM
+    pdf = FPDF(unit="mm", format=page)
+    pdf.set_creation_date(date_of_files())
+    pdf.set_auto_page_break(False)
+    pdf.set_margin(0)
+    pdf.add_page()
+    stream = io.BytesIO()
+    picture.save(stream, format="PNG")
+    pdf.image(stream, x=_MARGIN_MM, y=_MARGIN_MM, w=width, h=height)
+    pdf.set_font("Helvetica", size=_TEXT_PT)
+    below = _MARGIN_MM + height + _LINE_MM
+    pdf.text(_MARGIN_MM, below, f"{chart.name}; {width:g} x {height:.1f} mm; print at 100 %, sRGB")
+    for number, (name, reflectance, lightness) in enumerate(patches):
+        text = f"{name}: reflectance {reflectance:.3f}, L* {lightness:.1f}"
+        column, line = number % 3, number // 3
+        pdf.text(_MARGIN_MM + column * width / 3, below + (line + 1) * _LINE_MM, text)
+    return bytes(pdf.output())
