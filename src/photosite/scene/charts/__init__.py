@@ -16,6 +16,7 @@ from photosite.scene.charts.color_checker import macbeth as macbeth
 from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_reflectance
 from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
 from photosite.scene.charts.dead_leaves import dead_leaves as dead_leaves
+from photosite.scene.charts.flare_traps import flare_traps as flare_traps
 from photosite.scene.charts.iso_12233 import edge_star as edge_star
 from photosite.scene.charts.iso_12233 import siemens_star as siemens_star
 from photosite.scene.charts.iso_12233 import slanted_edge as slanted_edge
@@ -38,6 +39,7 @@ __all__ = [
     "color_checker_sg_reflectance",
     "dead_leaves",
     "edge_star",
+    "flare_traps",
     "frequency_sweep",
     "hdr_patches",
     "macbeth",

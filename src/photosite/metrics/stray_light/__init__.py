@@ -1,0 +1,1 @@
+"""Measurements of stray light: flare in light traps."""
