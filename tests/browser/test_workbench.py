@@ -371,6 +371,38 @@ def test_an_upload_is_simulated(page, link, folder: Path) -> None:
     assert "picture.png" not in page.locator("#uploads").inner_html()
 
 
+def test_other_views_switch_away_from_a_deleted_sensor(page, link, folder: Path) -> None:
+    opened(page, link)
+    page.set_input_files("#upload-sensor", str(folder / "small.sensor.yaml"))
+    wait(page, "document.getElementById('pick-sensor').value.startsWith('upload:')")
+    for view in ("compare", "plan", "sweep"):
+        page.click(f"a[href='#{view}']")
+        page.locator(f"#view-{view} select").first.wait_for()
+    for view in ("plan", "sweep"):
+        page.click(f"a[href='#{view}']")
+        page.locator(f"#view-{view} select").first.select_option("sensor of the camera view")
+    page.get_by_role("button", name=re.compile("^Uploads")).click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete small.sensor.yaml").last.click()
+    for view in ("plan", "sweep"):
+        wait(page, f"document.querySelector('#view-{view} select').value.includes('nikon-d200')")
+        assert "upload:" not in page.locator(f"#view-{view}").inner_html()
+    texts = page.locator("#view-compare").get_by_text("(of the camera view)").all_inner_texts()
+    assert [text.strip() for text in texts] in ([], ["nikon-d200 (of the camera view)"])
+
+
+def test_a_broken_sensor_file_in_compare_is_named(page, link, folder: Path) -> None:
+    broken = folder / "broken.sensor.yaml"
+    broken.write_text("photosite_sensor: 1\nname: broken\narray: {rows: many}\n")
+    try:
+        opened(page, link, "compare")
+        page.locator("#view-compare").get_by_label("broken.sensor.yaml").check()
+        page.wait_for_selector("#alert:not([hidden])", timeout=120_000)
+        assert re.search(r"broken\.sensor\.yaml:\d+: ", page.inner_text("#alert"))
+        assert "\n" not in page.inner_text("#alert")
+    finally:
+        broken.unlink()
+
+
 def test_an_uploaded_folder_of_frames_is_deleted(page, link, folder: Path) -> None:
     opened(page, link, "calibrate")
     page.set_input_files("#frames-folder", str(folder / "stack"))

@@ -7,6 +7,7 @@ import { field, jobBar } from "./jobview.js";
 import { lightField, lights } from "./lights.js";
 import { LinkedPictures } from "./linked.js";
 import { plot } from "./plots.js";
+import { withoutUpload } from "./sensors.js";
 
 const KINDS = [["sensors", "Sensors"], ["lenses", "Lenses"], ["measured", "Measured frames and their simulation"]];
 const FIGURES = [
@@ -52,9 +53,12 @@ export async function show(restored) {
 }
 
 window.addEventListener(DELETED, ({ detail }) => {
-  if (!known?.raws.includes(detail)) return;
+  if (!JSON.stringify([content, known]).includes(detail)) return;
+  content = withoutUpload(content, detail);
+  if (!known) return;
   known.raws = known.raws.filter((name) => name !== detail);
-  content.measured = content.measured.filter((name) => name !== detail);
+  known.sensors = known.sensors.filter(({ source }) => source !== detail);
+  known.lamps = known.lamps.filter(([name]) => name !== detail);
   build();
 });
 

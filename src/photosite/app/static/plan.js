@@ -1,15 +1,19 @@
 // Frames for a wanted precision.
 
-import { get } from "./api.js";
+import { DELETED, get } from "./api.js";
 import { element, short, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
 import { lightField, lights } from "./lights.js";
 import { plot } from "./plots.js";
-import { sensorPick } from "./sensors.js";
+import { offers, sensorPick, withoutUpload } from "./sensors.js";
 
 let request = { sensor: { source: "nikon-d200" }, wants: { system_gain_dn_per_e: "0.5%", prnu_percent: "2%" }, longest_dark_s: 5, longest_flat_s: 0.05, illuminant: "D65", seconds_per_frame: 1 };
 const PRECISION = "\\s*(?=[\\d.]*[1-9])(\\d+\\.?\\d*|\\.\\d+)(e[+\\-]?\\d+)?\\s*%?\\s*", MOST_WANTS = 12;
 let built = false;
+
+window.addEventListener(DELETED, ({ detail }) => {
+  if (built && (offers(document.getElementById("view-plan"), detail) || JSON.stringify(request).includes(detail))) show(withoutUpload(request, detail));
+});
 
 export async function show(content) {
   const root = document.getElementById("view-plan");

@@ -19,3 +19,21 @@ export async function sensorPick(label, current, changed) {
   list.value = key(current);
   return element("label", {}, label, list);
 }
+
+const FALLBACK = "nikon-d200", OTHERS = { illuminant: "D65", scene: "macbeth" };
+
+// What a view holds, with built-in ones in place of a deleted upload.
+export function withoutUpload(content, name) {
+  const kept = (key, each) => {
+    if (each === name) return OTHERS[key];
+    if (key === "of") return withoutUpload(each, name);
+    if (each?.source === name) return key.startsWith("lens") ? { ...each, source: null } : { source: FALLBACK };
+    if (!Array.isArray(each)) return each;
+    const left = key === "lenses" ? each.map((one) => kept("lens", one)) : each.filter((one) => one !== name && one?.source !== name);
+    return key === "sensors" && !left.length ? [{ source: FALLBACK }] : left;
+  };
+  return Object.fromEntries(Object.entries(content).map(([key, each]) => [key, kept(key, each)]));
+}
+
+// Whether a view offers an upload.
+export const offers = (view, name) => [...view.querySelectorAll("option")].some((option) => option.value.includes(name));

@@ -1,12 +1,12 @@
 // A measure of the camera over one or two of its fields: curves or a heat map.
 
-import { post, showError } from "./api.js";
+import { DELETED, post, showError } from "./api.js";
 import { element, short, svg, table } from "./dom.js";
 import { field, jobBar } from "./jobview.js";
 import { lightField, lights } from "./lights.js";
 import { viridis } from "./picture.js";
 import { plot } from "./plots.js";
-import { sensorPick } from "./sensors.js";
+import { offers, sensorPick, withoutUpload } from "./sensors.js";
 
 const UNITS = {
   signal_e: "e⁻", noise_e: "e⁻", snr_db: "dB", electrons_per_cd_m2: "e⁻ per cd/m²", saturation_capacity_e: "e⁻", dynamic_range_db: "dB",
@@ -22,6 +22,10 @@ let request = {
   ranges: [{ field: "pixel_width_um", first: 0.8, last: 4, count: 17, logarithmic: false }, { field: "f_number", first: 1.4, last: 5.6, count: 5, logarithmic: true }],
 };
 let built = false, fields = new Map(), result = null;
+
+window.addEventListener(DELETED, ({ detail }) => {
+  if (built && (offers(document.getElementById("view-sweep"), detail) || JSON.stringify(request).includes(detail))) show(withoutUpload(request, detail));
+});
 
 export async function show(content) {
   const root = document.getElementById("view-sweep");
