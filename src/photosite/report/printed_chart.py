@@ -19,7 +19,7 @@ from photosite.values.region import Region
 
 _MM_PER_INCH = 25.4
 _MARGIN_MM = 15.0
-_TEXT_PT, _LINE_MM = 9.0, 4.5
+_TEXT_PT, _LINE_MM, _ENTRY_MM = 8.0, 4.0, 58.0
 _MOST_PIXELS = 1 << 28
 
 
@@ -93,7 +93,8 @@ def _pdf(
     picture: Image.Image, chart: Chart, size_mm: tuple[float, float], patches: list[tuple[str, float, float]]
 ) -> bytes:
     width, height = size_mm
-    lines = -(-len(patches) // 3) + 2
+    columns = max(int(width // _ENTRY_MM), 1)
+    lines = -(-len(patches) // columns) + 2
     page = width + 2 * _MARGIN_MM, height + 2 * _MARGIN_MM + lines * _LINE_MM
     pdf = FPDF(unit="mm", format=page)
     pdf.set_creation_date(date_of_files())
@@ -108,6 +109,6 @@ def _pdf(
     pdf.text(_MARGIN_MM, below, f"{chart.name}; {width:g} x {height:.1f} mm; print at 100 %, sRGB")
     for number, (name, reflectance, lightness) in enumerate(patches):
         text = f"{name}: reflectance {reflectance:.3f}, L* {lightness:.1f}"
-        column, line = number % 3, number // 3
-        pdf.text(_MARGIN_MM + column * width / 3, below + (line + 1) * _LINE_MM, text)
+        column, line = number % columns, number // columns
+        pdf.text(_MARGIN_MM + column * width / columns, below + (line + 1) * _LINE_MM, text)
     return bytes(pdf.output())
