@@ -148,4 +148,5 @@ MEASUREMENT = Measurement(
         "defective pixels. Spots of dust are on the map, but not counted."
     ),
     order=310,
+    view="field",
 )

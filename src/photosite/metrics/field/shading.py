@@ -225,4 +225,5 @@ MEASUREMENT = Measurement(
         "by the polynomial that noise allows, so that their extremes are not those of noise."
     ),
     order=300,
+    view="field",
 )

@@ -196,4 +196,5 @@ MEASUREMENT = Measurement(
         "line distortion has the frame's proportions; its corners are at the image height of the farthest dot."
     ),
     order=320,
+    view="field",
 )

@@ -111,4 +111,5 @@ MEASUREMENT = Measurement(
         "a polynomial of the image height with a common shift. Raw frames are measured at the sites of each channel."
     ),
     order=330,
+    view="field",
 )

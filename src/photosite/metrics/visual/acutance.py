@@ -158,4 +158,5 @@ MEASUREMENT = Measurement(
         "size of an image pixel as it is viewed, the distance, and luminance and width of the display for SQRI."
     ),
     order=400,
+    view="fine",
 )
