@@ -105,4 +105,5 @@ MEASUREMENT = Measurement(
         "as independent. Ghosts and light sources outside the chart are not measured."
     ),
     order=340,
+    view="field",
 )
