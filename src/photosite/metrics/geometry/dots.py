@@ -29,6 +29,8 @@ _SIZES = 0.3, 3.0
 _NEAR = 0.3
 """Distance of a dot from where its neighbors predict it, in pitches."""
 _ROUNDS, _ITERATIONS = 3, 20
+_CLOSE_PX = 2e-4
+"""Step of a centroid at which it is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,30 +183,34 @@ def _centroids(image: ChartImage, channel: str, places: Array, radius: float, pi
     A plane through the surround of each dot is its background.
     """
     reach = min(0.48 * pitch, 2.5 * radius + 2.0 * tile)
-    half = math.ceil(reach)
-    first = np.floor(places).astype(int) - half
+    half = math.ceil(reach / tile) * tile
+    first = np.floor(places / tile).astype(int) * tile - half
     rows, cols = image.shape
-    size = 2 * half + 1
+    size = 2 * half + tile
     inside = (first >= 0).all(axis=1) & (first[:, 0] + size <= rows) & (first[:, 1] + size <= cols)
     found = np.full(places.shape, np.nan)
     if not inside.any():
         return found
     plane = image.plane(channel)[0]
-    mask = image.mask(channel, Region("frame", 0, rows, 0, cols))
-    row = first[inside, 0, None, None] + np.arange(size)[:, None]
-    col = first[inside, 1, None, None] + np.arange(size)
-    values, own = plane[row, col], mask[row, col]
+    # Windows begin on whole tiles, so that the channel has the same sites in each.
+    down, along = np.nonzero(image.mask(channel, Region("window", 0, size, 0, size)))
+    row, col = first[inside, 0, None] + down, first[inside, 1, None] + along
+    values = plane[row, col]
     center = places[inside]
     width = max(radius, tile)
     for _ in range(_ROUNDS):  # the surround is symmetric about the centroid only once that is known
-        y, x = row + 0.5 - center[:, 0, None, None], col + 0.5 - center[:, 1, None, None]
-        rest = values - _background(values, own * _surround(np.hypot(y, x), reach), y, x)
+        y, x = row + 0.5 - center[:, 0, None], col + 0.5 - center[:, 1, None]
+        distance = np.hypot(y, x)
+        rest = (values - _background(values, _surround(distance, reach), y, x)) * (distance < reach)
         shift = np.zeros((len(center), 2))
         for _ in range(_ITERATIONS):
-            down, along = y - shift[:, 0, None, None], x - shift[:, 1, None, None]
-            weight = rest * own * np.exp(-0.5 * (down**2 + along**2) / width**2)
-            moment = np.stack([(weight * down).sum(axis=(1, 2)), (weight * along).sum(axis=(1, 2))], axis=1)
-            shift = shift + np.clip(moment / weight.sum(axis=(1, 2))[:, None], -1.0, 1.0)
+            dy, dx = y - shift[:, 0, None], x - shift[:, 1, None]
+            weight = rest * np.exp(-0.5 * (dy**2 + dx**2) / width**2)
+            moment = np.stack([(weight * dy).sum(axis=1), (weight * dx).sum(axis=1)], axis=1)
+            step = np.clip(moment / weight.sum(axis=1)[:, None], -1.0, 1.0)
+            shift = shift + step
+            if not (np.abs(step) > _CLOSE_PX).any():
+                break
         center = center + shift
     center[~(np.hypot(*(center - places[inside]).T) < radius + tile)] = np.nan
     found[inside] = center
@@ -219,8 +225,8 @@ def _surround(distance: Array, reach: float) -> Array:
 
 def _background(values: Array, surround: Array, y: Array, x: Array) -> Array:
     """Return the planes that fit the surrounds best."""
-    model = np.stack(np.broadcast_arrays(np.ones_like(values), y, x), axis=-1)
+    model = np.stack([np.ones_like(values), y, x], axis=-1)
     used = model * surround[..., None]
-    square = np.einsum("nrci,nrcj->nij", used, model)
-    planes = np.linalg.solve(square, np.einsum("nrci,nrc->ni", used, values)[..., None])[..., 0]
-    return np.asarray(np.einsum("nrci,ni->nrc", model, planes))
+    square = np.einsum("npi,npj->nij", used, model)
+    planes = np.linalg.solve(square, np.einsum("npi,np->ni", used, values)[..., None])[..., 0]
+    return np.asarray(np.einsum("npi,ni->np", model, planes))
