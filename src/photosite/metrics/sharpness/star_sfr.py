@@ -100,8 +100,8 @@ def _fitted(
     right = np.empty((size, count_of_terms))
     for i, one in enumerate(terms):
         right[:, i] = np.bincount(place, one * value, size)
-        for j, other in enumerate(terms):
-            normal[:, i, j] = np.bincount(place, one * other, size)
+        for j, other in enumerate(terms[: i + 1]):
+            normal[:, i, j] = normal[:, j, i] = np.bincount(place, one * other, size)
     count = normal[:, 0, 0]
     good = count >= _LEAST_PIXELS
     good[good] = np.linalg.cond(normal[good]) < 1e8
