@@ -154,9 +154,12 @@ def _mean_covariances(
         pairs.append(min(_pairs(reader, group), left))
         used.append(group)
     # One thread does much of the work on a group of few frames. Runs of large frames take too much memory for two.
-    small = reader.frames.rows * reader.frames.cols <= SMALL_FRAME
-    with ThreadPoolExecutor(thread_count() if small else 1) as threads:
-        found = list(threads.map(partial(_covariances, reader), used, wanted))
+    covariances = partial(_covariances, reader)
+    if reader.frames.rows * reader.frames.cols <= SMALL_FRAME and reader.thread_safe:
+        with ThreadPoolExecutor(thread_count()) as threads:
+            found = list(threads.map(covariances, used, wanted))
+    else:
+        found = list(map(covariances, used, wanted))
     means, squares = [], []
     for k, dark_covariance in enumerate(dark_noise):
         noise = [entry[k] for entry in found]

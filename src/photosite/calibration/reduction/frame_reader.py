@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import chain, islice
+from threading import Lock
 from types import TracebackType
 from typing import NamedTuple, TypeVar
 
@@ -90,6 +91,8 @@ _MOST_OPEN = 256
 _AHEAD, _AHEAD_BYTES = 128, 80 << 20
 """Frames read ahead, and their memory limit; at least two frames, and one for each core. Many small frames are decoded
 while the first kernels are loaded."""
+_AHEAD_UNSAFE = 4
+"""The same of sources that are read in the caller's thread, where nothing is gained."""
 
 KEPT_BYTES = 240 << 20
 """Memory limit of the mean frames that are kept; groups beyond it, and those of large frames, are read again."""
@@ -138,6 +141,7 @@ class FrameReader:
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
+        self._counting = Lock()
         self._expected = frames.frame_count
         self._used: dict[int, list[int]] = {}
         self._means: dict[int, MeanFrame] = {}
@@ -173,6 +177,11 @@ class FrameReader:
     ) -> None:
         self._threads.shutdown(cancel_futures=True)
         self._first_pass.close()  # its generator has this reader, whose arrays would stay until the next collection
+
+    @property
+    def thread_safe(self) -> bool:
+        """Whether all frames may be read in threads."""
+        return all(source.thread_safe for group in self.frames.groups for source in group.frames)
 
     def expect(self, frames: int) -> None:
         """Announce frames that will be read again."""
@@ -512,10 +521,11 @@ class FrameReader:
         return batch
 
     def _count(self, frames: int) -> None:
-        for _ in range(frames):
-            self._done += 1
-            if self._progress is not None:
-                self._progress(self._done, self._expected)
+        with self._counting:  # groups may be read in several threads
+            for _ in range(frames):
+                self._done += 1
+                if self._progress is not None:
+                    self._progress(self._done, self._expected)
 
     def _read_ahead(
         self, sources: Iterable[tuple[FrameSource, int]], identify: bool = False
@@ -531,7 +541,7 @@ class FrameReader:
             else:
                 pending.append(Future())
                 pending[-1].set_result(self._checked(source, group_size, identify))
-            if len(pending) > self._ahead:
+            if len(pending) > (self._ahead if source.thread_safe else min(self._ahead, _AHEAD_UNSAFE)):
                 yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()
