@@ -57,14 +57,15 @@ def test_a_whole_measurement_in_one_file(tmp_path):
 
 
 def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
-    """Opening reads no pixels, and reading a frame of a stack reads that frame only."""
+    """Opening reads one dark frame of 16 bits, and reading a frame of a stack reads that frame only."""
     with h5py.File(tmp_path / "m.h5", "w") as file:
         file.create_dataset("dark_1s", data=stack())
     read = []
     real = h5py.Dataset.__getitem__
     monkeypatch.setattr(h5py.Dataset, "__getitem__", lambda self, at: read.append(at) or real(self, at))
     frames = open_frames(tmp_path / "m.h5")
-    assert read == []
+    assert read == [0]  # numbers below 0 may be stored as unsigned ones
+    read.clear()
     frames.groups[0].frames[1].read()
     assert read == [1]
 

@@ -138,7 +138,7 @@ def value_text(estimate: Estimate) -> str:
     Examples
     --------
     >>> value_text(Estimate(0.25)), value_text(Estimate(reason="no edge"))
-    ('0.25', 'not measured: no edge')
+    ('0.2500', 'not measured: no edge')
     """
     if estimate.value is None:
         return f"not measured: {estimate.reason}"

@@ -118,7 +118,7 @@ def predict_pixel_gain(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Estima
     >>> lights = [PlannedGroup("light", 0.01 * k, 200, (2e3 * k, 2e3 * k, 2e3 * k)) for k in range(1, 9)]
     >>> found = predict_pixel_gain(sensor, [darks, *lights])
     >>> round(100 * found.standard_uncertainty / found.value, 1)  # about sqrt(2 / (8 * 199))
-    3.6
+    3.7
     """
     darks, lights = _expected_groups(sensor, groups)
     dark = darks[reference_dark(darks)]

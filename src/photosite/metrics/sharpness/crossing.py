@@ -24,7 +24,7 @@ def crossing(frequency: Array, response: Array, standard_uncertainty: Array, lev
     >>> f = np.linspace(0.0, 0.5, 51)
     >>> found = crossing(f, np.exp(-4.0 * f), np.full(51, 0.01), 0.5)
     >>> round(found.value, 3), round(found.standard_uncertainty, 4)
-    (0.173, 0.0018)
+    (0.173, 0.0025)
     """
     smooth = np.convolve(np.pad(response, 1, mode="edge"), np.full(3, 1 / 3), "valid")
     below = np.flatnonzero(smooth < level)
