@@ -65,6 +65,16 @@ def test_a_call_that_takes_too_long_is_ended() -> None:
     assert time.monotonic() - begun < 20.0
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no timer of processor time")
+def test_processor_time_is_limited_and_waiting_is_not() -> None:
+    begun = time.monotonic()
+    with pytest.raises(ChildError, match=r"0\.3 s of the processor's time"):
+        call_in_child(sum, range(10**12), time_s=60.0, memory_bytes=2 << 30, processor_s=0.3)
+    assert time.monotonic() - begun < 30.0
+    assert call_in_child(time.sleep, 1.0, time_s=60.0, memory_bytes=2 << 30, processor_s=0.3) is None
+    assert call_in_child(sum, range(10), time_s=60.0, memory_bytes=2 << 30) == 45
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no address space limit")
 def test_memory_is_limited_for_each_call() -> None:
     with pytest.raises(ChildError, match="MemoryError"):

@@ -29,6 +29,9 @@ _END_S = 5.0
 _LEFT_ALONE_S = 5.0
 """Time after a call's limit at which the child ends by itself."""
 
+_SIGKILL = 9
+"""`signal.SIGKILL`, which Windows lacks."""
+
 KILLED = "the reader was killed by the system, usually for lack of memory"
 """How a child ended that received SIGKILL within its time."""
 
@@ -37,7 +40,9 @@ class ChildError(Exception):
     """The call did not return: the child crashed, ran out of time or memory, or raised an exception."""
 
 
-def call_in_child(function: Callable[..., Any], *arguments: Any, time_s: float, memory_bytes: int) -> Any:
+def call_in_child(
+    function: Callable[..., Any], *arguments: Any, time_s: float, memory_bytes: int, processor_s: float = 0.0
+) -> Any:
     """Call a function in the child process and return its result.
 
     Parameters
@@ -50,6 +55,9 @@ def call_in_child(function: Callable[..., Any], *arguments: Any, time_s: float, 
         Time limit of the call, in seconds; starting the child is not included.
     memory_bytes
         Limit of the child's address space. Not enforced on Windows.
+    processor_s
+        Limit of the child's processor time for the call, which a busy machine does not use up; 0 for none. Not enforced
+        on Windows.
 
     Raises
     ------
@@ -70,9 +78,9 @@ def call_in_child(function: Callable[..., Any], *arguments: Any, time_s: float, 
             _child = _Child()
         try:
             if function.__module__ not in _child.modules:
-                _child.call((importlib.import_module, (function.__module__,), 0, os.getcwd()), _START_S)
+                _child.call((importlib.import_module, (function.__module__,), 0, os.getcwd(), 0.0), _START_S)
                 _child.modules.add(function.__module__)
-            failed, result = _child.call((function, arguments, memory_bytes, os.getcwd()), time_s)
+            failed, result = _child.call((function, arguments, memory_bytes, os.getcwd(), processor_s), time_s)
         except ChildError:
             _child.end()
             _child = None
@@ -93,7 +101,9 @@ class _Child:
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
 
-    def call(self, request: tuple[Callable[..., Any], tuple[Any, ...], int, str], time_s: float) -> tuple[bool, Any]:
+    def call(
+        self, request: tuple[Callable[..., Any], tuple[Any, ...], int, str, float], time_s: float
+    ) -> tuple[bool, Any]:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         timer = threading.Timer(time_s, self.process.kill)
@@ -106,16 +116,19 @@ class _Child:
         except (EOFError, OSError, pickle.UnpicklingError):
             if not timer.is_alive():
                 raise ChildError(f"reading took longer than {time_s:g} s") from None
-            raise ChildError(KILLED if self._killed() else "the reader crashed") from None
+            ended = self._ended_by()
+            if ended == getattr(signal, "SIGPROF", None):
+                raise ChildError(f"reading took longer than {request[-1]:g} s of the processor's time") from None
+            raise ChildError(KILLED if ended == _SIGKILL else "the reader crashed") from None
         finally:
             timer.cancel()
 
-    def _killed(self) -> bool:
-        """Return whether the process, which has closed its streams, was killed."""
+    def _ended_by(self) -> int:
+        """Return the signal that ended the process, which has closed its streams; 0 for none."""
         try:
-            return self.process.wait(_END_S) == -9  # SIGKILL, which Windows lacks
+            return max(-self.process.wait(_END_S), 0)
         except subprocess.TimeoutExpired:
-            return False
+            return 0
 
     def end(self) -> None:
         self.process.kill()
@@ -159,12 +172,13 @@ def _limit_memory(size: int) -> None:
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     while True:
         try:
-            function, arguments, memory_bytes, folder, time_s = pickle.load(requests)
+            function, arguments, memory_bytes, folder, processor_s, time_s = pickle.load(requests)
         except EOFError:
             return
         _limit_memory(memory_bytes)
         if hasattr(signal, "alarm"):  # a parent that was killed cannot end this process while a library hangs
             signal.alarm(math.ceil(time_s + _LEFT_ALONE_S))
+            signal.setitimer(signal.ITIMER_PROF, processor_s)
         try:
             os.chdir(folder)  # arguments may be relative paths, and the parent may have moved
             result = function(*arguments)
@@ -175,6 +189,7 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
             answer = pickle.dumps((True, message_of(error)))
         if hasattr(signal, "alarm"):
             signal.alarm(0)
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
         answers.write(answer)
         answers.flush()
 

@@ -25,9 +25,11 @@ from photosite.files.small_files import check_stored_file
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
-TIME_LIMIT_S = 20.0
-"""Time limit of the child for a small file, and for each further MB; valid files take milliseconds, but a machine with
-four times as many busy processes as cores left some of them without an answer for 9 s."""
+TIME_LIMIT_S = 2.0
+"""Limit of the child's processor time for a small file, and for each further MB; valid files take milliseconds."""
+_WAITING = 10.0
+"""Time limit over that of the processor: a machine with four times as many busy processes as cores left files that take
+milliseconds without an answer for 9 s."""
 _LONGEST_S = 120.0
 _MEMORY_BYTES = 1 << 30
 _HEAP_SIGNATURE = b"GCOL"
@@ -97,10 +99,11 @@ class Hdf5File:
     @cached_property
     def _texts(self) -> dict[str, dict[str, Any]]:
         """Text attributes of variable length, by item and name."""
-        time_s = min(TIME_LIMIT_S * (1 + self.path.stat().st_size / 1e6), _LONGEST_S)
+        processor_s = min(TIME_LIMIT_S * (1 + self.path.stat().st_size / 1e6), _LONGEST_S)
+        time_s = _WAITING * processor_s
         try:
             found: dict[str, dict[str, Any]] = call_in_child(
-                read_texts, str(self.path), time_s=time_s, memory_bytes=_MEMORY_BYTES
+                read_texts, str(self.path), time_s=time_s, memory_bytes=_MEMORY_BYTES, processor_s=processor_s
             )
         except ChildError as error:
             raise FileError(self.path, f"is damaged: its attributes cannot be read ({error})") from None
