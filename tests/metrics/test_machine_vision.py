@@ -19,7 +19,7 @@ LUMINANCE = dict(zip(CHART.patches, CHART.patch_xyz[:, 1] / CHART.patch_xyz[:, 1
 
 
 def test_contrast_detection_is_the_gaussian_probability() -> None:
-    """Of 60 probabilities, 95 % intervals miss more than 9 in 1 of 300 runs."""
+    """Of 48 probabilities, 95 % intervals miss more than 7 in 1 of 300 runs."""
     random = np.random.default_rng(11)
     missed = count = 0
     for _ in range(12):

@@ -10,7 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.errors import InputError
-from photosite.studies.simulated_charts import image_quality, measure_camera
+from photosite.studies.simulated_charts import ChartConditions, image_quality, measure_camera
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def camera() -> ps.Camera:
 
 
 def test_noise_is_the_budget_of_the_sensor(camera: ps.Camera) -> None:
-    found = measure_camera(camera, charts=["macbeth"], only=["noise"], frames=8, seed=3).charts["macbeth"]["noise"]
+    found = measure_camera(camera, ChartConditions(8, 3), charts=["macbeth"], only=["noise"]).charts["macbeth"]["noise"]
     sensor = camera.sensor
     white_e = (4095 - 100) / sensor.system_gain_dn_per_e
     budget = ps.noise_budget(sensor, [0.18 * white_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6])
@@ -30,7 +30,7 @@ def test_noise_is_the_budget_of_the_sensor(camera: ps.Camera) -> None:
 
 def test_response_without_noise_is_that_with_noise(camera: ps.Camera) -> None:
     charts = {"charts": ["slanted-edge"], "only": ["edge-sfr"]}
-    clean, noisy = (measure_camera(camera, frames=n, **charts).charts["slanted-edge"] for n in (0, 4))  # type: ignore[arg-type]
+    clean, noisy = (measure_camera(camera, ChartConditions(n), **charts).charts["slanted-edge"] for n in (0, 4))
     low, high = noisy["edge-sfr"]["mtf50", "G"].interval_95 or (math.nan, math.nan)
     truth = clean["edge-sfr"]["mtf50", "G"].value
     assert truth is not None
@@ -38,7 +38,8 @@ def test_response_without_noise_is_that_with_noise(camera: ps.Camera) -> None:
 
 
 def test_two_measurements_of_one_chart_need_two_views(camera: ps.Camera) -> None:
-    found = measure_camera(camera, charts=["siemens-star"], only=["oecf", "star-sfr"], frames=2).charts["siemens-star"]
+    found = measure_camera(camera, ChartConditions(2), charts=["siemens-star"], only=["oecf", "star-sfr"])
+    found = found.charts["siemens-star"]
     assert set(found.results) == {"oecf", "star-sfr"}
 
 
@@ -47,6 +48,9 @@ def test_unknown_charts_are_refused(camera: ps.Camera) -> None:
         measure_camera(camera, charts=["zone-plate"])
     with pytest.raises(InputError):
         measure_camera(camera, charts=["macbeth"], only=["edge-sfr"])
+    for options in ({"edgesfr": {"order": 1}}, {"edge-sfr": {"order": 1}}):
+        with pytest.raises(InputError):
+            measure_camera(camera, ChartConditions(0), charts=["uniform"], options=options)
 
 
 def test_columns_of_a_sweep(camera: ps.Camera) -> None:

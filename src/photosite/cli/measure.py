@@ -147,20 +147,18 @@ def _own_options(settings: Sequence[tuple[str, Any]]) -> dict[str, dict[str, Any
 
 def _simulated(given: dict[str, Any]) -> CameraQuality:
     from photosite.camera.file import load_camera
-    from photosite.studies.simulated_charts import measure_camera
+    from photosite.studies.simulated_charts import ChartConditions, measure_camera
 
     setup = load_camera(given["camera_file"])
     light = {name: given[name] for name in ("illuminant", "luminance_cd_m2") if given[name] is not None}
     return measure_camera(
         setup.camera,
+        ChartConditions(given["count"], given["seed"], **light),
         charts=given["charts"],
         only=given["only"],
         options=_own_options(given["settings"]),
-        frames=given["count"],
-        seed=given["seed"],
         name=setup.name or given["camera_file"].name,
         on_progress=say,
-        **light,
     )
 
 

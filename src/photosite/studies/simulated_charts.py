@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
 from photosite.metrics.camera_quality import CameraQuality
-from photosite.metrics.chart_image import chart_image
-from photosite.metrics.charts.placed_chart import placed_chart
+from photosite.metrics.chart_image import ChartImage, chart_image
+from photosite.metrics.charts.placed_chart import PlacedChart, placed_chart
 from photosite.metrics.measure import ImageQuality, measure
 from photosite.metrics.measurement import Result, View
 from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import SceneRequest, chart_options
 from photosite.values.estimate import Estimate
+from photosite.values.shown import Shown
 
 _MIDDLE_PX, _FINE_PX = (900, 1200), (400, 400)
 """Largest frames of views that do not need the whole field."""
@@ -26,17 +27,34 @@ _MOST_FIELD_PX = 16_000_000
 """Pixels of whole fields up to which a camera's own number is simulated."""
 
 
+@dataclass(frozen=True)
+class ChartConditions(Shown):
+    """How simulated charts are photographed.
+
+    Parameters
+    ----------
+    frames, seed
+        Frames of each chart, one stack; 0: mean electrons without noise. Seed of their noise.
+    illuminant, luminance_cd_m2
+        Light of the charts, and their mean luminance.
+    exposure_s
+        Exposure time; None: just below saturation.
+    """
+
+    frames: int = 8
+    seed: int = 0
+    illuminant: str | float = "D65"
+    luminance_cd_m2: float = 200.0
+    exposure_s: float | None = None
+
+
 def measure_camera(
     camera: Camera,
+    conditions: ChartConditions | None = None,
     *,
     charts: Collection[str] = (),
     only: Collection[str] = (),
     options: Mapping[str, Mapping[str, Any]] | None = None,
-    frames: int = 8,
-    illuminant: str | float = "D65",
-    luminance_cd_m2: float = 200.0,
-    exposure_s: float | None = None,
-    seed: int = 0,
     name: str | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> CameraQuality:
@@ -44,14 +62,10 @@ def measure_camera(
 
     Parameters
     ----------
-    camera
-        The camera.
+    camera, conditions
+        The camera, and how the charts are photographed.
     charts, only, options
         Charts and measurements; empty: all that are registered. Options of measurements, as for `measure`.
-    frames, seed
-        Frames of each chart, one stack; 0: mean electrons without noise. Seed of their noise.
-    illuminant, luminance_cd_m2, exposure_s
-        Light of the charts, their mean luminance, and the exposure time; None: just below saturation.
     name
         Of the camera, for the report.
     on_progress
@@ -60,14 +74,14 @@ def measure_camera(
     Raises
     ------
     InputError
-        If a chart or measurement is unknown, or no measurement is left.
+        If a chart or measurement is unknown, no measurement is left, or options are of one that is not made.
 
     Examples
     --------
     >>> import photosite as ps
     >>> sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=64)
     >>> camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
-    >>> found = measure_camera(camera, charts=["macbeth"], only=["noise"], frames=2)
+    >>> found = measure_camera(camera, ChartConditions(frames=2), charts=["macbeth"], only=["noise"])
     >>> 30 < found.charts["macbeth"]["noise"]["snr_18_db", "G"].value < 40
     True
     """
@@ -75,6 +89,8 @@ def measure_camera(
     for chart in charts:
         if chart not in known:
             raise InputError("charts", value=chart, expected=f"one of {', '.join(known)}")
+    for key in (*only, *(options or {})):
+        measurement(key)  # an unknown one is an error that says so
     found: dict[str, ImageQuality] = {}
     for chart in charts or known:
         chosen = {
@@ -86,13 +102,17 @@ def measure_camera(
                 continue
             if on_progress is not None:
                 on_progress(f"{chart}: simulating")
-            image, placed = _simulated(camera, chart, view, frames, (illuminant, luminance_cd_m2), exposure_s, seed)
+            image, placed = _simulated(camera, chart, view, conditions or ChartConditions())
             own = {key: value for key, value in (options or {}).items() if key in ids}
             quality = measure(image, placed, only=ids, options=own, on_progress=on_progress)
             before = found.get(chart)
             found[chart] = quality if before is None else before.with_results(quality)
     if not found:
         raise InputError("only", value=tuple(only), expected="a measurement of the charts")
+    made = {key for quality in found.values() for key in quality.results}
+    for key in options or {}:
+        if key not in made:
+            raise InputError("options", value=key, expected=f"of a measurement that is made: {', '.join(sorted(made))}")
     return CameraQuality(name or camera.sensor.name or "camera", found)
 
 
@@ -115,7 +135,7 @@ def image_quality(
     values
         Names such as "edge-sfr.mtf50.G", or "edge-sfr.mtf50" for every part.
     frames, luminance_cd_m2, illuminant, exposure_s
-        As for `measure_camera`.
+        As for `ChartConditions`.
 
     Returns
     -------
@@ -133,8 +153,8 @@ def image_quality(
     found: dict[str, float] = {}
     for id in dict.fromkeys(name.measurement for name in wanted):
         chart = measurement(id).charts[0]
-        light: dict[str, Any] = {"illuminant": illuminant, "luminance_cd_m2": luminance_cd_m2}
-        quality = measure_camera(camera, charts=[chart], only=[id], frames=frames, exposure_s=exposure_s, **light)
+        conditions = ChartConditions(frames, 0, illuminant, luminance_cd_m2, exposure_s)
+        quality = measure_camera(camera, conditions, charts=[chart], only=[id])
         result = quality.charts[chart].results[id]
         for name in (each for each in wanted if each.measurement == id):
             matching = name.among(result.values) if isinstance(result, Result) else {}
@@ -145,15 +165,7 @@ def image_quality(
     return found
 
 
-def _simulated(
-    camera: Camera,
-    chart: str,
-    view: View,
-    frames: int,
-    light: tuple[str | float, float],
-    exposure_s: float | None,
-    seed: int,
-) -> tuple[Any, Any]:
+def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditions) -> tuple[ChartImage, PlacedChart]:
     """Return frames of a chart that fills them, as an image, and the chart in it."""
     array = camera.sensor.array
     rows, cols = array.rows, array.cols
@@ -174,13 +186,20 @@ def _simulated(
         options = {"rows": rows * cells, "cols": cols * cells}
         if "supersampling" in known:  # a texture whose finest details are those of the pixels
             options |= {"supersampling": 2, "smallest_radius": float(cells)}
-    illuminant, luminance = light
+    illuminant, luminance = conditions.illuminant, conditions.luminance_cd_m2
     scene = SceneRequest(chart, {"illuminant": illuminant, "mean_luminance_cd_m2": luminance, **options}).scene()
-    time_s = seen.auto_exposure_s(seen.mean_electrons(scene, 1.0)) if exposure_s is None else exposure_s
+    time_s = (
+        seen.auto_exposure_s(seen.mean_electrons(scene, 1.0))
+        if conditions.exposure_s is None
+        else conditions.exposure_s
+    )
     mean = seen.mean_electrons(scene, time_s)
     given: Any = mean
-    if frames:
-        given = [seen.expose(mean, time_s, seed=seed, frame=number, scene=scene) for number in range(frames)]
+    if conditions.frames:
+        given = [
+            seen.expose(mean, time_s, seed=conditions.seed, frame=number, scene=scene)
+            for number in range(conditions.frames)
+        ]
     image = chart_image(given, sensor=seen.sensor)
     placed = placed_chart(image, chart, illuminant=illuminant, luminance_cd_m2=luminance, options=options)
     return image, placed

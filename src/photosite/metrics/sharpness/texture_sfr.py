@@ -135,7 +135,7 @@ def _direct(
     elif image.origin == "electrons":
         shared = power
     else:
-        return Missing("the noise of one frame cannot be told from texture; take two frames or more")
+        return Missing("the noise of one frame cannot be separated from texture; take two frames or more")
     noise = np.maximum(power - shared, 0.0)
     variance = 2.0 * np.maximum(shared, 0.0) * noise / count + noise**2 / max(count * (count - 1), 1)
     ratio = np.bincount(where, shared) / np.maximum(total, 1e-300)

@@ -32,7 +32,7 @@ ONE_FRAME = DiagnosticKind(
     "one-frame-noise",
     "note",
     "There is one frame.",
-    "Temporal noise and fixed pattern cannot be told apart; ratios are those of total noise.",
+    "Temporal noise and fixed pattern cannot be separated; ratios are those of total noise.",
     "Take eight frames or more.",
     ("snr_*",),
 )
@@ -65,7 +65,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
             text = f"channel {channel}: neighboring pixels have a correlation of {alike:.2f}"
             diagnostics.append(NOISE_REDUCED(text, alike))
     if len(image.frames) == 1:
-        diagnostics.append(ONE_FRAME("one frame: temporal noise and fixed pattern are not told apart"))
+        diagnostics.append(ONE_FRAME("one frame: temporal noise and fixed pattern are not separated"))
     return Result(values, tuple(curves), (), tuple(diagnostics))
 
 

@@ -24,7 +24,7 @@ from photosite.metrics.visual.viewing import (
     luminance_sensitivity,
     pixels_per_degree,
 )
-from photosite.values.diagnostic import Diagnostic, DiagnosticKind
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.estimate import Estimate
 from photosite.values.region import Patch, Region
 from photosite.values.uncertain import Missing, Uncertain, Value, correlated
@@ -40,6 +40,14 @@ SMALL_PATCHES = DiagnosticKind(
     "Take a picture of the chart in which patches are larger, or state a longer viewing distance.",
     ("visual_noise*", "sigma_*", "vsnr"),
     "Side of the smallest patch in degrees.",
+)
+UNCONFIRMED_WEIGHTS = DiagnosticKind(
+    "unconfirmed-weights",
+    "warning",
+    "Weights and color sensitivities of visual noise were not checked with the texts of the standards.",
+    "The two combined figures may differ from those of other programs by a factor.",
+    "Compare cameras by figures of this program only, or use sigma L*, a*, b* and the visible SNR.",
+    ("visual_noise_2013", "visual_noise_cpiq"),
 )
 _LEAST_DEGREES, _LEAST_SIDE = 0.5, 16
 
@@ -66,7 +74,7 @@ def _measure(
         found.append((patch.name, min(box.shape) / per_degree, _patch_noise(_pixels(image, box), per_degree)))
     if not found:
         raise InputError("gray patches of the chart", value=0, expected="one or more")
-    diagnostics: list[Diagnostic] = []
+    diagnostics = [UNCONFIRMED_WEIGHTS("weights of the combined figures are not confirmed by the standards' texts")]
     if (smallest := min(size for _, size, _ in found)) < _LEAST_DEGREES:
         text = f"the smallest patch covers {smallest:.2g} degrees"
         diagnostics.append(SMALL_PATCHES(text, smallest))
