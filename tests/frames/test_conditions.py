@@ -178,7 +178,7 @@ def test_command_lists_settings_and_calibrates_each_or_one(measured, tmp_path):
         "  read_mode=odd: 1 frame",
     ]
     assert [each["conditions"][10:] for each in json.loads(done.stdout)["settings"]] == ["high", "low", "odd"]
-    refused = CliRunner().invoke(command, [str(measured), "--report", str(tmp_path / "a.html")])
+    refused = CliRunner().invoke(command, [str(measured), "--sensor", "sony-imx174", "-o", str(tmp_path / "a.yaml")])
     assert refused.exit_code == 2
     assert "--where" in refused.stderr
     one = CliRunner().invoke(command, [str(measured), "--json", "--where", "read_mode=low"])

@@ -11,7 +11,7 @@ from photosite.calibration.captures.each_capture import CaptureCalibration
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
 from photosite.values.diagnostic import Diagnosed, Diagnostic, DiagnosticKind
-from photosite.values.shown import ResultTable, Tabular
+from photosite.values.shown import Reported, ResultTable, Tabular
 
 OneSetting = Calibration | GainSeries | CaptureCalibration | CombinedCalibration
 
@@ -35,7 +35,7 @@ NOT_CALIBRATED = DiagnosticKind(
 
 
 @dataclass(frozen=True)
-class SettingsCalibration(Diagnosed, Tabular):
+class SettingsCalibration(Diagnosed, Reported, Tabular):
     """The result of `calibrate` for several settings, each calibrated by itself.
 
     Parameters
@@ -56,6 +56,17 @@ class SettingsCalibration(Diagnosed, Tabular):
         found = [entry.within(name) for name, each in self.settings.items() for entry in each.diagnostics]
         return (*refused, *found)
 
+    @property
+    def calibrations(self) -> dict[str, Calibration]:
+        """The calibration of each setting, and of each gain setting of a series, by its conditions."""
+        found: dict[str, Calibration] = {}
+        for name, each in self.settings.items():
+            if isinstance(each, Calibration):
+                found[name] = each
+            elif isinstance(each, GainSeries):
+                found |= {f"{name},gain_setting={step.setting:g}": step.calibration for step in each.steps}
+        return found
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result of each setting, and the reasons for those without one."""
         return {
@@ -69,18 +80,10 @@ class SettingsCalibration(Diagnosed, Tabular):
 
     def _table(self) -> ResultTable:
         rows = []
-        for name, each in self.settings.items():
-            steps = each.steps if isinstance(each, GainSeries) else ()
-            found = [(f"{name},gain_setting={step.setting:g}", step.calibration) for step in steps]
-            found += [(name, each)] if isinstance(each, Calibration) else []
-            for place, calibration in found:
-                entries = [getattr(calibration, parameter) for parameter in SHOWN]
-                rows.append(
-                    (
-                        place,
-                        calibration.frame_count,
-                        *(part for e in entries for part in (e.value, e.standard_uncertainty)),
-                    )
-                )
+        for name, each in self.calibrations.items():
+            entries = [getattr(each, parameter) for parameter in SHOWN]
+            rows.append(
+                (name, each.frame_count, *(part for e in entries for part in (e.value, e.standard_uncertainty)))
+            )
         columns = ("setting", "frames", *(part for name in SHOWN for part in (name, f"{name}_standard_uncertainty")))
         return ResultTable("Settings", columns, rows)

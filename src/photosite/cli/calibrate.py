@@ -153,8 +153,8 @@ def command(
     gains.
 
     Settings that differ in camera, read mode, offset, binning, subframe, set-point temperature, filter, or amplifier or
-    chip of a file, as the files state them, are listed and calibrated one by one. --where chooses one, and then -o and
-    --report apply.
+    chip of a file, as the files state them, are listed and calibrated one by one; --report compares them in one page.
+    --where chooses one, and then -o applies.
 
     \b
     Frames are read from
@@ -221,7 +221,7 @@ def command(
     if kind in ("captures", "combined"):
         outputs.check_report_only()
     if kind == "settings":
-        outputs.check_none()
+        outputs.check_one_setting()
     _check_memory(frames, maps, given["processes"])
     say_if_compiling("site_planes._high_passed", compile_statistics)
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
@@ -286,9 +286,9 @@ class _Outputs:
             if wanted is not None:
                 raise click.UsageError(f"{option} needs frames of one capture: several do not show all of a sensor")
 
-    def check_none(self) -> None:
-        """Raise a usage error for any file of several settings."""
-        for option, wanted in (("-o", self.sensor), ("--report", self.report), ("--contribute", self.entry)):
+    def check_one_setting(self) -> None:
+        """Raise a usage error for the sensor file or the entry of several settings."""
+        for option, wanted in (("-o", self.sensor), ("--contribute", self.entry)):
             if wanted is not None:
                 raise click.UsageError(f"{option} needs frames of one setting: choose it with --where")
 
@@ -299,9 +299,7 @@ class _Outputs:
         from photosite.calibration.settings_result import SettingsCalibration
         from photosite.sensor.io.sensor_file import maps_path
 
-        if isinstance(result, SettingsCalibration):
-            return {}
-        if not isinstance(result, Calibration | GainSeries):
+        if not isinstance(result, Calibration | GainSeries | SettingsCalibration):
             self.check_report_only()
         if self.sensor is not None and isinstance(result, Calibration):
             _ = result.sensor  # raises before anything is written

@@ -95,7 +95,7 @@ def calibration_page(calibration: Calibration) -> Page:
         Section("Channels", channels),
         Section("Provenance", provenance_blocks(calibration)),
         Section(
-            "How to read this report", (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS))
+            READING_TITLE, (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS))
         ),
     )
     lead = (
@@ -145,6 +145,8 @@ def _without_folder(names: list[str]) -> tuple[str, list[str]]:
         return "", names
     return (folder, [os.path.relpath(name, folder) for name in names]) if folder.strip(os.sep) else ("", names)
 
+
+READING_TITLE = "How to read this report"
 
 _READING = (
     "Values are estimate ± standard uncertainty (GUM): the true value lies within one standard uncertainty in about "

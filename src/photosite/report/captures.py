@@ -11,9 +11,9 @@ from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.captures.each_capture import CaptureCalibration
 from photosite.report.diagnostics import explanations, notices
 from photosite.report.figures.captures import draw_captures_snr, draw_combined_snr, draw_knees
-from photosite.report.page import Block, Page, Paragraph, Section, Table, columns, figure_block, numeric, sentence
+from photosite.report.page import Block, Page, Paragraph, Section, figure_block
 from photosite.report.style import legend_above, new_figure, styled
-from photosite.report.tables import format_estimate
+from photosite.report.tables import comparison_blocks
 from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 
@@ -37,7 +37,7 @@ def captures_page(found: CaptureCalibration) -> Page:
         "From the measured values, up to saturation or the brightest level of each capture.",
     )
     lead = f"{len(found.captures)} captures of one exposure. Ratios are those to {next(iter(found.captures))}."
-    sections = (Section("Captures", (*_table(rows), figure)), *_warnings(found.diagnostics))
+    sections = (Section("Captures", (*comparison_blocks(rows), figure)), *_warnings(found.diagnostics))
     return Page("Captures of a sensor", lead, sections, _FOOTER)
 
 
@@ -69,8 +69,8 @@ def combined_page(found: CombinedCalibration) -> Page:
             "It dips where the frame changes to a capture with fewer electrons or more read noise.",
         ),
     )
-    shown: tuple[Block, ...] = _table(knees) if knees else (Paragraph("No knee was found."),)
-    sections = (Section("Captures", _table(rows)), Section("Knees", (*shown, *figures)), *_warnings(found.diagnostics))
+    shown: tuple[Block, ...] = comparison_blocks(knees) if knees else (Paragraph("No knee was found."),)
+    sections = (Section("Captures", comparison_blocks(rows)), Section("Knees", (*shown, *figures)), *_warnings(found.diagnostics))
     lead = f"Combined frames of {found.source}: {len(found.captures)} captures are distinguished by their noise."
     return Page("Captures in combined frames", lead, sections, _FOOTER)
 
@@ -81,19 +81,6 @@ def _figure(draw: Callable[[Axes], None]) -> Figure:
     draw(axes)
     legend_above(figure)
     return figure
-
-
-def _table(rows: Mapping[str, Mapping[str, Estimate]]) -> tuple[Block, ...]:
-    """Return a table with a row per part, and the reasons for missing values."""
-    titles = list(next(iter(rows.values())))
-    cells = tuple((name, *(format_estimate(entry) for entry in entries.values())) for name, entries in rows.items())
-    reasons: dict[str, list[str]] = {}
-    for name, entries in rows.items():
-        for title, entry in entries.items():
-            if entry.value is None and entry.reason:
-                reasons.setdefault(entry.reason, []).append(f"{title.partition(' (')[0]} of {name}")
-    notes = tuple(Paragraph(sentence(f"{', '.join(what)}: {why}")) for why, what in reasons.items())
-    return Table("With standard uncertainties", columns("", *map(numeric, titles)), cells), *notes
 
 
 def _warnings(diagnostics: tuple[Diagnostic, ...]) -> tuple[Section, ...]:

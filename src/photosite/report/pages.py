@@ -10,6 +10,7 @@ from photosite.calibration.dark.temperature import DarkTemperature
 from photosite.calibration.effects.em_gain import EmGainResult
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.result import Calibration
+from photosite.calibration.settings_result import SettingsCalibration
 from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.measure import ImageQuality
 from photosite.report.calibration import calibration_page
@@ -19,6 +20,7 @@ from photosite.report.em_gain import em_gain_page
 from photosite.report.gain_series import gain_series_page
 from photosite.report.image_quality import camera_quality_page, image_quality_page
 from photosite.report.page import Page
+from photosite.report.settings import settings_page
 from photosite.report.validation import validation_page
 from photosite.validation.frame_validation import FrameValidation
 
@@ -38,3 +40,4 @@ page.register(FrameValidation, validation_page)
 page.register(GainSeries, gain_series_page)
 page.register(ImageQuality, image_quality_page)
 page.register(CameraQuality, camera_quality_page)
+page.register(SettingsCalibration, lambda result: settings_page(result, page))

@@ -10,7 +10,7 @@ from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, param
 from photosite.calibration.photon_transfer.channel import LinearRange
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
-from photosite.report.page import Heading, Table, columns, numeric
+from photosite.report.page import Heading, Paragraph, Table, columns, numeric, sentence
 from photosite.values.estimate import Estimate
 
 
@@ -81,6 +81,25 @@ def interval_text(entry: Estimate) -> str:
     else:
         text = format_interval(*interval, entry.standard_uncertainty)
     return text.replace(" ", "\u00a0")  # on one line
+
+
+def comparison_blocks(rows: Mapping[str, Mapping[str, Estimate]], first: str = "") -> tuple[Table | Paragraph, ...]:
+    """Return a table with a row per part, such as a capture or a setting, and the reasons for missing values."""
+    titles = list(next(iter(rows.values())))
+    cells = tuple((name, *(_with_interval(entry) for entry in entries.values())) for name, entries in rows.items())
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for name, entries in rows.items():
+        for title, entry in entries.items():
+            if entry.value is None and entry.reason:
+                reasons.setdefault((title.partition(" (")[0], entry.reason), []).append(name)
+    notes = tuple(Paragraph(sentence(f"{what} of {', '.join(of)}: {why}")) for (what, why), of in reasons.items())
+    caption = "With standard uncertainties; 95 % intervals in parentheses"
+    return Table(caption, columns(first, *titles), cells), *notes
+
+
+def _with_interval(entry: Estimate) -> str:
+    value, interval = format_estimate(entry).replace(" ", "\u00a0"), interval_text(entry)
+    return f"{value} ({interval})" if interval else value
 
 
 def channel_table(channels: Mapping[str, Parameters]) -> Table:
