@@ -94,9 +94,7 @@ def calibration_page(calibration: Calibration) -> Page:
         Section("All parameters", (*parameter_tables(calibration), *([correlations] if correlations else []))),
         Section("Channels", channels),
         Section("Provenance", provenance_blocks(calibration)),
-        Section(
-            READING_TITLE, (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS))
-        ),
+        Section(READING_TITLE, (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS))),
     )
     lead = (
         f"Parameters of the sensor, estimated from {calibration.frame_count} dark frames and flat fields. Terms are "

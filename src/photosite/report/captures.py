@@ -70,7 +70,11 @@ def combined_page(found: CombinedCalibration) -> Page:
         ),
     )
     shown: tuple[Block, ...] = comparison_blocks(knees) if knees else (Paragraph("No knee was found."),)
-    sections = (Section("Captures", comparison_blocks(rows)), Section("Knees", (*shown, *figures)), *_warnings(found.diagnostics))
+    sections = (
+        Section("Captures", comparison_blocks(rows)),
+        Section("Knees", (*shown, *figures)),
+        *_warnings(found.diagnostics),
+    )
     lead = f"Combined frames of {found.source}: {len(found.captures)} captures are distinguished by their noise."
     return Page("Captures in combined frames", lead, sections, _FOOTER)
 

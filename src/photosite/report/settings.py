@@ -23,9 +23,9 @@ def settings_page(result: SettingsCalibration, page: Callable[[object], Page]) -
     page
         Returns the report of each, as `photosite.report.pages.page` does.
     """
+    titles = {key: f"{parameter_label(key).label} ({parameter_label(key).unit})" for key in SHOWN}
     rows = {
-        name: {f"{label.label} ({label.unit})": getattr(each, key) for key in SHOWN for label in (parameter_label(key),)}
-        for name, each in result.calibrations.items()
+        name: {title: getattr(each, key) for key, title in titles.items()} for name, each in result.calibrations.items()
     }
     refused = notices(entry for entry in result.diagnostics if entry.id == "setting-not-calibrated")
     sections = [Section("Settings", (*(comparison_blocks(rows, "Setting") if rows else ()), *refused))]
