@@ -24,6 +24,7 @@ from photosite.training.digest import described
 from photosite.training.light import Light, Source
 from photosite.training.pair import Pair
 from photosite.training.patch import Patch, between, chances, first_of, flip_offset
+from photosite.training.spawned_copy import reduced
 from photosite.values.cfa import tile_text
 from photosite.values.choice import check_choice
 from photosite.values.exposure import check_exposure
@@ -172,6 +173,9 @@ class PairDataset(Shown):
         """(rows, cols) of every frame."""
         rows, cols = self.crop or self.source.shape or (0, 0)
         return int(rows), int(cols)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
 
     def __len__(self) -> int:
         return len(self.source) * self.crops * self.draws

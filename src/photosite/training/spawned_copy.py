@@ -1,0 +1,56 @@
+"""The copy of a dataset in a process that is spawned: its arrays do not go through the pipe to the process.
+
+A process that is spawned, or started by a fork server, reads its objects from a pipe of 64 KB, and first imports what
+they need, torch for example. The parent waits until the rest of the objects fits the pipe. With arrays in memory that
+the process inherits, objects are small, and several workers start at the same time.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import pickle
+import weakref
+from multiprocessing.context import get_spawning_popen
+from multiprocessing.reduction import DupFd
+from typing import Any
+
+ALIGNED = 64
+"""Arrays begin at multiples of this number of bytes."""
+
+
+def reduced(whole: Any) -> tuple[Any, ...]:
+    """Return what pickle makes an object from: the `__reduce__` of a class without `__slots__`.
+
+    Arrays go to memory that the process inherits if the object is pickled for one (Linux), and into the pickle
+    otherwise.
+    """
+    process = get_spawning_popen()
+    if process is None or not hasattr(os, "memfd_create"):
+        return _made, (type(whole), vars(whole))
+    buffers: list[pickle.PickleBuffer] = []
+    text = pickle.dumps(vars(whole), protocol=5, buffer_callback=buffers.append)
+    descriptor = os.memfd_create("photosite")
+    weakref.finalize(process, os.close, descriptor)  # the process inherits it after all is pickled
+    places = []
+    with open(descriptor, "wb", closefd=False) as file:
+        for buffer in buffers:
+            file.seek(-(-file.tell() // ALIGNED) * ALIGNED)
+            places.append((file.tell(), file.write(buffer.raw())))
+    return _inherited, (type(whole), text, places, DupFd(descriptor))
+
+
+def _inherited(kind: type[Any], text: bytes, places: list[tuple[int, int]], descriptor: Any) -> Any:
+    """Return the object, in the process that inherited its arrays; what it writes to them stays its own."""
+    opened = descriptor.detach()
+    try:
+        memory = memoryview(mmap.mmap(opened, 0, access=mmap.ACCESS_COPY) if places else b"")
+    finally:
+        os.close(opened)
+    return _made(kind, pickle.loads(text, buffers=[memory[start : start + size] for start, size in places]))
+
+
+def _made(kind: type[Any], state: dict[str, Any]) -> Any:
+    made = object.__new__(kind)
+    vars(made).update(state)
+    return made
