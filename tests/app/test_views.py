@@ -138,6 +138,82 @@ def test_what_the_files_do_not_state_is_asked_for(tmp_path: Path) -> None:
         list_frames(FolderRequest(folder="plain"), places)
 
 
+@pytest.fixture(scope="module")
+def modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A served folder with frames of two read modes, of 0.5 and 0.25 DN per electron."""
+    served = tmp_path_factory.mktemp("modes")
+    (served / "both").mkdir()
+    for mode, gain in (("fast/HDR", 0.5), ("slow", 0.25)):
+        for kind, time_ms in [("dark", 10), *(("flat", t) for t in (10, 20, 30))]:
+            for number in range(3):
+                dn = shot(100 * time_ms * (kind == "flat"), gain, number)
+                frame = RawFrame(dn, 12, black_level_dn=40, metadata={"read_mode": mode})
+                frame.save(served / "both" / f"{kind}_{time_ms}ms_{mode[:4]}_{number}.tif")
+    return served
+
+
+def test_several_settings_are_listed_and_compared(modes: Path, tmp_path: Path) -> None:
+    places = Places(folder=modes, results=tmp_path)
+    listing = list_frames(FolderRequest(folder="both"), places)
+    names = ["read_mode=fast/HDR", "read_mode=slow"]
+    assert [(each["name"], each["frames"]) for each in listing["settings"]] == [(name, 12) for name in names]
+    assert listing["groups"] == []
+    one = FolderRequest(folder="both", where=names[1])
+    assert [len(list_frames(one, places)[name]) for name in ("settings", "groups")] == [1, 4]
+    known = SensorState(source="vendor-2.2um", changes={"cfa": "mono", "bits": 12, **MONO})
+    request = CalibrationRequest(folder="both", each_setting=True, sensor=known)
+    found = run_calibration(request, places)
+    assert found["method"] == "settings"
+    assert [part["name"] for part in found["parts"]] == [f"setting {name}" for name in names]
+    (compared,) = found["tables"]
+    gains = [row for row in compared["rows"] if row["label"] == "System gain K"]
+    assert [row["part"] for row in gains] == names
+    for row, truth in zip(gains, (0.5, 0.25), strict=True):
+        assert row["interval_95"][0] < truth < row["interval_95"][1] < 1.1 * truth
+    assert [file["name"] for file in found["files"]] == ["read_mode=fast_HDR.sensor.yaml", "read_mode=slow.sensor.yaml"]
+    assert write_report(ReportRequest(result=found["id"]), places)["name"] == "report.html"
+    with raises(FileError, f"the frames have 2 settings: {names[0]} (12 frames); {names[1]} (12 frames)"):
+        run_calibration(CalibrationRequest(folder="both"), places)
+    edits = [GroupEdit(kind="dark", exposure_s=1.0)]
+    with raises(InputError, "groups"):
+        run_calibration(CalibrationRequest(folder="both", each_setting=True, groups=edits), places)
+    python, command = calibration_code(CalibrationRequest(folder="both", each_setting=True), places)
+    assert "frames = open_settings(" in python
+    assert list(executed(python)["cal"].settings) == names
+    assert command.endswith("both --report report.html")
+
+
+def test_the_stated_black_level_is_that_of_the_request(modes: Path) -> None:
+    places, asked = Places(folder=modes), {"folder": "both", "where": "read_mode=slow"}
+    assert list_frames(FolderRequest(**asked), places)["black_level_dn"] == 40
+    wrong = run_calibration(CalibrationRequest(**asked), places)
+    right = CalibrationRequest(**asked, black_level_dn=64)
+    assert list_frames(right, places)["black_level_dn"] == 64
+    stated = [
+        [text for text in each["warnings"] if "black level is stated" in text]
+        for each in (wrong, run_calibration(right, places))
+    ]
+    assert [len(texts) for texts in stated] == [1, 0]
+    python, command = calibration_code(right, places)
+    assert "black_level_dn=64.0" in python
+    assert "--black-level 64.0" in command
+
+
+def test_the_gain_of_each_pixel_is_measured(tmp_path: Path) -> None:
+    (tmp_path / "scmos").mkdir()
+    for kind, time_ms in [("dark", 10), *(("flat", t) for t in (10, 20, 40))]:
+        for number in range(40):
+            dn = shot(100 * time_ms * (kind == "flat"), seed=number)
+            RawFrame(dn, bits=12).save(tmp_path / "scmos" / f"{kind}_{time_ms}ms_{number}.png")
+    request = CalibrationRequest(folder="scmos", maps=True, pixel_gain=True)
+    (part,) = run_calibration(request, Places(folder=tmp_path))["parts"]
+    assert [found["name"] for found in part["maps"]][-1] == "pixel_gain_dn_per_e"
+    assert part["parameters"][-1]["label"] == "Gain of the pixels, spread"
+    python, command = calibration_code(request, Places(folder=tmp_path))
+    assert 'maps="gain"' in python
+    assert "--pixel-gain" in command
+
+
 MONO = {"channels": {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}}
 
 

@@ -46,6 +46,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             electrons = 0 if kind == "dark" else noise.poisson(100 * time_ms, (64, 64))
             dn = np.uint16(64.5 + 0.5 * electrons + noise.normal(0, 2, (64, 64)))
             RawFrame(dn, bits=12).save(found / "stack" / f"{kind}_{time_ms}ms_{number}.png")
+    (found / "modes").mkdir()
+    for mode, gain in (("fast", 0.5), ("slow", 0.25)):
+        for kind, time_ms in [("dark", 10), *(("flat", t) for t in (10, 20, 30))]:
+            for number in range(3):
+                electrons = 0 if kind == "dark" else noise.poisson(100 * time_ms, (64, 64))
+                dn = np.uint16(64.5 + gain * electrons + noise.normal(0, 2, (64, 64)))
+                frame = RawFrame(dn, bits=12, metadata={"read_mode": mode})
+                frame.save(found / "modes" / f"{kind}_{time_ms}ms_{mode}_{number}.tif")
     return found
 
 

@@ -467,6 +467,34 @@ def test_an_uploaded_folder_is_calibrated_with_maps(page, link, folder: Path) ->
     assert "maps=True" in page.inner_text("#code-text")
 
 
+def test_several_settings_are_calibrated_and_one_is_chosen(page, link, axe) -> None:
+    opened(page, link, "calibrate")
+    view = page.locator("#view-calibrate")
+    view.get_by_label("Folder on this machine").select_option("modes")
+    view.get_by_role("heading", name="2 settings").wait_for()
+    view.get_by_label("Maps of the chip").check()
+    view.get_by_label("Also the gain of each pixel").check()
+    view.get_by_label("Maps of the chip").uncheck()
+    assert not view.get_by_label("Also the gain of each pixel").is_checked()
+    view.get_by_role("button", name="Calibrate", exact=True).click()
+    view.get_by_role("heading", name="Settings compared").wait_for()
+    for row, gain in enumerate((0.5, 0.25)):
+        cells = view.get_by_role("row", name=re.compile("System gain K")).nth(row).get_by_role("cell")
+        low, high = (float(text) for text in cells.nth(2).inner_text().split(" to "))
+        assert low < gain < high
+    save(page, "calibrate-settings")
+    page.evaluate(axe)
+    result = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")
+    assert not [(v["id"], [node["target"] for node in v["nodes"]][:3]) for v in result["violations"]]
+    view.get_by_role("button", name="Choose read_mode=slow").click()
+    view.get_by_role("heading", name=re.compile("12 frames of 64 × 64 pixels")).wait_for()
+    view.get_by_text("What the files do not state").click()
+    assert view.get_by_label("One of several settings").input_value() == "read_mode=slow"
+    view.get_by_label("Black level (DN)").fill("60")
+    view.get_by_label("Black level (DN)").blur()
+    view.get_by_role("heading", name=re.compile("black level 60 DN")).wait_for()
+
+
 def test_a_dropped_folder_is_uploaded(page, link, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "few").mkdir()
     for path in sorted((folder / "stack").iterdir())[::6]:

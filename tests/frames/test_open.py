@@ -130,6 +130,16 @@ def test_eight_and_sixteen_bits_do_not_mix(tmp_path):
         open_frames(tmp_path)
 
 
+def test_the_black_level_of_the_caller(tmp_path):
+    for number in (1, 2):
+        put(tmp_path / f"dark_{number}.tif", 64 + number, black_level_dn=16)
+    assert open_frames(tmp_path).black_level_dn == 16
+    assert open_frames(tmp_path, black_level_dn=64).black_level_dn == 64
+    for wrong in (-1, float("nan"), 2.0**24):
+        with raises(InputError, "black_level_dn"):
+            open_frames(tmp_path, black_level_dn=wrong)
+
+
 def test_bits_and_cfa_from_the_caller(tmp_path):
     (tmp_path / "protocol.yml").write_text("photosite_protocol: 1\nframes: [{kind: dark, exposure: 1, files: a.png}]\n")
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / "a.png")

@@ -6,6 +6,7 @@ import base64
 import math
 import os
 import pickle
+import re
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -22,11 +23,13 @@ from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.workers import Progress
 from photosite.calibration.captures.combined import CombinedCalibration
 from photosite.calibration.captures.each_capture import CaptureCalibration
+from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.export.noise_profile import calibration_noise_profile
 from photosite.calibration.gain_series.result import GainSeries
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.photon_transfer.channel import Curve
 from photosite.calibration.result import Calibration
+from photosite.calibration.settings_result import SHOWN, SettingsCalibration
 from photosite.errors import InputError, PhotositeError
 from photosite.frames.io.darktable import write_darktable
 from photosite.frames.io.libcamera import write_libcamera
@@ -39,6 +42,7 @@ MOST_SHOWN = 260_000
 MOST_DEFECTS = 5000
 
 Rows = list[dict[str, Any]]
+Step = tuple[Calibration, float | None]
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ def _(found: Calibration, places: Places) -> Result:
     writers: dict[str, Callable[[Path], object]] = {}
     if found.base is not None:
         writers["mine.sensor.yaml"] = found.save
-    result_id, files, problems = _written(found, places, writers | _profile_writers([(found, found.gain_setting)]))
+    result_id, files, problems = _written(found, places, writers | _profile_writers(_steps(found)))
     return Result(
         "setting",
         f"{found.frame_count} frames of {found.rows} × {found.cols} pixels, {found.bits} bits",
@@ -103,9 +107,7 @@ def _(found: GainSeries, places: Places) -> Result:
     writers: dict[str, Callable[[Path], object]] = {}
     if first.base is not None:
         writers["mine.sensor.yaml"] = found.save
-    result_id, files, problems = _written(
-        found, places, writers | _profile_writers([(step.calibration, step.setting) for step in found.steps])
-    )
+    result_id, files, problems = _written(found, places, writers | _profile_writers(_steps(found)))
     names = ("system_gain_dn_per_e", "read_noise_e", "read_noise_dn", "saturation_capacity_e", "dynamic_range_db")
     switch = found.switch
     rows = [
@@ -204,11 +206,54 @@ def _(found: CombinedCalibration, places: Places) -> Result:
     )
 
 
+@result_of.register
+def _(found: SettingsCalibration, places: Places) -> Result:
+    writers: dict[str, Callable[[Path], object]] = {
+        f"{_file_name(name)}.sensor.yaml": each.save
+        for name, each in found.settings.items()
+        if isinstance(each, Calibration | GainSeries) and (steps := _steps(each)) and steps[0][0].base is not None
+    }
+    result_id, files, problems = _written(found, places, writers)
+    labels = {parameter: PARAMETER_LABELS[parameter] for parameter in SHOWN}
+    rows = [
+        {"part": name, **_estimate(label.label, label.unit, getattr(each, parameter))}
+        for parameter, label in labels.items()
+        for name, each in found.calibrations.items()
+    ]
+    return Result(
+        "settings",
+        f"{len(found.settings) + len(found.refused)} settings, each calibrated by itself",
+        parts=tuple(_part(f"setting {name}", each) for name, each in found.calibrations.items()),
+        tables=({"title": "Settings compared", "first": "Setting", "rows": rows},) if rows else (),
+        warnings=(*found.warnings, *problems),
+        rejected=tuple(text for each in found.calibrations.values() for text in each.rejected),
+        files=files,
+        id=result_id,
+    )
+
+
+def _steps(found: Calibration | GainSeries) -> list[Step]:
+    """Return the calibrations of a setting and their gain settings."""
+    if isinstance(found, GainSeries):
+        return [(step.calibration, step.setting) for step in found.steps]
+    return [(found, found.gain_setting)]
+
+
+def _file_name(setting: str) -> str:
+    """Return the conditions of a setting as the name of a file."""
+    return re.sub(r"[^\w.=-]+", "_", setting.replace(",", "."))
+
+
 def _part(name: str, found: Calibration) -> dict[str, Any]:
     result = found.to_dict()
+    gains = (
+        [_estimate("Gain of the pixels, spread", "%", found.pixel_gains.spread_percent)]
+        if isinstance(found.pixel_gains, PixelGains)
+        else []
+    )
     return {
         "name": name,
-        "parameters": [_row(parameter, entry) for parameter, entry in result["parameters"].items()],
+        "parameters": [*(_row(parameter, entry) for parameter, entry in result["parameters"].items()), *gains],
         "channels": {
             channel: [_row(parameter, entry) for parameter, entry in entries.items()]
             for channel, entries in result["channels"].items()
@@ -230,6 +275,7 @@ def _row(name: str, entry: dict[str, Any]) -> dict[str, Any]:
         "value": _finite(entry["value"]),
         "standard_uncertainty": _finite(entry["standard_uncertainty"]),
         "interval_95": None if interval is None else [_finite(end) for end in interval],
+        "upper_limit_95": entry.get("upper_limit_95"),
         "reason": entry.get("reason", ""),
     }
 
@@ -239,8 +285,9 @@ def _estimate(label: str, unit: str, entry: Estimate) -> dict[str, Any]:
     return {
         "label": label,
         "unit": unit,
-        "value": _finite(entry.value),
+        "value": _finite(entry.shown_value),
         "interval_95": None if interval is None else [_finite(end) for end in interval],
+        "upper_limit_95": entry.upper_limit_95,
         "reason": entry.reason or "",
     }
 
@@ -383,8 +430,6 @@ def _defects(chip: MeasuredChip) -> dict[str, Any]:
 
 
 # Files
-
-Step = tuple[Calibration, float | None]
 
 
 def _profile_writers(steps: Sequence[Step]) -> dict[str, Callable[[Path], object]]:

@@ -16,10 +16,14 @@ from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import SensorState, changed_sensor
 from photosite.app.workers import Progress
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.setting import MapsWanted
 from photosite.errors import InputError
+from photosite.frames.conditions import label
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.frames.io.format_table import is_frame_name
-from photosite.frames.open import capture_folders, open_frames
+from photosite.frames.open import capture_folders, open_frames, open_settings
+
+_READING = ("bits", "cfa", "black_level_dn", "region", "layout", "where")
 
 
 class FolderRequest(Part):
@@ -28,6 +32,7 @@ class FolderRequest(Part):
     folder: Text = Field("", description="Name in the served folder, or upload:ID; empty is the served folder itself.")
     bits: int | None = Field(None, ge=1, le=16, description="Bit depth, for files that do not state it.")
     cfa: Text = Field("", description="Color filter array, for files that do not state it.")
+    black_level_dn: float | None = Field(None, ge=0, lt=65536, description="Black level to compare dark frames with.")
     region: Text = Field("", description="Pixels with light, for files that do not state them.")
     layout: Text = Field("", description="Pixels of headerless files.")
     where: Text = Field("", description="Setting to choose, where the files state several: filter=R.")
@@ -35,7 +40,7 @@ class FolderRequest(Part):
     @property
     def reading(self) -> dict[str, Any]:
         """The options of `open_frames` that are given."""
-        given = {name: getattr(self, name) for name in ("bits", "cfa", "region", "layout", "where")}
+        given = {name: getattr(self, name) for name in _READING}
         return {name: value for name, value in given.items() if value not in (None, "")}
 
 
@@ -55,7 +60,9 @@ class CalibrationRequest(FolderRequest):
     )
     groups: Annotated[tuple[GroupEdit, ...], Field(max_length=2000)] = ()
     """One for each group of the folder, in order; empty takes them as they are found."""
+    each_setting: bool = Field(False, description="Calibrate each of several settings that the files state.")
     maps: bool = Field(False, description="Also measure maps of the chip, and its defects.")
+    pixel_gain: bool = Field(False, description="Also measure the gain of each pixel, with the maps.")
     captures: Annotated[tuple[Text, ...], Field(max_length=8)] = ()
     """Subfolders with the frames of each capture, from the most to the least sensitive."""
 
@@ -73,10 +80,15 @@ def folder_path(folder: str, places: Places) -> Path:
 
 
 def list_frames(request: FolderRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
-    """Return the groups of frames of a folder as `open_frames` understands them, and subfolders with both kinds."""
+    """Return the groups of frames of a folder as `open_frames` understands them, and subfolders with both kinds.
+
+    Of several settings, their names and numbers of frames are listed in place of the groups.
+    """
     path = folder_path(request.folder, places)
     with recorded_warnings() as texts:
-        frames = open_frames(path, **request.reading)
+        opened = open_settings(path, **request.reading)
+    settings = [{"name": label(each.conditions), "frames": each.frame_count} for each in opened]
+    frames, listed = opened[0], opened[0].groups if len(opened) == 1 else ()
     groups = [
         {
             "kind": group.kind,
@@ -86,17 +98,17 @@ def list_frames(request: FolderRequest, places: Places, progress: Progress | Non
             "first": Path(group.frames[0].name).name,
             "last": Path(group.frames[-1].name).name,
         }
-        for group in frames.groups
+        for group in listed
     ]
     own = {name: getattr(frames, name) for name in ("rows", "cols", "bits", "black_level_dn")}
-    notes = [*frames.warnings, *texts]
+    notes = [*dict.fromkeys([*(text for each in opened for text in each.warnings), *texts])]
     sensor = None if frames.sensor is None else frames.sensor.name
     kinds: dict[str, set[str]] = {}
-    for group in frames.groups:
+    for group in listed:
         for frame in group.frames:
             kinds.setdefault(Path(frame.name).parent.name, set()).add(group.kind)
     both = [name for name in _subfolders(path) if len(kinds.get(name, ())) > 1]
-    return {**own, "groups": groups, "notes": notes, "sensor": sensor, "subfolders": both}
+    return {**own, "groups": groups, "notes": notes, "sensor": sensor, "subfolders": both, "settings": settings}
 
 
 _MOST_SUBFOLDERS = 40
@@ -156,14 +168,19 @@ def run_calibration(request: CalibrationRequest, places: Places, progress: Progr
     with recorded_warnings() as texts:
         path = folder_path(request.folder, places)
         sensor = None if request.sensor is None else changed_sensor(request.sensor, places)
-        frames: FrameSet | dict[str, FrameSet]
+        frames: FrameSet | dict[str, FrameSet] | list[FrameSet]
         if names := capture_folders(path, sensor, request.captures):
             if request.groups:
                 raise InputError("groups", expected="left as they are found with the frames of each capture")
             frames = {name: open_frames(path / name, sensor=sensor, **request.reading) for name in names}
+        elif request.each_setting:
+            if request.groups:
+                raise InputError("groups", expected="left as they are found with several settings")
+            frames = open_settings(path, sensor=sensor, **request.reading)
         else:
             frames = edited(open_frames(path, sensor=sensor, **request.reading), request.groups)
-        result = result_of(calibrate(frames, sensor, maps=request.maps, progress=report), places)
+        maps: MapsWanted = "gain" if request.pixel_gain else request.maps
+        result = result_of(calibrate(frames, sensor, maps=maps, progress=report), places)
     return replace(result, warnings=tuple(dict.fromkeys([*result.warnings, *texts]))).to_dict()
 
 
@@ -171,7 +188,8 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
     """Return the calibration as Python code, and as a command where the groups and the sensor are unchanged."""
     path = str(folder_path(request.folder, places))
     lines = ["import photosite as ps", ""]
-    sensor, maps = "", ", maps=True" if request.maps else ""
+    maps = ', maps="gain"' if request.pixel_gain else ", maps=True" if request.maps else ""
+    sensor = ""
     reading = "".join(f", {name}={value!r}" for name, value in request.reading.items())
     if request.sensor is not None:
         lines += sensor_lines(request.sensor, places)
@@ -181,6 +199,9 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
             f"folder, names = {path!r}, {list(request.captures)!r}",
             f'frames = {{name: ps.open_frames(f"{{folder}}/{{name}}"{reading}) for name in names}}',
         ]
+    elif request.each_setting:
+        lines[0] += "\nfrom photosite.frames.open import open_settings"
+        lines.append(f"frames = open_settings({path!r}{reading})")
     else:
         lines.append(f"frames = ps.open_frames({path!r}{reading})")
         if request.groups:
@@ -192,14 +213,18 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
     if not request.groups and not changed:
         words = ["photosite", "calibrate", path]
         for name, value in request.reading.items():
-            words += [f"--{name}", str(value)]
+            words += ["--black-level" if name == "black_level_dn" else f"--{name}", str(value)]
         if request.sensor is not None:
             words += ["--sensor", source_name(request.sensor.source, places)]
-            if not request.captures and changed_sensor(request.sensor, places).captures is None:
+            if (
+                not request.captures
+                and not request.each_setting
+                and changed_sensor(request.sensor, places).captures is None
+            ):
                 words += ["-o", "mine.sensor.yaml"]
         if request.captures:
             words += ["--captures", ",".join(request.captures)]
-        words += ["--maps"] if maps else []
+        words += ["--pixel-gain"] if request.pixel_gain else ["--maps"] if request.maps else []
         command = shlex.join([*words, "--report", "report.html"])
     return "\n".join(lines) + "\n", command
 

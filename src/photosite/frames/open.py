@@ -75,6 +75,7 @@ class FrameArguments(TypedDict, total=False):
 
     bits: int | None
     cfa: str | Sequence[Sequence[str]] | None
+    black_level_dn: float | None
     dark: str | Sequence[str]
     light: str | Sequence[str]
     exposure_from_name: str | None
@@ -94,6 +95,8 @@ class FrameOptions:
     bits, cfa
         Bit depth of the converter and color filter array (`"rggb"` or its tile), if neither files nor protocol state
         them.
+    black_level_dn
+        Black level, which the dark frames are compared with. It overrides that of the files.
     dark, light
         Glob patterns (`"DSC_00*.NEF"`, `"run1/*"`) of the dark and the light frames. They override metadata and names,
         and apply to folders and files without a protocol or descriptor.
@@ -124,6 +127,7 @@ class FrameOptions:
 
     bits: int | None = None
     cfa: str | Sequence[Sequence[str]] | None = None
+    black_level_dn: float | None = None
     dark: str | Sequence[str] = ()
     light: str | Sequence[str] = ()
     exposure_from_name: str | None = None
@@ -142,9 +146,13 @@ class FrameOptions:
     def properties(self) -> SetProperties:
         """What is stated of all frames; raise `InputError` if it is invalid."""
         check_bits(self.bits, MOST_BITS)
+        black = self.black_level_dn
+        if black is not None and not 0 <= black < 1 << (self.bits or MOST_BITS):
+            raise InputError("black_level_dn", value=black, expected="0 or above, within the bits of the frames")
         return SetProperties(
             bits=self.bits,
             cfa=None if self.cfa is None else cfa_from(self.cfa),
+            black_level_dn=black,
             sensor=self.sensor,
             region=None if self.region is None else parse_region(self.region),
             layout=None if self.layout is None else parse_layout(self.layout),
@@ -173,9 +181,9 @@ def open_frames(path: str | PathLike[str], **options: Unpack[FrameArguments]) ->
         is searched one level down, unless a subfolder is a measurement with its own listing.
         A part of a file is named in brackets: `"x.fits[1]"`.
     **options
-        Fields of `photosite.frames.open.FrameOptions`: `bits` and `cfa` that files do not state; patterns `dark` and
-        `light`; `exposure_from_name`; `region` with light; `where`, a selection of settings, and `together`; `sensor`;
-        `layout` of headerless files.
+        Fields of `photosite.frames.open.FrameOptions`: `bits` and `cfa` that files do not state; `black_level_dn`;
+        patterns `dark` and `light`; `exposure_from_name`; `region` with light; `where`, a selection of settings, and
+        `together`; `sensor`; `layout` of headerless files.
 
     Returns
     -------
@@ -313,7 +321,7 @@ def _stack(file: Path, patterns: KindPatterns, selection: str | None, layout: La
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:
     """Return what a listing states, completed by what the caller states; the two must not contradict each other."""
-    for name in ("bits", "cfa", "region", "layout"):
+    for name in ("bits", "cfa", "black_level_dn", "region", "layout"):
         from_listing, from_caller = getattr(stated, name), getattr(given, name)
         if from_listing is None:
             stated = replace(stated, **{name: from_caller})
@@ -325,7 +333,13 @@ def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) 
 
 
 def _shown(value: Any) -> Any:
-    return value if isinstance(value, int) else str(value) if isinstance(value, Section | Layout) else tile_text(value)
+    return (
+        value
+        if isinstance(value, int | float)
+        else str(value)
+        if isinstance(value, Section | Layout)
+        else tile_text(value)
+    )
 
 
 def _find_listing(folder: Path) -> Path | None:

@@ -6,8 +6,9 @@ import { folderDrop } from "./folder.js";
 import { jobBar } from "./jobview.js";
 import { drawResults } from "./results.js";
 
-const unstated = [["bits", "Bit depth", "12"], ["cfa", "Color filter array", "rggb"], ["region", "Pixels with light", "0:1080,0:1920"], ["layout", "Layout of headerless files", "3280x2464,packed=mipi10"], ["where", "One of several settings", "filter=R"]];
-const fresh = { groups: [], maps: false, captures: [], bits: null, cfa: "", region: "", layout: "", where: "" };
+const unstated = [["bits", "Bit depth", "12"], ["cfa", "Color filter array", "rggb"], ["black_level_dn", "Black level (DN)", "64"], ["region", "Pixels with light", "0:1080,0:1920"], ["layout", "Layout of headerless files", "3280x2464,packed=mipi10"], ["where", "One of several settings", "filter=R"]];
+const numbers = { bits: { min: 1, max: 16, step: 1 }, black_level_dn: { min: 0, max: 65535, step: "any" } };
+const fresh = { groups: [], each_setting: false, maps: false, pixel_gain: false, captures: [], bits: null, cfa: "", black_level_dn: null, region: "", layout: "", where: "" };
 let request = { folder: "", sensor: null, ...fresh };
 let built = false, found = null, listing = 0, forget = () => {};
 window.addEventListener(DELETED, ({ detail }) => forget(detail));
@@ -42,9 +43,9 @@ export async function show(content) {
   const sensor = element("select", { onchange: () => { request.sensor = sensor.value ? { source: sensor.value } : null; } }, ...known.map(([value, text]) => element("option", { value }, text)));
   sensor.value = request.sensor?.source ?? "";
   const boxes = new Map(unstated.map(([name, , example]) => {
-    const box = element("input", { type: name === "bits" ? "number" : "text", placeholder: example, ...(name === "bits" ? { min: 1, max: 16 } : {}), onchange: () => {
+    const box = element("input", { type: name in numbers ? "number" : "text", placeholder: example, ...numbers[name], onchange: () => {
       if (!box.validity.valid) return;
-      request = { ...request, groups: [], [name]: name === "bits" ? (box.value ? Number(box.value) : null) : box.value.trim() };
+      request = { ...request, groups: [], [name]: name in numbers ? (box.value ? Number(box.value) : null) : box.value.trim() };
       if (server.folder || request.folder) list();
     } });
     box.value = request[name] ?? "";
@@ -60,8 +61,10 @@ export async function show(content) {
       if (ended.status !== "done") throw new Error(ended.error || "cancelled");
       showError("");
       found = ended.result;
+      request.each_setting = found.settings.length > 1;
       if (request.groups.length !== found.groups.length) request.groups = [];
-      drawGroups(groups);
+      if (request.each_setting) drawSettings(groups, (name) => { boxes.get("where").value = request.where = name; list(); });
+      else drawGroups(groups);
     } catch (error) {
       if (mine !== listing) return;
       groups.replaceChildren(element("p", { class: "card" }, `No frames to calibrate: ${error.message}`));
@@ -81,6 +84,37 @@ export async function show(content) {
   } else noFolder();
 }
 
+// What may be measured beside the parameters. The gain of each pixel comes with the maps.
+function mapChoices(fixed = () => false) {
+  const choice = (name, text) => {
+    const box = element("input", { type: "checkbox", id: `calibrate-${name}`, onchange: () => { request[name] = box.checked; update(); } });
+    return [box, element("p", {}, element("label", { class: "choice" }, box, ` ${text}`))];
+  };
+  const [maps, mapsLine] = choice("maps", "Maps of the chip: DSNU, PRNU, dark current, read noise, defects");
+  const [gain, gainLine] = choice("pixel_gain", "Also the gain of each pixel (sCMOS), which takes a hundred flat fields or more");
+  const update = () => {
+    maps.disabled = fixed();
+    if (maps.disabled) request.maps = false;
+    gain.disabled = !request.maps;
+    if (gain.disabled) request.pixel_gain = false;
+    [maps.checked, gain.checked] = [request.maps, request.pixel_gain];
+  };
+  update();
+  return { lines: [mapsLine, gainLine], update };
+}
+
+const notes = () => (found.notes.length ? [element("ul", { class: "notes" }, ...found.notes.map((text) => element("li", {}, text)))] : []);
+
+// Settings that the files state: each is calibrated, or one is chosen.
+function drawSettings(root, choose) {
+  const rows = found.settings.map((each) => [each.name, String(each.frames), element("button", { type: "button", "aria-label": `Choose ${each.name}`, onclick: () => choose(each.name) }, "Choose")]);
+  root.replaceChildren(element("div", { class: "card" },
+    element("h3", {}, `${found.settings.length} settings`),
+    element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Settings" },
+      table("The files state these. Each is calibrated by itself, and the results are compared.", ["Setting", "Frames", "Only this one"], rows, { class: "numbered stacked" })),
+    ...notes(), ...mapChoices().lines));
+}
+
 function drawGroups(root) {
   const edits = found.groups.map((each, k) => request.groups[k] ?? { kind: each.kind, exposure_s: each.exposure_s, gain_setting: each.gain_setting });
   const note = element("p", { class: "hint" });
@@ -88,11 +122,11 @@ function drawGroups(root) {
     request.groups = edits.some((edit, k) => ["kind", "exposure_s", "gain_setting"].some((name) => edit[name] !== found.groups[k][name])) ? edits : [];
     const gains = new Set(edits.filter((edit) => edit.kind !== "omit").map((edit) => edit.gain_setting));
     note.textContent = gains.size > 1 ? `${gains.size} gain settings: each is calibrated by itself, then all together.` : "";
-    maps.disabled = gains.size > 1;
-    if (maps.disabled) maps.checked = request.maps = false;
+    several = gains.size > 1;
+    maps.update();
   };
-  const maps = element("input", { type: "checkbox", id: "calibrate-maps", onchange: () => { request.maps = maps.checked; } });
-  maps.checked = request.maps;
+  let several = false;
+  const maps = mapChoices(() => several);
   const number = (k, name, label, attributes) => {
     const box = element("input", { type: "number", step: "any", "aria-label": `${label} of group ${k + 1}`, ...attributes, onchange: () => {
       if (box.validity.valid) { edits[k] = { ...edits[k], [name]: box.value === "" ? null : Number(box.value) }; keep(); }
@@ -112,8 +146,7 @@ function drawGroups(root) {
     element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Groups of frames" },
       table(found.sensor ? `The protocol names the sensor ${found.sensor}.` : "As understood from metadata and names.", ["Group", "Kind", "Exposure time (s)", "Gain setting", "Frames", "Files"], rows, { class: "numbered stacked" })),
     note,
-    ...(found.notes.length ? [element("ul", { class: "notes" }, ...found.notes.map((text) => element("li", {}, text)))] : []),
-    element("p", {}, element("label", { class: "choice" }, maps, " Maps of the chip: DSNU, PRNU, dark current, read noise, defects")),
+    ...notes(), ...maps.lines,
     ...(found.subfolders.length > 1 ? [captureNames()] : [])));
 }
 

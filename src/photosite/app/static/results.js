@@ -11,10 +11,12 @@ const STYLES = { R: "s1", G: "s2", B: "s0", M: "s0" };
 
 const interval = (each) => (each.interval_95 ? `${short(each.interval_95[0], 5)} to ${short(each.interval_95[1], 5)}` : "–");
 
+const value = (each) => (each.upper_limit_95 == null ? short(each.value, 5) : `< ${short(each.upper_limit_95, 2)}`);
+
 function estimates(caption, first, rows) {
   const missing = rows.some((each) => each.value === null && each.reason);
   const head = [...first, "Value", "95 % interval", ...(missing ? ["Why it is missing"] : [])];
-  return table(caption, head, rows.map((each) => [each.unit ? `${each.label} (${each.unit})` : each.label, ...(first.length > 1 ? [each.part] : []), short(each.value, 5), interval(each),
+  return table(caption, head, rows.map((each) => [each.unit ? `${each.label} (${each.unit})` : each.label, ...(first.length > 1 ? [each.part] : []), value(each), interval(each),
     ...(missing ? [{ content: each.value === null ? each.reason : "", class: "reason" }] : [])]), { class: missing ? "stacked reasons" : "stacked" });
 }
 
