@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 import pytest
 from dng_builder import LONG, SHORT, hand_made_dng
@@ -56,6 +58,64 @@ def test_invalid_masked_areas(tmp_path, masked):
     masked_dng(tmp_path / "dark.dng", black=70, masked=masked)
     with raises(FileError, "the file is damaged: masked areas"):
         read_raw(tmp_path / "dark.dng")
+
+
+def drifting(path, drift, signal, border=None, saturated=False):
+    """Write a frame of 60 x 70 pixels, 6 of its columns masked, a black level of 100 + drift, and its own noise."""
+    dn = 100 + drift + np.random.default_rng(zlib.crc32(path.name.encode())).integers(-2, 3, (60, 70))
+    dn[:, 6:] += signal
+    dn[:, :6] += border or 0
+    if saturated:
+        dn[7, 9] = 4095
+    raw = {REPEAT: None, BLACK_LEVEL: (SHORT, [100]), MASKED_AREAS: (LONG, [0, 0, 60, 6])}
+    path.write_bytes(hand_made_dng(dn.astype(np.uint16), area=[0, 6, 60, 70], raw=raw, exif=False))
+
+
+def levels(frames):
+    return {(group.kind, group.exposure_s): [round(float(np.median(dn))) for dn in group] for group in frames.groups}
+
+
+@pytest.mark.filterwarnings("ignore:.*black levels differ between channels")
+@pytest.mark.parametrize("suffix", ["dng", "nef"])
+def test_frames_follow_their_masked_border(tmp_path, suffix):
+    """Frames of 0.02 s have their own reference: the dark current of the masked pixels must not be subtracted."""
+    for name, drift, signal, saturated in (
+        ("dark_0.01s_1", 0, 0, False),
+        ("dark_0.01s_2", 7, 0, False),
+        ("light_0.01s_1", -4, 1000, True),
+        ("dark_0.02s_1", 20, 0, False),
+        ("dark_0.02s_2", 23, 0, False),
+        ("light_0.04s_1", 1, 2000, False),
+        ("light_0.04s_2", -3, 2000, False),
+    ):
+        drifting(tmp_path / f"{name}.dng", drift, signal, saturated=saturated)
+    for path in sorted(tmp_path.iterdir()):
+        path.rename(path.with_suffix(f".{suffix}"))
+    frames = open_frames(tmp_path)
+    assert levels(frames) == {
+        ("dark", 0.01): [100, 100],
+        ("dark", 0.02): [120, 120],
+        ("light", 0.01): [1100],
+        ("light", 0.04): [2101, 2101],
+    }
+    light = next(group for group in frames.groups if group.kind == "light")
+    assert max(int(dn.max()) for dn in light) == 4095  # a saturated pixel stays one
+    assert [entry.id for entry in frames.diagnostics if entry.severity == "note"] == ["masked-border-levels"]
+
+
+@pytest.mark.filterwarnings("ignore:.*black level")
+def test_padding_of_camera_raw_that_receives_light_is_not_followed(tmp_path):
+    for name, drift, signal, border in (
+        ("dark_0.01s_1", 0, 0, 0),
+        ("dark_0.01s_2", 7, 0, 0),
+        ("light_0.01s", 0, 2000, 50),
+    ):
+        drifting(tmp_path / f"{name}.dng", drift, signal, border)
+    for path in sorted(tmp_path.iterdir()):
+        path.rename(path.with_suffix(".nef"))
+    frames = open_frames(tmp_path)
+    assert levels(frames) == {("dark", 0.01): [100, 107], ("light", 0.01): [2100]}
+    assert not [entry for entry in frames.diagnostics if entry.id == "masked-border-levels"]
 
 
 class Decoder:

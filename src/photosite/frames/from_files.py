@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import os
 import re
 import warnings
@@ -13,10 +14,12 @@ from pathlib import Path
 from typing import Any, Never, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import file_stamp
 from photosite.frames.conditions import label, selected, separated
+from photosite.frames.covered_lines import level_change, shifted_down
 from photosite.frames.frame_file import (
     WHICH_SENSOR,
     FrameFile,
@@ -41,6 +44,7 @@ from photosite.frames.io.formats import (
     detect_format,
     open_stored_rows,
     overscan_levels,
+    read_bordered,
     read_frame,
     read_headers,
     read_leveled,
@@ -51,7 +55,7 @@ from photosite.frames.io.formats import (
 )
 from photosite.frames.io.headerless import LAYOUT
 from photosite.frames.layout import Layout
-from photosite.frames.raw_frame import Numbers, masked_border_note, stated_border
+from photosite.frames.raw_frame import MASKED_BORDER, Numbers, RawFrame, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
 from photosite.frames.stored_numbers import (
     MOST_BELOW_ZERO,
@@ -163,6 +167,16 @@ OVERSCAN = DiagnosticKind(
     size="largest shift of the frames that were compared, DN",
     false_alarms="none: the files state it",
 )
+MASKED_LEVELS = DiagnosticKind(
+    "masked-border-levels",
+    "note",
+    "The files have a masked border, the level of which follows the black level of each frame.",
+    "Frames are shifted by whole numbers to the level of the first dark frame of their exposure time, where the border "
+    "shows a change: drifts of the black level do not count as light. Frames of other exposure times are not compared, "
+    "because covered pixels have dark current.",
+    "None. `black-level-shifts` states what is left.",
+    false_alarms="none: the files state it; padding of camera raw is used if flat fields do not brighten it",
+)
 
 
 def frame_sets_from_files(
@@ -242,18 +256,19 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         stated = tuple(any(getattr(f.header, name) is not None for f in frames) for name in ("bits", "cfa"))
         check_sensor(source, properties.sensor, bits, cfa, stated=(stated[0], stated[1]))
     levels, leveled = _overscan(frames)
+    references, followed = _references(frames)
     beside = _common("border without light", frames, [f.header.border for f in frames], None)
     sources = [
         FrameSource(
             f.file.name,
             _FrameReading(
-                f.file.path, f.file.location, bits, cfa, shape, f.header, f.format, f.stamp, conversion, levels
+                f.file.path, f.file.location, bits, cfa, shape, f.header, f.format, f.stamp, conversion, levels, one
             ),
             True,
             path=f.file.path,
             whole=partial(_read_whole, f.file, conversion) if beside else None,
         )
-        for f in frames
+        for f, one in zip(frames, references, strict=True)
     ]
     listed = zip(sources, [f.file.settings for f in frames], strict=True)
     settings, level_warning = classify_by_level(list(listed), bits)
@@ -263,7 +278,8 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         raise error.in_file(source) from None
     found = [(KIND_BY_LEVEL, level_warning), (OTHER_EXPOSURE, _exposure_warning(frames))]
     found += [(TEMPERATURE_VARIED, _temperature_warning(settings)), *((LIT_BORDER, each) for each in border_warnings)]
-    diagnostics = (*_warned(found, source), *_other_orientations(frames), *_assumed_bits(frames, properties), *leveled)
+    diagnostics = (*_warned(found, source), *_other_orientations(frames), *_assumed_bits(frames, properties))
+    diagnostics += (*leveled, *followed)
     if conversion is not None and numbers is not None:
         diagnostics += conversion_diagnostics(conversion, numbers, stated_bits)
     stated_black = _shared([f.header.black_level_dn for f in frames])
@@ -384,8 +400,10 @@ def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], l
     decoded, notes = read_frame(frames[one].file.path)
     complete = list(frames)
     shown = {name: getattr(decoded, name) for name in ("bits", "cfa", "black_level_dn", "white_level_dn")}
+    covered = len(unknown) == len(frames) and _is_covered(frames, one, decoded)
     for n in unknown:
-        complete[n] = replace(frames[n], header=replace(frames[n].header, notes=notes, **shown))
+        header = replace(frames[n].header, notes=notes, masked_border=covered, **shown)
+        complete[n] = replace(frames[n], header=header)
     for n in masked:
         if frames[n].header.black_level_dn is None:
             header = replace(frames[n].header, black_level_dn=decoded.black_level_dn)
@@ -394,6 +412,24 @@ def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], l
     compare = not unknown or frames[one].file.settings.kind == "dark"
     border = masked_border_note(decoded) if compare else ()
     return complete, [PhotositeWarning(f"{frames[one].file.name}: {note}") for note in border]
+
+
+_BRIGHTER_BORDER = 1e-3
+"""Change of the level of a border, relative to that of the frame in light, from which the border is not covered."""
+
+
+def _is_covered(frames: Sequence[_OpenedFrame], number: int, dark: RawFrame) -> bool:
+    """Return whether the lines beside the visible area of camera raw stay dark in the flat field of the longest time.
+
+    Cameras do not state whether they are masked.
+    """
+    lit = [frame for frame in frames if frame.settings.kind == "light"]
+    if frames[number].settings.kind != "dark" or not lit or MASKED_BORDER not in dark.metadata:
+        return False
+    bright = read_frame(max(lit, key=lambda frame: frame.settings.exposure_s or 0.0).file.path)[0]
+    signal = float(bright.dn.mean()) - float(dark.dn.mean())
+    change = bright.metadata.get(MASKED_BORDER, math.inf) - dark.metadata[MASKED_BORDER]
+    return bool(abs(change) < _BRIGHTER_BORDER * signal)
 
 
 def _warn_of_header_notes(frames: Sequence[_OpenedFrame]) -> None:
@@ -543,12 +579,15 @@ class _FrameReading:
     stamp: tuple[int, ...] | None
     conversion: Conversion | None = None  # None for numbers that are stored as unsigned integers
     levels: tuple[float, ...] | None = None  # of the overscan, by amplifier, to which the numbers are shifted
+    reference: _Reference | None = None  # whose masked border the numbers follow
 
     def __call__(self) -> Numbers:
         """Return the digital numbers."""
         if self.conversion is not None:
             stored = self.conversion.apply(self._name, self._stored())
             dn = of_bits(self._name, stored, self.bits)
+        elif self.reference is not None:
+            dn = self.reference.followed(self.path, self.bits, self.cfa)
         elif self.location is None and self.format is not None and self._unchanged:
             dn = read_numbers(self.path, self.format, self.header, self.bits, self.cfa)
         elif self.location is None:
@@ -564,7 +603,7 @@ class _FrameReading:
 
     def open_rows(self) -> StoredRows | None:
         """Open the frame to read some rows at a time; None where its pixels are not stored as they are."""
-        if self.conversion is not None:
+        if self.conversion is not None or self.reference is not None:
             return None
         known = self._unchanged
         if self.header.first_pixel is not None and known:
@@ -585,6 +624,41 @@ class _FrameReading:
 
     def _changed(self, shape: tuple[int, ...]) -> Never:
         raise FileError(self._name, f"the frame was {self.shape} when the frame set was opened and is now {shape}")
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """A frame whose masked border others of the same exposure time follow."""
+
+    path: Path
+    stamp: tuple[int, ...] | None
+
+    def followed(self, path: Path, bits: int, cfa: Cfa | None) -> Numbers:
+        """Return the digital numbers of a frame, shifted by a whole number to the level of this one."""
+        dn, means = read_bordered(path, bits, cfa)
+        if path == self.path:
+            _border_means[self] = means
+            return dn
+        if self not in _border_means:
+            _border_means[self] = read_bordered(self.path, bits, cfa)[1]
+        moved: Numbers = shifted_down(dn, round(level_change(means, _border_means[self])), (1 << bits) - 1)
+        return moved
+
+
+_border_means: dict[_Reference, NDArray[np.float64]] = {}
+"""Line means of the masked borders of the reference frames that this process has read."""
+
+
+def _references(frames: Sequence[_OpenedFrame]) -> tuple[list[_Reference | None], tuple[Diagnostic, ...]]:
+    """Return the reference of each frame, the first dark one of its exposure time and gain, and a diagnostic."""
+    if not all(frame.header.masked_border and frame.header.location is None for frame in frames):
+        return [None] * len(frames), ()
+    first: dict[tuple[float | None, float | None], _Reference] = {}
+    for frame in sorted(frames, key=lambda each: each.settings.kind != "dark"):
+        setting = frame.settings.exposure_s, frame.settings.gain_setting
+        first.setdefault(setting, _Reference(frame.file.path, frame.stamp))
+    text = "frames follow the level of their masked borders, those of each exposure time by themselves"
+    return [first[frame.settings.exposure_s, frame.settings.gain_setting] for frame in frames], (MASKED_LEVELS(text),)
 
 
 def _overscan(frames: Sequence[_OpenedFrame]) -> tuple[tuple[float, ...] | None, tuple[Diagnostic, ...]]:

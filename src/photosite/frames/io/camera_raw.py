@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
+from photosite.frames.covered_lines import line_means
 from photosite.frames.frame_file import FrameHeader
 from photosite.frames.io.format_table import CAMERA_RAW, TIFF
 from photosite.frames.io.tiff import (
@@ -79,7 +80,14 @@ def read_headers(path: Path) -> tuple[FrameHeader]:
 
 
 def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
-    """Read the visible area of a camera's raw file, with notes for warnings.
+    """Read the visible area of a camera's raw file, with notes for warnings."""
+    return read_bordered(path, bits, cfa)[:2]
+
+
+def read_bordered(
+    path: Path, bits: int | None = None, cfa: Cfa | None = None
+) -> tuple[RawFrame, tuple[str, ...], NDArray[np.float64]]:
+    """Read the visible area of a camera's raw file, notes for warnings, and the means of the lines beside it.
 
     By default, the bit depth is the bits that the white level needs.
     """
@@ -94,7 +102,8 @@ def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> t
         white = int(decoder.white_level)
         matrix = np.asarray(decoder.rgb_xyz_matrix, dtype=np.float64)
         shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
-        border_dn = masked_border_level(_border(decoder))
+        strips = _border(decoder)
+        border_dn, lines = masked_border_level(strips), line_means(strips)
         gains = [float(gain) for gain in decoder.camera_whitebalance[:3]]
     tile = MONOCHROME if colors is None else tuple(tuple(names[c] for c in row) for row in colors)
     used = [0] if colors is None else sorted({int(c) for c in colors.ravel()})
@@ -114,7 +123,7 @@ def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> t
         color_matrix=_color_matrix(matrix, names, used, tile),
         metadata=metadata,
     )
-    return header.to_frame(path, dn, bits, cfa), notes
+    return header.to_frame(path, dn, bits, cfa), notes, lines
 
 
 def _tile(decoder: Any) -> NDArray[np.intp] | None:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.frames.covered_lines import line_means
 from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.io.camera_raw import open_libraw
 from photosite.frames.io.tiff import (
@@ -309,26 +310,28 @@ def _header_from_tags(path: Path, top: Directory, raw: Directory) -> FrameHeader
 
 def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
     """Read the active area of a DNG, with notes for warnings."""
+    return read_bordered(path, bits, cfa)[:2]
+
+
+def read_bordered(
+    path: Path, bits: int | None = None, cfa: Cfa | None = None
+) -> tuple[RawFrame, tuple[str, ...], NDArray[np.float64]]:
+    """Read the active area of a DNG, notes for warnings, and the means of the lines of its masked areas."""
     header = read_dng_header(path)
-    dn, border_dn = _decode(path)
-    if border_dn is None:
-        return header.to_frame(path, dn, bits, cfa), header.notes
+    pixels, raw = _all_pixels(path)
+    first_row, first_col, end_row, end_col = _active_area(path, raw)
+    dn = np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col])
+    masked = [pixels[t:b, left:r] for t, left, b, r in _masked_areas(path, raw)]
+    if not masked:
+        return header.to_frame(path, dn, bits, cfa), header.notes, np.zeros(0)
+    border_dn = float(np.concatenate([area.ravel() for area in masked]).mean())
     header = replace(
         header,
         black_level_dn=border_dn if header.black_level_dn is None else header.black_level_dn,
         metadata={**header.metadata, MASKED_BORDER: border_dn},
     )
     frame = header.to_frame(path, dn, bits, cfa)
-    return frame, header.notes + masked_border_note(frame)
-
-
-def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
-    """Return the active area's digital numbers, and the mean of the masked areas if there are any."""
-    pixels, raw = _all_pixels(path)
-    first_row, first_col, end_row, end_col = _active_area(path, raw)
-    masked = [pixels[t:b, left:r].ravel() for t, left, b, r in _masked_areas(path, raw)]
-    border_dn = float(np.concatenate(masked).mean()) if masked else None
-    return np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col]), border_dn
+    return frame, header.notes + masked_border_note(frame), line_means(masked)
 
 
 def read_whole(path: Path, location: FrameLocation | None = None) -> NDArray[np.uint16]:

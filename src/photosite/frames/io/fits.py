@@ -26,6 +26,7 @@ import numpy as np
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import reading
 from photosite.frames.conditions import cooled
+from photosite.frames.covered_lines import shifted_down
 from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
 from photosite.frames.frame_settings import kinds_in_name
 from photosite.frames.io.fits_units import (
@@ -157,7 +158,7 @@ def read_pixels(
         for number, (unit, source) in enumerate(zip(image.units, image.sources, strict=True)):
             dn = _stored_numbers(unit, opened, location.index)
             shift = 0 if levels is None else round(_level(unit, dn) - levels[number])
-            parts.append(_shifted(dn[source.slices], shift, most))
+            parts.append(shifted_down(dn[source.slices], shift, most))
         if len(parts) == 1:
             single: StoredNumbers = np.ascontiguousarray(parts[0])
             return single
@@ -173,16 +174,6 @@ def _image(path: Path, opened: Any, location: FrameLocation) -> JoinedUnits:
         return alone(image_unit(path, opened, location.part))
     first = int(location.part.partition("+")[0])
     return next(image for image in joined_units(image_units(path, opened)) if image.units[0].number == first)
-
-
-def _shifted(part: Any, shift: int, most: int | None) -> Any:
-    if not shift:
-        return part
-    if part.dtype.kind != "u":
-        return part - shift
-    top = int(np.iinfo(part.dtype).max) if most is None else most
-    moved = np.clip(part.astype(np.int64) - shift, 0, top).astype(part.dtype)
-    return np.where((part == 0) | (part >= top), part, moved)
 
 
 _LEAST_LINES = 5

@@ -8,6 +8,7 @@ To add a format: write a module in `photosite.frames.io` and add an entry to `FO
 - `write(frame, path)`, and `check_cfa(cfa)`, which rejects color filter arrays that it cannot hold;
 - `open_rows(path, location, bits, cfa)`: the frame as `StoredRows`, or None;
 - `read_whole(path, location)`: the digital numbers with the border that a header states;
+- `read_bordered(path, bits, cfa)`: the frame and notes of `read_frame`, and the means of the lines of its border;
 - `overscan_levels(path, location)`: the levels of the overscan that a header states, by amplifier, and
   `read_pixels(path, location, levels, most)`, which shifts the numbers to such levels.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small_files import reading
@@ -255,6 +256,12 @@ def read_leveled(path: Path, location: FrameLocation | None, levels: tuple[float
     """Read the stored numbers of one frame, shifted to the overscan levels of another one."""
     numbers: StoredNumbers = detect_format(path).load().read_pixels(path, location, levels, most)
     return numbers
+
+
+def read_bordered(path: Path, bits: int, cfa: Cfa | None) -> tuple[Numbers, NDArray[np.float64]]:
+    """Read the digital numbers of a frame with a masked border, and the means of the lines of the border."""
+    frame, _, means = detect_format(path).load().read_bordered(path, bits, cfa)
+    return frame.dn, means
 
 
 def read_pixels(path: Path, location: FrameLocation | None) -> StoredNumbers:
