@@ -52,7 +52,9 @@ def test_report_and_picture(edge: Path, tmp_path: Path, capsys: pytest.CaptureFi
         codes = np.asarray(raw).astype(float) / 16
     picture = tmp_path / "picture.png"
     Image.fromarray(np.repeat(codes.astype(np.uint8)[..., None], 3, axis=2)).save(picture)
-    content = found(capsys, picture, "--chart", "slanted-edge", "--linear", "--report", tmp_path / "page.html")
+    content = found(
+        capsys, picture, "--chart", "slanted-edge", "--tone-curve", "linear", "--report", tmp_path / "page.html"
+    )
     assert content["origin"] == "picture"
     assert "MTF50" in (tmp_path / "page.html").read_text(encoding="utf-8")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
@@ -68,7 +68,13 @@ if TYPE_CHECKING:
 )
 @options.quantity("--luminance", "luminance_cd_m2", unit="CD/M2", text="Mean luminance of the chart, in cd/m2.")
 @options.sensor_option(text="Sensor of raw frames (preset or file), for values in electrons.")
-@click.option("--linear", is_flag=True, help="Codes of PNG, JPEG and TIFF pictures are proportional to light.")
+@click.option(
+    "--tone-curve",
+    default="file",
+    metavar="srgb|linear|chart|FILE",
+    help="Tone curve of pictures: srgb; linear; that of the chart's gray patches; or the JSON of oecf on a picture of "
+    "gray patches.  [default: what the file states, else sRGB]",
+)
 @click.option(
     *("--limits", "limits_file"),
     type=click.Path(path_type=Path),
@@ -164,18 +170,22 @@ def _simulated(given: dict[str, Any]) -> CameraQuality:
 
 def _measured(paths: Sequence[Path], given: dict[str, Any]) -> ImageQuality:
     from photosite.frames.io.formats import raw_files
-    from photosite.metrics.chart_image import chart_image
+    from photosite.metrics.chart_image import ToneCurveName, chart_image
     from photosite.metrics.measure import measure
+    from photosite.metrics.tone_curve import ToneCurve
     from photosite.sensor.io.sensor_file import load_sensor
 
     sensor = None if given["sensor_name"] is None else load_sensor(given["sensor_name"])
     files = [file for path in paths for file in raw_files(path)]
     reading = {name: given[name] for name in options.READING}
-    image = chart_image(files, sensor=sensor, linear=given["linear"], **reading)
+    curve = given["tone_curve"]
+    named = curve in get_args(ToneCurveName)
+    image = chart_image(files, sensor=sensor, tone_curve=curve if named else "file", **reading)
     placing = {name: given[name] for name in ("corners", "detect", "illuminant", "luminance_cd_m2")}
     return measure(
         image,
         given["charts"][0],
+        tone_curve="file" if named else curve if curve == "chart" else ToneCurve.load(Path(curve)),
         only=given["only"],
         options=_own_options(given["settings"]),
         on_progress=lambda id: say(f"measuring {id}"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,19 @@ from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, channel_sites, shifted
+from photosite.values.choice import check_choice
 from photosite.values.region import Patch, Region
 from photosite.values.shown import Shown
 
+if TYPE_CHECKING:
+    from photosite.scene.io.color_space import RgbSpace
+
 Array = NDArray[np.float64]
 Origin = Literal["raw", "picture", "electrons"]
+ToneCurveName = Literal["file", "srgb", "linear"]
+Tone = Literal["linear", "given", "stated", "assumed", "chart"]
+"""How values became proportional to light: they were; by a space that the caller or the file states; by sRGB's, which
+nothing states; by a curve that was measured on a chart."""
 
 LUMA = "Y"
 """Channel of pictures: 0.2126 R + 0.7152 G + 0.0722 B of linear sRGB (IEC 61966-2-1)."""
@@ -46,6 +54,10 @@ class ChartImage(Shown):
         Source of the system gain; None where it is not known.
     exposure_s, f_number
         Of the frames; None where unknown.
+    tone
+        How the values became proportional to light.
+    quantization
+        Largest quantization step of luma of JPEG files; None for others.
 
     Examples
     --------
@@ -62,6 +74,8 @@ class ChartImage(Shown):
     sensor: Sensor | None = None
     exposure_s: float | None = None
     f_number: float | None = None
+    tone: Tone = "linear"
+    quantization: float | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -177,7 +191,18 @@ def _channel_of_picture(part: NDArray[Any], channel: str) -> Array:
 Frames = RawFrame | ArrayLike | str | PathLike[str] | Sequence[RawFrame] | Sequence[str | PathLike[str]] | ChartImage
 
 
-def chart_image(frames: Frames, *, sensor: Sensor | None = None, linear: bool = False, **reading: Any) -> ChartImage:
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """Linear sRGB values of a picture file, how they became linear, and its largest quantization step."""
+
+    values: Array
+    tone: Tone
+    quantization: float | None = None
+
+
+def chart_image(
+    frames: Frames, *, sensor: Sensor | None = None, tone_curve: ToneCurveName = "file", **reading: Any
+) -> ChartImage:
     """Return frames of a chart as an image.
 
     Parameters
@@ -187,9 +212,9 @@ def chart_image(frames: Frames, *, sensor: Sensor | None = None, linear: bool = 
         color); (rows, cols) mean electrons; or (rows, cols, 3) linear values of a picture.
     sensor
         Source of the system gain.
-    linear
-        Whether the codes of picture files are proportional to light. Default: they are sRGB, or in the space that the
-        file states.
+    tone_curve
+        Of picture files: that of the space that the "file" states, and of sRGB where it states none; "srgb"; or
+        "linear" where codes are proportional to light.
     **reading
         Arguments of `photosite.read_raw` for files.
 
@@ -202,10 +227,13 @@ def chart_image(frames: Frames, *, sensor: Sensor | None = None, linear: bool = 
     """
     if isinstance(frames, ChartImage):
         return frames
+    check_choice("tone_curve", tone_curve, ToneCurveName)
     given = list(frames) if isinstance(frames, list | tuple) else [frames]
     if not given:
         raise InputError("frames", value=0, expected="one or more")
-    read: list[Any] = [_read(each, linear, reading) if isinstance(each, str | PathLike) else each for each in given]
+    read: list[Any] = [_read(each, tone_curve, reading) if isinstance(each, str | PathLike) else each for each in given]
+    pictures = [each for each in read if isinstance(each, _Picture)]
+    read = [each.values if isinstance(each, _Picture) else each for each in read]
     if all(isinstance(each, RawFrame) for each in read):
         return _of_raw(read, sensor)
     arrays = [np.asarray(each, dtype=np.float64) for each in read]
@@ -219,7 +247,12 @@ def chart_image(frames: Frames, *, sensor: Sensor | None = None, linear: bool = 
         raise InputError("frames", expected="finite")
     if first.ndim == 2:
         return ChartImage(tuple(arrays), "electrons", MONOCHROME if sensor is None else sensor.array.cfa, sensor=sensor)
-    return ChartImage(tuple(arrays), "picture", white=1.0)
+    tones = {each.tone for each in pictures} or {"linear"}
+    if len(tones) > 1:
+        raise InputError("color space of the pictures", expected="stated by all or none")
+    quantization = max((each.quantization for each in pictures if each.quantization is not None), default=None)
+    (tone,) = tones
+    return ChartImage(tuple(arrays), "picture", white=1.0, tone=tone, quantization=quantization)
 
 
 def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
@@ -243,21 +276,31 @@ def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
     )
 
 
-def _read(path: str | PathLike[str], linear: bool, reading: dict[str, Any]) -> RawFrame | Array:
-    """Return a raw frame, or the linear sRGB values of a picture."""
+def _read(path: str | PathLike[str], tone_curve: ToneCurveName, reading: dict[str, Any]) -> RawFrame | _Picture:
+    """Return a raw frame, or a picture."""
     from photosite.frames.io.formats import is_own_output, read_raw
-    from photosite.scene.io.picture import read_codes
-    from photosite.scene.picture_colors import linear_srgb_of
+    from photosite.scene.io.picture import largest_quantization, read_codes
 
     file = Path(path)
     if file.suffix.lower() in (".jpg", ".jpeg", ".png") and (
         file.suffix.lower() != ".png" or is_own_output(file) or _is_color_png(file)
     ):
         codes, space = read_codes(file)
-        return linear_srgb_of(space.decoded(codes), space.name, linear=linear or space.linear)
-    if file.suffix.lower() in (".tif", ".tiff") and (color := _color_tiff(file)) is not None:
-        return linear_srgb_of(color, "sRGB", linear=linear)
+        return _picture(codes, space, tone_curve, largest_quantization(file))
+    if file.suffix.lower() in (".tif", ".tiff") and (found := _color_tiff(file)) is not None:
+        return _picture(*found, tone_curve)
     return read_raw(path, **reading)
+
+
+def _picture(
+    codes: NDArray[Any], space: RgbSpace, tone_curve: ToneCurveName, quantization: float | None = None
+) -> _Picture:
+    from photosite.scene.picture_colors import linear_srgb_of
+
+    if tone_curve != "file":
+        return _Picture(linear_srgb_of(codes, "sRGB", linear=tone_curve == "linear"), "given", quantization)
+    values = linear_srgb_of(space.decoded(codes), space.name, linear=space.linear)
+    return _Picture(values, "stated" if space.stated else "assumed", quantization)
 
 
 _PNG_COLOR_TYPE = 25
@@ -273,15 +316,17 @@ def _is_color_png(file: Path) -> bool:
     return len(head) > _PNG_COLOR_TYPE and head[_PNG_COLOR_TYPE] in (2, 3, 6)
 
 
-def _color_tiff(file: Path) -> NDArray[Any] | None:
-    """Return the codes of a TIFF picture in color; None for any other file."""
+def _color_tiff(file: Path) -> tuple[NDArray[Any], RgbSpace] | None:
+    """Return the codes of a TIFF picture in color, and their space; None for any other file."""
     import tifffile
+
+    from photosite.scene.io.color_space import space_of_tiff
 
     try:
         with tifffile.TiffFile(file) as content:
             page = content.pages[0]
             if page.ndim == 3 and page.shape[-1] == 3 and page.dtype in (np.uint8, np.uint16):
-                return np.asarray(page.asarray())
+                return np.asarray(page.asarray()), space_of_tiff(file, page)
     except (OSError, tifffile.TiffFileError):
         return None
     return None

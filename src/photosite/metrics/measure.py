@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from photosite.errors import InputError
-from photosite.metrics.chart_image import ChartImage, Frames, chart_image
+from photosite.metrics.chart_image import ChartImage, Frames, ToneCurveName, chart_image
 from photosite.metrics.charts.placed_chart import PlacedChart, placed_chart
+from photosite.metrics.image_checks import image_diagnostics
 from photosite.metrics.measurement import COLUMNS, Measured, Result
 from photosite.metrics.registry import charts_measured, measurement, measurements
+from photosite.metrics.tone_curve import ToneCurve
 from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import Diagnosed, Diagnostic
 from photosite.values.shown import Cell, Reported, ResultTable, Tabular
@@ -27,6 +29,8 @@ class ImageQuality(Tabular, Diagnosed, Reported):
         The frames, and the chart in them.
     results
         By the id of the measurement; `Missing` where the frames do not show what it needs.
+    image_diagnostics
+        Limitations of the frames, whatever is measured on them.
 
     Examples
     --------
@@ -40,6 +44,7 @@ class ImageQuality(Tabular, Diagnosed, Reported):
     image: ChartImage
     chart: PlacedChart
     results: Mapping[str, Measured]
+    image_diagnostics: tuple[Diagnostic, ...] = ()
 
     def __getitem__(self, name: str) -> Result:
         """Return the result of a measurement by its id.
@@ -58,9 +63,9 @@ class ImageQuality(Tabular, Diagnosed, Reported):
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]  # of all results
-        """Diagnostics of all results."""
+        """Diagnostics of the frames and of all results."""
         results = (found for found in self.results.values() if isinstance(found, Result))
-        return tuple(entry for found in results for entry in found.diagnostics)
+        return (*self.image_diagnostics, *(entry for found in results for entry in found.diagnostics))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
@@ -69,6 +74,8 @@ class ImageQuality(Tabular, Diagnosed, Reported):
         return {
             "frames": len(self.image.frames),
             "origin": self.image.origin,
+            "tone_curve": self.image.tone,
+            "diagnostics": [entry.to_dict() for entry in self.image_diagnostics],
             "chart": chart,
             "results": {
                 name: found.to_dict() if isinstance(found, Result) else {"id": name, **found.to_dict()}
@@ -107,7 +114,7 @@ def measure(
     only: Collection[str] = (),
     options: Mapping[str, Mapping[str, Any]] | None = None,
     sensor: Sensor | None = None,
-    linear: bool = False,
+    tone_curve: ToneCurveName | Literal["chart"] | ToneCurve = "file",
     on_progress: Callable[[str], None] | None = None,
     **placing: Any,
 ) -> ImageQuality:
@@ -124,8 +131,11 @@ def measure(
         Ids of measurements; empty: all that the chart supports.
     options
         Options of measurements by id, such as `{"edge-sfr": {"order": 1}}`.
-    sensor, linear
-        Source of the system gain; whether the codes of picture files are proportional to light.
+    sensor
+        Source of the system gain.
+    tone_curve
+        Of pictures: as for `photosite.metrics.chart_image.chart_image`; or that of the gray patches of the "chart"; or
+        one that was measured.
     on_progress
         Called with the id of each measurement before it starts.
     **placing
@@ -146,7 +156,9 @@ def measure(
     >>> list(result.results)
     ['edge-sfr']
     """
-    image = chart_image(frames, sensor=sensor, linear=linear)
+    measured = tone_curve == "chart" or isinstance(tone_curve, ToneCurve)
+    named: Any = "file" if measured else tone_curve
+    image = chart_image(frames, sensor=sensor, tone_curve=named)
     if sensor is not None and image.sensor is None:
         image = replace(image, sensor=sensor)
     if isinstance(chart, str):
@@ -154,6 +166,9 @@ def measure(
         chart = placed_chart(image, chart, options=chart_options, **placing)
     elif placing:
         raise InputError(next(iter(placing)), expected="omitted for a chart that is placed")
+    if measured:
+        curve = tone_curve if isinstance(tone_curve, ToneCurve) else ToneCurve.of_chart(image, chart)
+        image = curve.applied(image)
     chosen = {name: measurement(name) for name in only} or {
         name: entry for name, entry in measurements().items() if not entry.charts or chart.name in entry.charts
     }
@@ -172,4 +187,4 @@ def measure(
             found[name] = entry(image, chart, **given.given())
         except InputError as error:
             found[name] = Missing(str(error))
-    return ImageQuality(image, chart, found)
+    return ImageQuality(image, chart, found, image_diagnostics(image))

@@ -54,7 +54,7 @@ def image_quality_page(quality: ImageQuality) -> Page:
         if isinstance(found, Missing)
     )
     sections = [
-        Section("Chart", (_picture(quality), *missing)),
+        Section("Chart", (_picture(quality), *notices(quality.image_diagnostics), *missing)),
         *(_section(found) for found in quality.results.values() if isinstance(found, Result)),
         Section("Diagnostics", explanations(quality.diagnostics)),
     ]

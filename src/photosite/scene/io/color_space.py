@@ -7,7 +7,7 @@ that space; any other RGB profile, matrix or table, is applied by LittleCMS with
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -55,12 +55,14 @@ _SAVE_AS_SRGB = "Save the picture as sRGB"
 class RgbSpace:
     """What red, green and blue of a picture mean: a space of `photosite.scene.picture_colors.SPACES`.
 
-    With `linear`, values are proportional to light. An ICC profile is applied by `decoded` first.
+    With `linear`, values are proportional to light. An ICC profile is applied by `decoded` first. `stated` is whether
+    the file names the space.
     """
 
     name: str
     linear: bool = False
     profile: bytes | None = None
+    stated: bool = field(default=True, compare=False)
 
     def decoded(self, codes: NDArray[Any]) -> NDArray[Any]:
         """Return (rows, cols, 3) codes of the picture as values of the space `name`."""
@@ -170,14 +172,17 @@ def space_of_picture(path: Path, picture: Any) -> RgbSpace:
         return space_of_profile(path, profile)
     if "icc_profile" in info:
         raise FileError(path, "has an ICC profile that cannot be decompressed", hint=_SAVE_AS_SRGB)
-    if "srgb" not in info:
+    stated = "srgb" in info
+    if not stated:
         gamma = info.get("gamma")
         if gamma is not None and abs(gamma / _DISPLAY_GAMMA - 1) > 0.02:
             raise FileError(path, "gamma (gAMA)", value=gamma, expected="1/2.2", hint=_SAVE_AS_SRGB)
+        stated = gamma is not None
         if "chromaticity" in info:
             _check_primaries(path, info["chromaticity"], (*_WHITE, *_PRIMARIES))
     exif = exif_of(picture)
-    return _exif_space(path, exif.get_ifd(_EXIF_IFD).get(_COLOR_SPACE), exif.get_ifd(_INTEROP_IFD).get(_INTEROP_INDEX))
+    interoperability = exif.get_ifd(_INTEROP_IFD).get(_INTEROP_INDEX)
+    return _exif_space(path, exif.get_ifd(_EXIF_IFD).get(_COLOR_SPACE), interoperability, stated)
 
 
 def exif_of(picture: Any) -> Any:
@@ -196,17 +201,17 @@ def space_of_tiff(path: Path, page: Any) -> RgbSpace:
     for code, wanted in ((_WHITE_POINT, _WHITE), (_TIFF_PRIMARIES, _PRIMARIES)):
         if code in tags:
             _check_primaries(path, _fractions(tags[code]), wanted)
-    if _TRANSFER in tags:
+    if stated := _TRANSFER in tags:
         _check_transfer(path, np.asarray(tags[_TRANSFER], np.float64).ravel(), 1 << int(page.bitspersample))
     exif = tags.get(_EXIF)
-    return _exif_space(path, exif.get("ColorSpace"), None) if isinstance(exif, Mapping) else SRGB
+    return _exif_space(path, exif.get("ColorSpace") if isinstance(exif, Mapping) else None, None, stated)
 
 
-def _exif_space(path: Path, color_space: Any, interoperability: Any) -> RgbSpace:
+def _exif_space(path: Path, color_space: Any, interoperability: Any, stated: bool) -> RgbSpace:
     if color_space == _EXIF_ADOBE or (color_space == _EXIF_UNCALIBRATED and interoperability == "R03"):
         return RgbSpace("Adobe RGB")
     if color_space in (None, _EXIF_SRGB):
-        return SRGB
+        return RgbSpace("sRGB", stated=stated or color_space == _EXIF_SRGB)
     raise FileError(path, "is not sRGB according to its EXIF data, which name no other space", hint=_SAVE_AS_SRGB)
 
 

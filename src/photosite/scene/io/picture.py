@@ -55,6 +55,13 @@ def read_codes(path: Path) -> tuple[NDArray[Any], RgbSpace]:
         return turned(codes, exif_of(picture).get(ORIENTATION)), space
 
 
+def largest_quantization(path: Path) -> float | None:
+    """Return the largest quantization step of luma of a JPEG file, in codes; None for PNG files."""
+    with _opened(path, "a PNG or JPEG picture") as picture:
+        tables = getattr(picture, "quantization", None)
+        return float(max(tables[min(tables)])) if tables else None
+
+
 def turned(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
     """Return (rows, cols, 1 or 3) codes upright and with three channels."""
     upright = turned_upright(codes, orientation)
