@@ -313,8 +313,9 @@ def test_uneven_light_is_no_noise_of_pixels() -> None:
     frames = FrameSet.from_arrays([("light", 0.1, each) for each in dn], bits=16)
     sums = FrameSums(SHAPE).add(dn)
     found = PixelSurvey(frames, np.zeros((1, 1), np.int64))
-    found.add(GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals()))), sums)
-    assert not found.noisy_flats()
+    entry = GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals())))
+    found.add(entry, sums)
+    assert not found.noisy_flats([entry])
     assert not found.add_noise(sums)
 
 

@@ -25,7 +25,7 @@ from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.defective_pixels import PixelSurvey
 from photosite.calibration.reduction.fading_light import LightFades
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
-from photosite.calibration.reduction.reduce import Reduction, find_defective_pixels, reduce_frames, without_pixels
+from photosite.calibration.reduction.reduce import Reduction, reduce_frames
 from photosite.calibration.reduction.shared_sums import SharedSums
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.fixed_pattern import measure_fixed_pattern
@@ -120,11 +120,7 @@ def reduced(
 ) -> Iterator[tuple[FrameReader, Reduction]]:
     """Yield the reduced frames, without defective pixels, and their reader."""
     with FrameReader(frames, progress, saved) as reader:
-        survey = PixelSurvey(frames, reader.tile)
-        reduction = reduce_frames(reader, survey)
-        if (defective := find_defective_pixels(reader, reduction, survey)) is not None:
-            reduction = without_pixels(reader, reduction, survey, defective)
-        yield reader, reduction
+        yield reader, reduce_frames(reader, PixelSurvey(frames, reader.tile))
 
 
 def _saved_sums(

@@ -79,9 +79,9 @@ class LabelTotals:
     variance_spread: float
 
     def with_replaced(
-        self, frame_totals: Sequence[int], old: I64, new: I64, black: int, white: int
+        self, frame_totals: Sequence[int], chosen: I64, old: _Ints, new: _Ints, black: int, white: int
     ) -> tuple[LabelTotals, list[int]]:
-        """Return the totals after the numbers (frames, n) of some pixels are replaced, and those of each frame.
+        """Return the totals after chosen columns of numbers (frames, n) are replaced, and those of each frame.
 
         `frame_totals` are those of the label in each frame; `black` and `white` the clips.
 
@@ -90,27 +90,28 @@ class LabelTotals:
         >>> stack = np.array([[[1, 7, 4]], [[3, 7, 6]]], np.uint16)
         >>> sums = FrameSums((1, 3), white=7).add(stack)
         >>> (totals,), frames = sums.label_totals(), sums.label_frame_totals()[:, 0].tolist()
-        >>> found, _ = totals.with_replaced(frames, np.array([[7], [7]]), np.array([[1], [3]]), 0, 7)
+        >>> found, _ = totals.with_replaced(frames, np.array([0]), stack[:, 0, 1:2], stack[:, 0, :1], 0, 7)
         >>> stack[:, :, 1] = stack[:, :, 0]
         >>> found == FrameSums((1, 3), white=7).add(stack).label_totals()[0]
         True
         """
         n, pixels = self.frames, self.pixels
-        sums, sums_new = old.sum(axis=0), new.sum(axis=0)
-        squares, squares_new = (old**2).sum(axis=0), (new**2).sum(axis=0)
-        moved = [total + int(more) for total, more in zip(frame_totals, (new - old).sum(axis=1), strict=True)]
+        sums, squares = np.zeros((2, 2, len(chosen)), np.int64)
+        more, clipped = np.zeros(n, np.int64), np.zeros(2, np.int64)
+        _replaced_sums(chosen, old, new, black, white, sums, squares, more, clipped)
+        moved = [total + change for total, change in zip(frame_totals, more.tolist(), strict=True)]
         found = replace(
             self,
             total=sum(moved),
-            squares=self.squares + _exact_sum(squares_new - squares),
-            pixel_squares=self.pixel_squares + _exact_sum((sums_new - sums) * (sums_new + sums)),
+            squares=self.squares + _exact_sum(squares[1] - squares[0]),
+            pixel_squares=self.pixel_squares + _exact_sum((sums[1] - sums[0]) * (sums[1] + sums[0])),
             frame_squares=sum(total**2 for total in moved),
-            low=self.low + int((new <= black).sum()) - int((old <= black).sum()),
-            high=self.high + int((new >= white).sum()) - int((old >= white).sum()),
+            low=self.low + int(clipped[0]),
+            high=self.high + int(clipped[1]),
         )
         if n < 2 or pixels < 2:
             return found, moved
-        before, after = ((n * q - s * s) / (n * (n - 1.0)) for q, s in ((squares, sums), (squares_new, sums_new)))
+        before, after = (n * squares - sums * sums) / (n * (n - 1.0))
         of_squares = self.variance_spread * (pixels - 1) + pixels * self.temporal_variance**2
         of_squares += float((after**2).sum() - (before**2).sum())
         spread = (of_squares - pixels * found.temporal_variance**2) / (pixels - 1)
@@ -518,6 +519,31 @@ class FrameSums:
                 )
             )
         return tuple(result)
+
+
+@compiled()
+def _replaced_sums(
+    chosen: I64,
+    old: _Ints,
+    new: _Ints,
+    black: int,
+    white: int,
+    sums: I64,
+    squares: I64,
+    more: I64,
+    clipped: I64,
+) -> None:
+    """Add the sums and squares (2, n) of pixels before and after, and the changes of frames and of clipped numbers."""
+    for k in range(old.shape[0]):
+        for j in range(chosen.size):
+            a, b = np.int64(old[k, chosen[j]]), np.int64(new[k, chosen[j]])
+            sums[0, j] += a
+            sums[1, j] += b
+            squares[0, j] += a * a
+            squares[1, j] += b * b
+            more[k] += b - a
+            clipped[0] += np.int64(b <= black) - np.int64(a <= black)
+            clipped[1] += np.int64(b >= white) - np.int64(a >= white)
 
 
 def _exact_sum(values: I64) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,11 @@ class PixelReplacement:
         return cls(bad_row, bad_col, row[known], col[known], source[known], lines)
 
     @property
+    def bad(self) -> tuple[_Places, _Places]:
+        """(n,) row and column of each bad pixel."""
+        return self.bad_row, self.bad_col
+
+    @cached_property
     def sources(self) -> tuple[_Places, _Places]:
         """(n,) row and column that the number of each bad pixel is taken from."""
         line_of = np.arange(int(self.bad_row.max(initial=0)) + 1)

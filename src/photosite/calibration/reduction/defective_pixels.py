@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +147,7 @@ def classified(
     shape: tuple[int, int],
     tile: _Ints,
     groups: Sequence[GroupStatistics],
-    numbers: Sequence[_Ints],
+    numbers: Sequence[NDArray[np.uint16]],
 ) -> DefectivePixels:
     """Return defective pixels with their kinds.
 
@@ -300,7 +300,7 @@ class _OwnSeries:
         return np.asarray(self.variance[group] > most * explained + LEAST_DN2)
 
 
-def _variance(values: _Ints) -> _Floats:
+def _variance(values: NDArray[np.uint16]) -> _Floats:
     n = len(values)
     if n < 2:
         return np.full(values.shape[1], np.nan)
@@ -368,10 +368,9 @@ class PixelSurvey:
         """Return whether some pixels of dark frames may be far noisier than the others."""
         return _noise_spread(statistics) > (0.0 if reference else NOISE_SPREAD)
 
-    def noisy_flats(self) -> list[GroupStatistics]:
+    def noisy_flats(self, lights: Sequence[GroupStatistics]) -> list[GroupStatistics]:
         """Return the flat fields in which some pixels are far noisier than the others, by how much."""
-        lights = [entry for entry in self._groups if entry.group.kind == "light" and self._clear(entry)]
-        noisy = [entry for entry in lights if _noise_spread(entry) > FLAT_NOISE_SPREAD]
+        noisy = [each for each in lights if _noise_spread(each) > FLAT_NOISE_SPREAD and self._clear(each)]
         return sorted(noisy, key=_noise_spread, reverse=True)
 
     def found(self) -> _Ints | None:
@@ -436,9 +435,8 @@ def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
     for site in _sites(tile):
         own = (row % tile.shape[0] == site[0]) & (col % tile.shape[1] == site[1])
         if own.any():
-            plane = total[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
             suspects = row[own] // tile.shape[0], col[own] // tile.shape[1]
-            found.append(_numbers(*_far_from_neighbors(plane, suspects, limits[site]), site, total.shape, tile))
+            found.append(_far_from_neighbors(total, site, tile, suspects, limits[site]))
     return np.concatenate(found)
 
 
@@ -488,36 +486,50 @@ def _limits(residual: _Floats, pixels: int, least: float) -> _Limits:
     return _Limits(reach(below, above) - float(q50), reach(above, below) + float(q50), float(q75 - q25))
 
 
-def _windows(plane: NDArray[np.generic], r: _Ints, c: _Ints) -> _Floats:
-    """Return (n, neighbors) values at random places of the window about each pixel, which stays inside."""
+def _windows(values: NDArray[np.generic], site: tuple[int, int], tile: _Ints, r: _Ints, c: _Ints) -> NDArray[Any]:
+    """Return (n, neighbors) values at random places of the window about each pixel of a site, which stays inside."""
     u, v = np.random.default_rng(2).random((2, _NEIGHBORS))
     places = []
-    for at, fractions, length in ((r, u, plane.shape[0]), (c, v, plane.shape[1])):
+    for at, fractions, length in zip((r, c), (u, v), plane_shape(values.shape, site, tile.shape), strict=True):
         size = min(2 * _WINDOW + 1, length)
         start = np.clip(at - size // 2, 0, length - size)
-        places.append(start[:, None] + np.floor(fractions * size).astype(np.int64))
-    return np.asarray(plane[places[0], places[1]], np.float64)
+        places.append((start, np.floor(fractions * size).astype(np.int64)))
+    (row, down), (col, right) = places
+    first = _numbers(row, col, site, values.shape, tile)
+    return np.asarray(values.reshape(-1)[first[:, None] + _numbers(down, right, (0, 0), values.shape, tile)])
 
 
 def _far_from_neighbors(
-    plane: NDArray[np.unsignedinteger], suspects: tuple[_Ints, _Ints], limits: _Limits
-) -> tuple[_Ints, _Ints]:
-    """Return those of the pixels that are far from the median of their neighbors.
+    total: NDArray[np.unsignedinteger],
+    site: tuple[int, int],
+    tile: _Ints,
+    suspects: tuple[_Ints, _Ints],
+    limits: _Limits,
+) -> _Ints:
+    """Return the numbers of those of the pixels of a site that are far from the median of their neighbors.
 
     Where the neighbors differ more than elsewhere, as in a glow or the border of a shadow, the limits are wider.
     """
     distance = [np.zeros(0)]
-    for first in range(0, len(suspects[0]), _CHUNK):
-        r, c = (part[first : first + _CHUNK] for part in suspects)
-        q25, q50, q75 = np.quantile(_windows(plane, r, c), [0.25, 0.5, 0.75], axis=1)
-        off = plane[r, c] - q50
+    numbers = _numbers(*suspects, site, total.shape, tile)
+    for first in range(0, len(numbers), _CHUNK):
+        part = slice(first, first + _CHUNK)
+        ordered = np.sort(_windows(total, site, tile, suspects[0][part], suspects[1][part]), axis=1)
+        q25, q50, q75 = (_quantile(ordered, quarters) for quarters in (1, 2, 3))
+        off = total.reshape(-1)[numbers[part]] - q50
         # The spread on the other side, which a cluster of defective pixels does not widen.
         spread = 2.0 * np.where(off > 0.0, q50 - q25, q75 - q50)
         wider = np.maximum(spread / limits.quartiles, 1.0) if limits.quartiles > 0.0 else 1.0
         distance.append(np.where(off > 0.0, off / limits.above, off / limits.below) / wider)
     found = np.concatenate(distance)
-    far = _apart(found, NEAR) | _apart(-found, NEAR)
-    return suspects[0][far], suspects[1][far]
+    return numbers[_apart(found, NEAR) | _apart(-found, NEAR)]
+
+
+def _quantile(ordered: NDArray[np.unsignedinteger], quarters: int) -> _Floats:
+    """Return a quartile of each ordered row, interpolated as by NumPy; sorting integers takes a tenth of its time."""
+    at, part = divmod(quarters * (ordered.shape[1] - 1), 4)
+    lower, upper = (ordered[:, i].astype(np.float64) for i in (at, at + 1))
+    return np.asarray(lower + 0.25 * part * (upper - lower))
 
 
 def _apart(distance: _Floats, near: float) -> NDArray[np.bool_]:
@@ -553,7 +565,9 @@ def _noisy(sums: FrameSums, tile: _Ints) -> Iterator[_Ints]:
         if len(r) > MOST_DEFECTIVE * plane.size:
             continue
         parts = [slice(first, first + _CHUNK) for first in range(0, len(r), _CHUNK)]
-        near = np.concatenate([np.zeros(0), *(np.median(_windows(plane, r[p], c[p]), axis=1) for p in parts)])
+        near = np.concatenate(
+            [np.zeros(0), *(np.median(_windows(variance, site, tile, r[p], c[p]), axis=1) for p in parts)]
+        )
         wider = np.maximum(near / q50, 1.0) if q50 > 0.0 else 1.0
         far = _apart(plane[r, c] / (wider * limit), NEAR_NOISE)
         yield _numbers(r[far], c[far], site, sums.shape, tile)

@@ -62,18 +62,16 @@ class _Read(NamedTuple):
 class ReplacedNumbers(NamedTuple):
     """Numbers (frames, n) of replaced pixels, and of those that replace them."""
 
-    own: NDArray[np.int64]
-    other: NDArray[np.int64]
+    own: NDArray[np.uint16]
+    other: NDArray[np.uint16]
 
 
-_Places = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""Rows and columns of some pixels."""
+class _KnownNumbers(NamedTuple):
+    """Numbers (frames, 2 n) of the pixels of a replacement, and of those that replace them, by their places."""
 
-
-def _numbers_of(source: FrameSource, own: _Places, other: _Places) -> NDArray[np.uint16]:
-    """Return the numbers (2, n) of some pixels of a frame, and of those that replace them."""
-    row, col = (np.concatenate(part) for part in zip(own, other, strict=True))
-    return numbers_at(source, row, col).reshape(2, -1)
+    replacement: PixelReplacement
+    at: NDArray[np.int64]
+    numbers: NDArray[np.uint16]
 
 
 _BATCH_FRAMES, _BATCH_BYTES = 12, 240 << 20
@@ -138,6 +136,7 @@ class FrameReader:
         """`count_codes` of each group's samples, by the `id` of the group."""
         self.replaced: dict[int, ReplacedNumbers] = {}
         """Numbers of the pixels of each group that `replace_pixels` replaced, by the `id` of the group."""
+        self._known: dict[int, _KnownNumbers] = {}
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
@@ -271,28 +270,57 @@ class FrameReader:
         self.frames = replace(self.frames, groups=left)
         self.expect(self.frames.frame_count)
 
+    def replaced_numbers(self, group: FrameGroup, replacement: PixelReplacement) -> ReplacedNumbers:
+        """Return the numbers of pixels, and of those that replace them, of the used frames of a group.
+
+        Those that are known from an earlier call are not read again.
+        """
+        known = self._known.get(id(group))
+        if known is None or known.replacement is not replacement:
+            at = np.concatenate([r * self._shape[1] + c for r, c in (replacement.bad, replacement.sources)])
+            known = self._known[id(group)] = _KnownNumbers(replacement, at, self._numbers_at(group, at, known))
+        n = len(replacement.bad_row)
+        return ReplacedNumbers(known.numbers[:, :n], known.numbers[:, n:])
+
+    def _numbers_at(self, group: FrameGroup, at: NDArray[np.int64], known: _KnownNumbers | None) -> NDArray[np.uint16]:
+        if known is None:
+            return self._read_numbers(group, at)
+        order = np.argsort(known.at)
+        place = order[np.minimum(np.searchsorted(known.at, at, sorter=order), len(order) - 1)]
+        numbers = known.numbers.take(place, axis=1)
+        unknown = np.flatnonzero(known.at[place] != at)
+        if len(unknown):
+            numbers[:, unknown] = self._read_numbers(group, at[unknown])
+        return numbers
+
+    def _read_numbers(self, group: FrameGroup, at: NDArray[np.int64]) -> NDArray[np.uint16]:
+        row, col = np.divmod(at, self._shape[1])
+        return np.array(self._in_threads(self.used_sources(group), partial(numbers_at, row=row, col=col)), np.uint16)
+
     def replace_pixels(self, replacement: PixelReplacement) -> None:
         """Replace pixels in all frames that were read; their sums, counts and mean frames become those without them."""
         before, self.frames = self.frames, repaired(self.frames, replacement)
-        own, other = (replacement.bad_row, replacement.bad_col), replacement.sources
+        own, other = replacement.bad, replacement.sources
         totals = {id(entry.source): entry.total for entry in self.used_frames}
         self.used_frames = []
         for old, new in zip(before.groups, self.frames.groups, strict=True):
+            numbers = self.replaced[id(new)] = self.replaced_numbers(old, replacement)
             used = self._used[id(new)] = self._used.pop(id(old))
-            sources = [old.frames[i] for i in used]
-            numbers = np.array(self._in_threads(sources, partial(_numbers_of, own=own, other=other)), np.int64)
-            self.replaced[id(new)] = ReplacedNumbers(numbers[:, 0], numbers[:, 1])
             self.counts[id(new)] = self._moved_counts(self.counts.pop(id(old)), len(old), own, numbers)
             if (mean := self._means.pop(id(old), None)) is not None:
                 mean.sum[own] = mean.sum[other]
                 self._means[id(new)] = mean
-            more = (numbers[:, 1] - numbers[:, 0]).sum(axis=1)
+            more = numbers.other.sum(axis=1, dtype=np.int64) - numbers.own.sum(axis=1, dtype=np.int64)
             self.used_frames += [
-                UsedFrame(new.frames[i], totals[id(old.frames[i])] + int(n)) for i, n in zip(used, more, strict=True)
+                UsedFrame(new.frames[i], totals[id(old.frames[i])] + n)
+                for i, n in zip(used, more.tolist(), strict=True)
             ]
+        self._known.clear()
 
-    def _moved_counts(self, counts: Counts, frames: int, own: _Places, numbers: NDArray[np.int64]) -> Counts:
-        """Return the counts of the sampled pixels after some are replaced: (used frames, 2, n) `numbers`."""
+    def _moved_counts(
+        self, counts: Counts, frames: int, own: tuple[NDArray[np.int64], NDArray[np.int64]], numbers: ReplacedNumbers
+    ) -> Counts:
+        """Return the counts of the sampled pixels after some are replaced."""
         rows, cols = sample_grid(self._shape, frames)
         times = np.bincount(rows.ravel(), minlength=self._shape[0])[own[0]]
         times = times * np.bincount(cols.ravel(), minlength=self._shape[1])[own[1]]
@@ -303,9 +331,9 @@ class FrameReader:
             codes, found = channel_counts(counts, label)
             full = np.zeros(1 << 16, np.int64)
             full[codes] = found
-            weight = np.broadcast_to(times[chosen], (len(numbers), len(chosen)))
-            np.add.at(full, numbers[:, 0, chosen], -weight)
-            np.add.at(full, numbers[:, 1, chosen], weight)
+            weight = np.broadcast_to(times[chosen], (len(numbers.own), len(chosen)))
+            np.add.at(full, numbers.own[:, chosen], -weight)
+            np.add.at(full, numbers.other[:, chosen], weight)
             left = np.flatnonzero(full > 0)
             parts.append(np.column_stack([np.full(len(left), label), left, full[left]]))
         return np.concatenate(parts)

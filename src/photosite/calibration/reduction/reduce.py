@@ -19,9 +19,9 @@ from photosite.calibration.reduction.codes import (
     fraction_above,
 )
 from photosite.calibration.reduction.dark_exposures import WRONG_DARK_EXPOSURE, find_wrong_exposure
-from photosite.calibration.reduction.defective_pixels import DefectivePixels, GroupTotals, PixelSurvey, classified
+from photosite.calibration.reduction.defective_pixels import DefectivePixels, PixelSurvey, classified
 from photosite.calibration.reduction.foreign_frames import FOREIGN_FRAMES, GroupSample, find_foreign_groups
-from photosite.calibration.reduction.frame_reader import FrameReader, ReplacedNumbers
+from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.frame_screening import LEAST_PIXELS, sample_grid
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics, Level, reference_dark
 from photosite.calibration.reduction.provenance import UsedFrame
@@ -115,7 +115,7 @@ SEVERAL_CHIPS = DiagnosticKind(
 
 
 def reduce_frames(reader: FrameReader, survey: PixelSurvey | None = None) -> Reduction:
-    """Read every frame once and return the statistics of each group; `survey` searches them for defective pixels.
+    """Read every frame once and return the statistics of each group, without the defective pixels that `survey` finds.
 
     Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. A few groups of another chip, and
     dark frames whose exposure time is wrong, are left out, and the remaining frames are read again.
@@ -129,23 +129,36 @@ def reduce_frames(reader: FrameReader, survey: PixelSurvey | None = None) -> Red
     if foreign := _foreign_groups(reader, reduction, samples):
         reader.leave_out_groups([(group, *_reason_left_out(reader, group, foreign)) for group in foreign])
         reduction, _ = _reduce(reader, survey)
-    if (wrong := find_wrong_exposure(reduction.darks)) is not None:
+    # The codes, which widen the uncertainties, are those of the pixels that are left.
+    if find_wrong_exposure(reduction.darks) is not None and (
+        (wrong := find_wrong_exposure(_with_codes(reader, reduction).darks)) is not None
+    ):
         reader.leave_out_groups([(reduction.darks[wrong.group].group, WRONG_DARK_EXPOSURE, str(wrong))])
         reduction, _ = _reduce(reader, survey)
-    return reduction
+    if survey is not None and (defective := _find_defective_pixels(reader, reduction, survey)) is not None:
+        reduction = _without_pixels(reader, reduction, survey, defective)
+    return _with_codes(reader, reduction)
 
 
-def find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: PixelSurvey) -> NDArray[np.int64] | None:
+def _find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: PixelSurvey) -> NDArray[np.int64] | None:
     """Return the few pixels that must not decide a figure, as numbers in the order of the rows; None without such.
 
     Dark frames whose pixels differ in noise are read again for the variance of each pixel, and so are flat fields whose
     pixels differ by more than uneven light makes them, until one shows no more pixels.
     """
+    replacement = _replacement(reader, survey.found())
     for index, entry in enumerate(reduction.darks):
-        if survey.noise_differs(entry, reference=index == reduction.reference):
+        reference = index == reduction.reference
+        if survey.noise_differs(entry, reference=reference) and survey.noise_differs(
+            _with_replaced(reader, entry, survey, replacement), reference=reference
+        ):
             reader.expect(entry.frames)
             survey.add_noise(reader.sums(entry.group, variance=True))
-    for entry in survey.noisy_flats():
+    noisy = survey.noisy_flats(reduction.lights)
+    if noisy:
+        replacement = _replacement(reader, survey.found())
+        noisy = survey.noisy_flats([_with_replaced(reader, entry, survey, replacement) for entry in noisy])
+    for entry in noisy:
         reader.expect(entry.frames)
         if not survey.add_noise(reader.sums(entry.group, variance=True)):
             break  # a pixel may be still in all frames of one group
@@ -153,63 +166,60 @@ def find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: Pix
     return survey.found()
 
 
-def without_pixels(reader: FrameReader, before: Reduction, survey: PixelSurvey, index: NDArray[np.int64]) -> Reduction:
+def _replacement(reader: FrameReader, index: NDArray[np.int64] | None) -> PixelReplacement:
+    """Return the replacement of pixels, given as numbers in the order of the rows."""
+    bad = np.zeros((reader.frames.rows, reader.frames.cols), np.bool_)
+    if index is not None:
+        bad.flat[index] = True
+    return PixelReplacement.of(bad, reader.tile.shape)
+
+
+def _without_pixels(reader: FrameReader, before: Reduction, survey: PixelSurvey, index: NDArray[np.int64]) -> Reduction:
     """Return a reduction after its defective pixels are replaced in all frames, and in those that are read later.
 
     `index` are numbers in the order of the rows, and `survey` has the totals of the groups. The sums are exact; of the
     frames, only the numbers of these pixels and of those that replace them are read.
     """
-    bad = np.zeros((reader.frames.rows, reader.frames.cols), np.bool_)
-    bad.flat[index] = True
-    replacement = PixelReplacement.of(bad, reader.tile.shape)
-    own, other = (replacement.bad_row, replacement.bad_col), replacement.sources
+    replacement = _replacement(reader, index)
+    own, other = replacement.bad, replacement.sources
     taken = TakenFrames(before.frames, before.used)
-    totals = [survey.totals[id(entry.group)] for entry in (*before.darks, *before.lights)]
+    entries = [_with_replaced(reader, entry, survey, replacement) for entry in (*before.darks, *before.lights)]
     reader.replace_pixels(replacement)
     listed = (*reader.frames.of_kind("dark"), *reader.frames.of_kind("light"))
-    labels = reader.tile[own[0] % reader.tile.shape[0], own[1] % reader.tile.shape[1]]
-    groups = [
-        _with_replaced(group, exact, reader.replaced[id(group)], labels, reader.white)
-        for group, exact in zip(listed, totals, strict=True)
-    ]
-    darks, lights = groups[: len(before.darks)], groups[len(before.darks) :]
+    groups = [replace(entry, group=group) for entry, group in zip(entries, listed, strict=True)]
     if before.dark_slopes is not None:
         before.dark_slopes.slopes[own] = before.dark_slopes.slopes[other]
     if before.reference_mean is not None:
         before.reference_mean.sum[own] = before.reference_mean.sum[other]
-    codes = _find_codes(reader, darks, lights)
     numbers = [reader.replaced[id(group)].own for group in listed]
     return replace(
         before,
         frames=reader.frames,
-        darks=codes.groups[: len(darks)],
-        lights=codes.groups[len(darks) :],
-        whites=codes.whites,
-        steps=codes.steps,
-        sums=codes.sums,
-        bits_used=_bits_used(reader),
+        darks=tuple(groups[: len(before.darks)]),
+        lights=tuple(groups[len(before.darks) :]),
         used=tuple(reader.used_frames),
-        defects=classified(index, bad.shape, reader.tile, groups, numbers),
+        defects=classified(index, (reader.frames.rows, reader.frames.cols), reader.tile, groups, numbers),
         taken=taken,
     )
 
 
 def _with_replaced(
-    group: FrameGroup, exact: GroupTotals, numbers: ReplacedNumbers, labels: NDArray[np.int64], white: int
+    reader: FrameReader, entry: GroupStatistics, survey: PixelSurvey, replacement: PixelReplacement
 ) -> GroupStatistics:
-    """Return the statistics of a group after the numbers of some pixels, of these channels, are replaced."""
+    """Return the statistics of a group after the numbers of some pixels are replaced."""
+    if not len(replacement.bad_row):
+        return entry
+    exact, numbers = survey.totals[id(entry.group)], reader.replaced_numbers(entry.group, replacement)
+    row, col = replacement.bad
+    labels = reader.tile[row % reader.tile.shape[0], col % reader.tile.shape[1]]
     levels, of_frames = [], np.zeros(len(exact.frames), object)
     for k, totals in enumerate(exact.labels):
-        own, other = (part[:, labels == k] for part in numbers)
-        found, frames = totals.with_replaced(exact.frames[:, k].tolist(), own, other, 0, white)
+        chosen = np.flatnonzero(labels == k)
+        found, frames = totals.with_replaced(exact.frames[:, k].tolist(), chosen, *numbers, 0, reader.white)
         levels.append(Level.of(found))
         of_frames += np.array(frames, object)
     pixels = sum(totals.pixels for totals in exact.labels)
-    return GroupStatistics(group, tuple(levels), frame_means=tuple(float(total / pixels) for total in of_frames))
-
-
-def _bits_used(reader: FrameReader) -> int:
-    return int(np.bitwise_or.reduce(np.concatenate([found[:, 1] for found in reader.counts.values()])))
+    return GroupStatistics(entry.group, tuple(levels), frame_means=tuple(float(total / pixels) for total in of_frames))
 
 
 def _foreign_groups(
@@ -292,38 +302,29 @@ def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction,
         if not all(level.clipped for level in statistics.levels):
             reader.keep(group, sums)
     reader.release()
-    codes = _find_codes(reader, darks, lights)
     reduction = Reduction(
         frames=reader.frames,
-        darks=codes.groups[: len(darks)],
-        lights=codes.groups[len(darks) :],
+        darks=tuple(darks),
+        lights=tuple(lights),
         reference=reference,
         reference_mean=mean,
         dark_slopes=slopes,
-        whites=codes.whites,
-        steps=codes.steps,
-        sums=codes.sums,
-        bits_used=_bits_used(reader),
+        whites=(),
+        steps=(),
+        sums=(),
+        bits_used=0,
         rejected=tuple(reader.rejected),
         used=tuple(reader.used_frames),
     )
     return reduction, samples
 
 
-class _Codes(NamedTuple):
-    """White level, steps and sums of each channel (as in `Reduction`), and the groups with their quantization noise."""
-
-    whites: tuple[int, ...]
-    steps: tuple[Steps | None, ...]
-    sums: tuple[Sums | None, ...]
-    groups: tuple[GroupStatistics, ...]
-
-
-def _find_codes(reader: FrameReader, darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]) -> _Codes:
-    counts = [reader.counts[id(entry.group)] for entry in lights]
-    whites = tuple(find_white_level(counts, k, reader.white) for k in range(len(channel_names(reader.frames.cfa))))
-    groups = list(darks)
-    for entry, found in zip(lights, counts, strict=True):
+def _with_codes(reader: FrameReader, before: Reduction) -> Reduction:
+    """Return the reduction with the white level, steps and sums of each channel, and groups with their rounding."""
+    counts = [reader.counts[id(entry.group)] for entry in before.lights]
+    whites = tuple(find_white_level(counts, k, reader.white) for k in range(len(before.names)))
+    groups = list(before.darks)
+    for entry, found in zip(before.lights, counts, strict=True):
         # The fraction of samples at the white levels, where these are below full scale.
         levels = tuple(
             replace(level, high_fraction=fraction_above(found, k, white - 1)) if white < reader.white else level
@@ -335,7 +336,16 @@ def _find_codes(reader: FrameReader, darks: Sequence[GroupStatistics], lights: S
         find_sums(white, 1.0 if found is None else found.step, reader.frames.bits)
         for white, found in zip(whites, steps, strict=True)
     )
-    return _Codes(whites, steps, sums, tuple(_with_steps(entry, i, steps, sums) for i, entry in enumerate(groups)))
+    stepped = tuple(_with_steps(entry, i, steps, sums) for i, entry in enumerate(groups))
+    return replace(
+        before,
+        darks=stepped[: len(before.darks)],
+        lights=stepped[len(before.darks) :],
+        whites=whites,
+        steps=steps,
+        sums=sums,
+        bits_used=int(np.bitwise_or.reduce(np.concatenate([found[:, 1] for found in reader.counts.values()]))),
+    )
 
 
 def _steps(reader: FrameReader, groups: Sequence[GroupStatistics], channel: int, white: int) -> Steps | None:
