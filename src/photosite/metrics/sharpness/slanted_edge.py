@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -216,13 +217,14 @@ def slanted_edge_mtf(
         direction = "horizontal"
         values, mask, origin = values.T, mask.T, (origin[1], origin[0])
         tile = tuple(zip(*tile, strict=True))
-    y, x = (places.astype(np.float64) + 0.5 for places in np.nonzero(mask))
-    pixels = Pixels(y, x, values[mask], values.shape, len(tile[0]), reach_px)
     edge = first_edge(values, mask, order)
+    near = mask & edge.within(reach_px + _LARGEST_MOVE_PX, values.shape)
+    line, x = np.nonzero(near)
+    pixels = Pixels(line, x + 0.5, values[near], values.shape, len(tile[0]), reach_px)
     edge, profile = refined(whole_cycles(pixels, edge), edge, oversampling)
     frequency = np.linspace(0.0, 1.0, _FREQUENCIES)
     mtf, sensitivity = _transfer(profile, frequency, window)
-    line = np.arange(values.shape[0], dtype=np.int64)
+    lines = np.arange(values.shape[0], dtype=np.int64)
     left, right = profile.ends()
     from_dark = slice(None) if right > left else slice(None, None, -1)
     return SlantedEdge(
@@ -232,8 +234,8 @@ def slanted_edge_mtf(
         name,
         math.degrees(math.atan(edge.slope)) * (-1.0 if direction == "vertical" else 1.0),
         direction,
-        line + origin[0],
-        edge.at(line.astype(np.float64) + 0.5) + origin[1],
+        lines + origin[0],
+        edge.at(lines + 0.5) + origin[1],
         profile.distance,
         ((profile.mean - min(left, right)) / abs(right - left))[from_dark],
         (np.sqrt(profile.variance) / abs(right - left))[from_dark],
@@ -303,11 +305,7 @@ def _is_horizontal(values: Array, mask: NDArray[np.bool_]) -> bool:
 
 def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array, Array]:
     """Return the MTF at frequencies in cycles/pixel, and (frequencies, bins) its derivatives by the bins' means."""
-    distance = profile.distance[1:] - profile.width / 2  # of the differences, symmetric about 0
-    weight = _window(np.abs(distance) / (profile.distance[-1] + profile.width / 2), window)
-    # The transform is linear in the means of the bins: each enters two differences.
-    waves = np.exp(-2j * math.pi * frequency[:, None] * distance) * weight
-    bins = np.pad(waves, ((0, 0), (1, 0))) - np.pad(waves, ((0, 0), (0, 1)))
+    bins = _bin_waves(profile.mean.size, profile.width, frequency.size, window)
     spectrum = bins @ profile.mean
     lost = np.sinc(frequency * profile.width) ** 2
     whole = float(spectrum[0].real)
@@ -316,6 +314,18 @@ def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array
     turned = (bins * np.exp(-1j * np.angle(spectrum))[:, None]).real / abs(whole)
     sensitivity = turned - mtf[:, None] * bins[0].real / whole
     return mtf / lost, sensitivity / lost[:, None]
+
+
+@lru_cache(maxsize=8)
+def _bin_waves(count: int, width: float, frequencies: int, window: Window) -> NDArray[np.complex128]:
+    """Return (frequencies, bins) factors of the means of bins in the transform of their windowed differences."""
+    distance = (np.arange(1, count) - count / 2) * width  # of the differences, symmetric about 0
+    weight = _window(np.abs(distance) / (count / 2 * width), window)
+    # The transform is linear in the means of the bins: each enters two differences.
+    waves = np.exp(-2j * math.pi * np.linspace(0.0, 1.0, frequencies)[:, None] * distance) * weight
+    found: NDArray[np.complex128] = np.pad(waves, ((0, 0), (1, 0))) - np.pad(waves, ((0, 0), (0, 1)))
+    found.flags.writeable = False
+    return found
 
 
 def _window(part: Array, window: Window) -> Array:
@@ -340,6 +350,8 @@ _STRAIGHT_PX = 2.0
 _NO_EDGE = -1e6
 _ENDS = 33
 """Lines along a bent edge where its distance from the sides is looked at."""
+_LARGEST_MOVE_PX = 8.0
+"""Of the edge from the centroids to least squares."""
 _FIT_STEPS = 8
 _FIT_ENOUGH_PX = 1e-5
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -349,13 +361,18 @@ _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 class Pixels(Shown):
     """The pixels of one channel."""
 
-    # (n,) centers and values, line by line
-    y: Array
+    # (n,) numbers of the lines, centers along them and values
+    line: NDArray[np.intp]
     x: Array
     value: Array
     shape: tuple[int, int]  # (lines, columns) of their rectangle
     period: int  # columns after which the sites of the channel repeat
     reach: float = math.inf  # largest distance from the edge that is used
+
+    @property
+    def y(self) -> Array:
+        """Centers of the lines, whether or not they have pixels."""
+        return np.arange(self.shape[0]) + 0.5
 
 
 @dataclass(frozen=True)
@@ -378,7 +395,7 @@ class Edge(Shown):
 
     def _powers(self, y: Array) -> Array:
         """Return (n, bends) powers of t."""
-        return ((y - self.middle) / self.middle)[:, None] ** (np.arange(len(self.bend)) + 2)
+        return np.vander((y - self.middle) / self.middle, len(self.bend) + 2, increasing=True)[:, 2:]
 
     def directions(self, y: Array) -> Array:
         """Return (n, 1 + bends) derivatives of `at` by the slope and by the bends."""
@@ -395,7 +412,12 @@ class Edge(Shown):
 
     def distance(self, pixels: Pixels) -> Array:
         """Return (n,) distances perpendicular to the edge, positive to the right."""
-        return (pixels.x - self.at(pixels.y)) / math.hypot(1.0, self.slope)
+        return (pixels.x - self.at(pixels.y)[pixels.line]) / math.hypot(1.0, self.slope)
+
+    def within(self, reach: float, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Return which pixels of a rectangle are within a distance perpendicular to the edge."""
+        away = np.abs(np.arange(shape[1]) + 0.5 - self.at(np.arange(shape[0]) + 0.5)[:, None])
+        return np.asarray(away <= reach * math.hypot(1.0, self.slope))
 
 
 @dataclass(frozen=True, eq=False)
@@ -430,15 +452,14 @@ def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
         hint = "Choose a region that one edge of a chart divides"
         raise InputError("contrast of the edge", value=contrast, expected=f"{_LEAST_CONTRAST} or more", hint=hint)
     sign = math.copysign(1.0, ends[1] - ends[0])
-    lines = [r for r in range(values.shape[0]) if mask[r].sum() > 1]
+    lines = np.flatnonzero(mask.sum(axis=1) > 1)
     if len(lines) < _LEAST_LINES:
         raise InputError("lines of pixels across the edge", value=len(lines), expected=f"{_LEAST_LINES} or more")
-    y = np.array(lines) + 0.5
+    y = lines + 0.5
     edge, half = Edge(values.shape[1] / 2, 0.0, values.shape[0] / 2, sign), math.inf
     # Use whole lines first, then windows around the edge that become narrower.
     for next_half in (values.shape[1] / 4, 2 * LEAST_HALF_WIDTH, None):
-        now = edge.at(y)
-        centroids = np.array([_centroid(values[r], mask[r], now[k], half) for k, r in enumerate(lines)])
+        centroids = _centroids(values, mask, lines, edge.at(y), half)
         edge = edge.fitted(y, centroids, 1 if next_half is not None else order)
         if next_half is not None:
             half = max(next_half, 2 * LEAST_HALF_WIDTH)
@@ -450,17 +471,25 @@ def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
     return edge
 
 
-def _centroid(values: Array, mask: NDArray[np.bool_], middle: float, half: float) -> float:
-    """Return the centroid of the derivative of a line, under a Hamming window."""
-    places = np.flatnonzero(mask)
-    steps = np.diff(values[places])
-    x = (places[:-1] + places[1:] + 1) / 2
-    if math.isfinite(half):
-        near = np.clip(np.abs(x - middle) / half, 0.0, 1.0)
-        steps = steps * np.where(near < 1, 0.54 + 0.46 * np.cos(math.pi * near), 0.0)
-    total = steps.sum()
-    # A line without an edge gets a position that makes the straight-line fit fail.
-    return float(x @ steps / total) if total != 0 else _NO_EDGE
+def _centroids(
+    values: Array, mask: NDArray[np.bool_], lines: NDArray[np.intp], middle: Array, half: float
+) -> Array:
+    """Return the centroid of the derivative of each line, under a Hamming window around its middle."""
+    found = np.empty(lines.size)
+    of_sites: dict[bytes, list[int]] = {}
+    for number, line in enumerate(lines):
+        of_sites.setdefault(mask[line].tobytes(), []).append(number)
+    for alike in of_sites.values():  # lines of the same sites
+        places = np.flatnonzero(mask[lines[alike[0]]])
+        steps = np.diff(values[np.ix_(lines[alike], places)], axis=1)
+        x = (places[:-1] + places[1:] + 1) / 2
+        if math.isfinite(half):
+            near = np.abs(x - middle[alike][:, None]) / half
+            steps = steps * np.where(near < 1, 0.54 + 0.46 * np.cos(math.pi * np.minimum(near, 1.0)), 0.0)
+        total = steps.sum(axis=1)
+        # A line without an edge gets a position that makes the straight-line fit fail.
+        found[alike] = np.where(total != 0, (steps @ x) / np.where(total != 0, total, 1.0), _NO_EDGE)
+    return found
 
 
 def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
@@ -476,8 +505,8 @@ def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
         raise InputError(what, value=moved, expected=f"{pixels.period} columns or more", hint=hint)
     used = round(cycles * pixels.period / abs(edge.slope))
     first = (lines - used) // 2
-    keep = (pixels.y > first) & (pixels.y < first + used)
-    return replace(pixels, y=pixels.y[keep], x=pixels.x[keep], value=pixels.value[keep])
+    keep = (pixels.line >= first) & (pixels.line < first + used)
+    return replace(pixels, line=pixels.line[keep], x=pixels.x[keep], value=pixels.value[keep])
 
 
 def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
@@ -485,7 +514,8 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
 
     Raises `InputError` if the edge is too close to the sides of the region, or a bin has no pixel.
     """
-    ends = edge.at(np.linspace(pixels.y.min(), pixels.y.max(), 2 if not edge.bend else _ENDS))
+    first, last = (float(end(pixels.line)) + 0.5 for end in (np.min, np.max))
+    ends = edge.at(np.linspace(first, last, 2 if not edge.bend else _ENDS))
     margin = min(float(ends.min()), pixels.shape[1] - float(ends.max())) - pixels.period
     half = math.floor(oversampling * margin / math.hypot(1.0, edge.slope))
     if half < oversampling * LEAST_HALF_WIDTH:
@@ -527,11 +557,14 @@ def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profil
         smooth = np.convolve(np.pad(profile.mean, 2, mode="edge"), _SMOOTHING, "valid")
         distance = edge.distance(pixels)
         near = np.abs(distance) < profile.distance[-1]
-        steepness = np.interp(distance[near], profile.distance, np.gradient(smooth, profile.distance))
-        residual = pixels.value[near] - np.interp(distance[near], profile.distance, smooth)
+        place, line = distance[near], pixels.line[near]
+        steepness = np.interp(place, profile.distance, np.gradient(smooth, profile.distance))
+        residual = pixels.value[near] - np.interp(place, profile.distance, smooth)
         # As the edge moves to the right, a pixel moves to the left relative to it.
-        moved = (-steepness / math.hypot(1.0, edge.slope))[:, None] * edge.directions(pixels.y[near])
-        turn, *bends = np.linalg.solve(moved.T @ moved, moved.T @ residual)
+        moved = steepness / -math.hypot(1.0, edge.slope)
+        square, product = (np.bincount(line, moved * each, pixels.shape[0]) for each in (moved, residual))
+        along = edge.directions(pixels.y)
+        turn, *bends = np.linalg.solve(along.T @ (square[:, None] * along), along.T @ product)
         shift = _half_way(profile.distance, smooth, profile.ends()) * math.hypot(1.0, edge.slope)
         bend = tuple(float(one + more) for one, more in zip(edge.bend, bends, strict=True))
         edge = replace(edge, position=edge.position + shift, slope=edge.slope + float(turn), bend=bend)
