@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,9 @@ ToneCurveName = Literal["file", "srgb", "linear"]
 Tone = Literal["linear", "given", "stated", "assumed", "chart"]
 """How values became proportional to light: they were; by a space that the caller or the file states; by sRGB's, which
 nothing states; by a curve that was measured on a chart."""
+T = TypeVar("T")
+_SHARED_PART = 0.25
+"""Part of a frame from which its values in double precision are kept for other channels and measurements."""
 
 LUMA = "Y"
 """Channel of pictures: 0.2126 R + 0.7152 G + 0.0722 B of linear sRGB (IEC 61966-2-1)."""
@@ -88,6 +91,12 @@ class ChartImage(Shown):
         """Names of the channels; a picture has R, G, B and their luma Y."""
         return _PICTURE_CHANNELS if self.origin == "picture" else channel_names(self.cfa)
 
+    def density(self, channel: str) -> float:
+        """Return the fraction of the pixels that have a channel."""
+        if self.origin == "picture":
+            return 1.0
+        return len(channel_sites(self.cfa, channel)) / (len(self.cfa) * len(self.cfa[0]))
+
     @property
     def sharp_channel(self) -> str:
         """The channel that stands for the image where one is chosen: luma, green, or the first."""
@@ -102,6 +111,17 @@ class ChartImage(Shown):
         for frame in self.frames:
             total += frame
         return total / len(self.frames)
+
+    def shared(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what `make` returns; the first call of a key makes it, for all measurements of the image."""
+        if key not in self._shared:
+            self._shared[key] = make()
+        found: T = self._shared[key]
+        return found
+
+    @cached_property
+    def _shared(self) -> dict[Hashable, Any]:
+        return {}
 
     def check_channel(self, channel: str) -> None:
         """Raise `InputError` for a channel that the image has not."""
@@ -119,10 +139,20 @@ class ChartImage(Shown):
         if box.r1 > rows or box.c1 > cols:
             corners = (box.r0, box.r1, box.c0, box.c1)
             raise InputError("region", value=corners, expected=f"within the frame of {rows} x {cols} pixels")
-        part = self.mean[box.r0 : box.r1, box.c0 : box.c1]
+        where = slice(box.r0, box.r1), slice(box.c0, box.c1)
         if self.origin == "picture":
-            return _channel_of_picture(part, channel), MONOCHROME
-        return part.astype(np.float64) - self.black, shifted(self.cfa, box.r0, box.c0)
+            return _channel_of_picture(self.mean[where], channel), MONOCHROME
+        large = box.shape[0] * box.shape[1] > _SHARED_PART * rows * cols
+        values = self._above_black[where] if large else self.mean[where].astype(np.float64) - self.black
+        return values, shifted(self.cfa, box.r0, box.c0)
+
+    @cached_property
+    def _above_black(self) -> Array:
+        """Mean values of a mosaic above black, for the planes of all channels."""
+        values = self.mean.astype(np.float64)
+        values -= self.black
+        values.flags.writeable = False
+        return values
 
     def planes(self, channel: str, region: Region) -> Iterator[Array]:
         """Yield the values above black of each frame in a region, as `plane` returns those of the mean."""

@@ -273,7 +273,8 @@ class Measurement:
             raise InputError("chart", value=chart.name, expected=expected)
         values = self.options(**options)
         given = {name: getattr(values, name) for name in type(values).model_fields}
-        return replace(self.measure(image, chart, **given), measurement=self)
+        key = self.measure, chart, repr(given)  # another measurement may be made of the same result
+        return replace(image.shared(key, lambda: self.measure(image, chart, **given)), measurement=self)
 
 
 Measured = Result | Missing

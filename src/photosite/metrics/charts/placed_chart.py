@@ -102,6 +102,12 @@ class PlacedChart(Shown):
         """Return points of the image, (n, 2) rows and columns, in samples of the scene."""
         return Homography.between(self.corners, _scene_corners(self.scene))(points)
 
+    def to_scene_grid(self, row: Array, col: Array) -> tuple[Array, Array]:
+        """Return rows and columns in samples of the scene, (n, m) each, of a grid of (n,) rows and (m,) columns."""
+        matrix = Homography.between(self.corners, _scene_corners(self.scene)).matrix
+        y, x, depth = (line[0] * row[:, None] + (line[1] * col + line[2]) for line in matrix)
+        return y / depth, x / depth
+
     @property
     def samples_per_pixel(self) -> float:
         """Samples of the scene along a pixel's side, in the middle of the chart."""

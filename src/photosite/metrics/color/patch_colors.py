@@ -11,6 +11,7 @@ from photosite.color.colorimetry import adaptation_to_d65
 from photosite.errors import InputError
 from photosite.metrics.chart_image import LUMA, ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
+from photosite.metrics.plane_fit import without_plane
 from photosite.values.region import Patch
 from photosite.values.shown import Shown
 
@@ -129,12 +130,9 @@ def _mean(image: ChartImage, patch: Patch, channels: tuple[str, ...]) -> tuple[A
         raise InputError("size of a patch", where=f"patch '{patch.name}'", expected=f"{_LEAST_BLOCKS} blocks of pixels")
     means, rests = [], []
     for count, total, center in zip(counts, sums, centers, strict=True):
-        weight = np.sqrt(count[used])
-        y, x = (each[used] / count[used] for each in center)
-        plane = np.column_stack([np.ones(blocks), y - y.mean(), x - x.mean()]) * weight[:, None]
-        orthogonal = np.linalg.qr(plane)[0]
-        value = total[used] / weight
-        rests.append((value - orthogonal @ (orthogonal.T @ value)) * weight / count.sum())
+        pixels = count[used]
+        y, x = (each[used] / pixels for each in center)
+        rests.append(without_plane(total[used] / pixels, y, x, pixels) * pixels / count.sum())
         means.append(total.sum() / count.sum())
     rest = np.array(rests)
     return np.array(means), rest @ rest.T * (blocks / (blocks - 3))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
+from photosite.metrics.plane_fit import without_plane
 from photosite.values.cfa import channel_sites, shifted
 from photosite.values.region import Region
 from photosite.values.shown import Shown
@@ -64,8 +65,7 @@ class Cells(Shown):
         from scipy.special import chdtri
 
         y, x = np.indices((_PARTS, _PARTS)).reshape(2, -1) - (_PARTS - 1) / 2
-        plane = np.linalg.qr(np.column_stack([np.ones(_PARTS**2), y, x]))[0]
-        square = ((self.parts - self.parts @ plane @ plane.T) ** 2).sum(axis=-1)
+        square = (without_plane(self.parts, y, x) ** 2).sum(axis=-1)
         relative = self.mean if self.relative_variance is None else self.relative_variance
         size = float(np.median(square / relative)) / float(chdtri(_FREEDOM, 0.5))
         rounding = 1e-24 * (self.mean**2).max() + 1e-300

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,27 @@ def find_dots(image: ChartImage, chart: PlacedChart, channels: tuple[str, ...]) 
     InputError
         If fewer than 20 dots are found, or they are too close to each other.
     """
+    seen = image.shared(("dots", chart), lambda: _seen_dots(image, chart))
+    centroids = {name: image.shared(("dots", chart, name), partial(_centroids, image, name, seen)) for name in channels}
+    good = np.all([np.isfinite(each).all(axis=1) for each in centroids.values()], axis=0)
+    if good.sum() < _LEAST_DOTS:
+        hint = "Check the corners, the light and the focus; dots need several pixels"
+        raise InputError("dots found", value=int(good.sum()), expected=f"{_LEAST_DOTS} or more", hint=hint)
+    return Dots(seen.index[good], {name: each[good] for name, each in centroids.items()}, image.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _SeenDots:
+    """Dots before their centroids are measured: rows and columns in the chart, rough places, radius and pitch."""
+
+    index: NDArray[np.int_]
+    places: Array
+    radius: float
+    pitch: float
+    tile: int
+
+
+def _seen_dots(image: ChartImage, chart: PlacedChart) -> _SeenDots:
     steps = _expected_steps(chart)
     tile = (1, 1) if image.origin == "picture" else (len(image.cfa), len(image.cfa[0]))
     pitch = float(np.hypot(*steps).min())
@@ -90,13 +112,7 @@ def find_dots(image: ChartImage, chart: PlacedChart, channels: tuple[str, ...]) 
         expected = f"{_LEAST_PITCH * max(tile):g} pixels or more"
         raise InputError("distance of the dots", value=pitch, expected=expected, hint="Use a chart of larger pitch")
     found, radius = _blobs(image, tile, pitch)
-    index, places = _lattice(found, steps, image.shape)
-    centroids = {name: _centroids(image, name, places, radius, pitch, max(tile)) for name in channels}
-    good = np.all([np.isfinite(each).all(axis=1) for each in centroids.values()], axis=0)
-    if good.sum() < _LEAST_DOTS:
-        hint = "Check the corners, the light and the focus; dots need several pixels"
-        raise InputError("dots found", value=int(good.sum()), expected=f"{_LEAST_DOTS} or more", hint=hint)
-    return Dots(index[good], {name: each[good] for name, each in centroids.items()}, image.shape)
+    return _SeenDots(*_lattice(found, steps, image.shape), radius, pitch, max(tile))
 
 
 def _expected_steps(chart: PlacedChart) -> Array:
@@ -177,12 +193,13 @@ def _lattice(points: Array, steps: Array, shape: tuple[int, int]) -> tuple[NDArr
     return np.array([found[k] for k in order]), points[order]
 
 
-def _centroids(image: ChartImage, channel: str, places: Array, radius: float, pitch: float, tile: int) -> Array:
+def _centroids(image: ChartImage, channel: str, seen: _SeenDots) -> Array:
     """Return (n, 2) centroids under a Gaussian window that is centered on them; NaN near borders.
 
     A plane through the surround of each dot is its background.
     """
-    reach = min(0.48 * pitch, 2.5 * radius + 2.0 * tile)
+    places, radius, tile = seen.places, seen.radius, seen.tile
+    reach = min(0.48 * seen.pitch, 2.5 * radius + 2.0 * tile)
     half = math.ceil(reach / tile) * tile
     first = np.floor(places / tile).astype(int) * tile - half
     rows, cols = image.shape

@@ -11,9 +11,10 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
+from photosite.metrics.plane_fit import without_plane
 from photosite.metrics.sharpness.edge_region import edge_region
 from photosite.metrics.sharpness.slanted_edge import SlantedEdge, slanted_edge_mtf
-from photosite.values.cfa import MONOCHROME, Cfa
+from photosite.values.cfa import MONOCHROME
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Uncertain
 
@@ -43,7 +44,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
         noise = (dark_noise + bright_noise) * (0.5 * len(image.frames))
         if noise.value <= 0:
             raise InputError("noise beside the edge", value=noise.value, expected="above 0")
-        density = noise / _density(tile, channel)  # variance per unit area of frequencies, of one channel's sites
+        density = noise / image.density(channel)  # variance per unit area of frequencies, of one channel's sites
         frequency, response = edge.frequency_cycles_per_pixel, edge.mtf
         shown = frequency <= 0.5
         f, mtf, spread = frequency[shown], response[shown], edge.standard_uncertainty[shown]
@@ -59,12 +60,6 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
     return Result(values, tuple(curves))
 
 
-def _density(tile: Cfa, channel: str) -> float:
-    """Return the fraction of the pixels that a channel has; a picture's is 1."""
-    sites = [site for row in tile for site in row]
-    return 1.0 if tile == MONOCHROME else sites.count(channel) / len(sites)
-
-
 def _sides(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> list[tuple[Uncertain, Uncertain]]:
     """Return mean and variance of the pixels on the dark and on the bright side, after a plane is fitted to them."""
     row, col = np.nonzero(mask)
@@ -77,9 +72,8 @@ def _sides(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> list[tup
         if count < _LEAST_PIXELS:
             expected = f"{_LEAST_PIXELS} or more"
             raise InputError("pixels beside the edge", value=count, expected=expected, hint="Take a wider region")
-        model = np.column_stack([np.ones(count), row[side] - row[side].mean(), col[side] - col[side].mean()])
         values = plane[row[side], col[side]]
-        rest = values - model @ np.linalg.lstsq(model, values)[0]
+        rest = without_plane(values, row[side], col[side])
         variance = float(rest @ rest) / (count - 3)
         mean = Uncertain.of(float(values.mean()), math.sqrt(variance / count))
         found.append((mean, Uncertain.of_variance(variance, variance * math.sqrt(2.0 / (count - 3)))))

@@ -471,9 +471,7 @@ def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
     return edge
 
 
-def _centroids(
-    values: Array, mask: NDArray[np.bool_], lines: NDArray[np.intp], middle: Array, half: float
-) -> Array:
+def _centroids(values: Array, mask: NDArray[np.bool_], lines: NDArray[np.intp], middle: Array, half: float) -> Array:
     """Return the centroid of the derivative of each line, under a Hamming window around its middle."""
     found = np.empty(lines.size)
     of_sites: dict[bytes, list[int]] = {}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -14,7 +16,9 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.sharpness.crossing import crossing
+from photosite.values.cfa import channel_sites
 from photosite.values.estimate import Estimate
+from photosite.values.region import Region
 
 Array = NDArray[np.float64]
 
@@ -38,21 +42,17 @@ def _measure(image: ChartImage, chart: PlacedChart, *, sectors: Annotated[int, F
     values: dict[tuple[str, str], Estimate] = {}
     curves: list[Curve] = []
     for channel in image.channels:
-        radius, angle, signal = _polar(image, chart, channel)
-        region_pixels = chart.region.shape[0] * chart.region.shape[1]
         # Rings from the Nyquist frequency of the pixels to the border of the star.
         outer = _INSIDE * _STAR_RADIUS * min(chart.scene.shape) / chart.samples_per_pixel
         inner = max(cycles / math.pi, 4.0)
         if inner * 1.2 > outer:
             expected = f"{2.4 * inner:.0f} pixels or more, for {cycles} cycles"
             raise InputError("diameter of the star", value=2 * outer, expected=expected)
-        width = _LEAST_WIDTH_PX * math.sqrt(region_pixels / radius.size)
+        width = _LEAST_WIDTH_PX / math.sqrt(image.density(channel))
         rings = min(math.ceil(math.log(outer / inner) / math.log1p(width / inner)), _MOST_RINGS)
         edges = np.geomspace(inner, outer, rings + 1)
-        ring = np.searchsorted(edges, radius) - 1
         frequency = cycles / (2.0 * math.pi * 0.5 * (edges[1:] + edges[:-1]))
-        sector = (np.floor((angle / (2.0 * math.pi) + 0.5 / sectors) * sectors).astype(np.intp)) % sectors
-        response, spread = _fitted((ring, rings), (sector, sectors), (radius, angle, signal), cycles)
+        response, spread = _fitted(_sums(image, chart, channel, _Cells(edges, sectors, cycles)))
         response, spread = response / modulation, spread / modulation
         for part, chosen in _groups(sectors).items():
             level, error = _averaged(response[:, chosen], spread[:, chosen])
@@ -66,58 +66,132 @@ def _measure(image: ChartImage, chart: PlacedChart, *, sectors: Annotated[int, F
     return Result(values, tuple(curves))
 
 
-def _polar(image: ChartImage, chart: PlacedChart, channel: str) -> tuple[Array, Array, Array]:
-    """Return radius in pixels, angle clockwise from the top in rad, and signal of the channel's pixels of the star."""
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Rings between radii in pixels, in sectors, and the cycles around the circle."""
+
+    edges: Array
+    sectors: int
+    cycles: int
+
+    @property
+    def middle(self) -> Array:
+        """(cells,) radii, about which slopes along the radius are fitted."""
+        return np.repeat(0.5 * (self.edges[1:] + self.edges[:-1]), self.sectors)
+
+
+_TERMS = 6
+"""1, cosine, sine, and each of them times the distance from the middle of the ring."""
+_BLOCK_ROWS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Sums over the pixels of each cell: of products of terms, of terms and signal, of the squared signal."""
+
+    normal: Array
+    right: Array
+    square: Array
+    level: float  # subtracted from the signal
+    shape: tuple[int, int]  # rings and sectors
+
+
+def _sums(image: ChartImage, chart: PlacedChart, channel: str, cells: _Cells) -> _Sums:
+    """Return the sums of a channel, by blocks of rows, on two threads."""
     region = chart.region
-    plane, mask = image.plane(channel, region)[0], image.mask(channel, region)
-    row, col = np.nonzero(mask)
-    y, x = row + region.r0 + 0.5, col + region.c0 + 0.5
-    at = chart.to_scene(np.column_stack([y, x]))
-    down, along = (at[:, axis] - chart.scene.shape[axis] / 2 for axis in range(2))
-    radius = np.hypot(down, along) / chart.samples_per_pixel
-    return radius, np.arctan2(along, -down) % (2.0 * math.pi), plane[mask]
+    plane, tile = image.plane(channel, region)
+    tile = ((channel,),) if image.origin == "picture" else tile
+    height, width = len(tile), len(tile[0])
+    block = _BLOCK_ROWS * height
+    blocks = [
+        (slice(first + r, min(first + block, len(plane)), height), slice(c, None, width))
+        for r, c in channel_sites(tile, channel)
+        for first in range(0, len(plane), block)
+    ]
+    level = float(plane[blocks[0]].mean())
+
+    def of_block(where: tuple[slice, slice]) -> Array:
+        row, col = (np.arange(size)[part] + first + 0.5 for part, size, first in _axes(where, region))
+        return _block_sums(chart, row, col, plane[where] - level, cells)
+
+    with ThreadPoolExecutor(2) as threads:
+        total = sum(threads.map(of_block, blocks))
+    size = cells.middle.size
+    moments, rest = total[:15].reshape(3, 5, size), total[15:]
+    normal = np.empty((size, _TERMS, _TERMS))
+    for i in range(_TERMS):
+        for j in range(_TERMS):
+            (by, one), (too, other) = divmod(i, 3), divmod(j, 3)
+            normal[:, i, j] = _product(moments[by + too], one, other)
+    shape = cells.edges.size - 1, cells.sectors
+    return _Sums(normal, rest[:_TERMS].T, rest[_TERMS], level, shape)
 
 
-def _fitted(
-    ring_of: tuple[NDArray[np.intp], int],
-    sector_of: tuple[NDArray[np.intp], int],
-    pixels: tuple[Array, Array, Array],
-    cycles: int,
-) -> tuple[Array, Array]:
+def _axes(where: tuple[slice, slice], region: Region) -> list[tuple[slice, int, int]]:
+    return list(zip(where, region.shape, (region.r0, region.c0), strict=True))
+
+
+def _product(moments: Array, one: int, other: int) -> Array:
+    """Return the sums of a product of two of 1, cosine and sine, from those of 1, c, s, c c and c s."""
+    place = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (1, 1): 3, (1, 2): 4}
+    low, high = min(one, other), max(one, other)
+    return np.asarray(moments[0] - moments[3] if low == 2 else moments[place[low, high]])
+
+
+def _block_sums(chart: PlacedChart, row: Array, col: Array, signal: Array, cells: _Cells) -> Array:
+    """Return (22, cells) sums over a block of pixels."""
+    scene_row, scene_col = chart.to_scene_grid(row, col)
+    down, along = scene_row - chart.scene.shape[0] / 2, scene_col - chart.scene.shape[1] / 2
+    radius = np.hypot(down, along) * (1.0 / chart.samples_per_pixel)
+    used = (radius > cells.edges[0]) & (radius <= cells.edges[-1])
+    radius, value = radius[used], signal[used]
+    angle = np.arctan2(along[used], -down[used])  # clockwise from the top
+    ring = np.searchsorted(cells.edges, radius) - 1
+    sector = np.floor((angle / (2.0 * math.pi) + 0.5 / cells.sectors) * cells.sectors).astype(np.intp) % cells.sectors
+    place = ring * cells.sectors + sector
+    size = cells.middle.size
+    away = radius - cells.middle[place]
+    phase = cells.cycles * angle
+    cosine, sine = np.cos(phase), np.sin(phase)
+    found = np.empty((15 + _TERMS + 1, size))
+    parts = (None, cosine, sine, cosine * cosine, cosine * sine)
+    powers = (None, away, away * away)
+    for k, power in enumerate(powers):
+        for number, part in enumerate(parts):
+            weight = power if part is None else part if power is None else part * power
+            found[5 * k + number] = np.bincount(place, weight, size)
+    for k, weighted in enumerate((value, value * away)):
+        for number, part in enumerate((None, cosine, sine)):
+            weight = weighted if part is None else weighted * part
+            found[15 + 3 * k + number] = np.bincount(place, weight, size)
+    found[15 + _TERMS] = np.bincount(place, value * value, size)
+    return found
+
+
+def _fitted(sums: _Sums) -> tuple[Array, Array]:
     """Return (rings, sectors) modulations and their standard uncertainties, by least squares of a sine; NaN: no fit."""
-    (ring, rings), (sector, sectors) = ring_of, sector_of
-    radius, angle, signal = pixels
-    used = (ring >= 0) & (ring < rings)
-    place = ring[used] * sectors + sector[used]
-    size = rings * sectors
-    phase, value = cycles * angle[used], signal[used]
-    # Slopes along the radius are part of the fit: rings are not thin, and light is uneven.
-    middle = np.bincount(place, radius[used], size) / np.maximum(np.bincount(place, minlength=size), 1)
-    away, cosine, sine = radius[used] - middle[place], np.cos(phase), np.sin(phase)
-    terms = [np.ones_like(phase), cosine, sine, away, away * cosine, away * sine]
-    count_of_terms = len(terms)
-    normal = np.empty((size, count_of_terms, count_of_terms))
-    right = np.empty((size, count_of_terms))
-    for i, one in enumerate(terms):
-        right[:, i] = np.bincount(place, one * value, size)
-        for j, other in enumerate(terms[: i + 1]):
-            normal[:, i, j] = normal[:, j, i] = np.bincount(place, one * other, size)
-    count = normal[:, 0, 0]
+    # Slopes along the radius are part of the fit: rings are not thin, and light is uneven. The modulation is that at
+    # the mean radius of the pixels, which is not the middle of the ring.
+    count = sums.normal[:, 0, 0]
+    mean = sums.normal[:, 0, 3] / np.maximum(count, 1)
+    moved = np.tile(np.eye(_TERMS), (count.size, 1, 1))
+    for term in range(3):
+        moved[:, 3 + term, term] = -mean
+    normal = moved @ sums.normal @ moved.swapaxes(1, 2)
+    right = (moved @ sums.right[..., None])[..., 0]
     good = count >= _LEAST_PIXELS
     good[good] = np.linalg.cond(normal[good]) < 1e8
-    fit = np.full((size, count_of_terms), np.nan)
+    fit = np.full((count.size, _TERMS), np.nan)
     fit[good] = np.linalg.solve(normal[good], right[good][..., None])[..., 0]
-    model = sum(fit[place, i] * term for i, term in enumerate(terms))
-    rest = np.bincount(place, np.nan_to_num(value - model) ** 2, size)
-    variance = rest / np.maximum(count - count_of_terms, 1)
+    variance = np.maximum(sums.square - (fit * right).sum(axis=1), 0.0) / np.maximum(count - _TERMS, 1)
     inverse = np.full(normal.shape, np.nan)
     inverse[good] = np.linalg.inv(normal[good])
     amplitude = np.hypot(fit[:, 1], fit[:, 2])
     error = np.sqrt(variance * 0.5 * (inverse[:, 1, 1] + inverse[:, 2, 2]))
     # Noise adds its variance to the square of the amplitude.
     unbiased = np.sign(amplitude**2 - error**2) * np.sqrt(np.abs(amplitude**2 - error**2))
-    shape = (rings, sectors)
-    return (unbiased / fit[:, 0]).reshape(shape), (error / fit[:, 0]).reshape(shape)
+    level = fit[:, 0] + sums.level
+    return (unbiased / level).reshape(sums.shape), (error / level).reshape(sums.shape)
 
 
 def _groups(sectors: int) -> dict[str, list[int]]:

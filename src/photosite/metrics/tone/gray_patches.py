@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
+from photosite.metrics.plane_fit import without_plane
 from photosite.values.region import Patch
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Uncertain
@@ -62,6 +63,10 @@ def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[Gr
     InputError
         If the chart has fewer than two gray patches, they are too small in the image, or the image does not show them.
     """
+    return image.shared(("gray patches", chart, channel), lambda: _gray_patches(image, chart, channel))
+
+
+def _gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[GrayPatch]:
     xyz = chart.patch_xyz
     if not len(xyz):
         raise InputError("chart", value=chart.name, expected="one with gray patches")
@@ -89,19 +94,14 @@ def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -
         where = f"patch '{patch.name}'"
         raise InputError(f"pixels of channel {channel}", where=where, value=pixels, expected=f"{_LEAST_PIXELS} or more")
     row, col = image.places(patch, channel)
-    model = np.column_stack([np.ones(pixels), row - row.mean(), col - col.mean()])
-    orthogonal = np.linalg.qr(model)[0]
-
-    def flat(frame: Array) -> Array:
-        return frame - orthogonal @ (orthogonal.T @ frame)
-
-    freedom = pixels - model.shape[1]
+    freedom = pixels - 3
+    flat = without_plane(values, row, col)
     mean_frame = values.mean(axis=0)
-    spread = float((flat(mean_frame) ** 2).sum()) / freedom
+    rounding = 1e-24 * float(mean_frame.mean()) ** 2  # frames without noise have a spread above 0
+    spread = float((flat.mean(axis=0) ** 2).sum()) / freedom + rounding
     ends = float((values >= image.white - image.black).mean()), float((values <= -image.black).mean())
     clipped = image.origin != "electrons" and max(ends) > _CLIPPED_FRACTION
-    total = [float((flat(frame) ** 2).sum()) / freedom for frame in values]
-    total_variance = _variance(float(np.mean(total)), freedom)
+    total_variance = _variance(float((flat**2).sum()) / frames / freedom + rounding, freedom)
     temporal = fixed = None
     if frames > 1:
         size = float(values.var(axis=0, ddof=1).mean())

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from photosite.color.colorimetry import delta_e_2000
 
@@ -60,6 +59,8 @@ def scielab_kernels(pixels_per_degree: float, size: int | None = None) -> list[A
 
 def seen_xyz(xyz: Array, pixels_per_degree: float) -> Array:
     """Return (rows, cols, 3) XYZ as blurred by the eye; the image is continued by reflection."""
+    from scipy.signal import fftconvolve
+
     kernels = scielab_kernels(pixels_per_degree)
     reach = kernels[0].shape[0] // 2
     opponent = xyz @ OPPONENT_FROM_XYZ.T

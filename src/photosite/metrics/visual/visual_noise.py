@@ -15,6 +15,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
+from photosite.metrics.plane_fit import without_plane
 from photosite.metrics.tone.gray_patches import GRAY_CHARTS
 from photosite.metrics.visual.scielab import scielab_differences
 from photosite.metrics.visual.viewing import (
@@ -111,12 +112,10 @@ def _inside(patch: Patch) -> Region:
 def _pixels(image: ChartImage, box: Region) -> Array:
     """Return the (rows, cols, 3) XYZ of a patch in the first frame, less a plane."""
     part = image.frames[0][box.r0 : box.r1, box.c0 : box.c1].astype(np.float64)
-    rows, cols = box.shape
     row, col = np.indices(box.shape).reshape(2, -1)
-    model = np.column_stack([row - (rows - 1) / 2.0, col - (cols - 1) / 2.0])
     flat = part.reshape(-1, 3)
-    slope = np.linalg.lstsq(model, flat - flat.mean(axis=0))[0]
-    return np.asarray((flat - model @ slope).reshape(part.shape) @ XYZ_FROM_SRGB.T)
+    rest = without_plane(flat.T, row, col).T + flat.mean(axis=0)
+    return np.asarray(rest.reshape(part.shape) @ XYZ_FROM_SRGB.T)
 
 
 def _patch_noise(xyz: Array, per_degree: float) -> dict[str, Uncertain]:
