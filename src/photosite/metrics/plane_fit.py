@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
 
-def without_plane(values: Array, row: Array, col: Array, weight: Array | None = None) -> Array:
+def without_plane(values: Array, row: NDArray[Any], col: NDArray[Any], weight: Array | None = None) -> Array:
     """Return values less the plane that fits them best, by least squares.
 
     Parameters

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -220,7 +220,7 @@ def slanted_edge_mtf(
     edge = first_edge(values, mask, order)
     near = mask & edge.within(reach_px + _LARGEST_MOVE_PX, values.shape)
     line, x = np.nonzero(near)
-    pixels = Pixels(line, x + 0.5, values[near], values.shape, len(tile[0]), reach_px)
+    pixels = Pixels(line, _centers(x), values[near], values.shape, len(tile[0]), reach_px)
     edge, profile = refined(whole_cycles(pixels, edge), edge, oversampling)
     frequency = np.linspace(0.0, 1.0, _FREQUENCIES)
     mtf, sensitivity = _transfer(profile, frequency, window)
@@ -235,7 +235,7 @@ def slanted_edge_mtf(
         math.degrees(math.atan(edge.slope)) * (-1.0 if direction == "vertical" else 1.0),
         direction,
         lines + origin[0],
-        edge.at(lines + 0.5) + origin[1],
+        edge.at(_centers(lines)) + origin[1],
         profile.distance,
         ((profile.mean - min(left, right)) / abs(right - left))[from_dark],
         (np.sqrt(profile.variance) / abs(right - left))[from_dark],
@@ -357,6 +357,11 @@ _FIT_ENOUGH_PX = 1e-5
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 
 
+def _centers(numbers: NDArray[np.integer[Any]]) -> Array:
+    """Return the coordinates of the centers of lines or pixels."""
+    return numbers.astype(np.float64) + 0.5
+
+
 @dataclass(frozen=True, eq=False)
 class Pixels(Shown):
     """The pixels of one channel."""
@@ -372,7 +377,7 @@ class Pixels(Shown):
     @property
     def y(self) -> Array:
         """Centers of the lines, whether or not they have pixels."""
-        return np.arange(self.shape[0]) + 0.5
+        return _centers(np.arange(self.shape[0]))
 
 
 @dataclass(frozen=True)
@@ -416,7 +421,7 @@ class Edge(Shown):
 
     def within(self, reach: float, shape: tuple[int, int]) -> NDArray[np.bool_]:
         """Return which pixels of a rectangle are within a distance perpendicular to the edge."""
-        away = np.abs(np.arange(shape[1]) + 0.5 - self.at(np.arange(shape[0]) + 0.5)[:, None])
+        away = np.abs(np.arange(shape[1]) + 0.5 - self.at(_centers(np.arange(shape[0])))[:, None])
         return np.asarray(away <= reach * math.hypot(1.0, self.slope))
 
 
@@ -455,7 +460,7 @@ def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
     lines = np.flatnonzero(mask.sum(axis=1) > 1)
     if len(lines) < _LEAST_LINES:
         raise InputError("lines of pixels across the edge", value=len(lines), expected=f"{_LEAST_LINES} or more")
-    y = lines + 0.5
+    y = _centers(lines)
     edge, half = Edge(values.shape[1] / 2, 0.0, values.shape[0] / 2, sign), math.inf
     # Use whole lines first, then windows around the edge that become narrower.
     for next_half in (values.shape[1] / 4, 2 * LEAST_HALF_WIDTH, None):

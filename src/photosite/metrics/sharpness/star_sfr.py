@@ -111,11 +111,11 @@ def _sums(image: ChartImage, chart: PlacedChart, channel: str, cells: _Cells) ->
     level = float(plane[blocks[0]].mean())
 
     def of_block(where: tuple[slice, slice]) -> Array:
-        row, col = (np.arange(size)[part] + first + 0.5 for part, size, first in _axes(where, region))
+        row, col = (np.arange(size, dtype=np.float64)[part] + first + 0.5 for part, size, first in _axes(where, region))
         return _block_sums(chart, row, col, plane[where] - level, cells)
 
     with ThreadPoolExecutor(2) as threads:
-        total = sum(threads.map(of_block, blocks))
+        total: Array = np.sum(list(threads.map(of_block, blocks)), axis=0)
     size = cells.middle.size
     moments, rest = total[:15].reshape(3, 5, size), total[15:]
     normal = np.empty((size, _TERMS, _TERMS))
