@@ -38,6 +38,7 @@ SUFFIXES = [
     "hdr",
     "npz",
     "cgats",
+    "cxf",
     "jpg",
     "pic",
 ]

@@ -164,6 +164,18 @@ def _lens_listings(folder: Path) -> dict[str, tuple[bytes, ...]]:
     }
 
 
+_CXF = b"""<?xml version="1.0" encoding="UTF-8"?>
+<cc:CxF xmlns:cc="http://colorexchangeformat.com/CxF3-core"><cc:Resources><cc:ObjectCollection>
+<cc:Object ObjectType="Target" Name="white" Id="c1"><cc:ColorValues>
+<cc:ReflectanceSpectrum ColorSpecification="CS1" StartWL="400">0.8 0.85 0.88 0.9</cc:ReflectanceSpectrum>
+</cc:ColorValues></cc:Object><cc:Object ObjectType="Target" Name="gray" Id="c2"><cc:ColorValues>
+<cc:ReflectanceSpectrum ColorSpecification="CS1">0.19 0.19 0.2 0.2</cc:ReflectanceSpectrum></cc:ColorValues>
+<cc:TagCollection Name="Location"><cc:Tag Name="Row" Value="1"/></cc:TagCollection></cc:Object></cc:ObjectCollection>
+<cc:ColorSpecificationCollection><cc:ColorSpecification Id="CS1"><cc:MeasurementSpec><cc:WavelengthRange StartWL="400"
+Increment="100"/></cc:MeasurementSpec></cc:ColorSpecification></cc:ColorSpecificationCollection></cc:Resources></cc:CxF>
+"""
+
+
 def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
     import OpenEXR
 
@@ -187,6 +199,7 @@ def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
     return {
         "exr": tuple((place / name).read_bytes() for name in ("a.exr", "half.exr", "rgb.exr", "b.exr")),
         "cgats": ((place / "a.cgats").read_bytes(),),
+        "cxf": (_CXF,),
         "patches": ((place / "a.csv").read_bytes(), across),
     }
 

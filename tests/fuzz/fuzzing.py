@@ -405,6 +405,7 @@ def targets(folder: Path) -> dict[str, Target]:
         "envi": Target(".hdr", seeds["envi"], scene, text=True),
         "exr": Target(".exr", seeds["exr"], scene),
         "cgats": Target(".cgats", seeds["cgats"], chart, text=True),
+        "cxf": Target(".cxf", seeds["cxf"], chart, text=True),
         "patches": Target(".csv", seeds["patches"], chart, text=True),
         "optics": Target(".yaml", seeds["optics"], optics, text=True, tree=True),
         "design": Target(".npz", seeds["design"], design),

@@ -68,7 +68,10 @@ _read_options = options.stacked(
     ),
     click.option("--variable", metavar="NAME", help="The data set that holds the cube, where a file has several."),
     click.option(
-        "--patch-cols", type=options.Whole(1), metavar="N", help="Patches in a row of a measured chart (CGATS, CSV)."
+        "--patch-cols",
+        type=options.Whole(1),
+        metavar="N",
+        help="Patches in a row of a measured chart (CGATS, CSV, CxF).",
     ),
 )
 """An option for each field of `photosite.scene.options.ReadOptions`."""

@@ -4,9 +4,9 @@ The table has suffixes, contents, the options that apply, and the module that re
 
 To add a format: write a module in `photosite.scene.io` with `open_cube(path, options)`, which returns a cube, to be
 reduced, or a scene; `read(path, options)`, which returns a scene; or `read_patches(path)`, which returns the table of a
-measured chart; and `write(scene, path)` where scenes can be written. Add an entry to `FORMATS`. Keyword arguments of
-`write` are the options of `write_scene`. Each raises `FileError` for a file that it cannot read or write.
-docs/development/contributing.md lists tests and documentation.
+measured chart (`read_patches(path, variable)` where this option applies); and `write(scene, path)` where scenes can be
+written. Add an entry to `FORMATS`. Keyword arguments of `write` are the options of `write_scene`. Each raises
+`FileError` for a file that it cannot read or write. docs/development/contributing.md lists tests and documentation.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ class Format:
         module = self.load()
         found: SpectralCube | Scene
         if CHART in self.holds:
-            found = chart_scene(module.read_patches(path), options)
+            chosen = (options.variable,) if "variable" in self.options else ()
+            found = chart_scene(module.read_patches(path, *chosen), options)
         else:
             found = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, options)
         content = self.holds[-1 if isinstance(found, Scene) else 0]
@@ -154,6 +155,7 @@ FORMATS: tuple[Format, ...] = (
         writes=(".cgats", ".it8", ".ti3", ".txt"),
     ),
     Format("CSV", (".csv", ".tsv"), "chart_csv", (CHART,), writes=(".csv", ".tsv")),
+    Format("CxF", (".cxf",), "cxf", (CHART,), options=frozenset({"variable"})),
     Format(
         "PNG or JPEG", (".png", ".jpg", ".jpeg"), "picture", (DISPLAY_PICTURE,), (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
     ),
