@@ -228,6 +228,23 @@ def test_corrected_sums_are_those_of_frames_with_replaced_pixels() -> None:
             assert totals == [entry.total for entry in again.used]
 
 
+def test_frames_are_read_again_only_where_pixels_were_not_yet_known(monkeypatch) -> None:
+    """White pixels are found in the first dark frames; their numbers in later frames are kept when these are read."""
+    again, read = [], FrameReader._read_numbers
+
+    def reading(self, group, at):
+        again.append(group)
+        return read(self, group, at)
+
+    monkeypatch.setattr(FrameReader, "_read_numbers", reading)
+    sensor = Defective(6)
+    white(sensor)
+    frames = sensor.frames()
+    with reduced(frames, None, None) as (_, found):
+        assert found.defects is not None
+    assert again == [frames.of_kind("dark")[0]]
+
+
 def test_figures_of_all_pixels_are_stated() -> None:
     """Those of the frames as taken, by NumPy."""
     sensor = Defective(2)

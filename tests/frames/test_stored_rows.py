@@ -81,6 +81,23 @@ def test_sums_of_rows_are_those_of_arrays(tmp_path, tile, monkeypatch):
         assert FrameSums(SHAPE, tile, white=3990).add_last(mixed).label_totals() == totals
 
 
+@pytest.mark.parametrize("white", [4095, 20_000], ids=["12 bits", "above full scale"])
+@pytest.mark.parametrize("tile", [BAYER, np.arange(36).reshape(6, 6) % 3], ids=["Bayer", "6 x 6"])
+def test_numbers_of_watched_pixels_are_those_of_the_frames(tmp_path, tile, white):
+    frames = stack(11)
+    frames[3, 20, 7] = white
+    (group,) = frame_set(tmp_path, frames).groups
+    opened = [source.open_rows() for source in group.frames]
+    at = np.array([0, 3, 50, 777, 1007, 3499])
+    sums = FrameSums(SHAPE, tile, white=3990)
+    for added in (opened, frames, [*frames[:4], *opened[4:]]):
+        sums.clear().watch(at)
+        np.testing.assert_array_equal(sums.add_last(added).watched_numbers(), frames.reshape(11, -1)[:, at])
+    sums.clear().watch(at[1:])
+    numbers = sums.add(opened[:5]).add(opened[5:]).watched_numbers()
+    np.testing.assert_array_equal(numbers, frames.reshape(11, -1)[:, at[1:]])
+
+
 def test_stored_and_compressed_frames_give_the_same_reduction(tmp_path):
     frames = stack(5)
     found = []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import F64, I64, carray, compiled, pointer, prefetch
 from photosite.engine.lazy_maps import LazyMap
 from photosite.engine.map_statistics import label_pixels
-from photosite.engine.pair_sums import LabelClips, PairSums, add_pairs_of_files
+from photosite.engine.pair_sums import LabelClips, PairSums, WatchedPixels, add_pairs_of_files, copy_watched
 from photosite.engine.run_lanes import BAND, LANES, add_lanes, copy_run, lane_clips, lane_squares
 from photosite.engine.threads import parallel_for, thread_count
 
@@ -260,6 +260,26 @@ class FrameSums:
         n_labels = int(self.labels.max()) + 1
         self._clipped = np.zeros((n_labels, 2), np.int64)
         self._frame_totals: list[NDArray[np.uint64]] = []
+        self._watched = np.zeros(0, np.int64)
+        self._watched_numbers: list[NDArray[np.uint16]] = []
+
+    def watch(self, at: I64) -> None:
+        """Copy the numbers of some pixels while frames are added, until other ones are given.
+
+        `at` are their ascending numbers in the order of the rows.
+
+        Examples
+        --------
+        >>> sums = FrameSums((1, 3))
+        >>> sums.watch(np.array([0, 2]))
+        >>> sums.add(np.array([[1, 7, 4]], np.uint16)).watched_numbers().tolist()
+        [[1, 4]]
+        """
+        self._watched = at
+
+    def watched_numbers(self) -> NDArray[np.uint16]:
+        """Return (frames, n) the numbers of the watched pixels."""
+        return np.concatenate([np.zeros((0, len(self._watched)), np.uint16), *self._watched_numbers])
 
     @property
     def sum(self) -> NDArray[np.unsignedinteger]:
@@ -292,7 +312,7 @@ class FrameSums:
         self.count = 0
         self.highest = []
         self._clipped = np.zeros_like(self._clipped)
-        self._frame_totals = []
+        self._frame_totals, self._watched_numbers = [], []
         self._label_squares = None
         return self
 
@@ -374,12 +394,15 @@ class FrameSums:
         of_labels = _LabelSquares.zeros(bands, n_labels)
         settings = SumSettings(self.labels, self.black, self.white, self.count, last)
         into = StackSums(self.sum, squares, totals, clipped, highest, *of_labels)
+        watched = WatchedPixels.of(self._watched, self.shape, len(frames))
         if stored:
-            _add_stored(stored, full_scale, settings, into)
+            _add_stored(stored, full_scale, settings, into, watched)
         else:
             if len({frame.dtype for frame in held}) > 1:
                 held = [frame.astype(np.uint16, copy=False) for frame in held]
             held = [np.ascontiguousarray(frame) for frame in held]
+            for frame, numbers in zip(held, watched.numbers, strict=True):
+                numbers[:] = frame.reshape(-1)[self._watched]
             add_frames(_pixels(held), settings, into)
         if only and stored and (top := int(highest.max())) > full_scale:
             self._add_batch(frames, top, last=True)
@@ -387,6 +410,7 @@ class FrameSums:
         if last:
             self._label_squares = of_labels
         self._frame_totals.extend(totals.sum(axis=0))
+        self._watched_numbers.append(watched.numbers)
         self._clipped += clipped.sum(axis=0)
         self.highest.extend(highest.max(axis=0).tolist())
         self.count += len(frames)
@@ -566,7 +590,9 @@ def _pixels(frames: Sequence[_Ints]) -> FramePixels:
     return FramePixels(addresses, like, bool(paired))
 
 
-def _add_stored(frames: Sequence[FrameRows], full_scale: int, settings: SumSettings, into: StackSums) -> None:
+def _add_stored(
+    frames: Sequence[FrameRows], full_scale: int, settings: SumSettings, into: StackSums, watched: WatchedPixels
+) -> None:
     """Add frames that are read a few rows at a time, each thread into a buffer that stays in its cache."""
     rows, cols = frames[0].shape
     labels, black, white, before, last_frames = settings
@@ -574,7 +600,7 @@ def _add_stored(frames: Sequence[FrameRows], full_scale: int, settings: SumSetti
     if last_frames and not before and labels.shape[1] <= 2 and cols % 2 == 0:
         places = [frame.place for frame in frames]
         clips = LabelClips(labels, black, white)
-        if add_pairs_of_files(places, clips, full_scale, PairSums(into.sums, *by_band)):
+        if add_pairs_of_files(places, clips, full_scale, PairSums(into.sums, *by_band), watched):
             return
         for part in by_band:  # a file cannot be read; the reads below tell why
             part[...] = 0
@@ -587,6 +613,7 @@ def _add_stored(frames: Sequence[FrameRows], full_scale: int, settings: SumSetti
         for frame, out in zip(frames, buffer, strict=True):
             frame.read_rows(first, out[: last - first])
         bands = slice(first // BAND, -(-last // BAND))
+        copy_watched(buffer, last - first, first, watched)
         parts = StackSums(*(part[first:last] for part in into[:2]), *(part[bands] for part in by_band))
         add_rows(_pixels([*buffer]), settings, first, parts)
         unused.append(buffer)

@@ -13,6 +13,10 @@ from photosite.engine.threads import parallel_for
 U32 = NDArray[np.uint32]
 
 
+_PART = 128
+"""Pixels of a row that are counted at once, before single ones are looked at."""
+
+
 class Limits(NamedTuple):
     """Lowest numbers of the pixels of each color, and how much larger the largest ones are.
 
@@ -51,10 +55,14 @@ def _columns_outside(rows: I64, values: NDArray[Any], limits: Limits, cols: I64)
     for r in rows:
         site = r % tile_rows
         step = r // tile_rows * steps // ((values.shape[0] - site + tile_rows - 1) // tile_rows)
-        for c in range(np.uint64(values.shape[1])):
-            if np.uint32(np.uint32(values[r, c]) - lowest[site, step, c]) > width[site, step, c]:
-                cols[place] = c
-                place += 1
+        row, low, wide = values[r], lowest[site, step], width[site, step]
+        for first in range(0, row.size, _PART):
+            last = min(first + _PART, row.size)
+            if _outside(row[first:last], low[first:last], wide[first:last]):
+                for c in range(first, last):
+                    if np.uint32(np.uint32(row[c]) - low[c]) > wide[c]:
+                        cols[place] = c
+                        place += 1
 
 
 def outside(values: NDArray[np.unsignedinteger], limits: Limits) -> tuple[I64, I64]:

@@ -64,6 +64,31 @@ class PairSums(NamedTuple):
     spread: F64
 
 
+class WatchedPixels(NamedTuple):
+    """Some pixels, in the order of the rows, whose numbers are copied while frames are added."""
+
+    # (rows + 1,) place of the first pixel of each row; (n,) their columns
+    first: I64
+    cols: I64
+    numbers: _Ints  # (frames, n) uint16, becomes their numbers
+
+    @classmethod
+    def of(cls, at: I64, shape: tuple[int, int], frames: int) -> WatchedPixels:
+        """Return the pixels, given as ascending numbers in the order of the rows, of so many frames."""
+        first = np.searchsorted(at, np.arange(shape[0] + 1) * shape[1])
+        return cls(first, at % max(shape[1], 1), np.zeros((frames, len(at)), np.uint16))
+
+
+@compiled()
+def copy_watched(lines: _Ints, rows: int, start: int, watched: WatchedPixels) -> None:
+    """Copy the watched pixels from lines (frames, height, cols) of all frames, whose first row has this number."""
+    first, cols, numbers = watched
+    for k in range(lines.shape[0]):
+        for r in range(rows):
+            for i in range(first[start + r], first[start + r + 1]):
+                numbers[k, i] = lines[k, r, cols[i]]
+
+
 class _Files(NamedTuple):
     """What threads read."""
 
@@ -76,7 +101,11 @@ class _Files(NamedTuple):
 
 
 def add_pairs_of_files(
-    places: Sequence[tuple[int, int] | None], clips: LabelClips, full_scale: int, into: PairSums
+    places: Sequence[tuple[int, int] | None],
+    clips: LabelClips,
+    full_scale: int,
+    into: PairSums,
+    watched: WatchedPixels,
 ) -> bool:
     """Compute the sums of all frames of a stack; return whether it was done, which is else left to the caller.
 
@@ -85,6 +114,7 @@ def add_pairs_of_files(
 
     - `places`: File descriptor and position of the first pixel of each frame; None if it is not in a file.
     - `into`: `sums` is (rows, cols) uint32, or uint16 if the sums have 16 bits; becomes the sums.
+    - `watched`: Pixels whose numbers are copied.
     """
     known = [place for place in places if place is not None]
     together = 0xFFFF // full_scale
@@ -101,7 +131,7 @@ def add_pairs_of_files(
     of_pairs = into._replace(sums=sums)
 
     def add(_thread: int) -> bool:
-        return kernel(source, together, clips, of_pairs)
+        return kernel(source, together, clips, of_pairs, watched)
 
     if thread_count() == 1:
         return add(0)
@@ -111,7 +141,7 @@ def add_pairs_of_files(
 
 
 @compiled()
-def _read_and_add(source: _Files, _together: int, clips: LabelClips, into: PairSums) -> bool:
+def _read_and_add(source: _Files, _together: int, clips: LabelClips, into: PairSums, watched: WatchedPixels) -> bool:
     """Read some rows of all frames, a few at a time, and add them, part by part until all parts are taken.
 
     `into.sums` has two pixels in each number. Return whether all rows of the parts could be read.
@@ -128,6 +158,7 @@ def _read_and_add(source: _Files, _together: int, clips: LabelClips, into: PairS
             for k in range(files.size):
                 if not read_at(files[k], lines[k].ctypes.data, rows * row_bytes, places[k] + start * row_bytes):
                     return False
+            copy_watched(lines.view(np.uint16), rows, start, watched)
             _add_lines(lines, rows, start, clips, into)
         first = step * counted(turn.ctypes.data)
     return True
@@ -169,7 +200,9 @@ def _add_lines(lines: _Ints, rows: int, start: int, clips: LabelClips, into: Pai
 
 
 @compiled()
-def _read_and_add_many(source: _Files, together: int, clips: LabelClips, into: PairSums) -> bool:
+def _read_and_add_many(
+    source: _Files, together: int, clips: LabelClips, into: PairSums, watched: WatchedPixels
+) -> bool:
     """As `_read_and_add` for any number of frames, `together` of which are added in pairs."""
     files, places, turn, step, height = source
     sums = into.sums
@@ -183,6 +216,7 @@ def _read_and_add_many(source: _Files, together: int, clips: LabelClips, into: P
             for k in range(files.size):
                 if not read_at(files[k], lines[k].ctypes.data, rows * 4 * pairs, places[k] + start * 4 * pairs):
                     return False
+            copy_watched(lines.view(np.uint16), rows, start, watched)
             _add_many_lines(lines, rows, start, together, clips, into)
         first = step * counted(turn.ctypes.data)
     return True

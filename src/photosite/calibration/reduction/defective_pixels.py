@@ -27,6 +27,9 @@ from photosite.frames.frame_set import FrameSet
 MOST_DEFECTIVE = 0.03
 """Fraction of the pixels beyond which they are no few bad ones, but a part of the distribution: none is left out."""
 
+MOST_WATCHED = 0.005
+"""Fraction of the pixels whose numbers are kept while frames are read."""
+
 FAR_SIGMA, REACH = 8.0, 1.5
 """Least distance in standard deviations by the quartiles, and in units of the distance that the farthest of all pixels
 has where the distribution is normal or log-normal."""
@@ -342,8 +345,8 @@ class PixelSurvey:
         self.totals: dict[int, GroupTotals] = {}
         self._black, self._last = math.inf, 0.0
 
-    def add(self, statistics: GroupStatistics, sums: FrameSums) -> None:
-        """Search the mean of a group, where it shows more than those before."""
+    def add(self, statistics: GroupStatistics, sums: FrameSums) -> bool:
+        """Search the mean of a group, where it shows more than those before; return whether it has more `suspects`."""
         self._groups.append(statistics)
         self.totals[id(statistics.group)] = GroupTotals(sums.label_totals(), sums.label_frame_totals())
         level = statistics.levels[0].mean
@@ -354,8 +357,15 @@ class PixelSurvey:
             signal = level - self._black if math.isfinite(self._black) else level
             chosen = not self._last / LEVEL_RATIO < signal < self._last * LEVEL_RATIO
             self._last = signal if chosen else self._last
+        before = len(self.suspects())
         if chosen:
             self._suspects.append((statistics, _outliers(sums, self.tile)))
+        return len(self.suspects()) > before
+
+    def suspects(self) -> _Ints:
+        """Return the pixels found so far, if they are few: their numbers are then kept while frames are read."""
+        index = np.unique(np.concatenate([np.zeros(0, np.int64), *(found for _, found in self._suspects)]))
+        return index[: len(index) if len(index) <= MOST_WATCHED * self.shape[0] * self.shape[1] else 0]
 
     def add_noise(self, sums: FrameSums) -> bool:
         """Search the temporal variances of a group, whose sums have the squares, and return whether it has more."""

@@ -67,9 +67,9 @@ class ReplacedNumbers(NamedTuple):
 
 
 class _KnownNumbers(NamedTuple):
-    """Numbers (frames, 2 n) of the pixels of a replacement, and of those that replace them, by their places."""
+    """Numbers (frames, n) of some pixels of a group by their places: of those of a replacement and of its sources."""
 
-    replacement: PixelReplacement
+    replacement: PixelReplacement | None
     at: NDArray[np.int64]
     numbers: NDArray[np.uint16]
 
@@ -137,6 +137,7 @@ class FrameReader:
         self.replaced: dict[int, ReplacedNumbers] = {}
         """Numbers of the pixels of each group that `replace_pixels` replaced, by the `id` of the group."""
         self._known: dict[int, _KnownNumbers] = {}
+        self._watched = np.zeros(0, np.int64)
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
@@ -206,9 +207,12 @@ class FrameReader:
         first = saved or FirstPass()
         self.rejected += first.rejected
         self._count(first.read)
+        result.watch(self._watched)
         self._add(result, self._new_then_screen(group, first), group, first, variance=variance)
         if not first.screened:
             self._screen(group, first, result, variance=variance)
+            if len(self._watched) and len(numbers := result.watched_numbers()) == len(first.used):
+                self._known[id(group)] = _KnownNumbers(None, self._watched, numbers)
             if self._checkpoint is not None:
                 self._checkpoint.save(group, result, first)
         self._used[id(group)] = first.used
@@ -270,14 +274,22 @@ class FrameReader:
         self.frames = replace(self.frames, groups=left)
         self.expect(self.frames.frame_count)
 
+    def watch(self, replacement: PixelReplacement) -> None:
+        """Keep the numbers of these pixels, and of their sources, of the groups that are read from now on."""
+        self._watched = np.unique(self._places(replacement))
+
+    def _places(self, replacement: PixelReplacement) -> NDArray[np.int64]:
+        cols = self._shape[1]
+        return np.concatenate([row * cols + col for row, col in (replacement.bad, replacement.sources)])
+
     def replaced_numbers(self, group: FrameGroup, replacement: PixelReplacement) -> ReplacedNumbers:
         """Return the numbers of pixels, and of those that replace them, of the used frames of a group.
 
-        Those that are known from an earlier call are not read again.
+        Those that are known are not read again.
         """
         known = self._known.get(id(group))
         if known is None or known.replacement is not replacement:
-            at = np.concatenate([r * self._shape[1] + c for r, c in (replacement.bad, replacement.sources)])
+            at = self._places(replacement)
             known = self._known[id(group)] = _KnownNumbers(replacement, at, self._numbers_at(group, at, known))
         n = len(replacement.bad_row)
         return ReplacedNumbers(known.numbers[:, :n], known.numbers[:, n:])

@@ -273,8 +273,8 @@ def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction,
     def read(group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
         statistics, sums = read_group(reader, group)
         samples[id(group)] = sums.sum[rows, cols] / sums.count
-        if survey is not None:
-            survey.add(statistics, sums)
+        if survey is not None and survey.add(statistics, sums):
+            reader.watch(_replacement(reader, survey.suspects()))
         return statistics, sums
 
     planned = reader.frames.of_kind("dark")
