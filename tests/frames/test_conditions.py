@@ -120,6 +120,40 @@ def test_a_protocol_states_conditions(tmp_path):
     assert ps.open_frames(tmp_path).frame_count == 2
 
 
+def test_pictures_of_the_sky_are_no_flat_fields(tmp_path):
+    for number, kind in enumerate(("Dark", "DARKFLAT", "FLAT", "Flat Frame", "LIGHT", "Light Frame", "OBJECT")):
+        put(tmp_path, f"a{number}", IMAGETYP=kind, EXPTIME=0.1)
+    frames = ps.open_frames(tmp_path)
+    assert [(group.kind, len(group)) for group in frames.groups] == [("dark", 2), ("light", 2)]
+    assert [entry.size for entry in frames.diagnostics if entry.id == "pictures-left-out"] == [3]
+    frames = ps.open_frames(tmp_path, light="a[4-6]*")
+    assert [(group.kind, len(group)) for group in frames.groups] == [("dark", 2), ("light", 5)]
+
+
+def test_frames_of_type_light_are_flat_fields_where_there_are_no_others(tmp_path):
+    for number, kind in enumerate(("Dark", "LIGHT")):
+        put(tmp_path, f"a{number}", IMAGETYP=kind)
+    assert [group.kind for group in ps.open_frames(tmp_path).groups] == ["dark", "light"]
+
+
+@pytest.mark.parametrize(
+    ("keyword", "value", "kind"),
+    [
+        ("OBSTYPE", "zero", "dark"),
+        ("OBSTYPE", "dome flat", "light"),
+        ("OBSTYPE", "SKYFLAT", "light"),
+        ("HIERARCH ESO DPR TYPE", "LAMP,FLAT", "light"),
+        ("HIERARCH ESO DPR TYPE", "BIAS", "dark"),
+        ("FRAME", "Dark", "dark"),
+        ("IMAGETYP", "FlatDark", "dark"),
+        ("IMAGETYP", "Dark Flat", "dark"),
+    ],
+)
+def test_keywords_of_the_kind(tmp_path, keyword, value, kind):
+    put(tmp_path, "a", **{keyword: value})
+    assert [group.kind for group in ps.open_frames(tmp_path).groups] == [kind]
+
+
 @pytest.mark.parametrize(("where", "what"), [("filter", "where"), ("color=R", "where"), ("filter=U", "where filter")])
 def test_invalid_selections(tmp_path, where, what):
     put(tmp_path, "a", IMAGETYP="FLAT", FILTER="R")

@@ -204,7 +204,7 @@ def command(
             say(f"  {label(each.conditions)}: {many(each.frame_count, 'frame')}")
     for option, wanted in (("--name", given["name"]), ("-o", outputs.sensor), ("--contribute", outputs.entry)):
         if wanted is not None and sensor is None:
-            hint = "give --sensor (sensors new writes one)"
+            hint = "give --sensor, a preset (sensors list) or a file (sensors new writes one)"
             raise click.UsageError(f"{option} needs pixel size, volts and spectra, which frames lack: {hint}")
     if given["name"] is not None and sensor is not None:
         sensor = sensor.with_(name=printable(given["name"]))

@@ -150,7 +150,7 @@ def _description(name: str) -> str:
     "--cfa",
     default="mono",
     metavar="TILE",
-    help=f"Color filter array: {', '.join(NAMED)}, or a tile such as RG/GB.  [default: mono]",
+    help=f"Color filter array: {', '.join(NAMED)}, or a tile such as RG/GB.",
 )
 @click.option("--qe-peak", type=float, metavar="X", help=_QE_PEAK)
 @_sheet_options

@@ -107,9 +107,10 @@ class FrameSettings:
 
 
 _KIND_WORDS: dict[str, Kind] = {
-    **dict.fromkeys(("dark", "darks", "bias"), "dark"),
+    **dict.fromkeys(("dark", "darks", "bias", "darkflat", "darkflats", "flatdark", "flatdarks"), "dark"),
     **dict.fromkeys(("light", "lights", "flat", "flats", "bright"), "light"),
 }
+_FLAT_WORD = re.compile(r"(?:dome|sky|twilight|twi|lamp|panel|d|s|t)flats?")
 _EMVA_KINDS: dict[str, Kind] = {"d": "dark", "b": "light"}
 
 _NUMBER = r"\d+(?:[.,]\d+)*(?:e[+-]?\d{1,2})?"
@@ -169,9 +170,14 @@ def kinds_in_name(name: str) -> set[Kind]:
     --------
     >>> kinds_in_name("Flat Field 2"), kinds_in_name("d_003_snap_1"), kinds_in_name("darkroom")
     ({'light'}, {'dark'}, set())
+    >>> kinds_in_name("DarkFlat_0001"), kinds_in_name("SKYFLAT")
+    ({'dark'}, {'light'})
     """
     lower = name.lower()
-    found = {_KIND_WORDS[word] for word in re.findall("[a-z]+", lower) if word in _KIND_WORDS}
+    words = re.findall("[a-z]+", lower)
+    found = {_KIND_WORDS[word] for word in words if word in _KIND_WORDS}
+    if any(_FLAT_WORD.fullmatch(word) for word in words):
+        found.add("light")
     if not found and (emva := _EMVA_KIND.match(lower)):
         found = {_EMVA_KINDS[emva[1]]}
     return found

@@ -147,6 +147,14 @@ OWN_OUTPUTS = DiagnosticKind(
     size="number of files",
     false_alarms="none: the files state it",
 )
+SKY_FRAMES = DiagnosticKind(
+    "pictures-left-out",
+    "note",
+    "Frames of type LIGHT or OBJECT are beside frames of type FLAT: in astronomy, pictures of the sky.",
+    "They are left out of the calibration.",
+    "List them as light frames in a protocol, or with --light, if they are flat fields.",
+    size="number of frames",
+)
 ASSUMED_BITS = DiagnosticKind(
     "assumed-bit-depth",
     "warning",
@@ -206,6 +214,8 @@ def frame_sets_from_files(
     _check_existing(files)
     _check_unique(files)
     opened, skipped = _open_all(files, properties.layout)
+    opened, pictures = _without_pictures(opened, {file.path for file in files if file.settings.kind is not None})
+    skipped += pictures
     frames = selected(opened, where or {})
     settings = []
     for found, same in separated(frames, together):
@@ -235,6 +245,38 @@ def _open_all(files: Sequence[FrameFile], layout: Layout | None) -> tuple[list[_
 
 
 _MOST_NAMED = 6
+
+
+def _without_pictures(
+    frames: list[_OpenedFrame], known: Collection[Path]
+) -> tuple[list[_OpenedFrame], tuple[Diagnostic, ...]]:
+    """Leave out frames of type LIGHT or OBJECT beside those of type FLAT: astronomers' pictures of the sky.
+
+    Files whose kind a listing or the caller states, `known`, stay.
+    """
+
+    def words(frame: _OpenedFrame) -> set[str]:
+        stated = frame.header.metadata.get("image_type") or " ".join(frame.file.names)
+        return set(re.findall("[a-z]+", str(stated).lower())) if frame.file.path not in known else set()
+
+    every = [words(frame) for frame in frames]
+    is_flat = [
+        frame.settings.kind == "light" and any("flat" in word for word in own)
+        for frame, own in zip(frames, every, strict=True)
+    ]
+    is_picture = [
+        frame.settings.kind != "dark" and not flat and not own.isdisjoint(_PICTURES)
+        for frame, own, flat in zip(frames, every, is_flat, strict=True)
+    ]
+    if not (any(is_flat) and any(is_picture)):
+        return frames, ()
+    first = next(frame.file.path for frame, picture in zip(frames, is_picture, strict=True) if picture)
+    text = f"{sum(is_picture)} frames of type LIGHT or OBJECT beside flat fields, such as {first.name}, are left out"
+    kept = [frame for frame, picture in zip(frames, is_picture, strict=True) if not picture]
+    return kept, (SKY_FRAMES(text, float(sum(is_picture))),)
+
+
+_PICTURES = {"light", "lights", "object", "science", "expose"}
 
 
 def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetProperties) -> FrameSet:

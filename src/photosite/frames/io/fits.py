@@ -13,6 +13,7 @@ from __future__ import annotations
 import gzip
 import io
 import math
+import re
 import warnings
 import zlib
 from collections.abc import Iterator, Sequence
@@ -332,8 +333,8 @@ def _header(image: JoinedUnits) -> FrameHeader:
     stored_bits = 16 if unit.numbers == "float" else min(int(keywords.own["BITPIX"]), 32)
     if (own := parse_description(keywords.path, keywords.text(_OWN) or "", *image.shape, stored_bits)) is not None:
         return own
-    image_type = keywords.text("IMAGETYP")
-    kinds = kinds_in_name(image_type or "")
+    image_type = next(filter(None, map(keywords.text, _IMAGE_TYPES)), None)
+    kinds = kinds_in_name(_SYNONYMS.sub("dark", image_type or ""))
     joined = len(image.units) > 1
     border = unit.light.border(unit.size)
     gains = {each.keywords.number("ISO", "ISOSPEED", "GAIN") for each in image.units}
@@ -360,6 +361,12 @@ def _header(image: JoinedUnits) -> FrameHeader:
         problem=None if joined else unit.problem,
         amplifiers=_amplifiers(image) if joined else (),
     )
+
+
+_IMAGE_TYPES = ("IMAGETYP", "OBSTYPE", "ESO DPR TYPE", "FRAME")
+"""Keywords of the kind of a frame: most cameras; NOIRLab, Las Cumbres; ESO; SBIG."""
+_SYNONYMS = re.compile(r"\bzero\b|dark[ _-]flats?|flat[ _-]darks?", re.IGNORECASE)
+"""IRAF calls a bias frame zero; dark frames of the exposure time of flat fields are dark flats."""
 
 
 def _amplifiers(image: JoinedUnits) -> tuple[Region, ...]:
