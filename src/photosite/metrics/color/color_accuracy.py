@@ -30,6 +30,15 @@ SATURATED_PATCHES = DiagnosticKind(
     ("delta_e_*", "white_balance_error"),
     "Number of patches.",
 )
+CLIPPED_GRAY = DiagnosticKind(
+    "clipped-gray-patches",
+    "warning",
+    "Gray patches of a picture are at the largest value.",
+    "Their exposure and color are not known: differences, and the matched exposure, are those of clipped values.",
+    "Expose less.",
+    ("delta_e_*", "white_balance_error", "exposure_stops"),
+    "Number of patches.",
+)
 OFF_EXPOSURE = DiagnosticKind(
     "off-exposure",
     "note",
@@ -40,6 +49,7 @@ OFF_EXPOSURE = DiagnosticKind(
     "Exposure in stops.",
 )
 _EXPOSURE_MATTERS = 0.15
+_CLIPPED_FRACTION = 1e-3
 _DRAWS, _SEED = 200, 17321
 _OWN, _LEFT_OUT, _REGULARIZED = "matrix", "matrix, patch left out", "regularized, patch left out"
 
@@ -61,6 +71,12 @@ def _measure(
         values["exposure_stops", ""] = _signed(np.log2(exposure))
         if abs(stops := float(np.log2(exposure[0]))) > _EXPOSURE_MATTERS:
             diagnostics.append(OFF_EXPOSURE(f"gray patches are {stops:+.2f} stops from those of the chart", stops))
+        if clipped := [
+            patch.name
+            for patch, gray in zip(chart.patches, chart.gray, strict=True)
+            if gray and max(image.saturated_fraction(patch, name) for name in colors.channels) > _CLIPPED_FRACTION
+        ]:
+            diagnostics.append(CLIPPED_GRAY(f"clipped: {', '.join(clipped)}", len(clipped)))
         found = {"": shown / exposure[:, None, None] if match_exposure else shown}
     else:
         found = _by_matrices(colors, draws)

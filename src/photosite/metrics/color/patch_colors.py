@@ -12,6 +12,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import LUMA, ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.plane_fit import without_plane
+from photosite.metrics.tone.gray_patches import check_structure
 from photosite.values.region import Patch
 from photosite.values.shown import Shown
 
@@ -77,6 +78,7 @@ def patch_colors(image: ChartImage, chart: PlacedChart) -> PatchColors:
     if kept.size <= len(channels):
         raise InputError("patches below saturation", value=int(kept.size), expected=f"more than {len(channels)}")
     found = [_mean(image, chart.patches[i], channels) for i in kept]
+    check_structure(image, chart)
     _check_order(np.array([mean for mean, _ in found]), chart.patch_xyz[kept, 1])
     return PatchColors(
         tuple(chart.patches[i].name for i in kept),

@@ -152,16 +152,20 @@ def field_cells(image: ChartImage, region: Region, channel: str, across: int) ->
     counts = _cell_counts(tiles, across)
     edges = [np.linspace(0, n, _PARTS * count + 1).astype(int) for n, count in zip(tiles, counts, strict=True)]
     parts: Array = np.zeros((edges[0].size - 1, edges[1].size - 1))
-    clipped = 0.0
+    clipped = empty = 0.0
     sites = channel_sites(tile, channel)
     for r, c in sites:
         site = plane[r : tiles[0] * height : height, c : tiles[1] * width : width]
         clipped += float((site >= image.white - image.black).mean()) / len(sites)
+        empty += float((site <= -image.black).mean()) / len(sites)
         sums = np.add.reduceat(np.add.reduceat(site, edges[0][:-1], axis=0), edges[1][:-1], axis=1)
         parts += sums / np.outer(np.diff(edges[0]), np.diff(edges[1])) / len(sites)
     if clipped > _CLIPPED_FRACTION:
         hint = "Use a shorter exposure"
         raise InputError(f"fraction of saturated {channel} pixels", value=clipped, expected="at most 0.001", hint=hint)
+    if empty > _CLIPPED_FRACTION and image.origin != "electrons":
+        hint = "Take frames of an even bright field"
+        raise InputError(f"fraction of {channel} pixels at 0", value=empty, expected="at most 0.001", hint=hint)
     row, col = (
         first + period * (_part_centers(edge) - 0.5) + np.mean([at[k] for at in sites]) + 0.5
         for k, (first, period, edge) in enumerate(zip((region.r0, region.c0), (height, width), edges, strict=True))

@@ -30,6 +30,8 @@ NOISE_HIDES_DEFECTS = DiagnosticKind(
 )
 _FALSE_ALARMS = 1e-3
 """Expected number of pixels that normal noise makes in a frame."""
+_MOST_DEFECTS = 0.01
+"""Fraction of the pixels; more are structure of the field."""
 _QUARTILES_PER_SIGMA = 1.34898
 _CELLS, _LEAST_CELL = 16, 8
 """Cells of the smooth field along the longer side, and their least side in pixels of a site of the color filters."""
@@ -58,6 +60,10 @@ def _measure(
         channel = LUMA if image.origin == "picture" else tile[r][c]
         plane = image.plane(channel, region)[0]
         site = plane[r : tiles[0] * height : height, c : tiles[1] * width : width]
+        clipped = float(((site >= image.white - image.black) | (site <= -image.black)).mean())
+        if clipped > _MOST_DEFECTS:
+            expected, hint = f"at most {_MOST_DEFECTS}", "Take frames of an even field below saturation"
+            raise InputError(f"fraction of {channel} pixels at 0 or white", value=clipped, expected=expected, hint=hint)
         light = _smooth(site)
         if light.min() <= 0:
             raise InputError(f"signal of channel {channel}", expected="above 0 everywhere", hint="Take light frames")
@@ -69,6 +75,9 @@ def _measure(
         if noise.min() > 0:
             false_alarms += float(_outside(limit / noise).sum())
         field += np.where(np.abs(change) > limit, 0.0, change) / (height * width)
+    if bright + dark > _MOST_DEFECTS * pixels:
+        what, hint = "fraction of pixels far from a smooth field", "Take frames of an even field"
+        raise InputError(what, value=(bright + dark) / pixels, expected=f"at most {_MOST_DEFECTS}", hint=hint)
     values = {
         ("bright_pixels", ""): _count(bright),
         ("dark_pixels", ""): _count(dark),

@@ -12,7 +12,7 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.plane_fit import without_plane
-from photosite.metrics.sharpness.edge_region import edge_region
+from photosite.metrics.sharpness.edge_region import check_blur, check_edge, edge_region
 from photosite.metrics.sharpness.slanted_edge import SlantedEdge, slanted_edge_mtf
 from photosite.values.cfa import MONOCHROME
 from photosite.values.estimate import Estimate
@@ -37,8 +37,10 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
     for channel in image.channels:
         plane, tile = image.plane(channel, region)
         mask = image.mask(channel, region)
+        check_edge(image, plane, mask, channel)
         name = channel if tile != MONOCHROME else None
         edge = slanted_edge_mtf(plane, channel=name, cfa=tile, order=_ORDER, reach_px=_REACH_PX)
+        check_blur(edge, _REACH_PX)
         (dark, dark_noise), (bright, bright_noise) = _sides(plane, mask, edge)
         # The noise of one frame: the mean of several has its fraction.
         noise = (dark_noise + bright_noise) * (0.5 * len(image.frames))

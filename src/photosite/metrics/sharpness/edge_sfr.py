@@ -13,7 +13,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
-from photosite.metrics.sharpness.edge_region import edge_region
+from photosite.metrics.sharpness.edge_region import check_blur, check_edge, edge_region
 from photosite.metrics.sharpness.iso_12233 import edge_sfr as standard_sfr
 from photosite.metrics.sharpness.slanted_edge import SlantedEdge, Window, slanted_edge_mtf
 from photosite.values.cfa import MONOCHROME
@@ -71,16 +71,17 @@ def _measure(
     diagnostics: list[Diagnostic] = []
     for channel in image.channels:
         plane, tile = image.plane(channel, region)
-        _check_saturation(image, plane, image.mask(channel, region), channel)
         own: dict[str, Any] = {"oversampling": oversampling, "window": window, "order": order, "reach_px": reach_px}
         own |= {"channel": channel if tile != MONOCHROME else None, "cfa": tile}
         mask = image.mask(channel, region)
+        check_edge(image, plane, mask, channel)
         edge = slanted_edge_mtf(plane, **own)
         if (light := _gradient(plane, mask, edge)) is not None:
             edge = slanted_edge_mtf(plane / light, **own)
             change = float(np.ptp(light))
             text = f"channel {channel}: the light changes by {100 * change:.2g} % over the region; it was divided out"
             diagnostics.append(UNEVEN_LIGHT(text, change))
+        check_blur(edge, reach_px)
         # Noise adds its variance to the square of the response, on average.
         unbiased = np.sqrt(np.maximum(edge.mtf**2 - edge.standard_uncertainty**2, 0.0))
         edge = replace(edge, mtf=unbiased)
@@ -130,12 +131,6 @@ def _gradient(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> Array
 
 
 _LEAST_PIXELS = 100
-
-
-def _check_saturation(image: ChartImage, plane: Array, mask: NDArray[np.bool_], channel: str) -> None:
-    full = float((plane[mask] >= image.white - image.black).mean())
-    if full > 1e-3:
-        raise InputError(f"fraction of saturated {channel} pixels", value=full, expected="at most 0.001")
 
 
 def _values(edge: SlantedEdge) -> dict[str, Estimate]:

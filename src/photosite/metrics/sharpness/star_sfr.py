@@ -30,6 +30,9 @@ _MOST_RINGS = 60
 _LEAST_WIDTH_PX = 1.5
 """Of a ring in a channel that has every pixel."""
 _LEAST_PIXELS = 10
+_OUTER, _LEAST_SIGMAS = 5, 5.0
+"""Rings of the lowest frequencies, one of which must show the star, and its response in standard uncertainties."""
+_CLIPPED_FRACTION = 1e-3
 _DIRECTIONS = "horizontal", "falling diagonal", "vertical", "rising diagonal"
 """Directions of the frequency, by the angle of the sector: spokes near the vertical have horizontal frequencies."""
 
@@ -54,6 +57,15 @@ def _measure(image: ChartImage, chart: PlacedChart, *, sectors: Annotated[int, F
         frequency = cycles / (2.0 * math.pi * 0.5 * (edges[1:] + edges[:-1]))
         response, spread = _fitted(_sums(image, chart, channel, _Cells(edges, sectors, cycles)))
         response, spread = response / modulation, spread / modulation
+        signal = image.plane(channel, chart.region)[0][image.mask(channel, chart.region)]
+        full = float((signal >= image.white - image.black).mean())
+        if full > _CLIPPED_FRACTION:
+            raise InputError(f"fraction of saturated {channel} pixels", value=full, expected="at most 0.001")
+        level, error = _averaged(response, spread)
+        shows = level > _LEAST_SIGMAS * error
+        if not shows[np.flatnonzero(np.isfinite(level))[-_OUTER:]].any():
+            hint = "Check the chart, its corners and the focus"
+            raise InputError("signal of the star", expected="above its noise at the lowest frequencies", hint=hint)
         for part, chosen in _groups(sectors).items():
             level, error = _averaged(response[:, chosen], spread[:, chosen])
             name = f"{channel}, {part}" if part else channel

@@ -39,6 +39,9 @@ _LOWEST = 0.015
 _LEAST_SIZE = 128
 
 
+_CLIPPED_FRACTION = 1e-3
+
+
 def _measure(
     image: ChartImage, chart: PlacedChart, *, size: Annotated[int, Field(ge=_LEAST_SIZE, le=4096)] = 1024
 ) -> Result:
@@ -55,6 +58,9 @@ def _measure(
     first = int(bins[bins >= 0].min())
     for channel in image.channels:
         mask = image.mask(channel, region)
+        full = float((image.plane(channel, region)[0][mask] >= image.white - image.black).mean())
+        if full > _CLIPPED_FRACTION:
+            raise InputError(f"fraction of saturated {channel} pixels", value=full, expected="at most 0.001")
         spectra = [aligned.spectrum(plane, mask) for plane in image.planes(channel, region)]
         scale = _scale(chart, image, channel, region)
         found: dict[str, Response | Missing] = {"cross": _cross(aligned.reference, spectra, bins, first)}

@@ -29,7 +29,10 @@ BELOW_BLACK = DiagnosticKind(
 )
 _LEAST_PIXELS = 20
 _CLIPPED_FRACTION = 1e-3
-_SIGNIFICANT = 4.0
+_SIGNIFICANT, _LEAST_SIGMAS = 4.0, 20.0
+"""Signal below black that is named, and least signal of the field, in standard uncertainties."""
+_MOST_PERCENT = 50.0
+"""Signal of traps over that of the field; larger where the image shows no traps."""
 
 
 def _measure(image: ChartImage, chart: PlacedChart) -> Result:
@@ -49,8 +52,14 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
         ratios = []
         for number in traps:
             left, right = (_mean(image, patches[f"white {number} {side}"], channel) for side in ("left", "right"))
+            if not ((left + right) * 0.5).beyond(_LEAST_SIGMAS) or left.value + right.value <= 0:
+                raise InputError("signal of the field", where=f"trap {number}", expected="above its noise")
             ratios.append(_mean(image, patches[f"trap {number}"], channel) / ((left + right) * 0.5) * 100.0)
         mean = combined(ratios, [1.0 / len(ratios)] * len(ratios))
+        if mean.value > _MOST_PERCENT:
+            hint = "Check the chart, its corners and the focus"
+            expected = f"at most {_MOST_PERCENT:g} % of that of the field"
+            raise InputError("signal of the light traps", value=mean.value, expected=expected, hint=hint)
         values["flare_percent", channel] = Estimate.of(mean, "")
         values["contrast_db", channel] = Estimate.of(_contrast(mean), "")
         maps.append(_map(channel, [patches[f"trap {number}"] for number in traps], ratios))

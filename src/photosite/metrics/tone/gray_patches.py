@@ -23,6 +23,13 @@ GRAY_CHARTS = ("macbeth", "color-checker-sg", "hdr-patches", "siemens-star")
 _LEAST_PIXELS = 50
 _LEAST_CORRELATION = 0.5
 """Of the signals of the patches with their luminance; less where the image does not show the chart."""
+_LEAST_SIGMAS = 5.0
+"""Difference of the brightest and the darkest patch over its standard uncertainty."""
+_MOST_APART = 0.1
+"""Part of the variance of the patches that a rising function of luminance leaves."""
+_STRUCTURE, _BRIGHT = 0.01, 0.1
+"""Spread of the means of the nine parts of a patch about a plane, over its signal; signal over that of the brightest
+patch from which patches are judged. At 1 % blur has moved 2.6 % of the signal out of a patch."""
 _CLIPPED_FRACTION = 1e-3
 """Fraction of saturated pixels, or of pixels at 0, from which a patch is left out."""
 
@@ -78,13 +85,58 @@ def _gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[G
     ]
     if len(found) < 2:
         raise InputError("gray patches of the chart", value=len(found), expected="two or more")
+    check_structure(image, chart)
     signal, light = (np.array(each) for each in zip(*((p.mean.value, p.luminance) for p in found), strict=True))
     alike = float(np.corrcoef(signal, light)[0, 1]) if np.ptp(signal) > 0 else 0.0
     if alike < _LEAST_CORRELATION:
         hint = "Check the chart, its corners, and whether it is mirrored"
         expected = f"{_LEAST_CORRELATION} or more"
         raise InputError("correlation of gray patches with their luminance", value=alike, expected=expected, hint=hint)
-    return sorted(found, key=lambda patch: patch.luminance)
+    order = np.argsort(light, kind="stable")
+    apart = 1.0 - float(np.var(_increasing(signal[order])) / np.var(signal))
+    if apart > _MOST_APART:
+        hint = "Focus the chart, light it evenly, and check its corners"
+        expected = f"at most {_MOST_APART} of their variance"
+        raise InputError("signals that no tone curve explains", value=apart, expected=expected, hint=hint)
+    ordered = sorted(found, key=lambda patch: patch.luminance)
+    if not (ordered[-1].mean - ordered[0].mean).beyond(_LEAST_SIGMAS):
+        hint = "Give the chart more light"
+        raise InputError("signal of the gray patches", expected="above their noise", hint=hint)
+    return ordered
+
+
+def _increasing(signal: Array) -> Array:
+    from scipy.optimize import isotonic_regression
+
+    return np.asarray(isotonic_regression(signal).x)
+
+
+def check_structure(image: ChartImage, chart: PlacedChart) -> None:
+    """Raise `InputError` where most bright gray patches are not even inside: blurred, or not where the corners say."""
+    found = image.shared(("structure", chart), lambda: _structure(image, chart))
+    if found > _STRUCTURE:
+        expected = f"at most {_STRUCTURE} of their signal"
+        hint = "Focus the chart, and check its corners"
+        raise InputError("structure inside gray patches", value=found, expected=expected, hint=hint)
+
+
+def _structure(image: ChartImage, chart: PlacedChart) -> float:
+    """Return the median over bright gray patches of the relative spread of nine parts of a patch about a plane."""
+    found = []
+    for patch in (patch for patch, gray in zip(chart.patches, chart.gray, strict=True) if gray):
+        values = image.pixels(patch, image.sharp_channel).mean(axis=0)
+        if values.size < _LEAST_PIXELS:
+            continue
+        row, col = image.places(patch, image.sharp_channel)
+        rest = without_plane(values[None], row, col)[0]
+        down, along = (np.minimum(3 * (at - at.min()) / (np.ptp(at) + 1.0), 2.0).astype(np.intp) for at in (row, col))
+        cell = 3 * down + along
+        count = np.maximum(np.bincount(cell, minlength=9), 1)
+        excess = float(np.mean((np.bincount(cell, rest, 9) / count) ** 2 - 3.0 * rest.var() / count))  # beyond chance
+        found.append((float(values.mean()), math.sqrt(max(excess, 0.0))))
+    brightest = max((mean for mean, _ in found), default=0.0)
+    relative = [spread / mean for mean, spread in found if mean > _BRIGHT * brightest > 0.0]
+    return float(np.median(relative)) if relative else 0.0
 
 
 def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -> GrayPatch:

@@ -16,7 +16,7 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.plane_fit import without_plane
-from photosite.metrics.tone.gray_patches import GRAY_CHARTS
+from photosite.metrics.tone.gray_patches import GRAY_CHARTS, check_structure
 from photosite.metrics.visual.scielab import scielab_differences
 from photosite.metrics.visual.viewing import (
     DISTANCE_MM,
@@ -75,6 +75,7 @@ def _measure(
         found.append((patch.name, min(box.shape) / per_degree, _patch_noise(_pixels(image, box), per_degree)))
     if not found:
         raise InputError("gray patches of the chart", value=0, expected="one or more")
+    check_structure(image, chart)
     diagnostics = [UNCONFIRMED_WEIGHTS("weights of the combined figures are not confirmed by the standards' texts")]
     if (smallest := min(size for _, size, _ in found)) < _LEAST_DEGREES:
         text = f"the smallest patch covers {smallest:.2g} degrees"
