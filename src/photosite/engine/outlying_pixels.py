@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import I64, compiled
+from photosite.engine.jit import F64, I64, compiled
 from photosite.engine.threads import parallel_for
 
 U32 = NDArray[np.uint32]
@@ -25,6 +26,31 @@ class Limits(NamedTuple):
 
     lowest: U32
     width: U32
+
+
+@compiled()
+def fill_limits(
+    knots: F64, at: F64, below: float, above: float, site: tuple[int, int], period: int, limits: Limits
+) -> None:
+    """Compute the limits of the pixels of a site: distances below and above a surface.
+
+    - `knots`: (m, cols) the surface at m rows; it is linear in between.
+    - `at`: (steps,) place of each step between them.
+    - `site`, `period`: Row of the tile and first column of the site, and distance of its columns.
+    """
+    lowest, width = limits
+    largest = np.float64(0xFFFFFFFF)
+    for step in range(at.size):
+        first = min(int(at[step]), len(knots) - 1)
+        second = min(first + 1, len(knots) - 1)
+        part = at[step] - first
+        low, wide = lowest[site[0], step], width[site[0], step]
+        for c in range(knots.shape[1]):
+            center = knots[first, c] + part * (knots[second, c] - knots[first, c])
+            start = min(max(math.ceil(center - below), 0.0), largest)
+            stop = min(max(math.floor(center + above), start), largest)
+            low[site[1] + c * period] = np.uint32(start)
+            wide[site[1] + c * period] = np.uint32(stop - start)
 
 
 @compiled()

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
 from photosite.engine.frame_sums import FrameSums, LabelTotals
-from photosite.engine.outlying_pixels import Limits, outside
+from photosite.engine.outlying_pixels import Limits, fill_limits, outside
 from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
 
@@ -62,7 +62,6 @@ LEAST_SIDE = 4
 """Least rows and columns of a color."""
 
 _BLOCK, _MOST_BLOCKS, _SAMPLES, _STEPS = 16, 16, 64, 4
-_LARGEST = (1 << 32) - 1
 _WINDOW, _NEIGHBORS, _CHUNK = 8, 96, 1 << 14
 _NOISE_P_VALUE = 1e-4
 _TENTH, _QUARTILES = 1.2815515655446004, 1.3489795003921634
@@ -416,12 +415,14 @@ def _blocks(length: int) -> _Ints:
     return np.arange(count + 1) * length // count
 
 
-def _block_samples(plane: NDArray[np.generic], rows: _Ints, cols: _Ints) -> _Floats:
-    """Return (block rows, block columns, n) values at random places of each block."""
+def _block_samples(
+    values: NDArray[np.generic], site: tuple[int, int], tile: _Ints, rows: _Ints, cols: _Ints
+) -> _Floats:
+    """Return (block rows, block columns, n) values of a site at random places of each block."""
     u, v = np.random.default_rng(1).random((2, _SAMPLES))
     r = (rows[:-1, None] + np.floor(u * np.diff(rows)[:, None])).astype(np.int64)
     c = (cols[:-1, None] + np.floor(v * np.diff(cols)[:, None])).astype(np.int64)
-    return np.asarray(plane[r[:, None], c[None]], np.float64)
+    return np.asarray(values.reshape(-1)[_numbers(r[:, None], c[None], site, values.shape, tile)], np.float64)
 
 
 def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
@@ -431,11 +432,11 @@ def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
         return np.zeros(0, np.int64)
     limits, parts = {}, []
     for site in _sites(tile):
-        plane = total[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
-        rows, cols = _blocks(plane.shape[0]), _blocks(plane.shape[1])
-        samples = _block_samples(plane, rows, cols)
+        shape = plane_shape(total.shape, site, tile.shape)
+        rows, cols = _blocks(shape[0]), _blocks(shape[1])
+        samples = _block_samples(total, site, tile, rows, cols)
         middle = np.median(samples, axis=2)
-        limits[site] = _limits((samples - middle[..., None]).ravel(), plane.size, LEAST_DN * sums.count)
+        limits[site] = _limits((samples - middle[..., None]).ravel(), shape[0] * shape[1], LEAST_DN * sums.count)
         centers = [np.asarray(0.5 * (ends[1:] + ends[:-1] - 1), np.float64) for ends in (rows, cols)]
         parts.append((site, middle, centers[0], centers[1]))
     row, col = outside(total, _pixel_limits(parts, limits, total.shape, tile))
@@ -458,19 +459,14 @@ def _pixel_limits(
 ) -> Limits:
     """Return the `NEAR` limits of each pixel, about the surface through the middles of the blocks of its site."""
     steps = _STEPS * len(parts[0][2])
-    lowest, width = np.empty((2, tile.shape[0], steps, shape[1]), np.uint32)
+    found = Limits(*np.empty((2, tile.shape[0], steps, shape[1]), np.uint32))
     for site, middle, of_rows, of_cols in parts:
         rows, cols = plane_shape(shape, site, tile.shape)
         across = np.array([np.interp(np.arange(cols), of_cols, line) for line in middle])
         at = np.interp((np.arange(steps) + 0.5) * rows / steps - 0.5, of_rows, np.arange(len(of_rows)))
-        first = np.minimum(at.astype(np.int64), len(of_rows) - 1)
-        second = np.minimum(first + 1, len(of_rows) - 1)
-        center = across[first] + (at - first)[:, None] * (across[second] - across[first])
-        low = np.clip(np.ceil(center - NEAR * limits[site].below), 0, _LARGEST)
-        high = np.clip(np.floor(center + NEAR * limits[site].above), low, _LARGEST)
-        lowest[site[0], :, site[1] :: tile.shape[1]] = low
-        width[site[0], :, site[1] :: tile.shape[1]] = high - low
-    return Limits(lowest, width)
+        near = (NEAR * limits[site].below, NEAR * limits[site].above)
+        fill_limits(across, np.asarray(at, np.float64), *near, site, tile.shape[1], found)
+    return found
 
 
 def _numbers(r: _Ints, c: _Ints, site: tuple[int, int], shape: tuple[int, ...], tile: _Ints) -> _Ints:
@@ -563,7 +559,7 @@ def _noisy(sums: FrameSums, tile: _Ints) -> Iterator[_Ints]:
         plane = variance[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
         if min(plane.shape) < LEAST_SIDE:
             continue
-        samples = _block_samples(plane, _blocks(plane.shape[0]), _blocks(plane.shape[1])).ravel()
+        samples = _block_samples(variance, site, tile, _blocks(plane.shape[0]), _blocks(plane.shape[1])).ravel()
         q50, q90 = np.quantile(samples, [0.5, 0.9])
         # The quantiles of equal pixels, in units of the median: chi-square over the degrees of freedom
         middle, tenth, last = (float(chdtri(freedom, p)) for p in (0.5, 0.1, _NOISE_P_VALUE / plane.size))

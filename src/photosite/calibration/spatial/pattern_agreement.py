@@ -19,7 +19,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
@@ -233,7 +232,12 @@ class PixelLines:
 def _box_means(plane: F64) -> F64:
     """Return the means of squares around all pixels; pixels beyond the sides are those at the sides."""
     padded = np.pad(plane, _BOX // 2, mode="edge")
-    return np.asarray(sliding_window_view(sliding_window_view(padded, _BOX, 0).mean(-1), _BOX, 1).mean(-1))
+    down = padded[: len(plane)].copy()
+    for k in range(1, _BOX):
+        down += padded[k : k + len(plane)]
+    down /= _BOX
+    a, b, c, d, e, f, g, h, last = (down[:, k : k + plane.shape[1]] for k in range(_BOX))
+    return np.asarray((((a + b) + (c + d)) + ((e + f) + (g + h)) + last) / _BOX)
 
 
 @dataclass(frozen=True)
