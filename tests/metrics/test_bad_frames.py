@@ -22,6 +22,7 @@ CHARTS = charts_measured()
 pytestmark = pytest.mark.filterwarnings("ignore:.*response lies outside the scene's wavelengths")
 NO_FRAMES = ("chart-light", "sensitivity-metamerism")
 """Measurements of the light and of the sensor."""
+EVEN = ("shading", "defects", "noise-spectrum")
 USABLE = {
     "clipped": {
         *((chart, name) for chart in ("color-checker-sg", "hdr-patches", "macbeth", "gray-steps")
@@ -29,8 +30,8 @@ USABLE = {
         ("point-grid", "distortion"),
         ("point-grid", "lateral-color"),
     },
-    "blurred": {("uniform", name) for name in ("shading", "defects")},
-    "uniform": {("uniform", name) for name in ("shading", "defects")},
+    "blurred": {("uniform", name) for name in EVEN},
+    "uniform": {("uniform", name) for name in EVEN},
 }  # fmt: skip
 """Patches that are not clipped are measured, contrasts that saturation takes away are, and borders of dots; an even
 field is even when it is blurred."""

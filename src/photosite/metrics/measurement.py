@@ -81,7 +81,7 @@ class Curve(Shown):
 
 @dataclass(frozen=True, eq=False)
 class FieldMap(Shown):
-    """Values over the frame.
+    """Values over the frame, or over other places.
 
     Parameters
     ----------
@@ -91,6 +91,8 @@ class FieldMap(Shown):
         (n,) and (m,) coordinates of the centers of the cells in the frame, in pixels.
     values
         (n, m) values; NaN where nothing was measured.
+    axes
+        What rows and columns are, if not places in the frame.
     """
 
     part: str
@@ -98,10 +100,12 @@ class FieldMap(Shown):
     row: Array
     col: Array
     values: Array
+    axes: tuple[str, str] = ("row (pixels)", "column (pixels)")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields, for JSON; values that are not finite are None."""
         places = {"part": self.part, "label": self.label, "row": _finite(self.row), "col": _finite(self.col)}
+        places["axes"] = list(self.axes)
         return places | {"values": [_finite(row) for row in self.values]}
 
 

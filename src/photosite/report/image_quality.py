@@ -10,7 +10,7 @@ from PIL import ImageDraw
 from photosite.color.colorimetry import srgb_from_light
 from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.measure import ImageQuality
-from photosite.metrics.measurement import Result
+from photosite.metrics.measurement import FieldMap, Result
 from photosite.report.diagnostics import explanations, notices
 from photosite.report.figures.measurement import curve_figures, map_figure
 from photosite.report.numbers import format_number
@@ -91,7 +91,7 @@ def _section(result: Result) -> Section:
         banded = "; the bands are 95 % intervals" if curve.standard_uncertainty is not None else ""
         blocks.append(figure_block(figure, label, f"{sentence(label)[:-1]}{banded}."))
     for found in result.maps:
-        blocks.append(figure_block(map_figure(found), f"{found.label} over the frame", sentence(found.label)))
+        blocks.append(figure_block(map_figure(found), f"{found.label} over {_over(found)}", sentence(found.label)))
     if entry.left_out:
         blocks.append(Paragraph(f"Not implemented or different from the standard: {entry.left_out}"))
     return Section(entry.title, tuple(blocks))
@@ -99,6 +99,10 @@ def _section(result: Result) -> Section:
 
 def _axes(result: Result) -> dict[tuple[str, str], None]:
     return dict.fromkeys((curve.x_label, curve.y_label) for curve in result.curves)
+
+
+def _over(found: FieldMap) -> str:
+    return "the frame" if found.axes == FieldMap.axes else found.axes[0]
 
 
 _MOST_PARTS = 4

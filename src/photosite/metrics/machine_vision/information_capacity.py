@@ -41,7 +41,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
         name = channel if tile != MONOCHROME else None
         edge = slanted_edge_mtf(plane, channel=name, cfa=tile, order=_ORDER, reach_px=_REACH_PX)
         check_blur(edge, _REACH_PX)
-        (dark, dark_noise), (bright, bright_noise) = _sides(plane, mask, edge)
+        (dark, dark_noise), (bright, bright_noise) = sides_of_edge(plane, mask, edge)
         # The noise of one frame: the mean of several has its fraction.
         noise = (dark_noise + bright_noise) * (0.5 * len(image.frames))
         if noise.value <= 0:
@@ -62,7 +62,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
     return Result(values, tuple(curves))
 
 
-def _sides(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> list[tuple[Uncertain, Uncertain]]:
+def sides_of_edge(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> list[tuple[Uncertain, Uncertain]]:
     """Return mean and variance of the pixels on the dark and on the bright side, after a plane is fitted to them."""
     row, col = np.nonzero(mask)
     across, line = (col, row) if edge.direction == "vertical" else (row, col)
@@ -82,6 +82,11 @@ def _sides(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> list[tup
     return sorted(found, key=lambda each: each[0].value)
 
 
+def alike_frequencies(frequency: Array) -> float:
+    """Return the number of neighboring frequencies whose errors are alike."""
+    return max(_WINDOW_BANDWIDTH / (2.0 * _REACH_PX) / float(frequency[1] - frequency[0]), 1.0)
+
+
 def _capacity(frequency: Array, mtf: Array, spread: Array, ratio: Uncertain) -> Uncertain:
     """Return the integral of log2(1 + ratio mtf^2) over all directions up to Nyquist, in bits per pixel.
 
@@ -95,8 +100,10 @@ def _capacity(frequency: Array, mtf: Array, spread: Array, ratio: Uncertain) -> 
     value = float(weight @ np.log2(inside))
     slope = float(weight @ (square / inside)) / math.log(2.0)
     error = weight * 2.0 * ratio.value * mtf * spread / inside / math.log(2.0)
-    alike = max(_WINDOW_BANDWIDTH / (2.0 * _REACH_PX) / float(frequency[1] - frequency[0]), 1.0)
-    return Uncertain.of(value, math.sqrt(alike * float(error @ error))) + (ratio - ratio.value) * slope
+    return (
+        Uncertain.of(value, math.sqrt(alike_frequencies(frequency) * float(error @ error)))
+        + (ratio - ratio.value) * slope
+    )
 
 
 MEASUREMENT = Measurement(

@@ -59,7 +59,7 @@ def draw_map(axes: Axes, found: FieldMap) -> Axes:
         for places, step in zip((found.row, found.col), steps, strict=True)
     )
     image = axes.imshow(found.values, extent=(left, right, bottom, top), cmap="viridis", aspect="equal")
-    axes.set(xlabel="column (pixels)", ylabel="row (pixels)", title=found.part or None)
+    axes.set(xlabel=found.axes[1], ylabel=found.axes[0], title=found.part or None)
     axes.grid(visible=False)
     figure = axes.figure
     assert isinstance(figure, Figure)
