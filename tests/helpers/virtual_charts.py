@@ -16,17 +16,18 @@ _CELLS = 5
 
 @dataclass(frozen=True)
 class VirtualEdge:
-    """An edge under a Gaussian blur on square pixels, with shot and read noise."""
+    """An edge under a Gaussian blur on square pixels of `points` x `points` points, with shot and read noise."""
 
     electrons: Array
     sigma_px: float
     angle_rad: float
+    points: int = _CELLS
 
     def response(self, frequency: float) -> float:
         """Return the response across the edge: the Gaussian times the pixel."""
         blur = math.exp(-2.0 * (math.pi * self.sigma_px * frequency) ** 2)
-        across = np.sinc(frequency * math.cos(self.angle_rad)) * np.sinc(frequency * math.sin(self.angle_rad))
-        return blur * float(across)
+        axes = frequency * math.cos(self.angle_rad), frequency * math.sin(self.angle_rad)
+        return blur * math.prod(float(np.sinc(each) / np.sinc(each / self.points)) for each in axes)
 
     def crossing(self, level: float) -> float | None:
         """Return the frequency at which the response is a level; None if that is above 1 cycle/pixel."""
@@ -52,6 +53,50 @@ def virtual_edge(random: np.random.Generator, *, bent: bool = False, uneven: boo
         along = random.uniform(-0.1, 0.1) * np.linspace(-1, 1, rows)[:, None]
         mean = mean * (1 + random.uniform(-0.1, 0.1) * np.linspace(-1, 1, cols) + along)
     return VirtualEdge(random.poisson(mean) + random.normal(0.0, 5.0, mean.shape), sigma, angle)
+
+
+@dataclass(frozen=True)
+class VirtualSquares:
+    """Slanted squares whose edges have Gaussian blurs of their own, with the shot noise of the frame.
+
+    `sigma_px` holds the blur across the vertical and across the horizontal edges of each square, by row and column.
+    """
+
+    electrons: Array
+    sigma_px: dict[tuple[int, int], tuple[float, float]]
+    angle_rad: float
+
+    def mtf50(self, place: tuple[int, int], vertical: bool) -> float:
+        """Return the frequency at which the Gaussian times the pixel is 0.5."""
+        edge = VirtualEdge(np.zeros(0), self.sigma_px[place][0 if vertical else 1], self.angle_rad)
+        found = edge.crossing(0.5)
+        assert found is not None
+        return found
+
+
+Blurs = dict[tuple[int, int], tuple[float, float]]
+
+
+def virtual_squares(
+    random: np.random.Generator, size: tuple[int, int] = (3, 4), *, blurs: Blurs | None = None, move: float = 0.0
+) -> VirtualSquares:
+    """Return squares of half their distance of 120 pixels, each moved by up to `move` pixels; drawn blurs for None."""
+    angle, pitch = math.radians(5.0), 120
+    tiles: list[list[Array]] = []
+    sigmas = {} if blurs is None else dict(blurs)
+    part = (np.arange(_CELLS * pitch) + 0.5) / _CELLS - pitch / 2
+    for r in range(size[0]):
+        tiles.append([])
+        for c in range(size[1]):
+            sigma = sigmas.setdefault((r, c), (random.uniform(0.5, 1.3), random.uniform(0.5, 1.3)))
+            y, x = part[:, None] - random.uniform(-move, move), part - random.uniform(-move, move)
+            along, upward = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+            inside: Array = np.ones(())
+            for at, spread in ((along, sigma[0]), (upward, sigma[1])):
+                inside = inside * ndtr((pitch / 4 - at) / spread) * ndtr((pitch / 4 + at) / spread)
+            tiles[-1].append(inside.reshape(pitch, _CELLS, pitch, _CELLS).mean(axis=(1, 3)))
+    mean = 8000.0 * (1.0 - 0.75 * np.block(tiles))
+    return VirtualSquares(random.poisson(mean) + random.normal(0.0, 5.0, mean.shape), sigmas, angle)
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     "Corners of the chart's patches (of the whole chart where it has none): top left, top right, bottom right, bottom "
     "left, row,col in pixels.  [default: the chart fills the frame]"
 )
-@click.option("--detect", is_flag=True, help="Find a ColorChecker; the report shows its outlines.")
+@click.option("--detect", is_flag=True, help="Find a ColorChecker or slanted squares; the report shows the outlines.")
 @click.option(
     "--illuminant",
     metavar="NAME|FILE",

@@ -28,14 +28,14 @@ from photosite.values.validated import PositiveNumber, Validated
 BUILT_IN_SCENES = (
     *("macbeth", "color-checker-sg", "uniform", "slanted-edge", "edge-star", "siemens-star", "sinusoid"),
     *("frequency-sweep", "zone-plate", "dead-leaves", "point-grid", "checkerboard", "ramp", "hdr-patches"),
-    "flare-traps",
+    *("flare-traps", "slanted-squares"),
 )
 """Each is the function of `photosite.scene.charts` of that name."""
 
 DEFAULT_ILLUMINANT = "A"
 """Light of the built-in scenes where none is given: the 2008 paper's."""
 
-OF_ANY_SIZE = ("slanted-edge", "edge-star", "siemens-star", "ramp")
+OF_ANY_SIZE = ("slanted-edge", "slanted-squares", "edge-star", "siemens-star", "ramp")
 """Built-in scenes that only get finer with more samples."""
 
 MOST_SAMPLES = 100_000_000

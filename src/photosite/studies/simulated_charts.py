@@ -16,7 +16,7 @@ from photosite.metrics.measure import ImageQuality, measure
 from photosite.metrics.measurement import Result, View
 from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
 from photosite.scene.scene import Scene
-from photosite.scene.scene_request import SceneRequest, chart_options
+from photosite.scene.scene_request import OF_ANY_SIZE, SceneRequest, chart_options
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 
@@ -25,6 +25,8 @@ _MIDDLE_PX, _FINE_PX = (900, 1200), (400, 400)
 _FINE_CELLS = 5
 _MOST_FIELD_PX = 16_000_000
 """Pixels of whole fields up to which a camera's own number is simulated."""
+_MOST_FIELD_CELLS = 75_000_000
+"""Cells of whole fields of edges, of which a pixel has five, or three in a larger field."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,14 @@ def measure_camera(
                 continue
             if on_progress is not None:
                 on_progress(f"{chart}: simulating")
-            image, placed = _simulated(camera, chart, view, conditions or ChartConditions())
+            try:
+                image, placed = _simulated(camera, chart, view, conditions or ChartConditions())
+            except InputError as error:
+                if charts or error.where != chart:
+                    raise
+                if on_progress is not None:
+                    on_progress(f"left out: {error}")
+                continue
             own = {key: value for key, value in (options or {}).items() if key in ids}
             quality = measure(image, placed, only=ids, options=own, on_progress=on_progress)
             before = found.get(chart)
@@ -173,6 +182,11 @@ def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditio
     if view == "field":
         if rows * cols > _MOST_FIELD_PX:
             raise InputError("pixels of the field", value=rows * cols, expected=f"at most {_MOST_FIELD_PX}")
+        if chart in OF_ANY_SIZE:
+            cells = max(cells, 5 if 25 * rows * cols <= _MOST_FIELD_CELLS else 3)
+            if cells**2 * rows * cols > _MOST_FIELD_CELLS:
+                expected = f"at most {_MOST_FIELD_CELLS // cells**2} for {cells} x {cells} cells in each"
+                raise InputError("pixels of the field", where=chart, value=rows * cols, expected=expected)
     else:
         most = _MIDDLE_PX if view == "middle" else _FINE_PX
         tile = len(array.cfa), len(array.cfa[0])
@@ -182,7 +196,7 @@ def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditio
     seen = Camera(camera.optics, camera.sensor.with_(rows=rows, cols=cols), camera.integration, cells)
     known = chart_options(chart)
     options: dict[str, Any] = {}
-    if view == "fine" and {"rows", "cols"} <= known.keys():
+    if (view == "fine" and {"rows", "cols"} <= known.keys()) or chart in OF_ANY_SIZE:
         options = {"rows": rows * cells, "cols": cols * cells}
         if "supersampling" in known:  # a texture whose finest details are those of the pixels
             options |= {"supersampling": 2, "smallest_radius": float(cells)}

@@ -56,3 +56,19 @@ def test_the_star_has_edges_near_the_vertical_the_horizontal_and_the_diagonals()
             angle = math.radians(5 + 45 * turn + 3 * side)
             row, col = int(100 - 75 * math.cos(angle)), int(100 + 75 * math.sin(angle))
             assert weights[row, col] == pytest.approx(wanted, abs=1e-6), (turn, side)
+
+
+def test_slanted_squares_hold_their_areas() -> None:
+    """Squares of 40.5 samples; a sample with a side holds the fraction that 40 x 40 points give."""
+    squares = charts.slanted_squares(down=2, across=3, side=0.45, contrast=math.inf, rows=180, cols=270, angle_deg=7.0)
+    dark = 1.0 - squares.weights[0].astype(float) / squares.weights.max()
+    assert dark.sum() == pytest.approx(6 * 40.5**2, rel=1e-4)
+    fine = (np.arange(180 * 40) + 0.5) / 40
+    row, col = 100, np.arange(90, 135)  # across the middle square of the second line
+    y, x = fine[row * 40 : (row + 1) * 40, None] - 135.0, (np.arange(45 * 40) + 0.5) / 40 + 90 - 135.0
+    turn = math.radians(7.0)
+    inside = (np.abs(x * math.cos(turn) + y * math.sin(turn)) < 20.25) & (
+        np.abs(y * math.cos(turn) - x * math.sin(turn)) < 20.25
+    )
+    points = inside.reshape(40, 45, 40).mean(axis=(0, 2))
+    assert np.abs(dark[row, col] - points).max() < 0.02

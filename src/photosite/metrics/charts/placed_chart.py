@@ -15,6 +15,7 @@ from photosite.color.colorimetry import xyz
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError, did_you_mean
 from photosite.metrics.chart_image import ChartImage
+from photosite.metrics.charts import slanted_squares
 from photosite.metrics.charts.color_checker import find_chart
 from photosite.scene.placement import Homography, check_corners, field_corners, field_size, place, seen_patches
 from photosite.scene.scene import Scene
@@ -183,10 +184,11 @@ def placed_chart(
     known = luminance_cd_m2 is not None
     own = chart_options(chart) | dict(options or {})
     if detect:
-        corners = _detected(image, chart)
+        corners = _detected(image, chart, scene, own)
     if corners is None:
         return _filling(image, PlacedChart(chart, scene, _NOWHERE, (), "fills the frame", image.shape, known, own))
-    check_corners(corners, image.shape)
+    if not detect:  # the border of a chart that is found may be outside the image
+        check_corners(corners, image.shape)
     patches: tuple[Patch, ...] = ()
     if scene.patches:
         patches = seen_patches(scene, corners, INNER)
@@ -224,7 +226,10 @@ def _filling(image: ChartImage, chart: PlacedChart) -> PlacedChart:
     return replace(chart, scene=seen, corners=(a, b, c, d), patches=tuple(patches.values()))
 
 
-def _detected(image: ChartImage, chart: str) -> Corners:
+def _detected(image: ChartImage, chart: str, scene: Scene, options: Mapping[str, Any]) -> Corners:
+    if chart == slanted_squares.NAME:
+        return slanted_squares.find_squares(image, scene.shape, options)
     if chart != "macbeth":
-        raise InputError("detect", value=chart, expected="macbeth; give the corners of other charts")
+        expected = f"macbeth or {slanted_squares.NAME}; give the corners of other charts"
+        raise InputError("detect", value=chart, expected=expected)
     return find_chart(image.mosaic_frame())

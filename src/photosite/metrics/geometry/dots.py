@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.metrics.chart_image import LUMA, ChartImage
+from photosite.metrics.charts.lattice import lattice
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.values.region import Region
 from photosite.values.shown import Shown
@@ -27,8 +27,6 @@ _BRIGHT = 0.4
 """Fraction of a dot's amplitude from which a pixel belongs to it."""
 _SIZES = 0.3, 3.0
 """Areas of dots relative to the median."""
-_NEAR = 0.3
-"""Distance of a dot from where its neighbors predict it, in pitches."""
 _ROUNDS, _ITERATIONS = 3, 20
 _CLOSE_PX = 2e-4
 """Step of a centroid at which it is found."""
@@ -112,7 +110,10 @@ def _seen_dots(image: ChartImage, chart: PlacedChart) -> _SeenDots:
         expected = f"{_LEAST_PITCH * max(tile):g} pixels or more"
         raise InputError("distance of the dots", value=pitch, expected=expected, hint="Use a chart of larger pitch")
     found, radius = _blobs(image, tile, pitch)
-    return _SeenDots(*_lattice(found, steps, image.shape), radius, pitch, max(tile))
+    if len(found) < _LEAST_DOTS:
+        hint = "Check the corners, the light and the focus"
+        raise InputError("dots found", value=len(found), expected=f"{_LEAST_DOTS} or more", hint=hint)
+    return _SeenDots(*lattice(found, steps, image.shape), radius, pitch, max(tile))
 
 
 def _expected_steps(chart: PlacedChart) -> Array:
@@ -163,34 +164,6 @@ def _blobs(image: ChartImage, tile: tuple[int, int], pitch: float) -> tuple[Arra
     kept = np.flatnonzero((area >= _SIZES[0] * typical) & (area <= _SIZES[1] * typical)) + 1
     points = np.array(center_of_mass(np.maximum(rest, 0.0), spots, kept)).reshape(-1, 2) + 0.5
     return points * np.array(tile), math.sqrt(typical * tile[0] * tile[1] / math.pi)
-
-
-def _lattice(points: Array, steps: Array, shape: tuple[int, int]) -> tuple[NDArray[np.int_], Array]:
-    """Return the rows and columns of points in their grid, from neighbor to neighbor, and the points in that order."""
-    from scipy.spatial import cKDTree
-
-    if len(points) < _LEAST_DOTS:
-        hint = "Check the corners, the light and the focus"
-        raise InputError("dots found", value=len(points), expected=f"{_LEAST_DOTS} or more", hint=hint)
-    tree = cKDTree(points)
-    start = int(tree.query(np.array(shape) / 2)[1])
-    near = points[tree.query(points[start], 9)[1][1:]] - points[start]
-    own = [near[np.argmin(np.hypot(*(near - steps[:, axis]).T))] for axis in (0, 1)]
-    found = {start: (0, 0)}
-    waiting = deque([(start, np.array(own).T)])
-    while waiting:
-        at, local = waiting.popleft()
-        for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
-            away, other = tree.query(points[at] + sign * local[:, axis])
-            if other in found or away > _NEAR * np.hypot(*local[:, axis]):
-                continue
-            changed = local.copy()
-            changed[:, axis] = sign * (points[other] - points[at])
-            row, col = found[at]
-            found[other] = (row + sign, col) if axis == 0 else (row, col + sign)
-            waiting.append((other, changed))
-    order = list(found)
-    return np.array([found[k] for k in order]), points[order]
 
 
 def _centroids(image: ChartImage, channel: str, seen: _SeenDots) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from photosite.metrics.sharpness.slanted_edge import SlantedEdge, Window, slante
 from photosite.values.cfa import MONOCHROME
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
+from photosite.values.region import Region
 from photosite.values.uncertain import Missing, Uncertain
 
 Array = NDArray[np.float64]
@@ -70,27 +71,52 @@ def _measure(
     curves: list[Curve] = []
     diagnostics: list[Diagnostic] = []
     for channel in image.channels:
-        plane, tile = image.plane(channel, region)
-        own: dict[str, Any] = {"oversampling": oversampling, "window": window, "order": order, "reach_px": reach_px}
-        own |= {"channel": channel if tile != MONOCHROME else None, "cfa": tile}
-        mask = image.mask(channel, region)
-        check_edge(image, plane, mask, channel)
-        edge = slanted_edge_mtf(plane, **own)
-        if (light := _gradient(plane, mask, edge)) is not None:
-            edge = slanted_edge_mtf(plane / light, **own)
-            change = float(np.ptp(light))
+        edge, change = measured_edge(image, region, channel, EdgeOptions(order, window, oversampling, reach_px))
+        if change is not None:
             text = f"channel {channel}: the light changes by {100 * change:.2g} % over the region; it was divided out"
             diagnostics.append(UNEVEN_LIGHT(text, change))
-        check_blur(edge, reach_px)
-        # Noise adds its variance to the square of the response, on average.
-        unbiased = np.sqrt(np.maximum(edge.mtf**2 - edge.standard_uncertainty**2, 0.0))
-        edge = replace(edge, mtf=unbiased)
+        plane, tile = image.plane(channel, region)
         values |= {(name, channel): estimate for name, estimate in _values(edge).items()}
         if tile == MONOCHROME:
             values["mtf50_standard", channel] = _standard(plane, order)
         curves += _curves(edge, channel)
         diagnostics += _diagnostics(edge, channel)
     return Result(values, tuple(curves), (), tuple(diagnostics))
+
+
+@dataclass(frozen=True)
+class EdgeOptions:
+    """Options of `slanted_edge_mtf`."""
+
+    order: int = 5
+    window: Window = "tukey"
+    oversampling: int = 4
+    reach_px: float = 32.0
+
+
+def measured_edge(
+    image: ChartImage, region: Region, channel: str, options: EdgeOptions
+) -> tuple[SlantedEdge, float | None]:
+    """Return the edge in a region, without the bias of noise, and the relative change of the light, if it has one.
+
+    Raises
+    ------
+    InputError
+        If pixels are saturated, or there is no slanted edge.
+    """
+    plane, tile = image.plane(channel, region)
+    mask = image.mask(channel, region)
+    check_edge(image, plane, mask, channel)
+    own: dict[str, Any] = vars(options) | {"channel": channel if tile != MONOCHROME else None, "cfa": tile}
+    edge = slanted_edge_mtf(plane, **own)
+    change = None
+    if (light := _gradient(plane, mask, edge)) is not None:
+        edge = slanted_edge_mtf(plane / light, **own)
+        change = float(np.ptp(light))
+    check_blur(edge, options.reach_px)
+    # Noise adds its variance to the square of the response, on average.
+    unbiased = np.sqrt(np.maximum(edge.mtf**2 - edge.standard_uncertainty**2, 0.0))
+    return replace(edge, mtf=unbiased), change
 
 
 _CLEAR_OF_EDGE_PX = 12.0

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -430,9 +430,22 @@ class Profile(Shown):
     """Mean values over the distance from the edge."""
 
     distance: Array  # (bins,) centers of the bins, symmetric about the edge
-    # (bins,) mean of the pixels in each bin, interpolated to its center, and the variance of that mean
-    mean: Array
-    variance: Array
+    mean: Array  # (bins,) mean of the pixels in each bin, interpolated to its center
+    slope: Array  # (bins,) with which it is interpolated
+    # (n,) bins of the pixels, their distances from the centers of these, and their values
+    index: NDArray[np.intp]
+    away: Array
+    value: Array
+
+    @cached_property
+    def variance(self) -> Array:
+        """(bins,) variance of the means, from the scatter of the pixels in neighboring bins, which hold few each."""
+        size = self.mean.size
+        count = np.bincount(self.index, minlength=size)
+        residual = self.value - (self.mean[self.index] + self.slope[self.index] * self.away)
+        degrees = np.convolve(np.maximum(count - 1, 0), np.ones(9), "same")
+        scatter = np.convolve(np.bincount(self.index, residual**2, size), np.ones(9), "same")
+        return np.asarray(scatter / np.maximum(degrees, 1) / count)
 
     @property
     def width(self) -> float:
@@ -512,8 +525,10 @@ def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
     return replace(pixels, line=pixels.line[keep], x=pixels.x[keep], value=pixels.value[keep])
 
 
-def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
+def profile_across(pixels: Pixels, edge: Edge, distance: Array, oversampling: int) -> Profile:
     """Return the profile in bins of 1 / oversampling pixel, over the distances that every line covers.
+
+    `distance` holds those of the pixels from the edge.
 
     Raises `InputError` if the edge is too close to the sides of the region, or a bin has no pixel.
     """
@@ -526,10 +541,9 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
         raise InputError(what, value=max(margin, 0.0), expected=f"{LEAST_HALF_WIDTH:g} pixels or more", hint=hint)
     if math.isfinite(pixels.reach):
         half = min(half, math.floor(oversampling * pixels.reach))
-    distance = edge.distance(pixels)
     index = np.floor(distance * oversampling).astype(np.intp) + half
     inside = (index >= 0) & (index < 2 * half)
-    index, value, place = index[inside], pixels.value[inside], distance[inside]
+    index, value = index[inside], pixels.value[inside]
     count = np.bincount(index, minlength=2 * half)
     if count.min() < 1:
         angle_deg = math.degrees(math.atan(abs(edge.slope)))
@@ -538,15 +552,12 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
         arguments = {"oversampling": 2}
         raise InputError("angle of the edge", value=angle_deg, expected=expected, hint=hint, arguments=arguments)
     middle = (np.arange(2 * half) + 0.5 - half) / oversampling
+    away = distance[inside] - middle[index]
     mean = np.bincount(index, value, 2 * half) / count
     # The pixels of a bin are not centered in it: interpolate their mean to the center along the slope of the profile.
-    off = np.bincount(index, place - middle[index], 2 * half) / count
+    off = np.bincount(index, away, 2 * half) / count
     slope = np.gradient(mean, middle + off)
-    residual = value - (mean[index] + slope[index] * (place - middle[index] - off[index]))
-    # Pool the variance of neighboring bins, which hold few pixels each.
-    degrees = np.convolve(np.maximum(count - 1, 0), np.ones(9), "same")
-    scatter = np.convolve(np.bincount(index, residual**2, 2 * half), np.ones(9), "same")
-    return Profile(middle, mean - slope * off, scatter / np.maximum(degrees, 1) / count)
+    return Profile(middle, mean - slope * off, slope, index, away, value)
 
 
 def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profile]:
@@ -555,14 +566,19 @@ def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profil
     They are found by Gauss-Newton steps. A shift of the line only shifts the profile; the line is put, by
     convention, where the profile is half way from dark to bright.
     """
-    profile = profile_across(pixels, edge, oversampling)
+    distance = edge.distance(pixels)
+    profile = profile_across(pixels, edge, distance, oversampling)
     for _ in range(_FIT_STEPS):
         smooth = np.convolve(np.pad(profile.mean, 2, mode="edge"), _SMOOTHING, "valid")
-        distance = edge.distance(pixels)
         near = np.abs(distance) < profile.distance[-1]
-        place, line = distance[near], pixels.line[near]
-        steepness = np.interp(place, profile.distance, np.gradient(smooth, profile.distance))
-        residual = pixels.value[near] - np.interp(place, profile.distance, smooth)
+        line = pixels.line[near]
+        # Linear interpolation between the centers of the bins.
+        place = (distance[near] - profile.distance[0]) / profile.width
+        low = place.astype(np.intp)
+        part = place - low
+        gradient = np.gradient(smooth, profile.distance)
+        steepness, expected = (each[low] + part * (np.append(np.diff(each), 0.0)[low]) for each in (gradient, smooth))
+        residual = pixels.value[near] - expected
         # As the edge moves to the right, a pixel moves to the left relative to it.
         moved = steepness / -math.hypot(1.0, edge.slope)
         square, product = (np.bincount(line, moved * each, pixels.shape[0]) for each in (moved, residual))
@@ -571,7 +587,8 @@ def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profil
         shift = _half_way(profile.distance, smooth, profile.ends()) * math.hypot(1.0, edge.slope)
         bend = tuple(float(one + more) for one, more in zip(edge.bend, bends, strict=True))
         edge = replace(edge, position=edge.position + shift, slope=edge.slope + float(turn), bend=bend)
-        profile = profile_across(pixels, edge, oversampling)
+        distance = edge.distance(pixels)
+        profile = profile_across(pixels, edge, distance, oversampling)
         if abs(shift) + abs(turn) * pixels.shape[0] + sum(map(abs, bends)) < _FIT_ENOUGH_PX:
             break
     return edge, profile

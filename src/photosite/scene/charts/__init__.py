@@ -20,6 +20,7 @@ from photosite.scene.charts.flare_traps import flare_traps as flare_traps
 from photosite.scene.charts.iso_12233 import edge_star as edge_star
 from photosite.scene.charts.iso_12233 import siemens_star as siemens_star
 from photosite.scene.charts.iso_12233 import slanted_edge as slanted_edge
+from photosite.scene.charts.iso_12233 import slanted_squares as slanted_squares
 from photosite.scene.charts.patches import hdr_patches as hdr_patches
 from photosite.scene.charts.patches import reflectance_chart as reflectance_chart
 from photosite.scene.charts.patterns import checkerboard as checkerboard
@@ -51,6 +52,7 @@ __all__ = [
     "siemens_star",
     "sinusoid",
     "slanted_edge",
+    "slanted_squares",
     "uniform",
     "zone_plate",
 ]

@@ -1,4 +1,4 @@
-"""Resolution targets of ISO 12233: slanted edge, star of edges, and Siemens star."""
+"""Resolution targets of ISO 12233: slanted edge, slanted squares, star of edges, and Siemens star."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ _RADIUS = 0.45
 _PATCH = 0.07
 """Side of a gray patch in the corners, relative to the field's smaller side: two by two patches clear the star."""
 _LEVELS = 16
+_LEAST_HALF, _INNER = 4, 0.6
+"""Of a slanted square: half its side in samples, and the part of it that the region inside it has."""
 _LEAST_SIDE = 96
 """Samples of the smaller side that gray patches of 6 samples need."""
 
@@ -60,6 +62,66 @@ def slanted_edge(
         offset = edge_at[first : first + _STRIP, None] - np.arange(cols)[None, :]
         bright[first : first + _STRIP] = between(1.0 - coverage.left_of_line(offset, abs(slope)), contrast)
     return gray_chart(bright, f"slanted edge, {angle_deg:g} degrees, contrast {contrast:g} : 1")
+
+
+@lit()
+def slanted_squares(
+    *,
+    down: Annotated[int, Field(ge=2, le=64)] = 5,
+    across: Annotated[int, Field(ge=2, le=64)] = 7,
+    angle_deg: Annotated[float, Field(ge=1, le=15)] = 5.0,
+    side: Annotated[float, Field(ge=0.2, le=0.6)] = 0.5,
+    contrast: Contrast = 4.0,
+    rows: Samples = 400,
+    cols: Samples = 560,
+) -> Chart:
+    """Dark squares on a bright field, each turned by a few degrees: edges for a map of the response over the field.
+
+    Each sample holds the exact fraction of its area in a square, but for the samples at the corners of squares.
+
+    Parameters
+    ----------
+    down, across
+        Squares along the columns and along the rows, evenly over the field.
+    angle_deg
+        Clockwise rotation of the squares, from 1 to 15 degrees.
+    side
+        Side of a square over the smaller of the distances between squares.
+    contrast
+        Radiance of bright over that of dark, above 1; `math.inf` for black. ISO 12233 uses 4.
+    rows, cols
+        Samples.
+
+    Returns
+    -------
+    Chart
+        A region inside each square, "square 1" at the top left to the last at the bottom right, along the rows.
+
+    Examples
+    --------
+    >>> squares = slanted_squares(down=2, across=3, rows=80, cols=120)
+    >>> len(squares.regions), round(float((1 - squares.weights).sum() / 0.75))   # 6 squares of 20 by 20 samples
+    (6, 2400)
+    """
+    pitch = rows / down, cols / across
+    half = 0.5 * side * min(pitch)
+    if half < _LEAST_HALF:
+        expected = f"{2 * _LEAST_HALF} samples or more ({rows} x {cols})"
+        raise InputError("side of the squares", value=2 * half, expected=expected)
+    bright = np.ones((rows, cols), np.float32)
+    inner = int(_INNER * half)
+    regions = []
+    for number in range(down * across):
+        row, col = (pitch[0] * (number // across + 0.5), pitch[1] * (number % across + 0.5))
+        reach = math.ceil(half * (1.0 + math.tan(math.radians(angle_deg)))) + 1
+        r0, c0 = max(int(row) - reach, 0), max(int(col) - reach, 0)
+        part = bright[r0 : int(row) + reach + 1, c0 : int(col) + reach + 1]
+        inside = coverage.turned_square(part.shape, (row - r0, col - c0), half, math.radians(angle_deg))
+        part[:] = between(1.0 - inside, contrast)
+        y, x = round(row), round(col)
+        regions.append(Region(f"square {number + 1}", y - inner, y + inner, x - inner, x + inner))
+    name = f"{down} x {across} squares, turned by {angle_deg:g} degrees, contrast {contrast:g} : 1"
+    return gray_chart(bright, name, regions=tuple(regions))
 
 
 @lit()
