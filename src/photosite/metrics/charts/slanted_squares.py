@@ -1,10 +1,9 @@
-"""Slanted squares of a chart in an image: where they are, and how the chart is found."""
+"""A chart of slanted squares: the corners of the squares, and its detection in an image."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,50 +13,19 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.lattice import lattice
 from photosite.scene.placement import Homography
 from photosite.values.region import Corners
-from photosite.values.shown import Shown
-
-if TYPE_CHECKING:
-    from photosite.metrics.charts.placed_chart import PlacedChart
 
 Array = NDArray[np.float64]
 
 NAME = "slanted-squares"
-_POINTS_ACROSS = 24
-"""Points of the reduced picture across a square."""
-_LEAST_SIDE_PX = 40.0
+_LEAST_AREA = 24  # points of the reduced picture
 _LONG_SIDE = 600
 """Points on the longer side of the reduced picture that is searched."""
-_ROUNDS = 8
-_FOUND_POINTS = 0.02
-_AREA = 0.6, 1.5
-"""Area of a square in the image over that of the chart."""
 _PARALLELOGRAM = 0.85, 1.08
 """Area over 12 times the root of the determinant of the second moments: 1 for a parallelogram."""
 _ALIKE = 2.5
 """Largest ratio of the area of a square to the median."""
 _MOST_ELONGATED = 2.0
 _HINT = "Give the corners of the chart"
-
-
-@dataclass(frozen=True, eq=False)
-class SeenSquare(Shown):
-    """A square in an image.
-
-    Parameters
-    ----------
-    place
-        Row and column among the squares of the chart.
-    corners
-        (4, 2) corners in order around it, in pixels.
-    """
-
-    place: tuple[int, int]
-    corners: Array
-
-    @property
-    def center(self) -> Array:
-        """Row and column of the center, in pixels."""
-        return np.asarray(self.corners.mean(axis=0))
 
 
 def chart_corners(shape: tuple[int, int], options: Any) -> dict[tuple[int, int], Array]:
@@ -70,62 +38,13 @@ def chart_corners(shape: tuple[int, int], options: Any) -> dict[tuple[int, int],
     return {(r, c): pitch * (r + 0.5, c + 0.5) + around for r in range(down) for c in range(across)}
 
 
-def seen_squares(image: ChartImage, chart: PlacedChart) -> list[SeenSquare]:
-    """Return the squares that are whole in the image, each moved to where it is seen: distortion displaces them.
-
-    Raises
-    ------
-    InputError
-        If the squares are too small, or none is where the chart has it.
-    """
-    drawn = {place: chart.to_image(each) for place, each in chart_corners(chart.scene.shape, chart.options).items()}
-    side = math.sqrt(float(np.median([_area(each) for each in drawn.values()])))
-    if side < _LEAST_SIDE_PX:
-        raise InputError("side of the squares in the image", value=side, expected=f"{_LEAST_SIDE_PX:g} pixels or more")
-    light, step = _reduced(image, side / _POINTS_ACROSS)
-    reach = 0.5 * side / float(chart.options["side"]) / step
-    found = []
-    for place, corners in drawn.items():
-        moved = _moved(light, corners / step, reach)
-        if moved is not None and (moved >= 0).all() and (moved <= light.shape).all():
-            found.append(SeenSquare(place, moved * step))
-    if not found:
-        raise InputError("squares of the chart", value=0, expected="seen where the chart has them", hint=_HINT)
-    return found
-
-
-def _area(corners: Array) -> float:
-    one, other = corners[2] - corners[0], corners[3] - corners[1]
-    return abs(float(one[0] * other[1] - one[1] * other[0])) / 2
-
-
-def _reduced(image: ChartImage, step: float) -> tuple[Array, int]:
+def reduced_image(image: ChartImage, step: float) -> tuple[Array, int]:
     """Return the means of blocks of about `step` pixels, of whole tiles, and their side."""
     tile = 1 if image.origin == "picture" else int(np.lcm(len(image.cfa), len(image.cfa[0])))
     side = max(int(step) // tile, 1) * tile
     rows, cols = (size // side for size in image.shape)
     part = image.mean[: rows * side, : cols * side]
     return part.reshape(rows, side, cols, -1).mean(axis=(1, 3)), side
-
-
-def _moved(light: Array, corners: Array, reach: float) -> Array | None:
-    """Return corners moved so that their center is the centroid of the dark around it; None without a square."""
-    center = corners.mean(axis=0)
-    for _ in range(_ROUNDS):
-        (r0, c0), (r1, c1) = (np.rint(center + sign * reach).astype(int) for sign in (-1, 1))
-        part = light[max(r0, 0) : max(r1, 0), max(c0, 0) : max(c1, 0)]
-        if part.size < _POINTS_ACROSS**2:
-            return None
-        dark, bright = np.percentile(part, (10, 90))
-        inside = part < 0.5 * (dark + bright)
-        row, col = np.nonzero(inside)
-        seen = np.array([row.mean() + max(r0, 0), col.mean() + max(c0, 0)]) + 0.5
-        step = seen - center
-        center = seen
-        if np.abs(step).max() < _FOUND_POINTS:
-            break
-    alike = float(inside.sum()) / _area(corners)
-    return corners + (center - corners.mean(axis=0)) if _AREA[0] < alike < _AREA[1] else None
 
 
 def find_squares(image: ChartImage, shape: tuple[int, int], options: Any) -> Corners:
@@ -136,7 +55,7 @@ def find_squares(image: ChartImage, shape: tuple[int, int], options: Any) -> Cor
     InputError
         If as many similar squares as the chart has are not found on a grid.
     """
-    light, step = _reduced(image, max(image.shape) / _LONG_SIDE)
+    light, step = reduced_image(image, max(image.shape) / _LONG_SIDE)
     centers = _blobs(light)
     wanted = int(options["down"]), int(options["across"])
     expected = f"{wanted[0]} x {wanted[1]} on a grid"
@@ -166,7 +85,7 @@ def _blobs(light: Array) -> Array:
     found = []
     for number, where in enumerate(find_objects(labels, count), start=1):
         row, col = np.nonzero(labels[where] == number)
-        if row.size < _POINTS_ACROSS or where[0].start == 0 or where[1].start == 0:
+        if row.size < _LEAST_AREA or where[0].start == 0 or where[1].start == 0:
             continue
         spread = np.cov(row, col, bias=True) + np.eye(2) / 12.0
         low, high = np.linalg.eigvalsh(spread)

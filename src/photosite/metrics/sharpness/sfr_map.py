@@ -15,9 +15,9 @@ from pydantic import Field
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
-from photosite.metrics.charts.slanted_squares import SeenSquare, seen_squares
 from photosite.metrics.measurement import Curve, FieldMap, Measurement, Quantity, Result
 from photosite.metrics.sharpness.edge_sfr import EdgeOptions, measured_edge
+from photosite.metrics.sharpness.seen_squares import SeenSquare, seen_squares
 from photosite.metrics.sharpness.slanted_edge import SlantedEdge
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
