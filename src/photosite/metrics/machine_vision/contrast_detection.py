@@ -78,13 +78,15 @@ def _interval(found: Uncertain) -> tuple[float, float]:
 
 
 MEASUREMENT = Measurement(
-    title="Contrast detection probability (CDP)",
+    title="Contrast transfer accuracy (CTA, formerly contrast detection probability, CDP)",
     standard="IEEE P2020, as published by Geese, Seger and Paolillo, Electronic Imaging (2018)",
     charts=GRAY_CHARTS,
     measure=_measure,
     quantities={
         "probability": Quantity(
-            "CDP", "", "Part of the pairs of pixels whose contrast is within the tolerance of that of their patches."
+            "CTA (CDP)",
+            "",
+            "Part of the pairs of pixels whose contrast is within the tolerance of that of their patches.",
         ),
     },
     oracle="probability of Gaussian signals in closed form",
