@@ -109,7 +109,7 @@ class NoisePower(Shown):
         squares = [float((scatter[shown][:, at] ** 2).mean()) / (shown.sum() * len(at)) for at in (on, beside)]
         square = squares[0] * _ALIKE * self.blocks[1 - axis] + squares[1] * _ALIKE**2
         area = size * self.period**2 * _COHERENT
-        return Uncertain.of_variance(excess / area, np.sqrt(2.0 * square / self.periodograms) / area)
+        return Uncertain.of(excess / area, np.sqrt(2.0 * square / self.periodograms) / area)
 
 
 def noise_power(planes: Iterable[Array], period: int, size: int, freedom: float = 1.0) -> NoisePower:

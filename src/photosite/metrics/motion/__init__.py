@@ -1,0 +1,1 @@
+"""Measurements of motion: rolling shutters, blur, and the timing of frames."""
