@@ -127,3 +127,14 @@ def test_wrong_calls_are_one_line(photosite: Any, camera: Path, options: tuple[s
     assert (done.status, done.out) == (2, "")
     assert message in done.err
     assert done.err.count("\n") == 1
+
+
+def test_image_quality_of_two_frames(photosite: Any, tmp_path: Path) -> None:
+    simulate = ("simulate", "--scene", "slanted-edge", "--exposure", "auto")
+    for seed in (1, 2):
+        photosite(*simulate, "--seed", str(seed), "-o", tmp_path / f"{seed}.dng")
+    files = tmp_path / "1.dng", tmp_path / "2.dng"
+    found = photosite("validate", *files, "--chart", "slanted-edge", "--image-quality", "--json").json
+    assert found["agrees"]
+    assert {"edge-sfr.mtf50.G", "acutance.acutance.G"} <= {each["name"] for each in found["values"]}
+    assert photosite("validate", "--measured", *files, "--image-quality").status == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import photosite as ps
 from photosite.errors import InputError
 from photosite.studies.simulated_charts import ChartConditions, image_quality, measure_camera
+from photosite.studies.sweep_file import load_sweep
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +72,35 @@ def test_names_of_columns_are_checked(camera: ps.Camera) -> None:
     for values in (["edge-sfr.mtf51"], ["edgesfr.mtf50"], ["mtf50"]):
         with pytest.raises(InputError):
             image_quality(camera, values=values)
+
+
+def test_light_of_the_charts_is_swept(camera: ps.Camera, tmp_path: Path) -> None:
+    """At a fixed exposure time, contrast is detected more often in more light."""
+    name = "contrast-detection.probability.G, neutral 3.5 and neutral 5"
+    file = tmp_path / "a.sweep.yaml"
+    file.write_text(
+        "photosite_sweep: 1\ncamera: {sensor: nikon-d200, optics: {f_number: 8, focal_length_mm: 50}}\n"
+        f"values: {{rows: [264], cols: [392], mean_luminance_cd_m2: [20, 200]}}\n"
+        f"measure: {{image_quality: {{values: ['{name}'], frames: 2, exposure: 1/200}}}}\n"
+    )
+    wanted = load_sweep(file)
+    dim, bright = ps.studies.sweep(wanted.camera, wanted.values, wanted.measure, scene=wanted.scene)[name]
+    assert dim < 0.4 < 0.9 < bright
+    with pytest.raises(InputError):
+        image_quality(camera, ps.charts.macbeth("D65", 40), values=[name])
+
+
+def test_comparisons_take_values_of_image_quality() -> None:
+    sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=100)
+    lenses = {f"f/{n}": ps.DiffractionLimited(f_number=n, focal_length_mm=50) for n in (4, 16)}
+    values = ["edge-sfr.mtf50.G"]
+    cameras = {name: ps.Camera(lens, sensor) for name, lens in lenses.items()}
+    found = ps.studies.compare_cameras(cameras, values=values)
+    sharp, blurred = (each["edge-sfr.mtf50.G"] for each in found.facts().values())
+    assert sharp > 1.5 * blurred
+    assert "edge-sfr.mtf50.G" in str(found)
+    mono = sensor.with_(cfa=(("G",),), channels={"G": sensor.channels["G"]})
+    of_sensors = ps.studies.compare_sensors({"color": sensor, "mono": mono}, values=["edge-sfr.mtf50"])
+    facts = of_sensors.facts()
+    assert facts["mono"]["edge-sfr.mtf50.R"] is None
+    assert facts["color"]["edge-sfr.mtf50.R"] is not None

@@ -197,6 +197,7 @@ def _camera_text(camera: CameraProfile) -> str:
 @options.luminance_option("Mean luminance of the chart's patches, in cd/m2.", default=40.0)
 @options.distance_option("Distance from lens to chart, in m.", default=1.2)
 @options.seed_option()
+@options.values_option()
 @options.json_option
 def compare(files: tuple[Path, ...], as_json: bool, **conditions: Any) -> None:
     """Compare cameras in the same light: noise, dynamic range, sharpness, and the color error of a ColorChecker.

@@ -507,6 +507,12 @@ def luminance_option(text: str = LUMINANCE_HELP, default: float | None = None) -
     return quantity("--luminance", "mean_luminance_cd_m2", unit="CD/M2", default=default, text=text)
 
 
+def values_option() -> Callable[[F], F]:
+    """Add --value, for names of image quality."""
+    text = "A value of image quality of simulated charts as a column, such as edge-sfr.mtf50; may be repeated."
+    return click.option("--value", "values", multiple=True, metavar="NAME", help=text)
+
+
 def distance_option(text: str = "Distance from lens to scene in m.", default: float | None = None) -> Callable[[F], F]:
     """Add --distance."""
     return quantity("--distance", "distance_m", unit="M", default=default, text=text)

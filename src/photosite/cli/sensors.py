@@ -234,6 +234,7 @@ def export(name: str, output: Path, as_json: bool) -> None:
 @options.quantity("--f-number", unit="N", default=2.8, text="f-number of the common lens, without losses.")
 @options.exposure_option(text="Exposure time in s, such as 0.01 or 1/15.", default="1/15")
 @options.option("--illuminant", default="3200K", metavar="NAME", help=options.ILLUMINANT_HELP)
+@options.values_option()
 @file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Page to write, .html or .pdf.")
 @json_option
 def compare(names: tuple[str, ...], as_json: bool, report: Path | None, **conditions: Any) -> None:

@@ -11,7 +11,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command, OptionSpelling
-from photosite.cli.output import listed, say, say_if_compiling, show, table, verdict
+from photosite.cli.output import listed, say, say_if_compiling, show, table, tabular, verdict
 
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
@@ -60,6 +60,11 @@ _only_with_measured = options.stacked(
 @click.command("validate", cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="MEASURED SIMULATED | FILES")
 @click.option("--chart", default="macbeth", help="Chart that fills the frames; only with two paths.")
+@click.option(
+    "--image-quality",
+    is_flag=True,
+    help="Compare every measurement of image quality on the chart, with a verdict for each value; only with two paths.",
+)
 @options.level_option
 @options.tolerance_percent_option(
     0.0, "Relative tolerance of means and noise, in percent; with 0, every difference beyond the noise counts."
@@ -73,6 +78,7 @@ def command(
     /,
     paths: tuple[Path, ...],
     chart: str,
+    image_quality: bool,
     as_json: bool,
     measured: tuple[Path, ...],
     **camera: Any,
@@ -89,6 +95,8 @@ def command(
 
     Example: photosite validate shot.dng simulated.dng --tolerance 1
 
+    Example: photosite validate edge.dng simulated.dng --chart slanted-edge --image-quality
+
     \b
     Example: photosite validate --measured shot*.nef
           --sensor mine.sensor.yaml --illuminant lamp.csv
@@ -102,6 +110,8 @@ def command(
     if measured:
         if options.is_given(ctx, "chart"):
             raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)
+        if image_quality:
+            raise click.UsageError("--image-quality applies to two paths", ctx)
         _validate_measured(ctx, _frames([*measured, *paths], reading), test, as_json, camera)
         return
     if given := [name for name in camera if options.is_given(ctx, name)]:
@@ -112,6 +122,9 @@ def command(
         )
     shot, simulated = _frames(paths[:1], reading), _read(paths[1:], reading)[1]
     say_if_compiling()
+    if image_quality:
+        _compare_quality(shot, simulated, chart, test, as_json)
+        return
     result = validate(shot, simulated, chart=chart, **test)
     show(as_json, result.to_dict(), lambda: _text(result.agrees, (*result.reasons, *result.notes), result))
 
@@ -174,6 +187,17 @@ def _validated(frames: Sequence[RawFrame], test: Mapping[str, Any], camera: Mapp
     seen = replace(frames[0], cfa=conditions.sensor.array.cfa)
     corners = find_chart(seen) if camera["detect"] else camera["corners"]
     return validate_frames(frames, conditions, corners, fit=camera["fit"], seed=camera["seed"], **test)
+
+
+def _compare_quality(
+    shot: Sequence[RawFrame], simulated: Sequence[RawFrame], chart: str, test: Mapping[str, Any], as_json: bool
+) -> None:
+    from photosite.metrics.measure import measure
+    from photosite.validation.quality_comparison import compare_quality
+
+    found = compare_quality(*(measure(frames, chart) for frames in (shot, simulated)), **test)
+    counts = ", ".join(f"{count} {name}" for name, count in found.count.items())
+    show(as_json, found.to_dict(), lambda: f"image quality {verdict(found.agrees)}: {counts}\n\n{tabular(found)}")
 
 
 def _defaults_used(ctx: click.Context) -> list[str]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from photosite.studies.sensor_comparison import (
     sensor_facts,
     transitions_to_dict,
 )
+from photosite.studies.simulated_charts import compared_quality
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, ResultTable, Shown, Tabular
 
@@ -179,6 +180,8 @@ class CameraComparison(Tabular):
         (points,) of the curves of MTF, to the highest Nyquist frequency.
     exposure_s, illuminant, mean_luminance_cd_m2, distance_m, seed
         The conditions.
+    quality
+        Values of image quality of simulated charts, by label and name.
     """
 
     cameras: Mapping[str, CameraFacts]
@@ -189,6 +192,11 @@ class CameraComparison(Tabular):
     mean_luminance_cd_m2: float
     distance_m: float
     seed: int
+    quality: Mapping[str, Mapping[str, Cell]] = field(default_factory=dict)
+
+    def facts(self) -> dict[str, dict[str, Cell]]:
+        """Return the numbers of each camera, and its image quality."""
+        return {label: each.to_dict() | dict(self.quality.get(label, {})) for label, each in self.cameras.items()}
 
     @property
     def conditions(self) -> str:
@@ -215,7 +223,7 @@ class CameraComparison(Tabular):
         grid = self.luminance_cd_m2
         return {
             **{name: getattr(self, name) for name in names},
-            "cameras": {label: facts.to_dict() for label, facts in self.cameras.items()},
+            "cameras": self.facts(),
             "transitions": transitions_to_dict({label: facts.light for label, facts in self.cameras.items()}),
             "luminance_cd_m2": grid.tolist(),
             "snr_db": {
@@ -236,15 +244,16 @@ class CameraComparison(Tabular):
         return axes
 
     def _table(self) -> ResultTable:
-        rows = [(label, *facts.to_dict().values()) for label, facts in self.cameras.items()]
-        names = next(iter(self.cameras.values())).to_dict()
+        facts = self.facts()
+        rows = [(label, *each.values()) for label, each in facts.items()]
+        names = next(iter(facts.values()))
         return ResultTable(f"Cameras at {self.conditions}", ("camera", *names), rows)
 
     def _brief_table(self) -> ResultTable:
         brief = ["dynamic_range_db", "snr10_cd_m2", "mtf50_per_height", "mean_delta_e_2000"]
         if any(facts.light.transitions for facts in self.cameras.values()):
             brief.insert(2, SWITCHES)
-        return self._table().only(("camera", *brief))
+        return self._table().only(("camera", *brief, *next(iter(self.quality.values()), {})))
 
 
 def compare_cameras(
@@ -255,6 +264,7 @@ def compare_cameras(
     mean_luminance_cd_m2: float = 40.0,
     distance_m: float = DEFAULT_DISTANCE_M,
     seed: int = 0,
+    values: Sequence[str] = (),
 ) -> CameraComparison:
     """Compare cameras in the same light: noise, sharpness on the axis, and the patches of a ColorChecker.
 
@@ -268,6 +278,9 @@ def compare_cameras(
         Mean luminance of the chart's patches, and its distance from the lens.
     seed
         Key of the noise in the frames of the chart.
+    values
+        Names of image quality, such as "edge-sfr.mtf50.G", as for `photosite.studies.simulated_charts.image_quality`:
+        of charts in the same light, exposed to just below saturation.
 
     Raises
     ------
@@ -308,6 +321,7 @@ def compare_cameras(
         float(mean_luminance_cd_m2),
         float(distance_m),
         seed,
+        compared_quality(cameras, values, illuminant=illuminant, luminance_cd_m2=mean_luminance_cd_m2),
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from photosite.studies.gray_surface import (
     total_variance_e2,
     transitions,
 )
+from photosite.studies.simulated_charts import compared_quality
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, Reported, ResultTable, Tabular, cell_text
 
@@ -156,6 +157,8 @@ class SensorComparison(Reported, Tabular):
         (points,) of the curves, from a ratio of about -10 dB to the highest saturation.
     f_number, exposure_s, illuminant
         The conditions.
+    quality
+        Values of image quality of simulated charts, by label and name.
     """
 
     sensors: Mapping[str, SensorFacts]
@@ -163,6 +166,16 @@ class SensorComparison(Reported, Tabular):
     f_number: float
     exposure_s: float
     illuminant: str
+    quality: Mapping[str, Mapping[str, Cell]] = field(default_factory=dict)
+
+    def facts(self) -> dict[str, dict[str, Cell]]:
+        """Return the numbers of each sensor, and its image quality."""
+        return {label: each.to_dict() | dict(self.quality.get(label, {})) for label, each in self.sensors.items()}
+
+    @property
+    def quality_names(self) -> tuple[str, ...]:
+        """Names of the values of image quality."""
+        return tuple(next(iter(self.quality.values()), {}))
 
     @property
     def conditions(self) -> str:
@@ -180,7 +193,7 @@ class SensorComparison(Reported, Tabular):
             "f_number": self.f_number,
             "exposure_s": self.exposure_s,
             "illuminant": self.illuminant,
-            "sensors": {label: facts.to_dict() for label, facts in self.sensors.items()},
+            "sensors": self.facts(),
             "transitions": transitions_to_dict(self.sensors),
             "luminance_cd_m2": self.luminance_cd_m2.tolist(),
             "snr_db": curves,
@@ -195,15 +208,15 @@ class SensorComparison(Reported, Tabular):
         return axes
 
     def _table(self) -> ResultTable:
-        names = tuple(_TITLES)
-        rows = [(label, *(facts.to_dict()[name] for name in names)) for label, facts in self.sensors.items()]
+        names = (*_TITLES, *self.quality_names)
+        rows = [(label, *(facts[name] for name in names)) for label, facts in self.facts().items()]
         return ResultTable(f"Sensors at {self.conditions}", ("sensor", *names), rows)
 
     def _brief_table(self) -> ResultTable:
         brief = ["pixel_width_um", "saturation_capacity_e", "read_noise_e", "dynamic_range_db", "snr10_lux"]
         if any(facts.transitions for facts in self.sensors.values()):
             brief.append(SWITCHES)
-        return self._table().only(("sensor", *brief))
+        return self._table().only(("sensor", *brief, *self.quality_names))
 
 
 def transitions_to_dict(sensors: Mapping[str, SensorFacts]) -> dict[str, list[dict[str, Any]]]:
@@ -223,6 +236,7 @@ def compare_sensors(
     f_number: float = 2.8,
     exposure_s: float = 1 / 15,
     illuminant: str | float = "3200K",
+    values: Sequence[str] = (),
 ) -> SensorComparison:
     """Compare sensors behind the same lens, each by the channel with the largest signal.
 
@@ -232,6 +246,9 @@ def compare_sensors(
         By label.
     f_number, exposure_s, illuminant
         The common conditions: f-number of a lens without losses, exposure time, light on an even, distant surface.
+    values
+        Names of image quality, such as "edge-sfr.mtf50.G", as for `photosite.studies.simulated_charts.image_quality`:
+        of charts in the same light, exposed to just below saturation.
 
     Raises
     ------
@@ -261,7 +278,10 @@ def compare_sensors(
         label: sensor_facts(Camera(lens, sensor), time_s, illuminant, f"sensor '{label}'")
         for label, sensor in sensors.items()
     }
-    return SensorComparison(facts, luminance_grid(facts), float(f_number), time_s, f"{illuminant}")
+    quality = compared_quality(
+        {label: Camera(lens, sensor) for label, sensor in sensors.items()}, values, illuminant=illuminant
+    )
+    return SensorComparison(facts, luminance_grid(facts), float(f_number), time_s, f"{illuminant}", quality)
 
 
 def luminance_grid(facts: Mapping[str, SensorFacts]) -> Array:
@@ -339,6 +359,7 @@ def comparison_page(found: SensorComparison) -> Page:
         for name, title in _TITLES.items()
         if several or name != SWITCHES
     )
+    rows += tuple((name, *(_text(each[name]) for each in found.quality.values())) for name in found.quality_names)
     table = Table(f"At {found.conditions}, without losses in the lens", columns("", *map(numeric, found.sensors)), rows)
     figure = figure_block(
         comparison_figure(found),

@@ -7,7 +7,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from photosite.camera.camera import Camera
+from photosite.color.spectrum import Spectrum, energy_from_photons
 from photosite.errors import InputError
 from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.chart_image import ChartImage, chart_image
@@ -45,7 +48,7 @@ class ChartConditions(Shown):
 
     frames: int = 8
     seed: int = 0
-    illuminant: str | float = "D65"
+    illuminant: str | float | Spectrum = "D65"
     luminance_cd_m2: float = 200.0
     exposure_s: float | None = None
 
@@ -140,7 +143,8 @@ def image_quality(
     Parameters
     ----------
     camera, scene
-        The camera; a scene is refused: the charts are the scenes.
+        The camera; an even surface whose light and luminance the charts have, instead of `luminance_cd_m2` and
+        `illuminant`.
     values
         Names such as "edge-sfr.mtf50.G", or "edge-sfr.mtf50" for every part.
     frames, luminance_cd_m2, illuminant, exposure_s
@@ -154,15 +158,19 @@ def image_quality(
     Raises
     ------
     InputError
-        If a name is unknown, or there is a scene.
+        If a name is unknown, or the scene is not an even surface.
     """
+    light: str | float | Spectrum = illuminant
     if scene is not None:
-        raise InputError("scene", expected="omitted: image quality is that of charts")
+        if np.ptp(scene.weights, axis=(1, 2)).any():
+            raise InputError("scene", value=scene.name, expected="an even surface, whose light the charts have")
+        light = Spectrum(scene.wavelength_nm, energy_from_photons(scene.light(), scene.wavelength_nm))
+        luminance_cd_m2 = scene.mean_luminance_cd_m2()
     wanted = [ValueName.parse(name) for name in values]
     found: dict[str, float] = {}
     for id in dict.fromkeys(name.measurement for name in wanted):
         chart = measurement(id).charts[0]
-        conditions = ChartConditions(frames, 0, illuminant, luminance_cd_m2, exposure_s)
+        conditions = ChartConditions(frames, 0, light, luminance_cd_m2, exposure_s)
         quality = measure_camera(camera, conditions, charts=[chart], only=[id])
         result = quality.charts[chart].results[id]
         for name in (each for each in wanted if each.measurement == id):
@@ -172,6 +180,31 @@ def image_quality(
                 found[key] = math.nan if estimate.value is None else estimate.value
                 found[f"u({key})"] = math.nan if estimate.value is None else estimate.standard_uncertainty or 0.0
     return found
+
+
+def compared_quality(
+    cameras: Mapping[str, Camera], values: Sequence[str], **conditions: Any
+) -> dict[str, dict[str, float | None]]:
+    """Return values of image quality of cameras by label, for comparisons: each has all names, None where missing.
+
+    Parameters
+    ----------
+    cameras, values, **conditions
+        Cameras by label; the arguments of `image_quality`.
+
+    Examples
+    --------
+    >>> compared_quality({}, ["edge-sfr.mtf50"])
+    {}
+    """
+    if not values:
+        return {}
+    found = {label: image_quality(camera, values=values, **conditions) for label, camera in cameras.items()}
+    names = dict.fromkeys(name for each in found.values() for name in each)
+    return {
+        label: {name: each[name] if math.isfinite(each.get(name, math.nan)) else None for name in names}
+        for label, each in found.items()
+    }
 
 
 def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditions) -> tuple[ChartImage, PlacedChart]:

@@ -28,6 +28,7 @@ from photosite.camera.file import SetUp, load_camera, parse_camera, parse_illumi
 from photosite.errors import FileError, InputError, in_file
 from photosite.files.yaml import check_version, line_of, read_yaml, validated
 from photosite.metrics.registry import ValueName
+from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.scene.scene_request import PlanesRequest
 from photosite.studies.gray_surface import snr
@@ -174,6 +175,8 @@ def load_sweep(path: str | PathLike[str]) -> SweepRequest:
     with in_file(file, (isinstance(section, Mapping) and line_of(section, "illuminant")) or line_of(data, "measure")):
         light = parse_illuminant(_plain(chosen.illuminant), file)
     values = {name: [_plain(value) for value in entries] for name, entries in content.values.items()}
+    if content.measure.image_quality is not None and {"illuminant", "mean_luminance_cd_m2"} & values.keys():
+        scene = charts.uniform(light, content.measure.image_quality.luminance_cd_m2)  # the light of the charts
     _check_values(file, data, camera, values, scene)
     return SweepRequest(camera, values, chosen.model_copy(update={"illuminant": light}).measure(), scene, content.name)
 
