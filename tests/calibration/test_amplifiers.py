@@ -69,6 +69,12 @@ def test_each_amplifier_has_its_gain_noise_and_black_level(quadrants: ps.Calibra
     assert found.to_dict()["amplifiers"]["D"]["rows"] == [ROWS, 2 * ROWS]
 
 
+def test_no_pixel_beside_the_step_between_amplifiers_is_defective(tmp_path: Path) -> None:
+    """A step of 170 DN, 65 times the noise: the surface through the medians of blocks leaves it."""
+    found = ps.calibrate(ps.open_frames(write(tmp_path, {"A": (0.25, 64.0), "B": (0.35, 234.0)}, 3), bits=12))
+    assert not [entry for entry in found.diagnostics if entry.id == "defective-pixels"]
+
+
 def test_the_chip_has_the_mean_gain(quadrants: ps.Calibration) -> None:
     """The gain of all pixels together, which the standard's block keeps, is 1.6 % higher, 5 standard uncertainties."""
     found, gains = quadrants, np.array([gain for gain, _ in QUADRANTS.values()])

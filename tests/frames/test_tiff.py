@@ -10,8 +10,9 @@ import pytest
 import tifffile
 from raising import raises
 
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.frames.frame_file import describe_frame
+from photosite.frames.from_files import EXPOSURE_HINT
 from photosite.frames.io import tiff
 from photosite.frames.io.formats import read_headers, read_raw
 from photosite.frames.open import open_frames
@@ -199,3 +200,54 @@ def test_another_orientation_is_noted_and_pixels_are_read_as_they_are_stored(tmp
     assert np.array_equal(np.stack(list(frames.groups[0])), stack)
     (entry,) = (entry for entry in frames.diagnostics if entry.id == "other-orientation")
     assert (entry.size, "dark_1s_1.tif" in entry.text) == (1, True)
+
+
+STACK = np.random.default_rng(2).integers(60, 900, (3, 8, 9)).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("times", "unit", "exposures"),
+    [
+        ([20.0] * 3, ["ms"] * 3, [0.02] * 3),
+        ([0.5] * 3, None, [0.5] * 3),
+        ([10.0, 20.0, 40.0], ["ms"] * 3, [0.01, 0.02, 0.04]),
+        ([250.0] * 3, ["µs"] * 3, [0.00025] * 3),
+    ],
+)
+def test_exposures_of_ome(tmp_path, times, unit, exposures):
+    plane = {"ExposureTime": times, **({} if unit is None else {"ExposureTimeUnit": unit})}
+    metadata = {"axes": "TYX", "SignificantBits": 12, "Plane": plane}
+    tifffile.imwrite(tmp_path / "a.ome.tif", STACK, photometric="minisblack", ome=True, metadata=metadata)
+    headers = read_headers(tmp_path / "a.ome.tif")
+    assert [header.exposure_s for header in headers] == pytest.approx(exposures)
+    assert {header.bits for header in headers} == {12}
+    np.testing.assert_array_equal(read_raw(tmp_path / "a.ome.tif", index=1).dn, STACK[1])
+
+
+@pytest.mark.parametrize("bits", [16, 0, 99])
+def test_bits_of_ome_that_say_nothing(tmp_path, bits):
+    metadata = {"axes": "TYX", "SignificantBits": bits}
+    tifffile.imwrite(tmp_path / "a.ome.tif", STACK, photometric="minisblack", ome=True, metadata=metadata)
+    assert {(header.bits, header.exposure_s) for header in read_headers(tmp_path / "a.ome.tif")} == {(None, None)}
+
+
+def test_exposure_of_micro_manager(tmp_path):
+    text = b'{"Camera": "Andor", "Exposure-ms": 20.5, "Binning": "1"}\0'
+    tags = [(51123, 2, len(text), text, False)]
+    tifffile.imwrite(tmp_path / "img.tif", STACK, photometric="minisblack", metadata=None, extratags=tags)
+    assert {header.exposure_s for header in read_headers(tmp_path / "img.tif")} == {0.0205}
+
+
+def test_the_exposure_of_files_that_state_none(tmp_path):
+    for name in ("dark", "level1", "level2"):
+        tifffile.imwrite(tmp_path / f"{name}.tif", STACK, photometric="minisblack")
+    with raises(FileError, "the file and name do not state the exposure time", hint=EXPOSURE_HINT) as caught:
+        open_frames(tmp_path)
+    assert caught.value.arguments == {"exposure_s": 0.02}
+    frames = open_frames(tmp_path, exposure_s=0.02, dark="dark*", light="level*")
+    assert {group.exposure_s for group in frames.groups} == {0.02}
+    tifffile.imwrite(tmp_path / "flat_10ms.tif", STACK, photometric="minisblack")
+    times = [group.exposure_s for group in open_frames(tmp_path, exposure_s=0.02, light="level*").groups]
+    assert sorted(times) == [0.01, 0.02, 0.02, 0.02]
+    with raises(InputError, "exposure_s"):
+        open_frames(tmp_path, exposure_s=-1)

@@ -23,7 +23,9 @@ from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.frames.io.format_table import is_frame_name
 from photosite.frames.open import capture_folders, open_frames, open_settings
 
-_READING = ("bits", "cfa", "black_level_dn", "region", "layout", "where")
+_READING = ("bits", "cfa", "black_level_dn", "exposure_s", "region", "layout", "where")
+
+_FLAGS = {"black_level_dn": "--black-level", "exposure_s": "--exposure"}
 
 
 class FolderRequest(Part):
@@ -33,6 +35,7 @@ class FolderRequest(Part):
     bits: int | None = Field(None, ge=1, le=16, description="Bit depth, for files that do not state it.")
     cfa: Text = Field("", description="Color filter array, for files that do not state it.")
     black_level_dn: float | None = Field(None, ge=0, lt=65536, description="Black level to compare dark frames with.")
+    exposure_s: float | None = Field(None, gt=0, le=1e6, description="Exposure time of frames that state none.")
     region: Text = Field("", description="Pixels with light, for files that do not state them.")
     layout: Text = Field("", description="Pixels of headerless files.")
     where: Text = Field("", description="Setting to choose, where the files state several: filter=R.")
@@ -213,7 +216,7 @@ def calibration_code(request: CalibrationRequest, places: Places) -> tuple[str, 
     if not request.groups and not changed:
         words = ["photosite", "calibrate", path]
         for name, value in request.reading.items():
-            words += ["--black-level" if name == "black_level_dn" else f"--{name}", str(value)]
+            words += [_FLAGS.get(name, f"--{name}"), str(value)]
         if request.sensor is not None:
             words += ["--sensor", source_name(request.sensor.source, places)]
             if (

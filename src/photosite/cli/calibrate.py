@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 )
 @options.reading_options
 @options.black_level_option(" that the dark frames are compared with; by default the files'")
+@options.exposure_option(text="Exposure time of frames that state none: 20ms, 1/60, 0.5 (seconds).")
 @options.where_option
 @click.option(
     "--linearize",
@@ -260,7 +261,7 @@ def _check_memory_of_cameras(paths: tuple[Path, ...], maps: MapsWanted, given: M
     warn_if_short(what, need, f"{less}, or a machine with more memory")
 
 
-_READING = *options.READING, "black_level_dn", "where", "dark", "light", "exposure_from_name"
+_READING = *options.READING, "black_level_dn", "exposure_s", "where", "dark", "light", "exposure_from_name"
 _OF_ONE_CAMERA = (
     *("output", "name", "report", "checkpoint", "linearize", "contribute", "license_id", "camera", "attribution"),
     *("outlier_dark", "outlier_light", "captures"),

@@ -85,7 +85,7 @@ def _target(text: str) -> Path:
     "exposure_s",
     unit="s",
     zero=True,
-    text="For maps: exposure time of the frames to analyze.  [default: 0]",
+    text="Exposure time of frames that state none; for maps, of the frames to analyze.  [default: 0]",
 )
 @click.option("--pixel-gain", is_flag=True, help="For maps of a measurement: measure the gain of each pixel.")
 @options.sensor_option(text="Known properties of the sensor that took the frames.")
@@ -135,9 +135,9 @@ def command(
     if form == "emva":
         options.not_for("the format emva, which holds frames", "sensor_name")
     if form not in MAP_SUFFIXES:
-        options.only_for("maps", "exposure_s", "pixel_gain")
+        options.only_for("maps", "pixel_gain")
     maker, model, target = (reading.pop(name) for name in ("maker", "model", "target"))
-    measured = _Source(source, gain_setting, sensor_name, reading)
+    measured = _Source(source, gain_setting, sensor_name, reading, exposure_s, for_maps=form in MAP_SUFFIXES)
     if form in MAP_SUFFIXES:
         loss = _write_maps(measured, form, output, exposure_s or 0.0, pixel_gain=pixel_gain)
     elif form.startswith("emva"):
@@ -163,6 +163,8 @@ class _Source:
     gain_setting: float | None
     sensor_name: str | None
     reading: dict[str, Any]
+    exposure_s: float | None
+    for_maps: bool
 
     def frames(self) -> FrameSet | None:
         """Return the measurement, or None if the source is a sensor: a preset or a sensor file."""
@@ -173,9 +175,11 @@ class _Source:
         is_preset = self.name in preset_names() and not path.exists()
         may_be_sensor = path.suffix.lower() in options.SENSOR_SUFFIXES and path.is_file()
         if is_preset or (may_be_sensor and _is_sensor_file(path)):
-            options.not_for("a sensor, which has no frames", "sensor_name", *self.reading)
+            of_frames = () if self.for_maps else ("exposure_s",)
+            options.not_for("a sensor, which has no frames", "sensor_name", *self.reading, *of_frames)
             return None
-        return open_frames(path, sensor=options.sensor_or(None, self.sensor_name), **self.reading)
+        known = options.sensor_or(None, self.sensor_name)
+        return open_frames(path, sensor=known, exposure_s=self.exposure_s or None, **self.reading)
 
     def calibrated(self, frames: FrameSet) -> Calibration | GainSeries:
         """Return the calibration of a measurement of one capture."""

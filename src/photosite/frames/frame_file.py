@@ -363,7 +363,10 @@ def split_selection(path: str) -> tuple[str, str | None]:
 
 @dataclass(frozen=True)
 class SetProperties:
-    """Properties that all frames of a set share, from a protocol, a descriptor or the caller; None if not stated."""
+    """Properties that all frames of a set share, from a protocol, a descriptor or the caller; None if not stated.
+
+    `exposure_s` is that of frames that state none.
+    """
 
     bits: int | None = None
     cfa: Cfa | None = None
@@ -372,3 +375,4 @@ class SetProperties:
     sensor: Sensor | None = None
     region: Section | None = None
     layout: Layout | None = None
+    exposure_s: float | None = None

@@ -54,7 +54,6 @@ from photosite.frames.io.formats import (
     select_headers,
 )
 from photosite.frames.io.headerless import LAYOUT
-from photosite.frames.layout import Layout
 from photosite.frames.raw_frame import MASKED_BORDER, Numbers, RawFrame, masked_border_note, stated_border
 from photosite.frames.sections import lines_around
 from photosite.frames.stored_numbers import (
@@ -76,8 +75,8 @@ from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 Value = TypeVar("Value", bound=object)
 
 EXPOSURE_HINT = (
-    "Write a protocol.yaml: 'photosite_protocol: 1', then 'frames:' with "
-    "'- {kind: dark, exposure: 1/100, files: dark*.png}' and so on"
+    "Pass {exposure_s} if it is one for all, or write a protocol.yaml: 'photosite_protocol: 1', then 'frames:' with "
+    "'- {{kind: dark, exposure: 1/100, files: dark*.png}}' and so on"
 )
 
 _NUMBER_AT_END = re.compile(r"[-_ .]*(?:#|n|no|frame|img)?[-_ .]*\d+$", re.IGNORECASE)
@@ -213,7 +212,7 @@ def frame_sets_from_files(
     """
     _check_existing(files)
     _check_unique(files)
-    opened, skipped = _open_all(files, properties.layout)
+    opened, skipped = _open_all(files, properties)
     opened, pictures = _without_pictures(opened, {file.path for file in files if file.settings.kind is not None})
     skipped += pictures
     frames = selected(opened, where or {})
@@ -224,13 +223,13 @@ def frame_sets_from_files(
     return settings
 
 
-def _open_all(files: Sequence[FrameFile], layout: Layout | None) -> tuple[list[_OpenedFrame], tuple[Diagnostic, ...]]:
+def _open_all(files: Sequence[FrameFile], stated: SetProperties) -> tuple[list[_OpenedFrame], tuple[Diagnostic, ...]]:
     """Open the files; in a folder, outputs of photosite are skipped, and named in a diagnostic."""
     opened: list[_OpenedFrame] = []
     skipped: list[OwnOutputError] = []
     for file in files:
         try:
-            opened += _open(file, layout)
+            opened += _open(file, stated)
         except OwnOutputError as error:
             if file.listed_in is not None or not file.names:
                 raise
@@ -390,9 +389,9 @@ def _check_unique(files: Sequence[FrameFile]) -> None:
             raise file.error(f"the frame is listed twice, first at {place}", hint="Remove one: it would hide noise")
 
 
-def _open(file: FrameFile, layout: Layout | None) -> Iterator[_OpenedFrame]:
+def _open(file: FrameFile, stated: SetProperties) -> Iterator[_OpenedFrame]:
     """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
-    stamp = file_stamp(file.path)
+    stamp, layout = file_stamp(file.path), stated.layout
     format = None if layout is not None else detect_format(file.path)
     headers = read_headers(file.path, layout) if format is None else format.load().read_headers(file.path)
     for header in select_headers(file.path, headers, file.selection):
@@ -404,9 +403,12 @@ def _open(file: FrameFile, layout: Layout | None) -> Iterator[_OpenedFrame]:
             settings = settings.or_else(settings_from_names(Path(frame.name), (*parts, *file.names), settings))
         else:
             settings = file.settings.or_else(replace(header.settings, photons_per_pixel=None))
+        if settings.exposure_s is None and stated.exposure_s is not None:
+            settings = replace(settings, exposure_s=stated.exposure_s)
         if settings.exposure_s is None:
             sources = "file and name do" if file.names else "file does"
-            raise frame.error(f"the {sources} not state the exposure time", hint=EXPOSURE_HINT)
+            what, arguments = f"the {sources} not state the exposure time", {"exposure_s": 0.02}
+            raise frame.error(what, hint=EXPOSURE_HINT, arguments=arguments)
         try:
             settings = replace(settings, level=_level_name(file, header)).validated()
         except InputError as error:

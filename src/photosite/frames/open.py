@@ -29,6 +29,7 @@ from photosite.frames.sections import Section, parse_region
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import cfa_from, tile_text
+from photosite.values.exposure import check_exposure
 
 
 def capture_folders(
@@ -76,6 +77,7 @@ class FrameArguments(TypedDict, total=False):
     bits: int | None
     cfa: str | Sequence[Sequence[str]] | None
     black_level_dn: float | None
+    exposure_s: float | None
     dark: str | Sequence[str]
     light: str | Sequence[str]
     exposure_from_name: str | None
@@ -97,6 +99,8 @@ class FrameOptions:
         them.
     black_level_dn
         Black level, which the dark frames are compared with. It overrides that of the files.
+    exposure_s
+        Exposure time of the frames that state none, such as those of a microscope camera at one exposure time.
     dark, light
         Glob patterns (`"DSC_00*.NEF"`, `"run1/*"`) of the dark and the light frames. They override metadata and names,
         and apply to folders and files without a protocol or descriptor.
@@ -128,6 +132,7 @@ class FrameOptions:
     bits: int | None = None
     cfa: str | Sequence[Sequence[str]] | None = None
     black_level_dn: float | None = None
+    exposure_s: float | None = None
     dark: str | Sequence[str] = ()
     light: str | Sequence[str] = ()
     exposure_from_name: str | None = None
@@ -153,6 +158,7 @@ class FrameOptions:
             bits=self.bits,
             cfa=None if self.cfa is None else cfa_from(self.cfa),
             black_level_dn=black,
+            exposure_s=None if self.exposure_s is None else check_exposure(self.exposure_s),
             sensor=self.sensor,
             region=None if self.region is None else parse_region(self.region),
             layout=None if self.layout is None else parse_layout(self.layout),
@@ -181,9 +187,9 @@ def open_frames(path: str | PathLike[str], **options: Unpack[FrameArguments]) ->
         is searched one level down, unless a subfolder is a measurement with its own listing.
         A part of a file is named in brackets: `"x.fits[1]"`.
     **options
-        Fields of `photosite.frames.open.FrameOptions`: `bits` and `cfa` that files do not state; `black_level_dn`;
-        patterns `dark` and `light`; `exposure_from_name`; `region` with light; `where`, a selection of settings, and
-        `together`; `sensor`; `layout` of headerless files.
+        Fields of `photosite.frames.open.FrameOptions`: `bits` and `cfa` that files do not state; `black_level_dn`,
+        `exposure_s`; patterns `dark` and `light`; `exposure_from_name`; `region` with light; `where`, a selection of
+        settings, and `together`; `sensor`; `layout` of headerless files.
 
     Returns
     -------
@@ -321,7 +327,7 @@ def _stack(file: Path, patterns: KindPatterns, selection: str | None, layout: La
 
 def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:
     """Return what a listing states, completed by what the caller states; the two must not contradict each other."""
-    for name in ("bits", "cfa", "black_level_dn", "region", "layout"):
+    for name in ("bits", "cfa", "black_level_dn", "exposure_s", "region", "layout"):
         from_listing, from_caller = getattr(stated, name), getattr(given, name)
         if from_listing is None:
             stated = replace(stated, **{name: from_caller})

@@ -6,9 +6,9 @@ import { folderDrop } from "./folder.js";
 import { jobBar } from "./jobview.js";
 import { drawResults } from "./results.js";
 
-const unstated = [["bits", "Bit depth", "12"], ["cfa", "Color filter array", "rggb"], ["black_level_dn", "Black level (DN)", "64"], ["region", "Pixels with light", "0:1080,0:1920"], ["layout", "Layout of headerless files", "3280x2464,packed=mipi10"], ["where", "One of several settings", "filter=R"]];
-const numbers = { bits: { min: 1, max: 16, step: 1 }, black_level_dn: { min: 0, max: 65535, step: "any" } };
-const fresh = { groups: [], each_setting: false, maps: false, pixel_gain: false, captures: [], bits: null, cfa: "", black_level_dn: null, region: "", layout: "", where: "" };
+const unstated = [["bits", "Bit depth", "12"], ["cfa", "Color filter array", "rggb"], ["black_level_dn", "Black level (DN)", "64"], ["exposure_s", "Exposure time (s)", "0.02"], ["region", "Pixels with light", "0:1080,0:1920"], ["layout", "Layout of headerless files", "3280x2464,packed=mipi10"], ["where", "One of several settings", "filter=R"]];
+const numbers = { bits: { min: 1, max: 16, step: 1 }, black_level_dn: { min: 0, max: 65535, step: "any" }, exposure_s: { min: 1e-9, max: 1e6, step: "any" } };
+const fresh = { groups: [], each_setting: false, maps: false, pixel_gain: false, captures: [], bits: null, cfa: "", black_level_dn: null, exposure_s: null, region: "", layout: "", where: "" };
 let request = { folder: "", sensor: null, ...fresh };
 let built = false, found = null, listing = 0, forget = () => {};
 window.addEventListener(DELETED, ({ detail }) => forget(detail));

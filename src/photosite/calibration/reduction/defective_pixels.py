@@ -9,7 +9,7 @@ other pixels.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
@@ -23,6 +23,7 @@ from photosite.engine.frame_sums import FrameSums, LabelTotals
 from photosite.engine.outlying_pixels import Limits, fill_limits, outside
 from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
+from photosite.values.region import Region
 
 MOST_DEFECTIVE = 0.03
 """Fraction of the pixels beyond which they are no few bad ones, but a part of the distribution: none is left out."""
@@ -332,6 +333,7 @@ class PixelSurvey:
 
     def __init__(self, frames: FrameSet, tile: _Ints) -> None:
         self.shape, self.tile = (frames.rows, frames.cols), tile
+        self._parts = frames.amplifiers or (Region("all", 0, frames.rows, 0, frames.cols),)
         darks = frames.of_kind("dark")
         self._darks = {id(darks[reference_dark(darks)]), id(darks[-1])} if darks else set()
         self.clear()
@@ -358,8 +360,20 @@ class PixelSurvey:
             self._last = signal if chosen else self._last
         before = len(self.suspects())
         if chosen:
-            self._suspects.append((statistics, _outliers(sums, self.tile)))
+            total = sums.sum
+            found = [*self._by_part(lambda part, tile: [_outliers(part, sums.count, tile)], total)]
+            self._suspects.append((statistics, np.concatenate([np.zeros(0, np.int64), *found])))
         return len(self.suspects()) > before
+
+    def _by_part(
+        self, search: Callable[[NDArray[Any], _Ints], Iterable[_Ints]], values: NDArray[Any]
+    ) -> Iterator[_Ints]:
+        """Yield the numbers of the pixels that a search finds in the part of each amplifier, with its tile."""
+        for part in self._parts:
+            own = np.ascontiguousarray(values[part.r0 : part.r1, part.c0 : part.c1])
+            for index in search(own, np.roll(self.tile, (-part.r0, -part.c0), (0, 1))):
+                row, col = np.divmod(index, own.shape[1])
+                yield (row + part.r0) * self.shape[1] + col + part.c0
 
     def suspects(self) -> _Ints:
         """Return the pixels found so far, if they are few: their numbers are then kept while frames are read."""
@@ -369,7 +383,7 @@ class PixelSurvey:
     def add_noise(self, sums: FrameSums) -> bool:
         """Search the temporal variances of a group, whose sums have the squares, and return whether it has more."""
         before = np.concatenate([np.zeros(0, np.int64), *self._noisy])
-        self._noisy += _noisy(sums, self.tile)
+        self._noisy += self._by_part(lambda part, tile: _noisy(part, sums.count - 1, tile), sums.variance())
         return bool(np.setdiff1d(np.concatenate([before, *self._noisy]), before).size)
 
     @staticmethod
@@ -425,9 +439,8 @@ def _block_samples(
     return np.asarray(values.reshape(-1)[_numbers(r[:, None], c[None], site, values.shape, tile)], np.float64)
 
 
-def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
+def _outliers(total: NDArray[np.unsignedinteger], count: int, tile: _Ints) -> _Ints:
     """Return the numbers of the pixels whose sum lies far from those around them; none if these are too many."""
-    total = sums.sum
     if min(length // period for length, period in zip(total.shape, tile.shape, strict=True)) < LEAST_SIDE:
         return np.zeros(0, np.int64)
     limits, parts = {}, []
@@ -436,7 +449,7 @@ def _outliers(sums: FrameSums, tile: _Ints) -> _Ints:
         rows, cols = _blocks(shape[0]), _blocks(shape[1])
         samples = _block_samples(total, site, tile, rows, cols)
         middle = np.median(samples, axis=2)
-        limits[site] = _limits((samples - middle[..., None]).ravel(), shape[0] * shape[1], LEAST_DN * sums.count)
+        limits[site] = _limits((samples - middle[..., None]).ravel(), shape[0] * shape[1], LEAST_DN * count)
         centers = [np.asarray(0.5 * (ends[1:] + ends[:-1] - 1), np.float64) for ends in (rows, cols)]
         parts.append((site, middle, centers[0], centers[1]))
     row, col = outside(total, _pixel_limits(parts, limits, total.shape, tile))
@@ -550,11 +563,10 @@ def _apart(distance: _Floats, near: float) -> NDArray[np.bool_]:
     return np.asarray(distance > limit)
 
 
-def _noisy(sums: FrameSums, tile: _Ints) -> Iterator[_Ints]:
+def _noisy(variance: _Floats, freedom: int, tile: _Ints) -> Iterator[_Ints]:
     """Yield the numbers of the pixels whose temporal variance is far above the others', by site."""
     from scipy.special import chdtri, ndtri
 
-    variance, freedom = sums.variance(), sums.count - 1
     for site in _sites(tile):
         plane = variance[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
         if min(plane.shape) < LEAST_SIDE:
@@ -576,7 +588,7 @@ def _noisy(sums: FrameSums, tile: _Ints) -> Iterator[_Ints]:
         )
         wider = np.maximum(near / q50, 1.0) if q50 > 0.0 else 1.0
         far = _apart(plane[r, c] / (wider * limit), NEAR_NOISE)
-        yield _numbers(r[far], c[far], site, sums.shape, tile)
+        yield _numbers(r[far], c[far], site, variance.shape, tile)
 
 
 def in_words(counts: Mapping[str, int]) -> str:

@@ -8,6 +8,7 @@ tifffile drops or fills with zeros.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 import struct
@@ -33,6 +34,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import NumberKind, StoredNumbers
 from photosite.frames.stored_rows import StoredRows
 from photosite.values.cfa import Cfa
+from photosite.values.exposure import PER_SECOND
 
 SUB_IFDS, EXIF_IFD = 330, 34665
 
@@ -302,6 +304,48 @@ def _description(page: Directory) -> str:
     return unescape(found[1])
 
 
+_PLANE = re.compile(r"<(?:\w+:)?Plane\b[^>]*>")
+_OME_EXPOSURE = re.compile(r'\bExposureTime="([0-9.eE+-]{1,20})"')
+_OME_UNIT = re.compile(r'\bExposureTimeUnit="(\w{1,4})"')
+_OME_BITS = re.compile(r'<(?:\w+:)?Pixels\b[^>]*\bSignificantBits="(\d{1,2})"')
+_MICRO_MANAGER, _MICRO_MANAGER_MS = 51123, re.compile(r'"Exposure-ms":\s*"?([0-9.eE+-]{1,20})')
+
+
+def _microscope_exposures(first: Directory, count: int) -> list[float | None]:
+    """Return the exposure time of each of the pages of a microscope's file: those of OME-XML, or Micro-Manager's."""
+    text = first.text(DESCRIPTION) or ""
+    if "<OME" in text[:_HEAD_OF_XML]:
+        found = []
+        for plane in _PLANE.findall(text):
+            time, unit = _OME_EXPOSURE.search(plane), _OME_UNIT.search(plane)
+            per_second = PER_SECOND.get(unit[1] if unit else "s")
+            found.append(None if time is None or per_second is None else _positive(time[1], per_second))
+        if len(set(found)) == 1:
+            return [found[0]] * count
+        if len(found) == count:
+            return found
+    stated = _MICRO_MANAGER_MS.search(first.text(_MICRO_MANAGER) or "")
+    return [_positive(stated[1], 1000) if stated else None] * count
+
+
+_HEAD_OF_XML = 4096
+
+
+def _positive(text: str, per_second: float) -> float | None:
+    """Return a time in seconds; None for what is no number above 0."""
+    try:
+        value = float(text) / per_second
+    except ValueError:
+        return None
+    return value if 0.0 < value < math.inf else None
+
+
+def _significant_bits(text: str, stored_bits: int) -> int | None:
+    """Return the bit depth that OME-XML states; the number of stored bits says nothing."""
+    found = _OME_BITS.search(text) if "<OME" in text[:_HEAD_OF_XML] else None
+    return int(found[1]) if found and 0 < int(found[1]) < stored_bits else None
+
+
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of a TIFF file's frames, one a page; thumbnails are skipped.
 
@@ -311,10 +355,16 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
     if not pages:
         raise FileError(path, "has no full-size page, only thumbnails")
     first = _header(path, pages[0], None)
+    exposures: list[float | None] = [None]
+    if first.exposure_s is None:
+        exposures = _microscope_exposures(pages[0], len(pages))
+        first = replace(first, exposure_s=exposures[0])
     if len(pages) == 1:
         _check_not_hidden(path, pages[0])
         return (replace(first, first_pixel=_first_pixel(pages[0], first)),)
     headers = [first, *(_header(path, page, first) for page in pages[1:])]
+    if len(set(exposures)) > 1:
+        headers = [replace(header, exposure_s=own) for header, own in zip(headers, exposures, strict=True)]
     return tuple(
         replace(header, location=FrameLocation(f"[{number}]", page.offset, names=(str(number),)))
         for number, (page, header) in enumerate(zip(pages, headers, strict=True))
@@ -332,7 +382,8 @@ def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHead
         raise OwnOutputError(path, "a noise-free mosaic")
     exposure_s, metadata = exposure_of(page), camera_settings(page)
     if first is None:
-        return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_s, metadata=metadata, numbers=numbers)
+        bits = _significant_bits(page.text(DESCRIPTION) or "", stored_bits)
+        return FrameHeader(rows, cols, stored_bits, bits, exposure_s=exposure_s, metadata=metadata, numbers=numbers)
     return replace(
         first,
         numbers=numbers,
