@@ -62,6 +62,16 @@ def test_sections_that_contradict_the_image_or_each_other(tmp_path, keywords, wh
         ps.open_frames(tmp_path)
 
 
+def test_overscan_between_two_amplifiers(tmp_path):
+    """The error names the region of one of them, which is read."""
+    path = put(tmp_path / "a.fits", BIASSEC="[10:12,1:20]")
+    with raises(FileError, "BIASSEC", value="[10:12,1:20]") as caught:
+        ps.open_frames(tmp_path)
+    assert caught.value.arguments == {"region": "0:20,0:9"}
+    np.testing.assert_array_equal(ps.read_raw(path, region="0:20,0:9").dn, DN[:, :9])
+    np.testing.assert_array_equal([*ps.open_frames(tmp_path, region="0:20,0:9").groups[0]], [DN[:, :9]])
+
+
 def test_overscan_is_the_black_level_of_a_single_frame(tmp_path):
     frame = ps.read_raw(put(tmp_path / "a.fits", TRIMSEC="[1:26,*]", BIASSEC="[27:30,*]"))
     assert frame.black_level_dn == DN[:, 26:].mean()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from pathlib import Path
 from typing import Any
 
@@ -253,6 +254,20 @@ def test_zemax_files(tmp_path: Path, changed: dict[str, str], what: str) -> None
     with pytest.raises(FileError) as caught:
         trace_lens(file)
     assert what in caught.value.what
+    assert [path.name for path in tmp_path.iterdir()] == ["lens.zmx"]  # the library writes a template of glasses
+
+
+@needs_rayoptics
+@pytest.mark.parametrize("suffix", [".zmx", ".seq"])
+def test_replacements_of_glasses_are_not_run(tmp_path: Path, suffix: str) -> None:
+    """rayoptics evaluates the .smx file beside a prescription as Python."""
+    ran = tmp_path / "ran"
+    content = ZMX.format(name="one", glass="NOSUCHGLASS99 0 0 1.62 36.4", object="INFINITY")
+    (tmp_path / f"lens{suffix}").write_text(content if suffix == ".zmx" else "LEN\nEPD 10\nS 50 5 NOSUCHGLASS99\n")
+    (tmp_path / "lens.smx").write_text(json.dumps({"NOSUCHGLASS99": f"open({str(ran)!r}, 'w')"}))
+    with pytest.raises(FileError):
+        trace_lens(tmp_path / f"lens{suffix}")
+    assert not ran.exists()
 
 
 @pytest.mark.skipif(HAS_RAYOPTICS, reason="rayoptics is installed")

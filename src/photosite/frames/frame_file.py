@@ -135,6 +135,8 @@ class FrameHeader:
         """Raise the error of stated lines with light that are not those of the image."""
         if self.problem is not None:
             size, hint = {"region": f"0:{self.rows},0:{self.cols}"}, "Pass {region} with the pixels that receive light"
+            if self.problem.arguments and self.problem.hint:
+                size, hint = self.problem.arguments, self.problem.hint
             fields = {name: value for name, value in self.problem.fields.items() if name not in ("hint", "arguments")}
             raise FileError(path, self.problem.what, **fields, hint=hint, arguments=size)
 

@@ -162,7 +162,12 @@ def section_with_light(
     elif whole_cols and not whole_rows and right == shared.right:
         right = shared.left
     else:
-        raise InputError("BIASSEC", value=str(bias), expected=f"at an edge of {found}, the lines with light")
+        expected = f"at an edge of {found}, the lines with light"
+        if not whole_cols or whole_rows:
+            raise InputError("BIASSEC", value=str(bias), expected=expected)
+        hint = "If amplifiers on both sides share it, take each side by itself: {region}"
+        side = f"{top}:{bottom},{left}:{shared.left}"
+        raise InputError("BIASSEC", value=str(bias), expected=expected, hint=hint, arguments={"region": side})
     return Section(top, bottom, left, right)
 
 

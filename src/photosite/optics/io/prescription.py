@@ -19,11 +19,13 @@ import contextlib
 import io
 import logging
 import math
+import shutil
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from photosite.errors import FileError, message_of
@@ -66,15 +68,18 @@ def read_prescription(path: Path) -> Prescription:
     if suffix not in SUFFIXES:
         raise FileError(path, "suffix", value=suffix, expected=f"of a prescription: {', '.join(SUFFIXES)}")
     read_small(path, "a lens prescription", _LARGEST_BYTES)
-    with _quiet(path):
+    # Beside a file, the library writes templates for unknown glasses, and evaluates a .smx file as Python.
+    with _quiet(path), TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        shutil.copyfile(path, copy)
         if suffix == ".zmx":
             from rayoptics.zemax import zmxread
 
-            model, info = zmxread.read_lens_file(path)
+            model, info = zmxread.read_lens_file(copy)
         elif suffix == ".seq":
             from rayoptics.codev import cmdproc
 
-            model, info = cmdproc.read_lens(path)
+            model, info = cmdproc.read_lens(copy)
         else:
             model, info = _from_table(read_table(path, "a lens prescription", _LARGEST_BYTES)), None
     _check(path, model, info)
@@ -98,6 +103,9 @@ def _quiet(path: Path) -> Iterator[None]:
         hint = "Run pip install '.[lenses]' in the clone"
         raise FileError(path, "tracing a lens needs rayoptics, which is missing", hint=hint) from None
     except Exception as error:  # the library's readers raise many types for a damaged file
+        if type(error).__module__.startswith("requests"):
+            what = "has a glass that rayoptics asks refractiveindex.info for, which does not answer"
+            raise FileError(path, what, hint=_OTHER_GLASS) from None
         raise FileError(path, f"cannot be read as a lens prescription: {message_of(error)}") from None
     finally:
         logging.disable(level)
@@ -110,8 +118,7 @@ def _check(path: Path, model: Any, info: Any) -> None:
     content, glasses = info if isinstance(info, tuple) and len(info) == 2 else ({}, {})
     if content.get("glass not found"):
         named = ", ".join(sorted(name for name, found in glasses.items() if not isinstance(found, tuple)))
-        hint = "Replace it by one of a catalogue, or by index and Abbe number"
-        raise FileError(path, f"has a glass that is in no catalogue: {named[:80]}", hint=hint)
+        raise FileError(path, f"has a glass that is in no catalogue: {named[:80]}", hint=_OTHER_GLASS)
     sequence = model["seq_model"]
     for number, surface in enumerate(sequence.ifcs):
         place = f"surface {number}"
@@ -129,6 +136,7 @@ def _check(path: Path, model: Any, info: Any) -> None:
 
 
 _FAR_MM = 1e7
+_OTHER_GLASS = "Replace it by one of a catalogue, or by index and Abbe number"
 
 
 def _from_table(table: TextTable) -> Any:
