@@ -136,7 +136,7 @@ def test_maps_in_and_out(photosite: Any, tmp_path: Path) -> None:
     np.testing.assert_allclose(written["varmap"], variance, rtol=1e-4)
     assert "the sensor has no maps" in photosite("export", "nikon-d200", "gdsc", "-o", tmp_path / "a.tif").err
     assert (
-        "--exposure applies to maps only"
+        "--exposure does not apply to a sensor, which has no frames"
         in photosite(
             "export", "nikon-d200", "darktable", "--exposure", 1, "--gain-setting", 100, "-o", tmp_path / "a.json"
         ).err
