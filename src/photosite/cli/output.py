@@ -190,7 +190,7 @@ _LOG_EVERY_S = 10.0
 
 def not_listed(held: list[PhotositeWarning], shown: Sequence[str]) -> None:
     """Remove the warnings that a result lists, so that each is shown once."""
-    held[:] = [warning for warning in held if not any(text in str(warning) or str(warning) in text for text in shown)]
+    held[:] = [each for each in held if not any(text in str(each) or each.what in text for text in shown)]
 
 
 _WORKING_AFTER_S = 2.0

@@ -350,7 +350,8 @@ def _warned(found: Iterable[tuple[DiagnosticKind, PhotositeWarning | None]], sou
     diagnostics = []
     for kind, warning in found:
         if warning is not None:
-            diagnostics.append(kind(str(warning)))
+            # A hint with arguments is spelled as the interface writes them; the remedy of the kind says the same.
+            diagnostics.append(kind(warning.what if warning.arguments else str(warning)))
             warning.where = source
             warnings.warn(warning, stacklevel=7)
     return diagnostics
