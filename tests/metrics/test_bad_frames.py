@@ -22,7 +22,7 @@ CHARTS = charts_measured()
 pytestmark = pytest.mark.filterwarnings("ignore:.*response lies outside the scene's wavelengths")
 NO_FRAMES = ("chart-light", "sensitivity-metamerism")
 """Measurements of the light and of the sensor."""
-EVEN = ("shading", "defects", "noise-spectrum")
+EVEN = ("shading", "defects", "noise-spectrum", "dust")
 USABLE = {
     "clipped": {
         *((chart, name) for chart in ("color-checker-sg", "hdr-patches", "macbeth", "gray-steps")

@@ -64,7 +64,7 @@ def _measure(
         if clipped > _MOST_DEFECTS:
             expected, hint = f"at most {_MOST_DEFECTS}", "Take frames of an even field below saturation"
             raise InputError(f"fraction of {channel} pixels at 0 or white", value=clipped, expected=expected, hint=hint)
-        light = _smooth(site)
+        light = smooth_field(site)
         if light.min() <= 0:
             raise InputError(f"signal of channel {channel}", expected="above 0 everywhere", hint="Take light frames")
         change = site / light - 1.0
@@ -79,8 +79,8 @@ def _measure(
         what, hint = "fraction of pixels far from a smooth field", "Take frames of an even field"
         raise InputError(what, value=(bright + dark) / pixels, expected=f"at most {_MOST_DEFECTS}", hint=hint)
     values = {
-        ("bright_pixels", ""): _count(bright),
-        ("dark_pixels", ""): _count(dark),
+        ("bright_pixels", ""): count_estimate(bright),
+        ("dark_pixels", ""): count_estimate(dark),
         ("smallest_pixel_percent", ""): Estimate(100.0 * least),
         ("false_alarms", ""): Estimate(false_alarms),
     }
@@ -109,20 +109,27 @@ def _noise(values: Array) -> float:
     return float(high - low) / _QUARTILES_PER_SIGMA
 
 
-def _smooth(site: Array) -> Array:
-    """Return the smooth field: a cubic spline through the medians of cells."""
+def smooth_field(site: Array, across: int = _CELLS) -> Array:
+    """Return the smooth field: a cubic spline through the medians of cells, `across` along the longer side."""
     from scipy.interpolate import RectBivariateSpline
 
-    side = max(_LEAST_CELL, max(site.shape) // _CELLS)
+    side = max(_LEAST_CELL, max(site.shape) // across)
     rows, cols = (n // side for n in site.shape)
     cells = site[: rows * side, : cols * side].reshape(rows, side, cols, side)
     medians = np.median(cells.swapaxes(1, 2).reshape(rows, cols, -1), axis=-1)
-    y, x = ((np.arange(n) + 0.5) * side for n in (rows, cols))
-    spline = RectBivariateSpline(y, x, medians, kx=min(3, rows - 1), ky=min(3, cols - 1))
+    medians = _continued(_continued(medians).T).T
+    y, x = ((np.arange(-1, n + 1) + 0.5) * side for n in (rows, cols))
+    spline = RectBivariateSpline(y, x, medians, kx=3, ky=3)
     return np.asarray(spline(np.arange(site.shape[0]) + 0.5, np.arange(site.shape[1]) + 0.5))
 
 
-def _count(number: int) -> Estimate:
+def _continued(cells: Array) -> Array:
+    """Return cells with a row more at either end, along parabolas."""
+    first, last = (3.0 * a - 3.0 * b + c for a, b, c in (cells[:3], cells[:-4:-1]))
+    return np.vstack([first, cells, last])
+
+
+def count_estimate(number: int) -> Estimate:
     """Return a count with the interval of the mean of a Poisson distribution (Garwood, Biometrika 28 (1936) 437)."""
     from scipy.special import chdtri
 
@@ -154,7 +161,7 @@ MEASUREMENT = Measurement(
     oracle="pixels put into drawn fields",
     left_out=(
         "Intervals of counts are those of the mean number over chips (Poisson). In pictures interpolation spreads "
-        "defective pixels. Spots of dust are on the map, but not counted."
+        "defective pixels. Spots of dust are counted by `dust`."
     ),
     order=310,
     view="field",

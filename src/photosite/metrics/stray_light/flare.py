@@ -62,6 +62,8 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
             raise InputError("signal of the light traps", value=mean.value, expected=expected, hint=hint)
         values["flare_percent", channel] = Estimate.of(mean, "")
         values["contrast_db", channel] = Estimate.of(_contrast(mean), "")
+        ranges = [_range_db(image, patches, number, channel) for number in traps]
+        values["dynamic_range_glare_db", channel] = Estimate.of(_mean_of(ranges), "")
         maps.append(_map(channel, [patches[f"trap {number}"] for number in traps], ratios))
         if mean.value < 0.0 and mean.beyond(_SIGNIFICANT):
             text = f"channel {channel}: the signal of the traps is {mean.value:.2g} % of that of the field"
@@ -79,6 +81,28 @@ def _mean(image: ChartImage, patch: Patch, channel: str) -> Uncertain:
         what = f"fraction of saturated {channel} pixels"
         raise InputError(what, where=where, value=clipped, expected="at most 0.001")
     return Uncertain.of(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(values.size))
+
+
+def _range_db(image: ChartImage, patches: dict[str, Patch], number: str, channel: str) -> Value:
+    """Return the field over the noise of a pixel in a trap, in dB."""
+    trap = image.pixels(patches[f"trap {number}"], channel)
+    # Noise of one frame; the differences of frames leave the fixed pattern out, as elsewhere one frame does not.
+    several = len(trap) > 1
+    size = float(trap.var(axis=0, ddof=1).mean() if several else trap[0].var(ddof=1))
+    freedom = (len(trap) - 1) * trap.shape[1] if several else trap.shape[1] - 1
+    left, right = (_mean(image, patches[f"white {number} {side}"], channel) for side in ("left", "right"))
+    if size <= 0.0:
+        return Missing("the traps have no noise")
+    noise = Uncertain.of_variance(size, size * math.sqrt(2.0 / freedom))
+    return ((left + right) * 0.5 / noise.sqrt()).decibel(20.0)
+
+
+def _mean_of(ranges: list[Value]) -> Value:
+    missing = [each for each in ranges if isinstance(each, Missing)]
+    if missing:
+        return missing[0]
+    known = [each for each in ranges if isinstance(each, Uncertain)]
+    return combined(known, [1.0 / len(known)] * len(known))
 
 
 def _contrast(flare_percent: Uncertain) -> Value:
@@ -103,7 +127,13 @@ MEASUREMENT = Measurement(
     measure=_measure,
     quantities={
         "flare_percent": Quantity(
-            "veiling glare", "%", "Mean over the traps of the signal in a trap over that of the field beside it."
+            "veiling glare index", "%", "Mean over the traps of the signal in a trap over that of the field beside it."
+        ),
+        "dynamic_range_glare_db": Quantity(
+            "dynamic range with glare",
+            "dB",
+            "Field over the noise of a pixel in a trap, glare included: the smallest signal beside a bright field that "
+            "equals its noise. Of one frame, with the fixed pattern.",
         ),
         "contrast_db": Quantity("contrast within a frame", "dB", "Field over the light in the traps: 20 log10."),
     },
