@@ -32,9 +32,10 @@ USABLE = {
     },
     "blurred": {("uniform", name) for name in EVEN},
     "uniform": {("uniform", name) for name in EVEN},
+    "dark": {("uniform", "noise-spectrum")},
 }  # fmt: skip
-"""Patches that are not clipped are measured, contrasts that saturation takes away are, and borders of dots; an even
-field is even when it is blurred."""
+"""Noise of dark frames has a spectrum. Patches that are not clipped are measured, contrasts that saturation takes away
+are, and borders of dots; an even field is even when it is blurred."""
 
 
 @cache

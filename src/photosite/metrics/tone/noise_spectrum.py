@@ -42,6 +42,16 @@ SHARPENED_NOISE = DiagnosticKind(
     "Largest power of a quarter of the frequencies over that of the lowest.",
     "Of fields with independent noise, fewer than 1 in 10 000.",
 )
+LINES_IN_NOISE = DiagnosticKind(
+    "lines-in-field",
+    "warning",
+    "What the samples of rows or columns share varies more than the noise of single samples.",
+    "Bands of flickering light, strong row noise, or a frame that shows no even field: its spectrum is not of noise.",
+    "Check that the frame shows an even field in steady light.",
+    ("density", "high_over_low", "noise_area"),
+    "Variance of rows and columns over that of the noise.",
+    "Of fields with independent noise, fewer than 1 in 10 000.",
+)
 _QUARTERS = (0.1, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1.0)
 """Bands of radial frequencies, over Nyquist's."""
 _MATTERS, _SIGNIFICANT = 0.15, 4.0
@@ -65,8 +75,12 @@ def _measure(image: ChartImage, chart: PlacedChart, *, size: Annotated[int, Fiel
             values["density", part] = Estimate.of(density, "")
             values["high_over_low", part] = Estimate.of(bands[-1], "")
             values["noise_area", part] = Estimate.of(low / density * float(found.period**2), "")
-            values["row_noise", part] = Estimate.of_variance(found.line_variance(0), "")
-            values["column_noise", part] = Estimate.of_variance(found.line_variance(1), "")
+            lines = [found.line_variance(axis) for axis in (0, 1)]
+            values["row_noise", part], values["column_noise", part] = (Estimate.of_variance(v, "") for v in lines)
+            shared = (lines[0].value + lines[1].value) * found.period**2 / density.value
+            if shared > 1.0:
+                text = f"{part}: what rows and columns share has {shared:.3g} times the variance of the noise"
+                diagnostics.append(LINES_IN_NOISE(text, shared))
             label = f"noise power ({unit} squared, pixel squared)"
             curves.append(Curve(part, "spatial frequency (cycles/pixel)", label, *found.radial()))
             axes = "frequency down (cycles/pixel)", "frequency across (cycles/pixel)"
